@@ -1,0 +1,56 @@
+"""`lis-grasp explore`: touch an object with a simulated hand, write the contacts."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from lis_grasp import pipeline, provenance
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.output_files import whole_file
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser("explore", help="touch an object, write contacts.ply")
+    opt.add_object(parser)
+    opt.add_hand(parser)
+    opt.add_estimator(parser)
+    opt.add_touches(parser)
+    opt.add_seed(parser)
+    opt.add_output(parser, "results/<run>")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Explore, and write the contacts."""
+    config = opt.configure(options)
+    output = options.output or opt.default_output(config)
+    shape = opt.load_object(config)
+    for repair in shape.repairs:
+        say(f"repaired: {repair}")
+    hand = Hand.load(config.hand)
+    with Stage(f"Touching {shape.name} with {hand.name}") as stage:
+        exploration = pipeline.touch(
+            shape,
+            hand,
+            estimator=config.estimator,
+            touches=config.touches,
+            seed=config.seed,
+            progress=stage.count,
+        )
+        stage.result = exploration.summary()
+    path = output / "contacts.ply"
+    with whole_file(path) as temporary:
+        exploration.contacts.save(temporary, header=explored_header(config, shape))
+    say(f"wrote {path} ({len(exploration.contacts)} contacts)")
+    say(f"next: lis-grasp estimate {path}")
+
+
+def explored_header(config: pipeline.RunConfig, shape: pipeline.Shape) -> str:
+    """Return the header of contacts: the configuration, and the height the object stands at."""
+    touched = ("object", "size", "units", "hand", "estimator", "touches", "seed")
+    facts = {name: value for name, value in config.facts().items() if name in touched}
+    return provenance.describe(**facts, support_height=pipeline.support_height(shape))

@@ -1,0 +1,63 @@
+"""`lis-grasp lift`: prove planned grasps on the true object in Drake."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from lis_grasp import pipeline, provenance
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.grasping.grasp import load_grasps
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.output_files import whole_file, write_json
+from lis_grasp.reporting import lift_facts
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser("lift", help="prove grasps on the true object, write lifts.json")
+    parser.add_argument("grasps_file", type=Path, metavar="GRASPS", help="grasps.json of `grasp`")
+    opt.add_object(parser, required_name=False)
+    parser.add_argument(
+        "--best", type=int, default=1, metavar="N", help="try the N best grasps (default: 1)"
+    )
+    opt.add_physics(parser)
+    opt.add_friction(parser)
+    opt.add_output(parser, "the folder of GRASPS")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Lift with each of the best grasps, and write the outcomes."""
+    search = load_grasps(options.grasps_file)
+    recorded = provenance.read(options.grasps_file)
+    if options.object is None and "object" not in recorded:
+        raise InvalidOptionError(
+            f"{options.grasps_file} does not say which object it is for: name it with --object"
+        )
+    if options.best < 1:
+        raise InvalidOptionError(f"--best must be at least 1; it is {options.best}")
+    config = opt.configure(options, recorded)
+    shape = opt.load_object(config)
+    hand = Hand.load(config.hand)
+    output = options.output or options.grasps_file.parent
+    outcomes = []
+    for rank, grasp in enumerate(search.grasps[: options.best], start=1):
+        with Stage(f"Lifting {shape.name} with grasp {rank}") as stage:
+            outcome = pipeline.prove(shape, hand, grasp, mass=config.mass, friction=config.friction)
+            stage.result = outcome.reason
+        if not outcomes:
+            with whole_file(output / "motion.npz") as temporary:
+                outcome.motion.save(temporary)
+        outcomes.append({"rank": rank, **lift_facts(outcome)})
+    write_json(
+        output / "lifts.json",
+        {"header": provenance.merge(recorded, **config.facts()), "lifts": outcomes},
+    )
+    held = sum(outcome["held"] for outcome in outcomes)
+    say(f"held {held} of {len(outcomes)} grasps")
+    say(f"wrote {output / 'lifts.json'}")
+    say(f"next: lis-grasp view {output}")

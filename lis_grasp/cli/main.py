@@ -1,0 +1,61 @@
+"""The `lis-grasp` command: one verb a stage, and `run` for all of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import lis_grasp
+from lis_grasp.cli import estimate, explore, grasp, lift, run, view
+from lis_grasp.exceptions import (
+    InvalidContactsError,
+    InvalidFileError,
+    InvalidHandError,
+    InvalidMeshError,
+    InvalidOptionError,
+    LisGraspError,
+)
+
+_VERBS = (run, explore, estimate, grasp, lift, view)
+_MISUSE = (
+    InvalidContactsError,
+    InvalidFileError,
+    InvalidHandError,
+    InvalidMeshError,
+    InvalidOptionError,
+)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="lis-grasp",
+        description="Learn an unknown object's shape by touch alone, and grasp it.",
+    )
+    parser.add_argument("--version", action="version", version=f"lis-grasp {lis_grasp.__version__}")
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    for verb in _VERBS:
+        verb.add_parser(verbs)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return 0 when done, 1 when it failed, 2 on misuse, 130 on Ctrl-C."""
+    options = build_parser().parse_args(arguments)
+    try:
+        options.execute(options)
+    except _MISUSE as error:
+        print(f"lis-grasp: {error}", file=sys.stderr)
+        return 2
+    except LisGraspError as error:
+        print(f"lis-grasp: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("lis-grasp: interrupted; the files already written are complete", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,47 @@
+"""Progress on stderr: a line that counts on a terminal, one line a stage elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+
+
+class Stage:
+    """A stage of work: announces itself, counts, and says how it ended.
+
+    Used as a context manager; set `result` inside the block to what should be said at the end.
+    """
+
+    def __init__(self, title: str) -> None:
+        self.result = "done"
+        self._title = title
+        self._live = sys.stderr.isatty()
+        self._start = 0.0
+
+    def __enter__(self) -> Stage:
+        self._start = time.perf_counter()
+        if self._live:
+            print(f"{self._title} ...", end="", file=sys.stderr, flush=True)
+        return self
+
+    def count(self, done: int, total: int) -> None:
+        """Say that `done` of `total` steps are done."""
+        if self._live:
+            print(f"\r{self._title} ... {done}/{total}", end="", file=sys.stderr, flush=True)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        outcome = self.result if error is None else "failed"
+        seconds = time.perf_counter() - self._start
+        start = "\r" if self._live else ""
+        print(f"{start}{self._title}: {outcome} ({seconds:.1f} s)", file=sys.stderr, flush=True)
+
+
+def say(text: str) -> None:
+    """Print a line of the result."""
+    print(text, flush=True)

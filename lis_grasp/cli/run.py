@@ -1,0 +1,137 @@
+"""`lis-grasp run`: touch, estimate, mesh, grasp, lift and shake; one folder of results."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from lis_grasp import pipeline, provenance
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.explore import explored_header
+from lis_grasp.cli.grasp import grasp_header, say_search
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.contacts import Contacts
+from lis_grasp.grasping.grasp import save_grasps
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.mesh_files import load_surface, save_surface
+from lis_grasp.output_files import whole_file, write_json
+from lis_grasp.reporting import build_report
+from lis_grasp.scene_files import write_scene_of
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser(
+        "run", help="touch -> estimate -> mesh -> grasp -> lift and shake, one folder of results"
+    )
+    opt.add_object(parser)
+    opt.add_hand(parser)
+    opt.add_estimator(parser)
+    opt.add_touches(parser)
+    opt.add_grasps(parser)
+    opt.add_physics(parser)
+    opt.add_friction(parser)
+    opt.add_seed(parser)
+    opt.add_output(parser, "results/<run>")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Run every stage, writing each one's file as soon as it is there."""
+    watch = pipeline.Stopwatch()
+    config = opt.configure(options)
+    output: Path = options.output or opt.default_output(config)
+    shape = opt.load_object(config)
+    hand = Hand.load(config.hand)
+    for repair in shape.repairs:
+        say(f"repaired: {repair}")
+
+    with Stage(f"Touching {shape.name} with {hand.name}") as stage, watch.measure("touch"):
+        exploration = pipeline.touch(
+            shape,
+            hand,
+            estimator=config.estimator,
+            touches=config.touches,
+            seed=config.seed,
+            progress=stage.count,
+        )
+        stage.result = exploration.summary()
+        # Later stages take what the files hold, so that each repeats exactly when run alone.
+        with whole_file(output / "contacts.ply") as temporary:
+            exploration.contacts.save(temporary, header=explored_header(config, shape))
+        contacts = Contacts.load(output / "contacts.ply")
+
+    recorded = provenance.read(output / "contacts.ply")
+    title = f"Estimating the surface ({config.estimator})"
+    with Stage(title) as stage, watch.measure("estimate"):
+        _, mesh = pipeline.estimate(contacts, config.estimator)
+        with whole_file(output / "surface.ply") as temporary:
+            header = provenance.merge(recorded, estimator=config.estimator)
+            save_surface(mesh, temporary, header=header)
+        mesh = load_surface(output / "surface.ply")
+        stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
+
+    support = pipeline.support_height(shape)
+    with Stage(f"Planning grasps of {hand.name}") as stage, watch.measure("grasp"):
+        search = pipeline.plan(
+            mesh,
+            hand,
+            support=support,
+            friction=config.friction,
+            count=config.grasps,
+            seed=config.seed,
+        )
+        with whole_file(output / "grasps.json") as temporary:
+            save_grasps(temporary, search, header=grasp_header(recorded, config, support))
+        stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
+
+    outcome = None
+    (output / "motion.npz").unlink(missing_ok=True)
+    if search.grasps:
+        with Stage(f"Lifting the true {shape.name}") as stage, watch.measure("lift"):
+            outcome = pipeline.prove(
+                shape, hand, search.grasps[0], mass=config.mass, friction=config.friction
+            )
+            with whole_file(output / "motion.npz") as temporary:
+                outcome.motion.save(temporary)
+            stage.result = outcome.reason
+
+    with Stage("Reporting") as stage, watch.measure("report"):
+        report = build_report(config, shape, contacts, mesh, search, outcome, watch.seconds)
+        lines = _summary(report)
+        write_scene_of(output, summary=lines)
+    report["timings"] = {name: round(seconds, 3) for name, seconds in watch.seconds.items()}
+    report["timings"]["total"] = round(sum(watch.seconds.values()), 3)
+    write_json(output / "report.json", report)
+
+    if not search.grasps:
+        say_search(search)
+    for line in lines:
+        say(line)
+    say(f"wrote {output}/contacts.ply, surface.ply, grasps.json, report.json, scene.html")
+    say(f"next: open {output}/scene.html, or: lis-grasp view {output}")
+
+
+def _summary(report: dict[str, Any]) -> tuple[str, ...]:
+    surface, grasps, lift = report["surface"], report["grasps"], report["lift"]
+    edge = surface["edge_rmsd"]
+    lines = [
+        f"touched   {report['touches']} contacts, {100 * surface['coverage']:.0f} % of the surface"
+        " within a step of one",
+        f"estimated rmsd {1e3 * surface['rmsd']:.2f} mm"
+        + (f", {1e3 * edge:.2f} mm at the edges" if edge is not None else ""),
+    ]
+    if grasps["number"]:
+        lines.append(
+            f"grasped   {grasps['number']} grasps; the best has epsilon"
+            f" {grasps['best_epsilon_estimate']:.3f} on the estimate,"
+            f" {grasps['best_epsilon_truth']:.3f} on the true object"
+        )
+    else:
+        lines.append("grasped   no grasp found")
+    if lift["held"]:
+        lines.append(f"lifted    and held through the shake; slipped {1e3 * lift['slip']:.1f} mm")
+    else:
+        lines.append(f"lifted    {'yes' if lift['lifted'] else 'no'}, not held: {lift['reason']}")
+    return tuple(lines)

@@ -1,0 +1,30 @@
+"""`lis-grasp view`: the scene of a folder of results, in the browser."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from lis_grasp.cli.progress import say
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.scene_files import write_scene_of
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser("view", help="look at a folder of results in the browser")
+    parser.add_argument("directory", type=Path, metavar="DIR", help="folder of results")
+    parser.add_argument("--port", type=int, default=7000, help="port on localhost (default: 7000)")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Serve the scene until Ctrl-C, making it first from the files at hand where it is missing."""
+    from lis_grasp.visualization import serve_scene
+
+    if not options.directory.is_dir():
+        raise InvalidFileError(f"{options.directory} is not a folder: name a folder of results")
+    if not (options.directory / "scene.html").exists():
+        say(f"wrote {write_scene_of(options.directory)}")
+    serve_scene(options.directory, port=options.port)

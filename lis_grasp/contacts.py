@@ -1,0 +1,174 @@
+"""Contacts: where an object was touched and which way its surface faced, with load and save."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from lis_grasp.exceptions import InvalidContactsError
+
+FloatArray = npt.NDArray[np.float64]
+
+# A normal this far from unit length is a unit normal written with few digits; further is a mistake.
+_UNIT_TOLERANCE = 1e-2
+
+
+def _no_points() -> FloatArray:
+    return np.empty((0, 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contacts:
+    """Oriented contact points of an object, in its frame O.
+
+    Parameters
+    ----------
+    points
+        Shape (N, 3) [m], where the surface was touched.
+    normals
+        Shape (N, 3), unit, pointing out of the object.
+    forces
+        Shape (N,) [N], the normal force of each touch, or None where it was not measured.
+    fingers
+        What touched, one name a contact, or empty where it is not known.
+    times
+        Shape (N,) [s], when, or None.
+    free_points
+        Shape (K, 3) [m], places that the hand passed through and felt nothing (free space).
+
+    Raises
+    ------
+    InvalidContactsError
+        If shapes disagree, a number is not finite, or a normal is not of unit length.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    forces: FloatArray | None = None
+    fingers: tuple[str, ...] = ()
+    times: FloatArray | None = None
+    free_points: FloatArray = field(default_factory=_no_points)
+
+    def __post_init__(self) -> None:
+        points = _frozen_array("points", self.points, (None, 3))
+        count = len(points)
+        normals = _frozen_array("normals", self.normals, (count, 3))
+        lengths = np.linalg.norm(normals, axis=1)  # (N,)
+        if np.any(np.abs(lengths - 1.0) > _UNIT_TOLERANCE):
+            worst = int(np.argmax(np.abs(lengths - 1.0)))
+            raise InvalidContactsError(
+                f"normals must have unit length; normal {worst} has length {lengths[worst]:.4g}:"
+                " normalise the normals before making Contacts"
+            )
+        normals = normals / lengths[:, None]
+        normals.flags.writeable = False
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "normals", normals)
+        for name in ("forces", "times"):
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, _frozen_array(name, values, (count,)))
+        object.__setattr__(self, "fingers", tuple(self.fingers))
+        if self.fingers and len(self.fingers) != count:
+            raise InvalidContactsError(
+                f"fingers must name one finger a contact ({count}), or be empty;"
+                f" {len(self.fingers)} came"
+            )
+        free_points = _frozen_array("free_points", self.free_points, (None, 3))
+        object.__setattr__(self, "free_points", free_points)
+
+    @classmethod
+    def empty(cls) -> Contacts:
+        """Return contacts of an object that nobody has touched yet."""
+        return cls(_no_points(), _no_points())
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Lowest and highest corner of the points, shape (2, 3) [m]."""
+        if not len(self):
+            raise InvalidContactsError("bounds need at least one contact; there are none")
+        return np.array([self.points.min(axis=0), self.points.max(axis=0)])
+
+    @property
+    def extent(self) -> float:
+        """Largest side of the points' bounding box [m]; 0 for fewer than two contacts."""
+        return float(np.ptp(self.points, axis=0).max()) if len(self) else 0.0
+
+    @property
+    def spacing(self) -> float:
+        """Median distance from a contact to its nearest other one [m]; 0 for fewer than two."""
+        distinct = np.unique(self.points, axis=0)
+        if len(distinct) < 2:
+            return 0.0
+        distances, _ = cKDTree(distinct).query(distinct, k=2)
+        return float(np.median(distances[:, 1]))
+
+    def subset(self, index: npt.ArrayLike) -> Contacts:
+        """Return the contacts chosen by `index` (a mask, a slice or integers); free points stay."""
+        chosen = np.arange(len(self))[index if isinstance(index, slice) else np.asarray(index)]
+        return Contacts(
+            self.points[chosen],
+            self.normals[chosen],
+            None if self.forces is None else self.forces[chosen],
+            tuple(self.fingers[i] for i in chosen) if self.fingers else (),
+            None if self.times is None else self.times[chosen],
+            self.free_points,
+        )
+
+    def append(self, other: Contacts) -> Contacts:
+        """Return these contacts followed by `other`; what only one of the two knows is dropped."""
+        if not len(self) or not len(other):
+            kept = self if len(self) else other
+            return replace(kept, free_points=np.vstack([self.free_points, other.free_points]))
+        return Contacts(
+            np.vstack([self.points, other.points]),
+            np.vstack([self.normals, other.normals]),
+            _join(self.forces, other.forces),
+            self.fingers + other.fingers if self.fingers and other.fingers else (),
+            _join(self.times, other.times),
+            np.vstack([self.free_points, other.free_points]),
+        )
+
+    @classmethod
+    def load(cls, path: Path | str) -> Contacts:
+        """Read contacts from a .ply (oriented point cloud) or .csv file, see `lis_grasp.contact_files`."""
+        from lis_grasp.contact_files import load_contacts
+
+        return load_contacts(Path(path))
+
+    def save(self, path: Path | str, *, header: str = "") -> None:
+        """Write contacts to a .ply or .csv file; `header` is kept as comment lines (PLY)."""
+        from lis_grasp.contact_files import save_contacts
+
+        save_contacts(self, Path(path), header=header)
+
+
+def _join(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
+    return None if first is None or second is None else np.concatenate([first, second])
+
+
+def _frozen_array(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidContactsError(f"{name} must be numbers in rows of equal length: {error}") from None
+    if array.size == 0 and shape[0] is None:
+        array = array.reshape(0, 3)
+    if array.ndim != len(shape) or any(w not in (None, g) for w, g in zip(shape, array.shape, strict=True)):
+        wanted = ", ".join("N" if w is None else str(w) for w in shape)
+        raise InvalidContactsError(f"{name} must have shape ({wanted}); it has shape {array.shape}")
+    finite = np.isfinite(array)
+    if not finite.all():
+        row = int(np.argwhere(~finite)[0, 0])
+        raise InvalidContactsError(
+            f"{name} must be finite numbers; row {row} is {array[row]}: remove or mend that row"
+        )
+    array.flags.writeable = False
+    return array

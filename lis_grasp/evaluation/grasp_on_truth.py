@@ -1,0 +1,56 @@
+"""The quality that a grasp planned on an estimate has on the true object."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from lis_grasp.grasping.grasp import Grasp
+from lis_grasp.grasping.quality import epsilon_quality
+
+
+def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, *, friction: float) -> float:
+    """Return the grasp's Ferrari-Canny epsilon where its fingers meet the true surface.
+
+    Each finger moves along the line of its planned contact normal until it meets the true surface
+    (the crossing nearest to the planned contact), or, where the line misses the object, its
+    contact is lost. The wrench space keeps the origin and the length scale of `epsilon_quality`
+    on the true contacts.
+
+    Parameters
+    ----------
+    grasp
+        A grasp planned on an estimate of `truth`, contacts in O [m].
+    truth
+        The true object, watertight, in O [m].
+    friction
+        Coulomb friction coefficient.
+
+    Returns
+    -------
+    float
+        Epsilon of the true contacts; 0 where fewer than two fingers meet the object.
+    """
+    points, normals = true_contacts(grasp, truth)
+    if len(points) < 2:
+        return 0.0
+    return float(epsilon_quality(points, normals, friction=friction))
+
+
+def true_contacts(grasp: Grasp, truth: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the fingers meet the true surface: points and outward normals, each (K, 3)."""
+    # Start outside of anything, look along the inward normal, and keep the nearest crossing.
+    reach = 2.0 * float(np.linalg.norm(truth.extents))
+    points, normals = [], []
+    for p_OC, n_OC in zip(grasp.contact_points, grasp.contact_normals, strict=True):
+        hits, _, faces = truth.ray.intersects_location(
+            [p_OC + reach * n_OC], [-n_OC], multiple_hits=True
+        )
+        facing = truth.face_normals[faces] @ n_OC > 0.0 if len(faces) else np.zeros(0, bool)
+        if not facing.any():
+            continue
+        hits, faces = hits[facing], faces[facing]
+        nearest = int(np.argmin(np.linalg.norm(hits - p_OC, axis=1)))
+        points.append(hits[nearest])
+        normals.append(truth.face_normals[faces[nearest]])
+    return np.reshape(points, (-1, 3)), np.reshape(normals, (-1, 3))

@@ -1,0 +1,178 @@
+"""The whole way from touch to a proven grasp: each stage as one call, and all of them in a row."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.grasping.grasp import Grasp, GraspSearch
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.sampler import ForceClosureSampler
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.shapes import Shape
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
+
+if TYPE_CHECKING:
+    from lis_grasp.exploration import Exploration
+    from lis_grasp.simulation.lift import LiftOutcome
+
+# The paper's explorer steps a quarter of the object's size (Ottenhaus et al. 2016, section IV.B).
+STEP_FRACTION = 0.25
+
+# One independent random stream a stage, so that a stage run alone repeats what it did in a row.
+_TOUCH_STREAM, _GRASP_STREAM = 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class RunConfig:
+    """What a run does; the defaults of the command line are these.
+
+    Parameters
+    ----------
+    object
+        Name of a built-in shape, or path of a mesh file.
+    size
+        Largest extent of a built-in shape [m]; None for a size that the hand can grasp.
+    units
+        Length unit of a mesh file.
+    hand
+        Name of a shipped hand, or path of a hand's YAML file.
+    estimator
+        Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`.
+    touches
+        Contacts to make before grasping.
+    seed
+        Seed of every random draw.
+    mass
+        Mass of the true object in the lift [kg].
+    friction
+        Coulomb friction between hand and object, in planning and in the lift.
+    grasps
+        Ranked grasps to plan; the first is executed.
+    """
+
+    object: str = "box"
+    size: float | None = None
+    units: str = "m"
+    hand: str = "allegro"
+    estimator: str = "lis"
+    touches: int = 40
+    seed: int = 0
+    mass: float = 0.2
+    friction: float = 0.8
+    grasps: int = 10
+
+    def __post_init__(self) -> None:
+        if self.estimator not in ESTIMATORS:
+            raise InvalidOptionError(
+                f"estimator must be one of {', '.join(ESTIMATORS)}; it is '{self.estimator}'"
+            )
+        for name in ("touches", "grasps"):
+            if getattr(self, name) < 1:
+                raise InvalidOptionError(f"{name} must be at least 1; it is {getattr(self, name)}")
+        if self.seed < 0:
+            raise InvalidOptionError(f"seed must not be negative; it is {self.seed}")
+        for name in ("mass", "friction"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidOptionError(f"{name} must be a positive number; it is {value}")
+
+    def facts(self) -> dict[str, Any]:
+        """Return the configuration as plain values, for file headers and reports."""
+        return asdict(self)
+
+
+@dataclass(slots=True)
+class Stopwatch:
+    """Wall time of each named stage [s]."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def measure(self, stage: str) -> Iterator[None]:
+        """Add the time that the block takes to `stage`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+
+
+def support_height(shape: Shape) -> float:
+    """Return the height of the plane that the object stands on, in O [m]: its lowest point."""
+    return float(shape.mesh.bounds[0, 2])
+
+
+def touch(
+    shape: Shape,
+    hand: Hand,
+    *,
+    estimator: str,
+    touches: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> Exploration:
+    """Explore the object by touch: the hand's fingertips in Drake, the paper's choice of targets.
+
+    The object is held fixed. What the robot is told of it beforehand is where it is and how large:
+    the centre of its bounding box and its largest extent; every contact is felt.
+    """
+    from lis_grasp.exploration import FrontierPolicy, explore
+    from lis_grasp.simulation.probing import DynamicProber
+
+    policy = FrontierPolicy(
+        step=STEP_FRACTION * shape.size, center=shape.mesh.bounds.mean(axis=0), size=shape.size
+    )
+    return explore(
+        DynamicProber(hand, shape.mesh),
+        policy,
+        ESTIMATORS[estimator],
+        touches=touches,
+        rng=np.random.default_rng([seed, _TOUCH_STREAM]),
+        progress=progress,
+    )
+
+
+def estimate(contacts: Contacts, estimator: str) -> tuple[ImplicitSurface, trimesh.Trimesh]:
+    """Estimate the surface from contacts, and mesh it."""
+    surface = ESTIMATORS[estimator](contacts)
+    return surface, extract_mesh(surface)
+
+
+def plan(
+    mesh: trimesh.Trimesh,
+    hand: Hand,
+    *,
+    support: float | None,
+    friction: float,
+    count: int,
+    seed: int,
+) -> GraspSearch:
+    """Plan `count` ranked force-closure grasps on a mesh that stands at height `support` of O [m]."""
+    sampler = ForceClosureSampler(hand, friction=friction)
+    rng = np.random.default_rng([seed, _GRASP_STREAM])
+    return sampler.sample(mesh, rng=rng, support_height=support, count=count)
+
+
+def prove(
+    shape: Shape, hand: Hand, grasp: Grasp, *, mass: float, friction: float
+) -> LiftOutcome:
+    """Execute the grasp on the true, free object in Drake: approach, close, lift, shake, hold."""
+    from lis_grasp.simulation.lift import prove_grasp
+
+    return prove_grasp(
+        shape.mesh,
+        hand,
+        grasp,
+        support_height=support_height(shape),
+        mass=mass,
+        friction=friction,
+    )

@@ -1,0 +1,67 @@
+"""What made a file: one JSON line in its header, carried along from stage to stage."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import lis_grasp
+from lis_grasp.exceptions import InvalidFileError
+
+_MARK = "lis_grasp "
+# A PLY header is a few hundred bytes; reading further would only read data.
+_HEADER_BYTES = 65536
+
+
+def describe(**facts: Any) -> str:
+    """Return `facts` and the package's version as the header line of an output file.
+
+    The line names the configuration and the seed and nothing that changes between two equal runs
+    (no times, no places), so that equal runs write equal bytes.
+    """
+    return _MARK + json.dumps({"version": lis_grasp.__version__, **facts}, sort_keys=True)
+
+
+def parse(header: str) -> dict[str, Any]:
+    """Return the facts in a header that `describe` wrote; empty for anyone else's header."""
+    for line in header.splitlines():
+        if line.startswith(_MARK):
+            try:
+                facts = json.loads(line[len(_MARK) :])
+            except json.JSONDecodeError:
+                return {}
+            return facts if isinstance(facts, dict) else {}
+    return {}
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Return the facts that a .ply or .json output file carries; empty where it carries none.
+
+    Raises
+    ------
+    InvalidFileError
+        If the file cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            if path.suffix.lower() == ".json":
+                content = json.loads(file.read().decode("utf-8"))
+                return parse(str(content.get("header", ""))) if isinstance(content, dict) else {}
+            head = file.read(_HEADER_BYTES)
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
+    except ValueError:
+        return {}
+    comments = (
+        line.removeprefix(b"comment ").decode("utf-8", errors="replace")
+        for line in head.split(b"end_header")[0].splitlines()
+        if line.startswith(b"comment ")
+    )
+    return parse("\n".join(comments))
+
+
+def merge(inherited: Mapping[str, Any], **facts: Any) -> str:
+    """Return the header of a file made from another one, whose facts it inherits."""
+    return describe(**{k: v for k, v in inherited.items() if k != "version"} | facts)

@@ -1,0 +1,88 @@
+"""What a run reports: surface errors, grasp quality on estimate and truth, the lift, the time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import trimesh
+
+import lis_grasp
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
+from lis_grasp.evaluation.surface_error import surface_error
+from lis_grasp.grasping.grasp import GraspSearch
+from lis_grasp.pipeline import STEP_FRACTION, RunConfig
+from lis_grasp.shapes import Shape
+
+if TYPE_CHECKING:
+    from lis_grasp.simulation.lift import LiftOutcome
+
+
+def build_report(
+    config: RunConfig,
+    shape: Shape,
+    contacts: Contacts,
+    mesh: trimesh.Trimesh,
+    search: GraspSearch,
+    outcome: LiftOutcome | None,
+    timings: dict[str, float],
+) -> dict[str, Any]:
+    """Return the report of a run as plain values: lengths in metres, times in seconds."""
+    return {
+        "version": lis_grasp.__version__,
+        "config": config.facts(),
+        "object": shape.name,
+        "hand": config.hand,
+        "estimator": config.estimator,
+        "seed": config.seed,
+        "touches": len(contacts),
+        "repairs": list(shape.repairs),
+        "surface": surface_facts(shape, contacts, mesh),
+        "grasps": grasp_facts(config, shape, search),
+        "lift": lift_facts(outcome),
+        "timings": {stage: round(seconds, 3) for stage, seconds in timings.items()},
+    }
+
+
+def surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> dict[str, Any]:
+    """Return the estimate's errors over the explored part: within a step of a contact [m]."""
+    error = surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size)
+    return {
+        "rmsd": error.rmsd,
+        "rmsd_truth_to_estimate": error.rmsd_truth_to_estimate,
+        "edge_rmsd": error.edge_rmsd,
+        "hausdorff_95": error.hausdorff_95,
+        "coverage": error.coverage,
+        "triangles": len(mesh.faces),
+        "watertight": bool(mesh.is_watertight),
+    }
+
+
+def grasp_facts(config: RunConfig, shape: Shape, search: GraspSearch) -> dict[str, Any]:
+    """Return how many grasps were found, why others were not, and the best one's quality."""
+    facts: dict[str, Any] = {
+        "number": len(search.grasps),
+        "candidates": search.candidates,
+        "rejections": dict(search.rejections),
+        "best_epsilon_estimate": None,
+        "best_epsilon_truth": None,
+    }
+    if search.grasps:
+        best = search.grasps[0]
+        facts["best_epsilon_estimate"] = best.quality["epsilon"]
+        facts["best_epsilon_truth"] = epsilon_on_truth(best, shape.mesh, friction=config.friction)
+    return facts
+
+
+def lift_facts(outcome: LiftOutcome | None) -> dict[str, Any]:
+    """Return the outcome of a lift; without a grasp to lift with, that."""
+    if outcome is None:
+        return {"lifted": False, "held": False, "reason": "no_grasp"}
+    return {
+        "lifted": outcome.lifted,
+        "held": outcome.held,
+        "reason": outcome.reason,
+        "slip": outcome.slip,
+        "acceleration_survived": outcome.acceleration_survived,
+        "simulated_seconds": outcome.duration,
+    }
