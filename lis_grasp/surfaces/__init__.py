@@ -1,1 +1,27 @@
-"""Surfaces."""
+"""Surfaces estimated from contacts: one protocol, one file per estimator."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
+from lis_grasp.surfaces.implicit_surface import ImplicitSurface
+from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
+
+Estimator = Callable[[Contacts], ImplicitSurface]
+
+ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
+    {
+        "lis": LocalImplicitSurface.from_contacts,
+        "gpis": GaussianProcessImplicitSurface.from_contacts,
+    }
+)
+"""Every estimator by its short name, with its default options."""
+
+__all__ = [
+    "ESTIMATORS",
+    "Estimator",
+    "GaussianProcessImplicitSurface",
+    "ImplicitSurface",
+    "LocalImplicitSurface",
+]

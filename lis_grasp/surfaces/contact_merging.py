@@ -1,0 +1,52 @@
+"""Contacts made ready for an estimator: duplicates merged, and the length that everything scales by."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from lis_grasp.contacts import Contacts
+
+# Spacing of a lone contact [m], for which contacts give no length: the average exploration step
+# of the paper (Ottenhaus et al. 2016, section IV.B).
+LONE_CONTACT_SPACING = 0.05
+
+# Contacts this close (of the contacts' extent) whose normals agree this well are one contact.
+_SAME_PLACE = 1e-3
+_SAME_NORMAL = np.cos(np.deg2rad(15.0))
+
+
+def merge_duplicates(contacts: Contacts) -> Contacts:
+    """Replace contacts felt again at the same place by one mean contact.
+
+    The angle at which one contact sees another is meaningless between two touches of one place,
+    and eq. 9 (Ottenhaus et al. 2016) gives both together the weight of one. Contacts at one place
+    with different normals (the two faces of a corner) stay apart.
+
+    Returns
+    -------
+    Contacts
+        Points and normals only, in order of each place's first contact.
+    """
+    if len(contacts) < 2:
+        return Contacts(contacts.points, contacts.normals)
+    # A distance of 0 stands for "all points coincide": they are then neighbours of each other.
+    pairs = cKDTree(contacts.points).query_pairs(_SAME_PLACE * contacts.extent, output_type="ndarray")
+    cosines = np.einsum("pk,pk->p", contacts.normals[pairs[:, 0]], contacts.normals[pairs[:, 1]])
+    pairs = pairs[cosines > _SAME_NORMAL]  # (P, 2)
+    count = len(contacts)
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    places, place = connected_components(links, directed=False)
+    if places == count:
+        return Contacts(contacts.points, contacts.normals)
+    members = np.bincount(place)
+    points = np.column_stack([np.bincount(place, c) for c in contacts.points.T]) / members[:, None]
+    normals = np.column_stack([np.bincount(place, c) for c in contacts.normals.T])
+    return Contacts(points, normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def spacing_of(contacts: Contacts) -> float:
+    """Return the contacts' spacing [m], with a stated stand-in where there is only one place."""
+    return contacts.spacing or LONE_CONTACT_SPACING

@@ -1,0 +1,109 @@
+"""Covariance functions of Gaussian processes that are told values and gradients.
+
+A radial kernel k(r) of the offset d = u - v, r = |d|, needs two more functions of r for the
+covariances with partial derivatives (Rasmussen and Williams 2006, section 9.4):
+
+    first(r)  = -k'(r) / r                      cov(f(u), grad f(v))      = first d
+    second(r) = (k''(r) - k'(r) / r) / r^2      cov(grad f(u), grad f(v)) = first I - second d d^T
+
+Both are finite at r = 0 for the kernels here, or nearly: the second of the thin plate grows like
+1/r, and is multiplied by d d^T.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+KernelName = Literal["rbf", "matern52", "thin_plate"]
+
+
+class RadialKernel(Protocol):
+    """A covariance that depends on distance only; arrays of distances in, arrays of that shape out."""
+
+    def value(self, r: FloatArray) -> FloatArray:
+        """Return k(r)."""
+        ...
+
+    def first(self, r: FloatArray) -> FloatArray:
+        """Return -k'(r) / r."""
+        ...
+
+    def second(self, r: FloatArray) -> FloatArray:
+        """Return (k''(r) - k'(r) / r) / r^2."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class SquaredExponential:
+    """exp(-r^2 / (2 length^2)): Ottenhaus et al. 2016, eq. 6 (whose sigma is this length)."""
+
+    length: float
+
+    def value(self, r: FloatArray) -> FloatArray:
+        """Return k(r)."""
+        return np.exp(-0.5 * (r / self.length) ** 2)
+
+    def first(self, r: FloatArray) -> FloatArray:
+        """Return -k'(r) / r."""
+        return self.value(r) / self.length**2
+
+    def second(self, r: FloatArray) -> FloatArray:
+        """Return (k''(r) - k'(r) / r) / r^2."""
+        return self.value(r) / self.length**4
+
+
+@dataclass(frozen=True, slots=True)
+class Matern52:
+    """(1 + q + q^2 / 3) exp(-q), q = sqrt(5) r / length: Rasmussen and Williams 2006, eq. 4.17."""
+
+    length: float
+
+    def _scaled(self, r: FloatArray) -> FloatArray:
+        return np.sqrt(5.0) * r / self.length
+
+    def value(self, r: FloatArray) -> FloatArray:
+        """Return k(r)."""
+        q = self._scaled(r)
+        return (1.0 + q + q**2 / 3.0) * np.exp(-q)
+
+    def first(self, r: FloatArray) -> FloatArray:
+        """Return -k'(r) / r."""
+        q = self._scaled(r)
+        return 5.0 / (3.0 * self.length**2) * (1.0 + q) * np.exp(-q)
+
+    def second(self, r: FloatArray) -> FloatArray:
+        """Return (k''(r) - k'(r) / r) / r^2."""
+        return 25.0 / (3.0 * self.length**4) * np.exp(-self._scaled(r))
+
+
+@dataclass(frozen=True, slots=True)
+class ThinPlate:
+    """(2 r^3 - 3 R r^2 + R^3) / R^3: Williams and Fitzgibbon 2007; a covariance for r up to R.
+
+    Eq. 2 of Ottenhaus et al. 2016 prints other signs and powers, which grow with distance and are
+    no covariance. R (`length`) must exceed the largest distance between any two points in question,
+    by about a third where gradients are told too. Divided by R^3, which changes nothing but the
+    unit of noise, so that k(0) = 1 as for other kernels.
+    """
+
+    length: float
+
+    def value(self, r: FloatArray) -> FloatArray:
+        """Return k(r)."""
+        q = r / self.length
+        return 2.0 * q**3 - 3.0 * q**2 + 1.0
+
+    def first(self, r: FloatArray) -> FloatArray:
+        """Return -k'(r) / r."""
+        return 6.0 * (1.0 - r / self.length) / self.length**2
+
+    def second(self, r: FloatArray) -> FloatArray:
+        """Return (k''(r) - k'(r) / r) / r^2."""
+        # Floored: at r = 0 it is multiplied by d d^T = 0, to which rounding adds some 1e-16.
+        return 6.0 / (self.length**3 * np.maximum(r, 1e-8 * self.length))

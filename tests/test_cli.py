@@ -1,0 +1,119 @@
+"""The command line as a user meets it: exit codes, messages, files, equal bytes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp.cli.main import main
+from lis_grasp.contacts import Contacts
+from lis_grasp.mesh_files import load_surface
+
+CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
+
+
+@pytest.fixture
+def cube_contacts(tmp_path: Path) -> Path:
+    path = tmp_path / "contacts.csv"
+    rows = np.hstack([0.03 * CUBE_AXES, CUBE_AXES])
+    np.savetxt(path, rows, delimiter=",", header="x,y,z,nx,ny,nz", comments="")
+    return path
+
+
+def _misuse(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(arguments) == 2
+    message = capsys.readouterr().err
+    assert "Traceback" not in message
+    assert message.count("\n") == 1, "a mistake gets one sentence"
+    return message
+
+
+def test_own_contacts_become_a_closed_surface_and_grasps(
+    cube_contacts: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["estimate", str(cube_contacts)]) == 0
+    surface = cube_contacts.with_name("surface.ply")
+    mesh = load_surface(surface)
+    assert mesh.is_watertight
+    # Six contacts on the faces of a 6 cm cube: LIS makes the cube itself.
+    assert mesh.volume == pytest.approx(0.06**3, rel=1e-3)
+    assert main(["grasp", str(surface), "--hand", "wsg50", "--grasps", "2"]) == 0
+    grasps = json.loads(surface.with_name("grasps.json").read_text())
+    assert 1 <= len(grasps["grasps"]) <= 2
+    assert "lis-grasp grasp" in capsys.readouterr().out
+
+
+def test_the_same_seed_writes_the_same_bytes(cube_contacts: Path, tmp_path: Path) -> None:
+    written = []
+    for name in ("a", "b"):
+        folder = tmp_path / name
+        assert main(["estimate", str(cube_contacts), "--output", str(folder)]) == 0
+        surface = folder / "surface.ply"
+        assert main(["grasp", str(surface), "--hand", "wsg50", "--seed", "5"]) == 0
+        written.append([surface.read_bytes(), (folder / "grasps.json").read_bytes()])
+    assert written[0] == written[1]
+
+
+def test_a_missing_file_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "absent.ply" in _misuse(capsys, "estimate", "absent.ply")
+    assert "absent.stl" in _misuse(capsys, "grasp", "absent.stl")
+    assert "absent.json" in _misuse(capsys, "lift", "absent.json")
+    assert "absent" in _misuse(capsys, "view", "absent")
+
+
+def test_an_unknown_object_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    message = _misuse(capsys, "explore", "teapot")
+    assert "teapot" in message
+    assert "mallet" in message
+
+
+def test_an_unknown_hand_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    message = _misuse(capsys, "explore", "box", "--hand", "claw")
+    assert "claw" in message
+    assert "allegro" in message
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--touches", "0"], ["--seed", "-1"], ["--size", "0"], ["--size", "nan"]],
+)
+def test_options_out_of_range_are_refused_before_work(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _misuse(capsys, "explore", "box", *arguments)
+
+
+def test_an_empty_folder_has_no_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "holds no results" in _misuse(capsys, "view", str(tmp_path))
+
+
+def test_grasps_of_no_known_object_ask_for_one(
+    cube_contacts: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["estimate", str(cube_contacts)])
+    main(["grasp", str(cube_contacts.with_name("surface.ply")), "--hand", "wsg50"])
+    capsys.readouterr()
+    assert "--object" in _misuse(capsys, "lift", str(cube_contacts.with_name("grasps.json")))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("estimator", ["lis", "gpis"])
+def test_stages_run_alone_repeat_the_run_byte_for_byte(estimator: str, tmp_path: Path) -> None:
+    chosen = ["--touches", "15", "--seed", "1", "--estimator", estimator]
+    run, alone = tmp_path / "run", tmp_path / "alone"
+    assert main(["run", "box", *chosen, "--output", str(run)]) == 0
+    assert main(["explore", "box", *chosen, "--output", str(alone)]) == 0
+    assert main(["estimate", str(alone / "contacts.ply")]) == 0
+    assert main(["grasp", str(alone / "surface.ply")]) == 0
+    for name in ("contacts.ply", "surface.ply", "grasps.json"):
+        assert (run / name).read_bytes() == (alone / name).read_bytes(), name
+    assert len(Contacts.load(run / "contacts.ply")) == 15
+    report = json.loads((run / "report.json").read_text())
+    assert report["touches"] == 15
+    assert report["surface"]["watertight"]
+    if report["grasps"]["number"]:
+        assert main(["lift", str(alone / "grasps.json")]) == 0
+        lifts = json.loads((alone / "lifts.json").read_text())["lifts"]
+        assert lifts[0]["held"] == report["lift"]["held"]
+        assert lifts[0]["slip"] == report["lift"]["slip"]

@@ -1,0 +1,193 @@
+"""Laws that every estimator obeys."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
+from lis_grasp.surfaces.contact_merging import merge_duplicates
+
+every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))
+
+
+def touched_cylinder() -> Contacts:
+    """Contacts of a cylinder, radius 40 mm, height 100 mm: flat, curved and sharp; irregular."""
+    rng = np.random.default_rng(0)
+    turn, height = np.meshgrid(np.arange(8), [-0.035, 0.0, 0.035])
+    angle = (turn + 0.5 * (height > 0)).ravel() * np.pi / 4 + rng.uniform(-0.1, 0.1, 24)
+    normals = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(24)])
+    points = 0.04 * normals
+    points[:, 2] = height.ravel() + rng.uniform(-0.004, 0.004, 24)
+    for side in (-1.0, 1.0):
+        radius, angle = np.array([0.0, *[0.028] * 5]), np.arange(6) * 1.25 + rng.uniform()
+        flat = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(6, 0.05 * side)])
+        points = np.vstack([points, flat])
+        normals = np.vstack([normals, np.tile([0.0, 0.0, side], (6, 1))])
+    return Contacts(points, normals)
+
+
+def queries(count: int = 200) -> np.ndarray:
+    return np.random.default_rng(7).uniform(-0.08, 0.08, (count, 3))
+
+
+@every_estimator
+def test_an_estimator_makes_an_implicit_surface(name: str) -> None:
+    surface = ESTIMATORS[name](touched_cylinder())
+    assert isinstance(surface, ImplicitSurface)
+    assert surface.bounds.shape == (2, 3)
+    assert (surface.bounds[0] < touched_cylinder().points.min(axis=0)).all()
+    assert (surface.bounds[1] > touched_cylinder().points.max(axis=0)).all()
+
+
+@every_estimator
+@pytest.mark.parametrize("shape", [(), (1,), (0,), (4, 3), (2, 0, 5)])
+def test_results_have_the_shape_of_the_queries(name: str, shape: tuple[int, ...]) -> None:
+    surface = ESTIMATORS[name](touched_cylinder())
+    points = np.zeros((*shape, 3))
+    assert surface.evaluate(points).shape == shape
+    assert surface.gradient(points).shape == (*shape, 3)
+    assert surface.uncertainty(points).shape == shape
+
+
+@every_estimator
+def test_inside_is_negative_and_outside_is_positive(name: str) -> None:
+    contacts = touched_cylinder()
+    surface = ESTIMATORS[name](contacts)
+    points = queries(3000)
+    radial = np.hypot(points[:, 0], points[:, 1]) - 0.04
+    distance = np.maximum(radial, np.abs(points[:, 2]) - 0.05)
+    # Planes 31 mm apart leave a cylinder of 40 mm by 31^2 / (8 * 40) = 3 mm, at the rim by more.
+    clear = (np.abs(distance) > 0.01) & (distance < 0.5 * contacts.spacing)
+    assert (np.sign(surface.evaluate(points))[clear] == np.sign(distance)[clear]).all()
+
+
+@every_estimator
+def test_the_zero_set_passes_through_the_contacts_facing_outward(name: str) -> None:
+    contacts = touched_cylinder()
+    surface = ESTIMATORS[name](contacts)
+    step = 0.004
+    assert (surface.evaluate(contacts.points + step * contacts.normals) > 0).all()
+    assert (surface.evaluate(contacts.points - step * contacts.normals) < 0).all()
+    gradients = surface.gradient(contacts.points)
+    cosines = np.einsum("nk,nk->n", gradients, contacts.normals) / np.linalg.norm(gradients, axis=1)
+    assert np.median(cosines) > 0.98
+    assert (cosines > 0.8).all()
+
+
+@every_estimator
+def test_turning_and_moving_the_object_turns_and_moves_the_surface(name: str) -> None:
+    contacts = touched_cylinder()
+    rotation = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    move = np.array([0.5, -0.2, 0.1])
+    moved = Contacts(contacts.points @ rotation.T + move, contacts.normals @ rotation.T)
+    here, there = ESTIMATORS[name](contacts), ESTIMATORS[name](moved)
+    points = queries()
+    np.testing.assert_allclose(
+        there.evaluate(points @ rotation.T + move), here.evaluate(points), rtol=1e-6, atol=1e-8
+    )
+    np.testing.assert_allclose(
+        there.gradient(points @ rotation.T + move), here.gradient(points) @ rotation.T, rtol=1e-4, atol=1e-5
+    )
+
+
+@every_estimator
+def test_a_quarter_turn_turns_everything_with_default_options(name: str) -> None:
+    contacts = touched_cylinder()
+    rotation = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    moved = Contacts(contacts.points @ rotation.T, contacts.normals @ rotation.T)
+    here, there = ESTIMATORS[name](contacts), ESTIMATORS[name](moved)
+    points = queries()
+    np.testing.assert_allclose(
+        there.evaluate(points @ rotation.T), here.evaluate(points), rtol=1e-6, atol=1e-8
+    )
+    np.testing.assert_allclose(
+        there.uncertainty(points @ rotation.T), here.uncertainty(points), rtol=1e-5, atol=1e-8
+    )
+
+
+@every_estimator
+@pytest.mark.parametrize("factor", [0.01, 30.0])
+def test_scaling_the_object_scales_the_surface(name: str, factor: float) -> None:
+    contacts = touched_cylinder()
+    small = ESTIMATORS[name](contacts)
+    large = ESTIMATORS[name](Contacts(factor * contacts.points, contacts.normals))
+    points = queries()
+    tolerance = {"rtol": 1e-6, "atol": 1e-8 * factor}
+    np.testing.assert_allclose(
+        large.evaluate(factor * points), factor * small.evaluate(points), **tolerance
+    )
+    np.testing.assert_allclose(
+        large.uncertainty(factor * points), factor * small.uncertainty(points), **tolerance
+    )
+    np.testing.assert_allclose(large.bounds, factor * small.bounds)
+
+
+@every_estimator
+def test_the_order_of_contacts_does_not_matter(name: str) -> None:
+    contacts = touched_cylinder()
+    shuffled = contacts.subset(np.random.default_rng(0).permutation(len(contacts)))
+    points = queries()
+    np.testing.assert_allclose(
+        ESTIMATORS[name](shuffled).evaluate(points),
+        ESTIMATORS[name](contacts).evaluate(points),
+        rtol=1e-6,
+        atol=1e-8,
+    )
+
+
+@every_estimator
+def test_the_same_contacts_give_the_same_bytes(name: str) -> None:
+    points = queries()
+    first = ESTIMATORS[name](touched_cylinder()).evaluate(points)
+    second = ESTIMATORS[name](touched_cylinder()).evaluate(points)
+    assert first.tobytes() == second.tobytes()
+
+
+@every_estimator
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_contacts_suffice(name: str, count: int) -> None:
+    contacts = touched_cylinder().subset(slice(0, count))
+    surface = ESTIMATORS[name](contacts)
+    assert np.isfinite(surface.evaluate(queries())).all()
+    assert np.isfinite(surface.gradient(queries())).all()
+    assert (surface.uncertainty(queries()) >= 0).all()
+    assert (surface.bounds[1] > surface.bounds[0]).all()
+
+
+@every_estimator
+def test_uncertainty_is_small_at_contacts_and_larger_between_them(name: str) -> None:
+    contacts = touched_cylinder()
+    surface = ESTIMATORS[name](contacts)
+    untouched = ESTIMATORS[name](contacts.subset(contacts.points[:, 2] < 0.03))
+    top = np.array([0.0, 0.0, 0.05])
+    assert surface.uncertainty(contacts.points).max() < 0.1 * contacts.spacing
+    assert untouched.uncertainty(top) > surface.uncertainty(contacts.points).max()
+
+
+@every_estimator
+def test_no_contacts_are_refused(name: str) -> None:
+    with pytest.raises(InvalidContactsError, match="at least one contact"):
+        ESTIMATORS[name](Contacts.empty())
+
+
+@every_estimator
+@pytest.mark.parametrize("points", [np.zeros(2), np.zeros((3, 4)), np.array(1.0), [[0, np.nan, 0]]])
+def test_queries_of_another_shape_or_not_finite_are_refused(name: str, points: object) -> None:
+    surface = ESTIMATORS[name](touched_cylinder())
+    for ask in (surface.evaluate, surface.gradient, surface.uncertainty):
+        with pytest.raises(InvalidOptionError, match="points must"):
+            ask(points)
+
+
+def test_merging_keeps_places_in_order_and_corners_apart() -> None:
+    contacts = Contacts(
+        [[0, 0, 0], [1, 0, 0], [1e-4, 0, 0], [1, 0, 0], [0, 2, 0]],
+        [[0, 0, 1], [1, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 0]],
+    )
+    merged = merge_duplicates(contacts)
+    np.testing.assert_allclose(merged.points, [[5e-5, 0, 0], [1, 0, 0], [1, 0, 0], [0, 2, 0]])
+    np.testing.assert_allclose(merged.normals, [[0, 0, 1], [1, 0, 0], [0, 1, 0], [0, 1, 0]])
