@@ -1,1 +1,17 @@
-"""Exploration."""
+"""Exploration: what to touch next, given what was touched before."""
+
+from lis_grasp.exploration.explore import Exploration, explore
+from lis_grasp.exploration.frontier import FrontierPolicy
+from lis_grasp.exploration.policy import Policy
+from lis_grasp.exploration.probe import Probe, Prober, ProbeOutcome, ProbeStatus
+
+__all__ = [
+    "Exploration",
+    "FrontierPolicy",
+    "Policy",
+    "Probe",
+    "ProbeOutcome",
+    "ProbeStatus",
+    "Prober",
+    "explore",
+]

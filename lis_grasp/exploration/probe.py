@@ -1,0 +1,149 @@
+"""One attempt to touch an object, what came of it, and the role of whatever can make the attempt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, Protocol, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
+
+FloatArray = npt.NDArray[np.float64]
+
+ProbeStatus = Literal["touched", "missed", "blocked"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Probe:
+    """A guarded straight motion of a fingertip through a point where surface is expected.
+
+    The tip's leading point moves along the line ``target + s * direction``, from
+    ``s = -standoff`` to ``s = overshoot``, and stops at the first touch.
+
+    Parameters
+    ----------
+    target
+        Shape (3,) [m], in the object frame O: where the surface is expected.
+    direction
+        Shape (3,), in O: the way the fingertip moves; normalised here.
+    standoff
+        How far before the target the motion starts [m].
+    overshoot
+        How far beyond the target it goes on before it gives up [m].
+
+    Raises
+    ------
+    InvalidOptionError
+        If a number is not finite, the direction is zero, or a length is negative.
+    """
+
+    target: FloatArray
+    direction: FloatArray
+    standoff: float
+    overshoot: float
+
+    def __post_init__(self) -> None:
+        target = _vector("target", self.target)
+        direction = _vector("direction", self.direction)
+        length = float(np.linalg.norm(direction))
+        if length == 0.0:
+            raise InvalidOptionError("a probe's direction must not be zero; give the way it moves")
+        object.__setattr__(self, "target", _read_only(target))
+        object.__setattr__(self, "direction", _read_only(direction / length))
+        for name in ("standoff", "overshoot"):
+            value = float(getattr(self, name))
+            if not (np.isfinite(value) and value >= 0.0):
+                raise InvalidOptionError(
+                    f"a probe's {name} must be a length of at least 0 m; it is {value}"
+                )
+            object.__setattr__(self, name, value)
+
+    @property
+    def start(self) -> FloatArray:
+        """Where the motion starts, shape (3,) [m]."""
+        return self.target - self.standoff * self.direction
+
+    @property
+    def end(self) -> FloatArray:
+        """Where the motion gives up, shape (3,) [m]."""
+        return self.target + self.overshoot * self.direction
+
+
+def _no_points() -> FloatArray:
+    return np.empty((0, 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbeOutcome:
+    """What came of a probe.
+
+    Parameters
+    ----------
+    probe
+        The attempt.
+    status
+        ``"touched"``: there is at least one contact; ``"missed"``: the motion reached its end and
+        felt nothing; ``"blocked"``: the motion could not be carried out (out of reach, or the hand
+        was stopped before its end by something that gave no usable contact).
+    contacts
+        What was felt, in O; empty unless touched (a blocked motion may have felt something too).
+    free_points
+        Shape (K, 3) [m], in O: places that the hand passed through and felt nothing.
+    duration
+        Time that the attempt took [s]: simulated, or on a robot's clock.
+
+    Raises
+    ------
+    InvalidOptionError
+        If status and contacts contradict each other, or the duration is negative.
+    """
+
+    probe: Probe
+    status: ProbeStatus
+    contacts: Contacts = field(default_factory=Contacts.empty)
+    free_points: FloatArray = field(default_factory=_no_points)
+    duration: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.status not in get_args(ProbeStatus):
+            known = ", ".join(get_args(ProbeStatus))
+            raise InvalidOptionError(f"status must be one of {known}; it is '{self.status}'")
+        if self.status == "touched" and not len(self.contacts):
+            raise InvalidOptionError("a probe that touched must come with a contact; there is none")
+        if self.status == "missed" and len(self.contacts):
+            raise InvalidOptionError(
+                f"a probe that missed felt nothing, but comes with {len(self.contacts)} contacts"
+            )
+        free_points = np.array(self.free_points, dtype=np.float64).reshape(-1, 3)
+        if not np.isfinite(free_points).all():
+            raise InvalidOptionError("free_points must be finite numbers")
+        object.__setattr__(self, "free_points", _read_only(free_points))
+        if not (np.isfinite(self.duration) and self.duration >= 0.0):
+            raise InvalidOptionError(f"duration must be at least 0 s; it is {self.duration}")
+
+
+class Prober(Protocol):
+    """Whatever can carry out a probe: a simulated hand, a real one, or geometry alone.
+
+    The object does not move: every probe is given, and every contact reported, in the same
+    object frame O. A probe that cannot be carried out is an outcome (``"blocked"``), no exception.
+    """
+
+    def probe(self, probe: Probe) -> ProbeOutcome:
+        """Carry out one probe and report what was felt."""
+        ...
+
+
+def _vector(name: str, values: npt.ArrayLike) -> FloatArray:
+    array = np.array(values, dtype=np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InvalidOptionError(f"a probe's {name} must be 3 finite numbers; it is {values}")
+    return array
+
+
+def _read_only(array: FloatArray) -> FloatArray:
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,372 @@
+"""Hand: a robot hand as planning sees it (links, joints, pads, named postures), and its kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+FloatArray = npt.NDArray[np.float64]
+
+JointKind = Literal["revolute", "prismatic", "fixed"]
+GeometryKind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
+HandKind = Literal["multi_finger", "jaw"]
+
+# The hands that the package ships, by the name that `Hand.load` takes.
+HAND_NAMES = ("allegro", "wsg50")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """A joint of the hand's tree.
+
+    Parameters
+    ----------
+    name, kind
+        As in the URDF; a continuous joint is a revolute one without limits.
+    parent, child
+        Names of the two links.
+    X_PJ
+        Shape (4, 4): pose of the joint frame (the child link's frame at position 0) in the parent's.
+    axis_J
+        Shape (3,), unit, in the joint frame; zeros for a fixed joint.
+    index
+        Place of the joint in `Hand.joint_names`, or -1 for a fixed joint.
+    """
+
+    name: str
+    kind: JointKind
+    parent: str
+    child: str
+    X_PJ: FloatArray
+    axis_J: FloatArray
+    index: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inertial:
+    """Mass properties of a link.
+
+    Parameters
+    ----------
+    mass
+        [kg]; 0 for a frame without matter.
+    center_L
+        Shape (3,) [m]: centre of mass in the link frame.
+    inertia_L
+        Shape (3, 3) [kg m^2]: about the centre of mass, along the link frame's axes.
+    """
+
+    mass: float
+    center_L: FloatArray
+    inertia_L: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkGeometry:
+    """One collision body of a link.
+
+    Parameters
+    ----------
+    link
+        Name of the link.
+    X_LG
+        Shape (4, 4): pose of the geometry in the link frame.
+    kind
+        What it is.
+    dimensions
+        [m] box: its three sides; sphere: radius; cylinder and capsule: radius and length along z
+        (of the capsule's straight part); mesh: empty.
+    mesh
+        The body as a closed triangle mesh in its own frame G [m].
+    """
+
+    link: str
+    X_LG: FloatArray
+    kind: GeometryKind
+    dimensions: tuple[float, ...]
+    mesh: trimesh.Trimesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pad:
+    """The part of a finger that is meant to touch.
+
+    Parameters
+    ----------
+    finger
+        Name of the finger.
+    link
+        The link that carries the pad.
+    center_L
+        Shape (3,) [m], in the link frame: centre of the pad's sphere, or of a flat pad's face.
+    radius
+        [m] of the sphere: a surface is touched at p with outward normal n when the centre is at
+        ``p + radius * n``. 0: a flat pad.
+    axis_L
+        Shape (3,), unit, in the link frame: the way out of the finger at the middle of the pad.
+    half_angle
+        [rad] The pad covers the directions within this angle of its axis.
+    """
+
+    finger: str
+    link: str
+    center_L: FloatArray
+    radius: float
+    axis_L: FloatArray
+    half_angle: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbePosture:
+    """A posture in which one fingertip leads, for touching.
+
+    Parameters
+    ----------
+    finger
+        The leading finger.
+    joint_positions
+        Shape (J,) [rad or m].
+    direction_H
+        Shape (3,), unit, in the palm frame: the way the hand moves.
+    link, center_L, radius
+        The leading sphere: its link, its centre in the link frame (3,) [m], its radius [m].
+    """
+
+    finger: str
+    joint_positions: FloatArray
+    direction_H: FloatArray
+    link: str
+    center_L: FloatArray
+    radius: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hand:
+    """A robot hand, read by `Hand.load` from a URDF and one YAML file.
+
+    Frames: O the frame that the hand is posed in (the object's, or any other), H the palm frame,
+    L a link frame. F fingers, J actuated joints, in the URDF's order.
+
+    Parameters
+    ----------
+    name, kind
+        Its name; ``"jaw"`` for parallel flat pads, else ``"multi_finger"``.
+    joint_names, lower, upper, effort_limits
+        The J actuated joints: names, limits (J,) [rad or m] and largest effort (J,) [N m or N].
+    links
+        Names of all links, a parent before its children; the first is the base.
+    joints
+        Every joint, fixed ones too, a parent before its children.
+    inertials
+        Mass properties by link name.
+    link_geometries
+        The collision bodies.
+    pads
+        One a finger.
+    X_LH
+        Shape (4, 4): the palm frame in the base link's.
+    approach_H
+        Shape (3,), unit: the way the hand moves towards an object that it is going to grasp.
+    pregrasps
+        Opened postures (J,) by name.
+    probe_postures
+        By the leading finger's name.
+    self_collision_exclusions
+        Pairs of link names, each pair sorted, whose contact is by design; every pair joined by a
+        joint is among them.
+    max_contact_force
+        [N] that one finger can press with.
+    """
+
+    name: str
+    kind: HandKind
+    joint_names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    effort_limits: FloatArray
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    inertials: Mapping[str, Inertial]
+    link_geometries: tuple[LinkGeometry, ...]
+    pads: tuple[Pad, ...]
+    X_LH: FloatArray
+    approach_H: FloatArray
+    pregrasps: Mapping[str, FloatArray]
+    probe_postures: Mapping[str, ProbePosture]
+    self_collision_exclusions: frozenset[tuple[str, str]]
+    max_contact_force: float
+
+    @classmethod
+    def load(cls, path_or_name: str | Path) -> Hand:
+        """Read a hand: one of `HAND_NAMES`, or the path of a hand's YAML file.
+
+        Raises
+        ------
+        InvalidHandError
+            If there is no such hand, or its YAML or URDF is incomplete or contradicts itself.
+        """
+        from lis_grasp.grasping.hand_file import load_hand
+
+        return load_hand(path_or_name)
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """Names of the fingers, in the order of the pads."""
+        return tuple(pad.finger for pad in self.pads)
+
+    @property
+    def base_link(self) -> str:
+        """Name of the link that everything else hangs on."""
+        return self.links[0]
+
+    @property
+    def mass(self) -> float:
+        """Mass of the whole hand [kg]."""
+        return float(sum(inertial.mass for inertial in self.inertials.values()))
+
+    @property
+    def link_fingers(self) -> Mapping[str, str]:
+        """The finger that each link belongs to; links that carry several fingers or none are absent."""
+        owners: dict[str, set[str]] = {}
+        for pad in self.pads:
+            for joint in self._chain(pad.link):
+                owners.setdefault(joint.child, set()).add(pad.finger)
+        for joint in self.joints:  # what hangs on a finger's link, without being on its way to the pad
+            if joint.child not in owners and joint.parent in owners:
+                owners[joint.child] = owners[joint.parent]
+        single = {link: next(iter(o)) for link, o in owners.items() if len(o) == 1}
+        return MappingProxyType({link: single[link] for link in self.links if link in single})
+
+    def finger_joints(self, finger: str) -> tuple[int, ...]:
+        """Return the indices of the joints that move a finger's pad, from the palm outwards."""
+        pad = next(pad for pad in self.pads if pad.finger == finger)
+        return tuple(joint.index for joint in self._chain(pad.link) if joint.index >= 0)
+
+    def forward_kinematics(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> dict[str, FloatArray]:
+        """Return the pose of every link, for any number of hand poses at once.
+
+        Parameters
+        ----------
+        X_OH
+            Shape (..., 4, 4): poses of the palm.
+        q
+            Shape (..., J) [rad or m]: joint positions; its leading dimensions broadcast against
+            those of `X_OH`.
+
+        Returns
+        -------
+        dict
+            Link name -> poses X_OL, shape (..., 4, 4), in the order of `links`.
+        """
+        X_OH, q = self._broadcast(X_OH, q)
+        poses = {self.base_link: X_OH @ _inverse(self.X_LH)}
+        for joint in self.joints:
+            X_PC: FloatArray = joint.X_PJ
+            if joint.kind == "revolute":
+                X_PC = joint.X_PJ @ _rotation(joint.axis_J, q[..., joint.index])
+            elif joint.kind == "prismatic":
+                X_PC = joint.X_PJ @ _translation(joint.axis_J, q[..., joint.index])
+            poses[joint.child] = poses[joint.parent] @ X_PC
+        return {link: poses[link] for link in self.links}
+
+    def pad_centers(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
+        """Return the pads' centres in O, shape (..., F, 3) [m]; arguments as `forward_kinematics`."""
+        poses = self.forward_kinematics(X_OH, q)
+        return np.stack([_apply(poses[pad.link], pad.center_L) for pad in self.pads], axis=-2)
+
+    def pad_axes(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
+        """Return the pads' axes in O, shape (..., F, 3); arguments as `forward_kinematics`."""
+        poses = self.forward_kinematics(X_OH, q)
+        return np.stack([poses[pad.link][..., :3, :3] @ pad.axis_L for pad in self.pads], axis=-2)
+
+    def pad_jacobian(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
+        """Return how the pads' centres move with the palm and the joints.
+
+        Parameters
+        ----------
+        X_OH, q
+            As in `forward_kinematics`.
+
+        Returns
+        -------
+        ndarray
+            Shape (..., F, 3, 6 + J). Columns 0 to 2: turning the palm about O's axes through the
+            palm's origin [m/rad]; 3 to 5: moving the palm along O's axes; then the joints
+            [m/rad or 1], zero for those that do not move that pad.
+        """
+        X_OH, q = self._broadcast(X_OH, q)
+        poses = self.forward_kinematics(X_OH, q)
+        batch = q.shape[:-1]
+        jacobian = np.zeros((*batch, len(self.pads), 3, 6 + len(self.joint_names)))
+        for f, pad in enumerate(self.pads):
+            center = _apply(poses[pad.link], pad.center_L)  # (..., 3)
+            jacobian[..., f, :, 0:3] = -_cross_matrix(center - X_OH[..., :3, 3])
+            jacobian[..., f, :, 3:6] = np.eye(3)
+            for joint in self._chain(pad.link):
+                if joint.index < 0:
+                    continue
+                # The joint's axis is the same in the child link's frame as in the joint frame.
+                X_OC = poses[joint.child]
+                axis = X_OC[..., :3, :3] @ joint.axis_J  # (..., 3)
+                if joint.kind == "revolute":
+                    axis = np.cross(axis, center - X_OC[..., :3, 3])
+                jacobian[..., f, :, 6 + joint.index] = axis
+        return jacobian
+
+    def _chain(self, link: str) -> tuple[Joint, ...]:
+        """Return the joints from the base to a link."""
+        by_child = {joint.child: joint for joint in self.joints}
+        chain: list[Joint] = []
+        while link in by_child:
+            chain.append(by_child[link])
+            link = by_child[link].parent
+        return tuple(reversed(chain))
+
+    def _broadcast(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        poses, positions = np.asarray(X_OH, np.float64), np.asarray(q, np.float64)
+        batch = np.broadcast_shapes(poses.shape[:-2], positions.shape[:-1])
+        return (
+            np.broadcast_to(poses, (*batch, 4, 4)),
+            np.broadcast_to(positions, (*batch, len(self.joint_names))),
+        )
+
+
+def _apply(X: FloatArray, point: FloatArray) -> FloatArray:
+    return X[..., :3, :3] @ point + X[..., :3, 3]
+
+
+def _inverse(X: FloatArray) -> FloatArray:
+    inverse = np.eye(4)
+    inverse[:3, :3] = X[:3, :3].T
+    inverse[:3, 3] = -X[:3, :3].T @ X[:3, 3]
+    return inverse
+
+
+def _cross_matrix(v: FloatArray) -> FloatArray:
+    """Return [v]x, shape (..., 3, 3), with [v]x w = v x w."""
+    matrix = np.zeros((*v.shape[:-1], 3, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return matrix - np.swapaxes(matrix, -1, -2)
+
+
+def _rotation(axis: FloatArray, angle: FloatArray) -> FloatArray:
+    """Return poses (..., 4, 4) turned about an axis by angles (...) (Rodrigues' formula)."""
+    k = _cross_matrix(axis)
+    pose = np.zeros((*angle.shape, 4, 4))
+    sine, cosine = np.sin(angle)[..., None, None], np.cos(angle)[..., None, None]
+    pose[..., :3, :3] = np.eye(3) + sine * k + (1.0 - cosine) * (k @ k)
+    pose[..., 3, 3] = 1.0
+    return pose
+
+
+def _translation(axis: FloatArray, distance: FloatArray) -> FloatArray:
+    pose = np.broadcast_to(np.eye(4), (*distance.shape, 4, 4)).copy()
+    pose[..., :3, 3] = distance[..., None] * axis
+    return pose

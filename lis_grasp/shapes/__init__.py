@@ -1,0 +1,46 @@
+"""True objects: the paper's set, exact and with its edge lines, and your own mesh files.
+
+Every object stands upright on the plane z = (lowest z of its mesh), in metres, in its frame O.
+"""
+
+from lis_grasp.shapes.builtin import (
+    BUILDERS,
+    GRASPABLE_SIZES,
+    NAMES,
+    PAPER_SIZE,
+    box,
+    build,
+    cylinder,
+    half_cylinder,
+    hollow_cylinder,
+    mallet,
+    pentagon,
+    sphere,
+    torus,
+)
+from lis_grasp.shapes.finding import find
+from lis_grasp.shapes.mesh_files import FORMATS, UNITS, load
+from lis_grasp.shapes.shape import SHARP_ANGLE, Shape, sharp_edges
+
+__all__ = [
+    "BUILDERS",
+    "FORMATS",
+    "GRASPABLE_SIZES",
+    "NAMES",
+    "PAPER_SIZE",
+    "SHARP_ANGLE",
+    "UNITS",
+    "Shape",
+    "box",
+    "build",
+    "cylinder",
+    "find",
+    "half_cylinder",
+    "hollow_cylinder",
+    "load",
+    "mallet",
+    "pentagon",
+    "sharp_edges",
+    "sphere",
+    "torus",
+]

@@ -1,0 +1,215 @@
+"""Close and orient any triangle mesh, and say in plain words what was changed.
+
+A scan or an exported mesh may lack faces, have them twice, turned over, or more than two at an
+edge. The way here: faces that cannot be part of a surface go first; what is left has a boundary of
+closed loops, and each loop is closed by a fan about its middle, which always gives a closed mesh.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from lis_grasp.exceptions import InvalidMeshError
+from lis_grasp.shapes.boundary import boundary_loops, fill_loop
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
+
+# Vertices closer than this part of the object's size are one vertex written twice.
+_SAME_VERTEX = 1e-6
+# A part with less than this share of the whole volume is a speck; a whole with less of its box, a sheet.
+_SPECK = 1e-5
+_SHEET = 1e-4
+# Closing a loop can, at worst, make an edge with too many faces; each round mends the last one's.
+_ROUNDS = 5
+
+
+def mend(vertices: FloatArray, faces: IndexArray) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    """Return a closed, outward mesh of the triangles, and what was mended, one sentence each.
+
+    Raises
+    ------
+    InvalidMeshError
+        If the triangles enclose no volume, or could not be closed.
+    """
+    repairs: list[str] = []
+    mesh = _merged(vertices, faces)
+    _drop_degenerate(mesh, repairs)
+    _orient(mesh, repairs)
+    mesh = _close(mesh, repairs)
+    mesh = _drop_specks(mesh, repairs)
+    if not (mesh.is_watertight and mesh.is_winding_consistent):
+        raise InvalidMeshError(
+            "could not be closed: mend it by hand, for example with MeshLab or Blender"
+        )
+    if mesh.volume < _SHEET * np.prod(np.maximum(mesh.extents, 1e-3 * mesh.extents.max())):
+        raise InvalidMeshError(
+            "encloses no volume, as a flat sheet does: a solid object is needed"
+        )
+    return _joined_bodies(mesh, repairs), tuple(repairs)
+
+
+def _merged(vertices: FloatArray, faces: IndexArray) -> trimesh.Trimesh:
+    """Join vertices written more than once (every STL; seams of textures elsewhere)."""
+    size = np.ptp(vertices[faces.ravel()], axis=0).max()
+    keys = np.round((vertices - vertices[faces.ravel()].min(axis=0)) / (_SAME_VERTEX * size))
+    _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # keep the file's order
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    mesh = trimesh.Trimesh(
+        vertices[first[order]], rank[inverse.reshape(-1)][faces], process=False, validate=False
+    )
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
+def _drop_degenerate(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
+    """Drop faces that name a vertex twice, and faces that are there twice."""
+    faces = np.asarray(mesh.faces)
+    proper = (
+        (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    )
+    if not proper.all():
+        repairs.append(f"dropped {_count(int((~proper).sum()), 'face')} without area")
+        mesh.update_faces(proper)
+    faces = np.asarray(mesh.faces)
+    ordered = np.sort(faces, axis=1)
+    _, inverse = np.unique(ordered, axis=0, return_inverse=True)
+    inverse = inverse.reshape(-1)
+    # Faces on the same vertices: of those of one orientation one is enough; opposite ones cancel.
+    even = _is_even(faces, ordered)
+    turns = np.where(even, 1, -1)
+    net = np.zeros(inverse.max(initial=-1) + 1, dtype=np.int64)
+    np.add.at(net, inverse, turns)
+    wanted = np.sign(net)[inverse] == turns
+    rows = np.flatnonzero(wanted)
+    kept = np.zeros(len(faces), dtype=bool)
+    kept[rows[np.unique(inverse[rows], return_index=True)[1]]] = True
+    if not kept.all():
+        repairs.append(f"dropped {_count(int((~kept).sum()), 'face')} that were there twice")
+        mesh.update_faces(kept)
+    mesh.remove_unreferenced_vertices()
+
+
+def _is_even(faces: IndexArray, ordered: IndexArray) -> npt.NDArray[np.bool_]:
+    """Tell which faces are an even permutation of their ordered vertices."""
+    start = np.argmin(faces, axis=1)
+    following = faces[np.arange(len(faces)), (start + 1) % 3]
+    return following == ordered[:, 1]
+
+
+def _orient(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
+    """Turn faces so that neighbours agree, and the whole outward."""
+    if not len(mesh.faces):
+        return
+    before = np.asarray(mesh.faces).copy()
+    if not mesh.is_winding_consistent:
+        trimesh.repair.fix_winding(mesh)
+        for label in _each_body(mesh):
+            if _volume(mesh, label) < 0.0:
+                mesh.faces[label] = mesh.faces[label][:, ::-1]
+    elif mesh.volume < 0.0:
+        mesh.invert()
+    turned = int(np.sum(~_same_turn(before, np.asarray(mesh.faces))))
+    if turned:
+        repairs.append(f"turned {_count(turned, 'face')} outward")
+
+
+def _same_turn(before: IndexArray, after: IndexArray) -> npt.NDArray[np.bool_]:
+    return _is_even(before, np.sort(before, axis=1)) == _is_even(after, np.sort(after, axis=1))
+
+
+def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
+    """Take away faces at edges that no surface has, then close what is open."""
+    dropped = filled = 0
+    longest = 0.0
+    for _ in range(_ROUNDS):
+        bad = _faces_at_bad_edges(np.asarray(mesh.faces))
+        dropped += int(bad.sum())
+        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)[~bad]
+        loops = boundary_loops(faces)
+        if not loops:
+            break
+        for loop in loops:
+            closing, added = fill_loop(vertices, loop)
+            ring = vertices[loop]
+            around = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()
+            longest = max(longest, float(around))
+            vertices, faces = np.concatenate([vertices, added]), np.concatenate([faces, closing])
+        filled += len(loops)
+        mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
+        mesh.remove_unreferenced_vertices()
+    if dropped:
+        repairs.append(f"took away {_count(dropped, 'face')} at edges with more than two faces")
+    if filled:
+        repairs.append(
+            f"closed {_count(filled, 'hole')}, the largest {1e3 * longest:.0f} mm around"
+        )
+    return mesh
+
+
+def _faces_at_bad_edges(faces: IndexArray) -> npt.NDArray[np.bool_]:
+    """Tell the faces with an edge that has three faces or more, or two that disagree."""
+    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    forward = directed[:, 0] < directed[:, 1]
+    _, inverse, count = np.unique(
+        np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    inverse = inverse.reshape(-1)
+    ahead = np.bincount(inverse, weights=forward, minlength=len(count))
+    bad = (count > 2) | ((count == 2) & (ahead != 1))
+    return bad[inverse].reshape(-1, 3).any(axis=1)
+
+
+def _each_body(mesh: trimesh.Trimesh) -> list[IndexArray]:
+    """Return the face indices of every connected part."""
+    count = len(mesh.faces)
+    pairs = mesh.face_adjacency
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    bodies, labels = connected_components(graph, directed=False)
+    return [np.flatnonzero(labels == i) for i in range(bodies)]
+
+
+def _volume(mesh: trimesh.Trimesh, faces: IndexArray) -> float:
+    """Return the signed volume of some faces with a fan from their middle [m^3]."""
+    triangles = np.asarray(mesh.vertices)[np.asarray(mesh.faces)[faces]]  # (F, 3, 3)
+    triangles = triangles - triangles.reshape(-1, 3).mean(axis=0)
+    return float(np.linalg.det(triangles).sum() / 6.0)
+
+
+def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
+    """Drop parts so small that they are dirt of a scan, not object."""
+    bodies = _each_body(mesh)
+    if len(bodies) < 2:
+        return mesh
+    volumes = np.array([abs(_volume(mesh, body)) for body in bodies])
+    kept = volumes > _SPECK * volumes.max()
+    if kept.all():
+        return mesh
+    repairs.append(f"dropped {_count(int((~kept).sum()), 'loose speck')}")
+    mesh.update_faces(np.sort(np.concatenate([b for b, k in zip(bodies, kept, strict=True) if k])))
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
+def _joined_bodies(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
+    """Unite solid parts that run into each other, so that no face is left inside the object."""
+    bodies = [body for body in _each_body(mesh) if _volume(mesh, body) > 0.0]
+    if len(bodies) < 2:
+        return mesh
+    parts = [mesh.submesh([body], append=True, repair=False) for body in bodies]
+    united = trimesh.boolean.union(parts, engine="manifold", check_volume=False)
+    apart = sum(part.volume for part in parts)
+    if not united.is_watertight or abs(united.volume - apart) < 1e-6 * apart:
+        return mesh
+    repairs.append(f"united {len(parts)} parts that run into each other")
+    return united
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")

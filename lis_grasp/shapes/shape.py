@@ -1,0 +1,83 @@
+"""The record of a true object: its mesh, its sharp edges, and what was mended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from lis_grasp.exceptions import InvalidMeshError
+
+FloatArray = npt.NDArray[np.float64]
+
+SHARP_ANGLE = float(np.radians(30.0))
+"""Two faces that meet at a larger angle between their normals form a sharp edge [rad]."""
+
+SMALLEST, LARGEST = 0.005, 2.0
+"""Largest extents that an object of a hand may have [m]; beyond them a unit was mistaken."""
+
+
+def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatArray:
+    """Return the edges where a mesh bends by more than `angle` [rad], convex and concave alike.
+
+    Shape (E, 2, 3) [m]: the two ends of each straight piece. Curved edges come as polylines as
+    fine as the mesh. On scanned meshes noise makes edges of its own.
+    """
+    sharp = mesh.face_adjacency_angles > angle
+    return np.array(mesh.vertices[mesh.face_adjacency_edges[sharp]]).reshape(-1, 2, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """A true object, in its frame O.
+
+    Parameters
+    ----------
+    name
+        What it is called: a built-in name, or the stem of its file.
+    mesh
+        Watertight, faces outward, in metres. Not to be changed in place.
+    edges
+        Shape (E, 2, 3) [m], its sharp edges as straight pieces.
+    repairs
+        What was mended when it was read, one plain sentence each.
+
+    Raises
+    ------
+    InvalidMeshError
+        If the mesh is not closed, is turned inside out, or the edges have another shape.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    edges: FloatArray = field(repr=False)
+    repairs: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.mesh.is_watertight or not self.mesh.is_winding_consistent:
+            raise InvalidMeshError(
+                f"the mesh of {self.name} must be closed, with every edge shared by two faces of"
+                " like orientation; it is not: read it from a file by shapes.load, which mends it"
+            )
+        if not self.mesh.volume > 0.0:
+            raise InvalidMeshError(
+                f"the mesh of {self.name} must enclose a positive volume; it encloses"
+                f" {self.mesh.volume:.3g} m^3: its faces must point outward"
+            )
+        edges = np.array(self.edges, dtype=np.float64)
+        if edges.ndim != 3 or edges.shape[1:] != (2, 3):
+            raise InvalidMeshError(f"edges must have shape (E, 2, 3); they have {edges.shape}")
+        edges.flags.writeable = False
+        object.__setattr__(self, "edges", edges)
+
+    @classmethod
+    def from_mesh(cls, name: str, mesh: trimesh.Trimesh, repairs: tuple[str, ...] = ()) -> Shape:
+        """Return the object of a closed mesh, with the edges that the mesh shows."""
+        return cls(name, mesh, sharp_edges(mesh), repairs)
+
+    @property
+    def size(self) -> float:
+        """Largest extent along the axes of O [m]."""
+        return float(self.mesh.extents.max())

@@ -1,0 +1,116 @@
+"""Meshes of closed rings: stacks of them, and the flat caps that close a stack.
+
+A ring is a closed polyline, shape (n, 3), counterclockwise seen from above (+z). Every built-in
+shape but the sphere is a stack of rings, so that its edge lines are rows of mesh edges exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
+
+Patch = tuple[FloatArray, IndexArray]
+"""Vertices (V, 3) and faces (F, 3) of a part of a surface."""
+
+
+def circle(radius: float, count: int, *, start: float = 0.0) -> FloatArray:
+    """Return `count` points of a circle about the origin, counterclockwise from `start` [rad]."""
+    angles = start + 2.0 * np.pi * np.arange(count) / count
+    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def polygon(corners: npt.ArrayLike, per_side: int) -> FloatArray:
+    """Return a polygon's boundary with each side cut in `per_side` equal pieces, shape (n, 2)."""
+    ends = np.asarray(corners, dtype=np.float64)
+    share = np.arange(per_side)[:, None] / per_side
+    sides = [a + share * (b - a) for a, b in zip(ends, np.roll(ends, -1, axis=0), strict=True)]
+    return np.concatenate(sides)
+
+
+def at_height(outline: FloatArray, z: float) -> FloatArray:
+    """Lift a plane outline (n, 2) to a ring (n, 3) at height z."""
+    return np.column_stack([outline, np.full(len(outline), z)])
+
+
+def stack(rings: list[FloatArray], pieces: list[int], *, closed: bool = False) -> Patch:
+    """Join rings of equally many points by strips, each strip cut in `pieces` rows.
+
+    Outward is right-handed: rings counterclockwise and going up face away from the axis. With
+    `closed` the last ring is joined to the first again, as a tube's is.
+    """
+    ends = [*rings[1:], rings[0]] if closed else rings[1:]
+    rows = [
+        low + (high - low) * (i / count)
+        for low, high, count in zip(rings, ends, pieces, strict=False)
+        for i in range(count)
+    ]
+    if not closed:
+        rows.append(rings[-1])
+    n, m = len(rings[0]), len(rows)
+    i = np.arange(n)
+    j = np.arange(m if closed else m - 1)[:, None]
+    here, there = j * n, (j + 1) % m * n
+    a, b = here + i, here + (i + 1) % n  # (rows, n)
+    c, d = there + (i + 1) % n, there + i
+    faces = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2)
+    return np.concatenate(rows), faces.reshape(-1, 3)
+
+
+def cap(ring: FloatArray, sectors: int, *, up: bool) -> Patch:
+    """Fill a flat ring that is star-shaped about its mean point, by ever smaller rings.
+
+    The ring's n points are cut in `sectors` runs of k; the j-th ring from the centre has
+    sectors * j points, so that triangles keep about one size.
+    """
+    n = len(ring)
+    k = n // sectors
+    center = ring.mean(axis=0)
+    around = np.concatenate([ring, ring[:1]])
+    vertices, faces = [center[None]], []
+    first, inner = 1, 0  # index of the first vertex of the ring at hand, and of the one inside it
+    for j in range(1, k + 1):
+        at = np.arange(sectors * j) * (k / j)  # position along the outer ring
+        low = np.minimum(at.astype(int), n - 1)
+        share = (at - low)[:, None]
+        outline = around[low] + share * (around[low + 1] - around[low])
+        vertices.append(outline if j == k else center + (outline - center) * (j / k))
+        s, i = np.divmod(np.arange(sectors * j), j)
+        out = first + s * j + i
+        out_next = first + (s * j + i + 1) % (sectors * j)
+        smaller = max(sectors * (j - 1), 1)
+        within = inner + (s * (j - 1) + i) % smaller
+        faces.append(np.stack([within, out, out_next], axis=-1))
+        between = i < j - 1
+        within_next = inner + (s * (j - 1) + i + 1) % smaller
+        faces.append(np.stack([within, out_next, within_next], axis=-1)[between])
+        first, inner = first + sectors * j, first
+    joined = np.concatenate(faces)
+    return np.concatenate(vertices), joined if up else joined[:, ::-1]
+
+
+def prism(outline: FloatArray, height: float, *, sectors: int, rows: int) -> trimesh.Trimesh:
+    """Return the upright prism on an outline (n, 2), from -height/2 to height/2."""
+    low, high = at_height(outline, -height / 2), at_height(outline, height / 2)
+    return join(
+        [
+            cap(low, sectors, up=False),
+            stack([low, high], [rows]),
+            cap(high, sectors, up=True),
+        ]
+    )
+
+
+def join(patches: list[Patch]) -> trimesh.Trimesh:
+    """Join patches whose borders coincide into one closed mesh."""
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in patches[:-1]])
+    mesh = trimesh.Trimesh(
+        np.concatenate([vertices for vertices, _ in patches]),
+        np.concatenate([faces + s for (_, faces), s in zip(patches, starts, strict=True)]),
+        process=False,
+    )
+    mesh.merge_vertices()
+    return mesh
