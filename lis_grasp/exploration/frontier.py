@@ -32,6 +32,12 @@ _PASSED = 0.2
 _FACES_AWAY = -0.5
 # The estimate is searched beyond the object's known size by this share of it.
 _MARGIN = 0.05
+_HOOK_DEPTH = 0.5
+_TILT = np.radians(30)
+_OVERSHOOT = 1.5
+_SECOND = 0.25
+_DO_HOOK = True
+_FRONTIER, _HOOK = "frontier", "hook"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,12 +97,20 @@ class FrontierPolicy:
         opening = self._opening(outcomes, rng)
         if opening is not None:
             return opening
+        hook = self._hook(contacts, outcomes)
+        if hook is not None:
+            return hook
         if surface is not None and len(contacts):
             found = self._target(contacts, surface, outcomes, rng)
             if found is not None:
                 target, normal = found
-                standoff = self._free_standoff(surface, target, normal)
-                return Probe(target, -normal, standoff, self.step)
+                away = target - contacts.points[np.argmin(np.linalg.norm(contacts.points - target, axis=1))]
+                away -= (away @ normal) * normal
+                away /= max(np.linalg.norm(away), 1e-12)
+                outward = normal + np.tan(_TILT) * away
+                outward /= np.linalg.norm(outward)
+                standoff = self._free_standoff(surface, target, outward)
+                return Probe(target, -outward, standoff, _OVERSHOOT*self.step, _FRONTIER)
         return self._pass(rng)
 
     def _opening(
@@ -117,6 +131,30 @@ class FrontierPolicy:
             return None
         start = 0.5 * self.size + 0.5 * self.step
         return Probe(self.center, _AXES[rng.choice(open_)], start, 0.5 * self.size)
+
+    def _hook(self, contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> Probe | None:
+        """Return a probe back under the surface that the last probe has just missed, or None.
+
+        A tip that went past an edge and felt nothing is beside the object: half a step deeper, the
+        way back towards the nearest contact leads to the face behind the edge.
+        """
+        if not _DO_HOOK or not outcomes or outcomes[-1].status != "missed":
+            return None
+        missed = outcomes[-1].probe
+        if missed.purpose != _FRONTIER or not len(contacts):
+            return None
+        gaps, _ = _gaps(missed.target[None], -missed.direction[None], contacts)
+        if gaps[0] > 1.5 * self.step:
+            return None
+        apart = np.linalg.norm(contacts.points - missed.target, axis=1)
+        apart[contacts.normals @ missed.direction > -_FACES_AWAY] = np.inf
+        back = contacts.points[np.argmin(apart)] - missed.target
+        back -= (back @ missed.direction) * missed.direction
+        length = float(np.linalg.norm(back))
+        if length < 0.1 * self.step:
+            return None
+        start = missed.target + _HOOK_DEPTH * self.step * missed.direction
+        return Probe(start + back, back, length, 0.25*self.step, _HOOK)
 
     def _target(
         self,
@@ -140,7 +178,7 @@ class FrontierPolicy:
         low, high = (share * self.step for share in _BAND)
         frontier = np.flatnonzero(new & (nearest >= low) & (nearest <= high))
         if len(frontier):
-            cost = np.abs(nearest - self.step) + 0.25 * np.minimum(second, 2.0 * self.step)
+            cost = np.abs(nearest - self.step) + _SECOND * np.minimum(second, 2.0 * self.step)
             best = frontier[np.argmin(cost[frontier])]
         elif new.any():
             best = np.flatnonzero(new)[np.argmax(nearest[new])]

@@ -1,0 +1,162 @@
+"""Collision of a hand with an object's mesh, its support, and itself, judged by python-fcl."""
+
+from __future__ import annotations
+
+import fcl
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from lis_grasp.grasping.hand import Hand, LinkGeometry
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class HandCollisionChecker:
+    """Says which links of a hand touch what they should not.
+
+    Bodies are built once and moved. A triangle mesh is a shell to FCL, so a body wholly inside the
+    object is found by its centre's winding (`trimesh`'s ray parity), not by FCL.
+
+    Parameters
+    ----------
+    hand
+        The hand.
+    mesh
+        Closed triangle mesh of the object in O [m].
+    support_height
+        Height of the supporting plane in O [m]; None without one.
+    clearance
+        How far the hand must stay from the support [m].
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        support_height: float | None = None,
+        clearance: float = 0.002,
+    ) -> None:
+        self._hand = hand
+        self._mesh = mesh
+        self._floor = None if support_height is None else support_height + clearance
+        model = fcl.BVHModel()
+        model.beginModel(len(mesh.vertices), len(mesh.faces))
+        model.addSubModel(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        model.endModel()
+        self._object = fcl.CollisionObject(model, fcl.Transform())
+        shapes = [_fcl_shape(geometry) for geometry in hand.link_geometries]
+        self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
+        self._outlines = [_outline(g) for g in hand.link_geometries]
+        self._manager = fcl.DynamicAABBTreeCollisionManager()
+        self._manager.registerObjects(self._bodies)
+        self._manager.setup()
+        # A contact names the two shapes that meet, by identity.
+        self._shapes = shapes
+        self._index = {id(shape): i for i, shape in enumerate(shapes)}
+        self._pads = frozenset(pad.link for pad in hand.pads)
+
+    def first_collision(
+        self, X_OH: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
+    ) -> str | None:
+        """Return what the hand collides with first, or None.
+
+        Parameters
+        ----------
+        X_OH, q
+            Shape (4, 4) and (J,): pose of the palm in O, joint positions.
+        pads_may_touch
+            Whether the links that carry pads may touch the object (they must not the support).
+
+        Returns
+        -------
+        str or None
+            ``"support"``, ``"object"``, ``"self"`` or None.
+        """
+        poses = self._pose(X_OH, q)
+        if self._floor is not None and self._lowest(poses) < self._floor:
+            return "support"
+        if self._touches_object(pads_may_touch=pads_may_touch):
+            return "object"
+        if self._touches_itself():
+            return "self"
+        return None
+
+    def touches_object(self, X_OH: FloatArray, q: FloatArray) -> bool:
+        """Return whether any link touches the object or is inside it."""
+        self._pose(X_OH, q)
+        return self._touches_object(pads_may_touch=False)
+
+    def _pose(self, X_OH: FloatArray, q: FloatArray) -> list[FloatArray]:
+        links = self._hand.forward_kinematics(X_OH, q)
+        poses = [links[g.link] @ g.X_LG for g in self._hand.link_geometries]
+        for body, X_OG in zip(self._bodies, poses, strict=True):
+            body.setTransform(fcl.Transform(X_OG[:3, :3], X_OG[:3, 3]))
+        self._manager.update()
+        return poses
+
+    def _lowest(self, poses: list[FloatArray]) -> float:
+        return min(
+            float((outline @ X[2, :3]).min() + X[2, 3] - thickness)
+            for (outline, thickness), X in zip(self._outlines, poses, strict=True)
+        )
+
+    def _touches_object(self, *, pads_may_touch: bool) -> bool:
+        data = fcl.CollisionData(request=fcl.CollisionRequest(num_max_contacts=1000))
+        self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
+        # One callback stops the manager at `num_max_contacts`; asked link by link it is exact.
+        if data.result.is_collision:
+            for body, geometry in zip(self._bodies, self._hand.link_geometries, strict=True):
+                if pads_may_touch and geometry.link in self._pads:
+                    continue
+                result = fcl.CollisionResult()
+                if fcl.collide(body, self._object, fcl.CollisionRequest(), result):
+                    return True
+        centers = np.array([body.getTranslation() for body in self._bodies])
+        inside_box = ((centers > self._mesh.bounds[0]) & (centers < self._mesh.bounds[1])).all(axis=1)
+        return bool(inside_box.any() and self._mesh.contains(centers[inside_box]).any())
+
+    def _touches_itself(self) -> bool:
+        data = fcl.CollisionData(
+            request=fcl.CollisionRequest(num_max_contacts=100_000, enable_contact=True)
+        )
+        self._manager.collide(data, fcl.defaultCollisionCallback)
+        geometries = self._hand.link_geometries
+        for contact in data.result.contacts:
+            first = geometries[self._index[id(contact.o1)]].link
+            second = geometries[self._index[id(contact.o2)]].link
+            pair = (first, second) if first <= second else (second, first)
+            if first != second and pair not in self._hand.self_collision_exclusions:
+                return True
+        return False
+
+
+def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
+    match geometry.kind:
+        case "box":
+            return fcl.Box(*geometry.dimensions)
+        case "sphere":
+            return fcl.Sphere(*geometry.dimensions)
+        case "cylinder":
+            return fcl.Cylinder(*geometry.dimensions)
+        case "capsule":
+            return fcl.Capsule(*geometry.dimensions)
+        case "mesh":
+            model = fcl.BVHModel()
+            model.beginModel(len(geometry.mesh.vertices), len(geometry.mesh.faces))
+            model.addSubModel(
+                np.asarray(geometry.mesh.vertices), np.asarray(geometry.mesh.faces)
+            )
+            model.endModel()
+            return model
+
+
+def _outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
+    """Return points and a radius whose sum covers the body: exact below, whatever way it is turned."""
+    if geometry.kind == "sphere":
+        return np.zeros((1, 3)), geometry.dimensions[0]
+    if geometry.kind == "capsule":
+        radius, length = geometry.dimensions
+        return np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]]), radius
+    return np.asarray(geometry.mesh.vertices), 0.0

@@ -1,0 +1,271 @@
+"""Where fingers could touch: sets of contacts that oppose each other across a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from scipy.spatial import cKDTree
+
+from lis_grasp.grasping.hand import Hand
+
+FloatArray = npt.NDArray[np.float64]
+
+_SAMPLES = 4000
+# A pad wants the surface flat about as far as it reaches: normals within this radius [m] may differ
+# by no more than this angle [rad] from the one in the middle.
+_FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
+# Contacts oppose each other when their normals do, within this angle [rad].
+_OPPOSED_ANGLE = np.deg2rad(25.0)
+# How far from its nearest sample a contact may lie [m].
+_REACH = 0.008
+# Vertices whose uncertainty exceeds this many times the median are not supported by touches.
+_UNSUPPORTED = 3.0
+# The thumb pushes sideways: its normal is no steeper than this above or below the horizontal.
+_STEEPEST = np.sin(np.deg2rad(40.0))
+_APPROACH_ANGLES = np.deg2rad([0.0, 0.0, -20.0, 20.0, -40.0, 40.0, -65.0, 65.0])
+_SPREADS = (0.55, 0.75, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactSets:
+    """B sets of contacts, one contact a pad, with the palm's orientation that they are meant for.
+
+    Parameters
+    ----------
+    points, normals
+        Shape (B, F, 3): in O [m], and unit, outward; zeros where a pad is not used.
+    used
+        Shape (B, F), bool.
+    R_OH
+        Shape (B, 3, 3): the palm's orientation.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    used: npt.NDArray[np.bool_]
+    R_OH: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def subset(self, index: npt.NDArray[np.intp] | npt.NDArray[np.bool_]) -> ContactSets:
+        """Return some of the sets."""
+        return ContactSets(
+            self.points[index], self.normals[index], self.used[index], self.R_OH[index]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Opposition:
+    """How a hand's pads oppose each other in its palm frame: one pad against all others."""
+
+    thumb: int
+    others: tuple[int, ...]
+    frame_H: FloatArray  # (3, 3), columns: approach, lateral, closing (from the thumb to the others)
+    lateral: FloatArray  # (F,) [m]: the pads' places along the lateral axis
+
+
+class SurfaceSamples:
+    """Points of a mesh that a pad could press on, with their normals."""
+
+    def __init__(
+        self,
+        mesh: trimesh.Trimesh,
+        *,
+        lowest: float,
+        rng: np.random.Generator,
+    ) -> None:
+        weights = mesh.area_faces / mesh.area_faces.sum()
+        faces = rng.choice(len(weights), size=_SAMPLES, p=weights)
+        u, v = rng.random((2, _SAMPLES))
+        flip = u + v > 1.0
+        u, v = np.where(flip, 1.0 - u, u), np.where(flip, 1.0 - v, v)
+        corners = mesh.triangles[faces]  # (S, 3, 3)
+        points = (
+            corners[:, 0]
+            + u[:, None] * (corners[:, 1] - corners[:, 0])
+            + v[:, None] * (corners[:, 2] - corners[:, 0])
+        )
+        normals = np.asarray(mesh.face_normals)[faces]
+        usable = _flat(points, normals) & (points[:, 2] > lowest) & _supported(mesh, faces)
+        self.points: FloatArray = points[usable]
+        self.normals: FloatArray = normals[usable]
+        self.tree = cKDTree(self.points) if usable.any() else None
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def find_contact_sets(
+    hand: Hand, samples: SurfaceSamples, *, count: int, rng: np.random.Generator
+) -> tuple[ContactSets, dict[str, int]]:
+    """Draw sets of contacts with one pad against the others, and count the draws that failed.
+
+    The thumb's contact is drawn from the samples; the others lie where lines against its normal,
+    beside each other as the fingers are, leave the object again. Normals that face each other make
+    force closure possible (Nguyen 1988); it is checked by whoever uses the sets.
+
+    Parameters
+    ----------
+    hand, samples
+        The hand, and where it may touch.
+    count
+        Draws to make.
+    rng
+        For every draw.
+    """
+    opposition = _opposition(hand)
+    pads = len(hand.pads)
+    rejected = {"steep": 0, "no_opposing_surface": 0, "no_surface_for_a_finger": 0}
+    sets: list[tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]] = []
+    for _ in range(count):
+        i = int(rng.integers(len(samples)))
+        angle = float(rng.choice(_APPROACH_ANGLES)) + float(rng.normal(0.0, 0.05))
+        chosen = _choose_fingers(opposition, rng)
+        spread = float(rng.choice(_SPREADS))
+        p, n = samples.points[i], samples.normals[i]
+        if abs(n[2]) > _STEEPEST:
+            rejected["steep"] += 1
+            continue
+        across = _far_side(samples, p, n)
+        if across is None:
+            rejected["no_opposing_surface"] += 1
+            continue
+        R_OH = _orientation(-n, angle) @ opposition.frame_H.T
+        lateral_O = R_OH @ opposition.frame_H[:, 1]
+        offsets = spread * (opposition.lateral[chosen] - opposition.lateral[chosen].mean())
+        fingers = _meet_surface(samples, across + offsets[:, None] * lateral_O, n)
+        if fingers is None:
+            rejected["no_surface_for_a_finger"] += 1
+            continue
+        points, normals = np.zeros((pads, 3)), np.zeros((pads, 3))
+        points[opposition.thumb], normals[opposition.thumb] = p, n
+        points[chosen], normals[chosen] = fingers
+        used = np.zeros(pads, dtype=bool)
+        used[[opposition.thumb, *chosen]] = True
+        sets.append((points, normals, used, R_OH))
+    if not sets:
+        empty = np.zeros((0, pads, 3))
+        return ContactSets(empty, empty, np.zeros((0, pads), bool), np.zeros((0, 3, 3))), rejected
+    points_, normals_, used_, R_ = (np.array(column) for column in zip(*sets, strict=True))
+    return ContactSets(points_, normals_, used_, R_), rejected
+
+
+def initial_poses(hand: Hand, sets: ContactSets, pregrasp: FloatArray) -> FloatArray:
+    """Return palm poses (B, 4, 4) that put the opened pads' middle at the contacts' middle."""
+    centers_H = hand.pad_centers(np.eye(4), pregrasp)  # (F, 3)
+    opposition = _opposition(hand)
+    X_OH = np.tile(np.eye(4), (len(sets), 1, 1))
+    X_OH[:, :3, :3] = sets.R_OH
+    for b in range(len(sets)):
+        chosen = [f for f in opposition.others if sets.used[b, f]]
+        middle_H = 0.5 * (centers_H[opposition.thumb] + centers_H[chosen].mean(axis=0))
+        middle_O = 0.5 * (
+            sets.points[b, opposition.thumb] + sets.points[b, chosen].mean(axis=0)
+        )
+        X_OH[b, :3, 3] = middle_O - sets.R_OH[b] @ middle_H
+    return X_OH
+
+
+def _opposition(hand: Hand) -> _Opposition:
+    q = next(iter(hand.pregrasps.values()))
+    centers, axes = hand.pad_centers(np.eye(4), q), hand.pad_axes(np.eye(4), q)
+    # The thumb is the pad that faces the others: least aligned with their mean axis.
+    facing = [
+        float(axes[f] @ np.delete(axes, f, axis=0).mean(axis=0)) for f in range(len(hand.pads))
+    ]
+    thumb = int(np.argmin(facing))
+    others = tuple(f for f in range(len(hand.pads)) if f != thumb)
+    approach = hand.approach_H
+    closing = centers[list(others)].mean(axis=0) - centers[thumb]
+    if len(others) > 1:
+        spread = centers[others[0]] - centers[others[-1]]
+        closing = closing - spread * (closing @ spread) / (spread @ spread)
+    closing = closing - approach * (closing @ approach)
+    closing /= np.linalg.norm(closing)
+    lateral = np.cross(closing, approach)
+    frame = np.column_stack([approach, lateral, closing])
+    return _Opposition(thumb, others, frame, centers @ lateral)
+
+
+def _choose_fingers(opposition: _Opposition, rng: np.random.Generator) -> list[int]:
+    """Return neighbouring fingers to use: all of them half of the time, else a pair."""
+    others = sorted(opposition.others, key=lambda f: opposition.lateral[f])
+    if len(others) < 3 or rng.random() < 0.5:
+        return others
+    start = int(rng.integers(len(others) - 1))
+    return others[start : start + 2]
+
+
+def _orientation(closing: FloatArray, angle: float) -> FloatArray:
+    """Return columns (approach, lateral, closing) in O: the approach downwards, turned by `angle`."""
+    down = np.array([0.0, 0.0, -1.0])
+    approach = down - closing * (down @ closing)
+    approach /= np.linalg.norm(approach)
+    approach = np.cos(angle) * approach + np.sin(angle) * np.cross(closing, approach)
+    return np.column_stack([approach, np.cross(closing, approach), closing])
+
+
+def _far_side(samples: SurfaceSamples, p: FloatArray, n: FloatArray) -> FloatArray | None:
+    """Return where the line from p against n last leaves the object, or None."""
+    relative = samples.points - p
+    depth = -(relative @ n)  # (S,)
+    beside = np.linalg.norm(relative + depth[:, None] * n, axis=1)
+    opposed = (samples.normals @ n < -np.cos(_OPPOSED_ANGLE)) & (beside < _REACH) & (depth > 0.0)
+    if not opposed.any():
+        return None
+    index = np.flatnonzero(opposed)
+    outermost = index[depth[index] > depth[index].max() - 0.003]
+    j = int(outermost[np.argmin(beside[outermost])])
+    return _line_meets_plane(p, -n, samples.points[j], samples.normals[j])
+
+
+def _meet_surface(
+    samples: SurfaceSamples, points: FloatArray, n: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return contacts (K, 3) and normals (K, 3) nearest to points, on lines along n; None if off."""
+    assert samples.tree is not None
+    distances, nearest = samples.tree.query(points, distance_upper_bound=2.5 * _REACH)
+    if not np.isfinite(distances).all():
+        return None
+    normals = samples.normals[nearest]
+    if (normals @ n > -np.cos(1.4 * _OPPOSED_ANGLE)).any():
+        return None
+    met = np.array(
+        [
+            _line_meets_plane(p, -n, samples.points[j], samples.normals[j])
+            for p, j in zip(points, nearest, strict=True)
+        ]
+    )
+    if np.linalg.norm(met - samples.points[nearest], axis=1).max() > _REACH:
+        return None
+    return met, normals
+
+
+def _line_meets_plane(
+    p: FloatArray, direction: FloatArray, point: FloatArray, normal: FloatArray
+) -> FloatArray:
+    result: FloatArray = p + direction * (((point - p) @ normal) / (direction @ normal))
+    return result
+
+
+def _flat(points: FloatArray, normals: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which samples have only similar normals around them."""
+    pairs = cKDTree(points).query_pairs(_FLAT_RADIUS, output_type="ndarray")  # (P, 2)
+    bent = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) < np.cos(_FLAT_ANGLE)
+    flat = np.ones(len(points), dtype=bool)
+    flat[pairs[bent].ravel()] = False
+    return flat
+
+
+def _supported(mesh: trimesh.Trimesh, faces: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    """Return which faces' surroundings are known from touches, where the mesh tells."""
+    uncertainty = mesh.vertex_attributes.get("uncertainty")
+    if uncertainty is None:
+        return np.ones(len(faces), dtype=bool)
+    of_face = np.asarray(uncertainty)[mesh.faces].mean(axis=1)  # (faces,)
+    known: npt.NDArray[np.bool_] = of_face[faces] <= _UNSUPPORTED * np.median(of_face) + 1e-12
+    return known

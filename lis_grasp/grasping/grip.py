@@ -1,0 +1,70 @@
+"""Grip forces: how hard each finger pushes where it touches, so that the object is squeezed, not moved."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+
+from lis_grasp.grasping.contact_model import cone_edges
+
+FloatArray = npt.NDArray[np.float64]
+
+# Balance first, then the asked total, then evenness: each two orders of magnitude behind the last.
+_BALANCE_WEIGHT = 100.0
+_TOTAL_WEIGHT = 1.0
+_EVENNESS_WEIGHT = 0.03
+
+
+def balanced_grip(
+    points: FloatArray, normals: FloatArray, *, friction: float, total: float
+) -> FloatArray:
+    """Return contact forces that squeeze the object and cancel each other.
+
+    Forces ``f_i = sum_e a_ie d_ie`` are non-negative sums of the edges ``d_ie`` of each contact's
+    friction cone (Kerr and Roth 1986: internal forces inside linearised cones). The coefficients
+    solve the non-negative least-squares problem
+
+        min  w_b^2 |sum f_i|^2 + w_b^2 |sum (p_i - c) x f_i|^2 / l^2
+             + w_t^2 (sum_ie a_ie - total)^2 + w_e^2 sum_ie (a_ie - total / n)^2
+
+    whose last term spreads the force evenly and away from the borders of the cones. ``c`` is the
+    points' centroid and ``l`` their mean distance from it. Where contacts cannot be balanced
+    (no equilibrium inside the cones), the result is the least unbalanced squeeze.
+
+    Parameters
+    ----------
+    points
+        Shape (C, 3) [m], C >= 1, the contacts in any frame.
+    normals
+        Shape (C, 3), unit, outward of the object, in the same frame.
+    friction
+        Coulomb coefficient whose cones the forces stay in.
+    total
+        Sum of the normal forces [N].
+
+    Returns
+    -------
+    FloatArray
+        Shape (C, 3) [N], forces on the object.
+    """
+    count = len(points)
+    arms = points - points.mean(axis=0)  # (C, 3)
+    length = max(float(np.linalg.norm(arms, axis=1).mean()), 1e-6)
+    edges = cone_edges(normals, friction)  # (C, E, 3)
+    wrenches = np.concatenate([edges, np.cross(arms[:, None], edges) / length], axis=2)  # (C, E, 6)
+    columns = wrenches.reshape(-1, 6).T  # (6, C E)
+    unknowns = columns.shape[1]
+    matrix = np.vstack(
+        [
+            _BALANCE_WEIGHT * columns,
+            _TOTAL_WEIGHT * np.ones((1, unknowns)),
+            _EVENNESS_WEIGHT * np.eye(unknowns),
+        ]
+    )
+    wanted = np.concatenate(
+        [np.zeros(6), [_TOTAL_WEIGHT * total], np.full(unknowns, _EVENNESS_WEIGHT * total / unknowns)]
+    )
+    coefficients, _ = nnls(matrix, wanted)
+    forces: FloatArray = np.einsum("ce,cek->ck", coefficients.reshape(count, -1), edges)
+    return forces

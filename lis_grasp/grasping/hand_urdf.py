@@ -1,0 +1,258 @@
+"""Read a hand's tree of links and joints from a URDF (parsed by yourdfpy)."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+import yourdfpy
+
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.grasping.hand import Inertial, Joint, JointKind, LinkGeometry
+
+FloatArray = npt.NDArray[np.float64]
+
+_KINDS: Mapping[str, JointKind] = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+}
+# Facets round a sphere or cylinder: the chord is within 1 % of the radius of the arc.
+_CYLINDER_SECTIONS = 32
+_SPHERE_SUBDIVISIONS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrdfModel:
+    """What a URDF says about a hand; the fields are those of `Hand`."""
+
+    joint_names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    effort_limits: FloatArray
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    inertials: Mapping[str, Inertial]
+    link_geometries: tuple[LinkGeometry, ...]
+
+
+def read_urdf(path: Path) -> UrdfModel:
+    """Read links, joints, inertias and collision bodies.
+
+    Raises
+    ------
+    InvalidFileError
+        If the file, or a mesh that it names, is missing or unreadable.
+    InvalidHandError
+        If its tree cannot be used: a loop, several roots, mimic joints, missing limits or masses.
+    """
+    robot = _parse(path)
+    links = {link.name: link for link in robot.links}
+    joints = _ordered_joints(robot, path.name)
+    movable = [joint for joint in robot.joints if joint.type != "fixed"]
+    limits = [_limits(joint, path.name) for joint in movable]
+    names = (joints[0].parent, *(joint.child for joint in joints))
+    inertials = {name: _inertial(links[name]) for name in names}
+    for joint in joints:
+        if joint.kind != "fixed" and inertials[joint.child].mass <= 0.0:
+            raise InvalidHandError(
+                f"{path.name}: link '{joint.child}' moves on joint '{joint.name}' and must have an"
+                " inertial with a mass above 0"
+            )
+    geometries = [
+        _geometry(name, collision, path)
+        for name in names
+        for collision in links[name].collisions
+    ]
+    return UrdfModel(
+        joint_names=tuple(joint.name for joint in movable),
+        lower=_frozen([low for low, _, _ in limits]),
+        upper=_frozen([high for _, high, _ in limits]),
+        effort_limits=_frozen([effort for _, _, effort in limits]),
+        links=names,
+        joints=joints,
+        inertials=MappingProxyType(inertials),
+        link_geometries=tuple(geometries),
+    )
+
+
+def rpy_pose(translation: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
+    """Return a pose (4, 4) from a translation [m] and the URDF's fixed-axis angles [rad]."""
+    pose = trimesh.transformations.euler_matrix(*np.asarray(rpy, np.float64), axes="sxyz")
+    pose[:3, 3] = translation
+    return np.asarray(pose, np.float64)
+
+
+def _parse(path: Path) -> Any:
+    """Return yourdfpy's robot, its errors translated."""
+    if not path.is_file():
+        raise InvalidFileError(f"there is no URDF file {path}")
+    try:
+        # yourdfpy logs a syntax error and reads on; a hand that is half read must be refused.
+        xml.etree.ElementTree.parse(path)
+        urdf = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False)
+    except (xml.etree.ElementTree.ParseError, UnicodeDecodeError) as error:
+        raise InvalidFileError(f"{path} is not valid XML: {error}") from None
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InvalidHandError(f"{path.name} is not a URDF that can be read: {error}") from None
+    return urdf.robot
+
+
+def _ordered_joints(robot: Any, file: str) -> tuple[Joint, ...]:
+    """Return the joints, a parent before its children, otherwise in the file's order."""
+    names = [link.name for link in robot.links]
+    children = [joint.child for joint in robot.joints]
+    roots = [name for name in names if name not in children]
+    if len(roots) != 1 or len(set(children)) != len(children):
+        raise InvalidHandError(
+            f"{file}: the links must form one tree; links without a parent: {', '.join(roots)}"
+        )
+    for joint in robot.joints:
+        if joint.type not in _KINDS:
+            raise InvalidHandError(
+                f"{file}: joint '{joint.name}' is of type '{joint.type}'; a hand's joints must be"
+                f" {', '.join(_KINDS)}"
+            )
+        if joint.mimic is not None:
+            raise InvalidHandError(
+                f"{file}: joint '{joint.name}' mimics '{joint.mimic.joint}'; mimic joints are not"
+                " supported: make it fixed, or a joint of its own"
+            )
+        if joint.parent not in names or joint.child not in names:
+            raise InvalidHandError(f"{file}: joint '{joint.name}' joins a link that is not there")
+    movable = [joint.name for joint in robot.joints if joint.type != "fixed"]
+    if not movable:
+        raise InvalidHandError(f"{file}: a hand must have movable joints; there are none")
+    ordered: list[Joint] = []
+    reached, waiting = {roots[0]}, list(robot.joints)
+    while waiting:
+        joint = next((joint for joint in waiting if joint.parent in reached), None)
+        if joint is None:
+            raise InvalidHandError(f"{file}: joint '{waiting[0].name}' hangs on a loop of links")
+        waiting.remove(joint)
+        reached.add(joint.child)
+        ordered.append(_joint(joint, movable, file))
+    return tuple(ordered)
+
+
+def _joint(joint: Any, movable: list[str], file: str) -> Joint:
+    kind = _KINDS[joint.type]
+    axis = np.zeros(3)
+    if kind != "fixed":
+        axis = np.asarray(joint.axis, np.float64)
+        length = float(np.linalg.norm(axis))
+        if not (np.isfinite(length) and length > 0.0):
+            raise InvalidHandError(f"{file}: joint '{joint.name}' must have an axis that is not zero")
+        axis = axis / length
+    return Joint(
+        name=joint.name,
+        kind=kind,
+        parent=joint.parent,
+        child=joint.child,
+        X_PJ=_frozen(_origin(joint.origin)),
+        axis_J=_frozen(axis),
+        index=movable.index(joint.name) if kind != "fixed" else -1,
+    )
+
+
+def _limits(joint: Any, file: str) -> tuple[float, float, float]:
+    """Return lower and upper limit [rad or m] and effort [N m or N]."""
+    limit = joint.limit
+    effort = None if limit is None else limit.effort
+    if effort is None or not (np.isfinite(effort) and effort > 0.0):
+        raise InvalidHandError(
+            f"{file}: joint '{joint.name}' must have a limit with an effort above 0; it is {effort}"
+        )
+    if joint.type == "continuous":
+        return -np.pi, np.pi, float(effort)
+    lower, upper = limit.lower, limit.upper
+    if lower is None or upper is None or not (np.isfinite([lower, upper]).all() and lower < upper):
+        raise InvalidHandError(
+            f"{file}: joint '{joint.name}' must have a lower limit below its upper limit;"
+            f" they are {lower} and {upper}"
+        )
+    return float(lower), float(upper), float(effort)
+
+
+def _inertial(link: Any) -> Inertial:
+    inertial = link.inertial
+    if inertial is None or not inertial.mass:
+        return Inertial(0.0, _frozen(np.zeros(3)), _frozen(np.zeros((3, 3))))
+    X_LI = _origin(inertial.origin)
+    inertia = np.zeros((3, 3)) if inertial.inertia is None else np.asarray(inertial.inertia)
+    rotated = X_LI[:3, :3] @ inertia @ X_LI[:3, :3].T
+    return Inertial(float(inertial.mass), _frozen(X_LI[:3, 3]), _frozen(rotated))
+
+
+def _geometry(link: str, collision: Any, path: Path) -> LinkGeometry:
+    geometry, X_LG = collision.geometry, _frozen(_origin(collision.origin))
+    if geometry.box is not None:
+        sides = tuple(float(side) for side in np.asarray(geometry.box.size))
+        return LinkGeometry(link, X_LG, "box", sides, trimesh.creation.box(extents=sides))
+    if geometry.sphere is not None:
+        radius = float(geometry.sphere.radius)
+        ball = trimesh.creation.icosphere(subdivisions=_SPHERE_SUBDIVISIONS, radius=radius)
+        return LinkGeometry(link, X_LG, "sphere", (radius,), ball)
+    if geometry.cylinder is not None:
+        radius, length = float(geometry.cylinder.radius), float(geometry.cylinder.length)
+        tube = trimesh.creation.cylinder(radius=radius, height=length, sections=_CYLINDER_SECTIONS)
+        return LinkGeometry(link, X_LG, "cylinder", (radius, length), tube)
+    if geometry.mesh is not None:
+        return LinkGeometry(link, X_LG, "mesh", (), _load_mesh(geometry.mesh, path))
+    raise InvalidHandError(
+        f"{path.name}: a collision body of link '{link}' must be a box, sphere, cylinder or mesh"
+    )
+
+
+def _load_mesh(mesh: Any, path: Path) -> trimesh.Trimesh:
+    file = _resolve(mesh.filename, path)
+    try:
+        loaded = trimesh.load(file, force="mesh")
+    except (OSError, ValueError, KeyError, IndexError, NotImplementedError) as error:
+        raise InvalidFileError(f"the mesh {file} cannot be read: {error}") from None
+    if len(loaded.faces) == 0:
+        raise InvalidFileError(f"the mesh {file} has no triangles")
+    if mesh.scale is not None:
+        loaded.apply_scale(mesh.scale)
+    return loaded
+
+
+def _resolve(uri: str, path: Path) -> Path:
+    """Find a mesh: beside the URDF, or ``package://NAME/...`` in a folder NAME above or on a path."""
+    scheme, separator, rest = uri.partition("://")
+    if not separator:
+        candidates = [path.parent / uri]
+    elif scheme == "file":
+        candidates = [Path(rest)]
+    elif scheme == "package":
+        package, _, inside = rest.partition("/")
+        above = [folder / inside for folder in path.resolve().parents if folder.name == package]
+        roots = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+        listed = [Path(root) / package / inside for root in roots if root]
+        candidates = [*above, path.parent / inside, *listed]
+    else:
+        raise InvalidFileError(f"{path.name}: a mesh must be a file or a package:// URI, not {uri}")
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    tried = ", ".join(str(candidate) for candidate in candidates)
+    raise InvalidFileError(f"{path.name}: the mesh {uri} was not found; looked at {tried}")
+
+
+def _origin(matrix: FloatArray | None) -> FloatArray:
+    return np.eye(4) if matrix is None else np.array(matrix, np.float64)
+
+
+def _frozen(values: npt.ArrayLike) -> FloatArray:
+    array = np.array(values, np.float64)
+    array.flags.writeable = False
+    return array

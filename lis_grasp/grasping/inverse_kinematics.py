@@ -1,0 +1,201 @@
+"""Bring a hand's pads to given contacts: many candidates at once, by damped Gauss-Newton steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.grasping.hand import Hand
+
+FloatArray = npt.NDArray[np.float64]
+
+_ITERATIONS = 40
+_DAMPING = 1e-3
+# What one standard unit of each residual is: a pad off by 1 mm weighs as much as an axis beyond
+# its pad by 0.1, a joint 0.7 rad (or 7 cm) off its opened posture, a palm turned by 0.5 rad.
+_POSITION_UNIT = 1e-3
+_AXIS_UNIT = 0.1
+_REVOLUTE_UNIT, _PRISMATIC_UNIT = 0.7, 0.07
+_TURN_UNIT = 0.5
+# A joint that has no contact to serve stays much closer to its opened posture.
+_IDLE_FACTOR = 0.05
+# The contact should lie well inside a pad, not on its border.
+_PAD_SHARE = 0.8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PadTargets:
+    """Where pads should be, for B candidates and F pads.
+
+    Parameters
+    ----------
+    points, normals
+        Shape (B, F, 3): contacts in O [m], outward unit normals; anything finite where not used.
+    used
+        Shape (B, F), bool: which pads have a contact.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    used: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Postures:
+    """Postures of a hand for B candidates.
+
+    Parameters
+    ----------
+    X_OH
+        Shape (B, 4, 4).
+    q
+        Shape (B, J), within the joint limits.
+    position_error
+        Shape (B,) [m]: the largest distance of a used pad from its target.
+    axis_error
+        Shape (B,) [rad]: how far the worst used contact lies outside its pad; 0 when all are inside.
+    """
+
+    X_OH: FloatArray
+    q: FloatArray
+    position_error: FloatArray
+    axis_error: FloatArray
+
+
+def reach(
+    hand: Hand, targets: PadTargets, X_OH: FloatArray, q: FloatArray, *, palm_fixed: bool = False
+) -> Postures:
+    """Move palm and joints until every used pad touches its contact, as nearly as the hand can.
+
+    Minimises, for each candidate on its own, the squares of: pad centres off ``p + radius n``;
+    contacts beyond the pad's half angle; joints off their start; the palm turned from its start.
+    Levenberg-Marquardt with projection on the joint limits; a step that does not improve a
+    candidate is undone and its damping raised (Marquardt 1963).
+
+    Parameters
+    ----------
+    hand
+        The hand.
+    targets
+        Contacts to reach.
+    X_OH, q
+        Shape (B, 4, 4) and (B, J): where to start, which is also the preferred posture.
+    palm_fixed
+        Whether only the joints may move.
+    """
+    problem = _Problem(hand, targets, X_OH, q, palm_fixed)
+    X, joints = X_OH.copy(), np.clip(q, hand.lower, hand.upper)
+    residual, jacobian = problem.linearise(X, joints)
+    cost = (residual**2).sum(axis=-1)
+    damping = np.full(len(X), _DAMPING)
+    identity = np.eye(jacobian.shape[-1])
+    for _ in range(_ITERATIONS):
+        normal = np.swapaxes(jacobian, -1, -2) @ jacobian  # (B, U, U)
+        scale = np.einsum("buu->bu", normal).mean(axis=-1)[:, None, None]
+        rhs = np.einsum("bru,br->bu", jacobian, residual)
+        step = -np.linalg.solve(normal + damping[:, None, None] * scale * identity, rhs[..., None])
+        X_new, joints_new = problem.move(X, joints, step[..., 0])
+        residual_new, jacobian_new = problem.linearise(X_new, joints_new)
+        cost_new = (residual_new**2).sum(axis=-1)
+        better = cost_new < cost
+        X = np.where(better[:, None, None], X_new, X)
+        joints = np.where(better[:, None], joints_new, joints)
+        residual = np.where(better[:, None], residual_new, residual)
+        jacobian = np.where(better[:, None, None], jacobian_new, jacobian)
+        converged = bool(np.all(~better | (cost - cost_new < 1e-6 * cost)))
+        cost = np.where(better, cost_new, cost)
+        damping = np.clip(np.where(better, damping / 3.0, damping * 5.0), 1e-7, 1e3)
+        if converged and bool((damping > 1.0).all() or better.all()):
+            break
+    return Postures(X, joints, *problem.errors(X, joints))
+
+
+class _Problem:
+    """Residuals of a batch of candidates and how they change with palm and joints."""
+
+    def __init__(
+        self, hand: Hand, targets: PadTargets, X_OH: FloatArray, q: FloatArray, palm_fixed: bool
+    ) -> None:
+        self._hand = hand
+        # The same pads one metre further along their axes: the difference of centres is the axis.
+        self._ahead = replace(
+            hand, pads=tuple(replace(p, center_L=p.center_L + p.axis_L) for p in hand.pads)
+        )
+        radii = np.array([pad.radius for pad in hand.pads])
+        self._centers = targets.points + radii[:, None] * targets.normals  # (B, F, 3)
+        self._normals = targets.normals
+        self._used = targets.used
+        self._half_angles = np.array([pad.half_angle for pad in hand.pads])
+        self._least_cosine = np.cos(_PAD_SHARE * self._half_angles)  # (F,)
+        self._start_X, self._start_q = X_OH, q
+        revolute = np.array([j.kind == "revolute" for j in hand.joints if j.index >= 0])
+        index = np.array([j.index for j in hand.joints if j.index >= 0])
+        units = np.empty(len(hand.joint_names))
+        units[index] = np.where(revolute, _REVOLUTE_UNIT, _PRISMATIC_UNIT)
+        serving = np.zeros((len(hand.pads), len(units)), dtype=bool)
+        for f, finger in enumerate(hand.fingers):
+            serving[f, list(hand.finger_joints(finger))] = True
+        busy = (self._used[:, :, None] & serving).any(axis=1)  # (B, J)
+        self._joint_units = np.where(busy, units, _IDLE_FACTOR * units)
+        self._free = np.ones(6 + len(units))
+        if palm_fixed:
+            self._free[:6] = 0.0
+
+    def linearise(self, X: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return residuals (B, R) and their Jacobian (B, R, 6 + J)."""
+        hand, used = self._hand, self._used
+        batch, joints = len(X), q.shape[1]
+        centers = hand.pad_centers(X, q)
+        J_centers = hand.pad_jacobian(X, q)  # (B, F, 3, U)
+        axes = self._ahead.pad_centers(X, q) - centers
+        J_axes = self._ahead.pad_jacobian(X, q) - J_centers
+        position = np.where(used[..., None], centers - self._centers, 0.0) / _POSITION_UNIT
+        J_position = np.where(used[..., None, None], J_centers, 0.0) / _POSITION_UNIT
+        cosine = -(axes * self._normals).sum(axis=-1)  # (B, F)
+        outside = used & (cosine < self._least_cosine)
+        axis = np.where(outside, self._least_cosine - cosine, 0.0) / _AXIS_UNIT
+        J_cosine = -np.einsum("bfku,bfk->bfu", J_axes, self._normals)
+        J_axis = np.where(outside[..., None], -J_cosine, 0.0) / _AXIS_UNIT
+        posture = (q - self._start_q) / self._joint_units
+        J_posture = np.zeros((batch, joints, 6 + joints))
+        J_posture[:, np.arange(joints), 6 + np.arange(joints)] = 1.0 / self._joint_units
+        turn = Rotation.from_matrix(
+            X[:, :3, :3] @ np.swapaxes(self._start_X[:, :3, :3], -1, -2)
+        ).as_rotvec()
+        J_turn = np.zeros((batch, 3, 6 + joints))
+        J_turn[:, :, :3] = np.eye(3)  # exact at the start, good enough for a preference
+        residual = np.concatenate(
+            [position.reshape(batch, -1), axis, posture, turn / _TURN_UNIT], axis=1
+        )
+        jacobian = np.concatenate(
+            [
+                J_position.reshape(batch, -1, 6 + joints),
+                J_axis,
+                J_posture,
+                J_turn / _TURN_UNIT,
+            ],
+            axis=1,
+        )
+        return residual, jacobian * self._free
+
+    def move(self, X: FloatArray, q: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return palm and joints after a step (B, 6 + J), the joints within their limits."""
+        step = step * self._free
+        moved = X.copy()
+        turns = Rotation.from_rotvec(step[:, :3]).as_matrix()
+        moved[:, :3, :3] = turns @ X[:, :3, :3]
+        moved[:, :3, 3] += step[:, 3:6]
+        return moved, np.clip(q + step[:, 6:], self._hand.lower, self._hand.upper)
+
+    def errors(self, X: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest position error [m] and axis error [rad] over the used pads, (B,) each."""
+        off = np.linalg.norm(self._hand.pad_centers(X, q) - self._centers, axis=-1)
+        cosine = -(self._hand.pad_axes(X, q) * self._normals).sum(axis=-1)
+        beyond = np.maximum(np.arccos(np.clip(cosine, -1.0, 1.0)) - self._half_angles, 0.0)
+        return (
+            np.where(self._used, off, 0.0).max(axis=1),
+            np.where(self._used, beyond, 0.0).max(axis=1),
+        )

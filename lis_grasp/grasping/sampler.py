@@ -1,0 +1,231 @@
+"""Sample force-closure grasps of a hand on a mesh: contacts, reach, collision, quality, rank."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
+from lis_grasp.grasping.collision import HandCollisionChecker
+from lis_grasp.grasping.contact_model import ContactModel
+from lis_grasp.grasping.contact_search import (
+    ContactSets,
+    SurfaceSamples,
+    find_contact_sets,
+    initial_poses,
+)
+from lis_grasp.grasping.grasp import Grasp, GraspSearch
+from lis_grasp.grasping.grip import balanced_grip
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.inverse_kinematics import PadTargets, Postures, reach
+from lis_grasp.grasping.quality import epsilon_quality, is_force_closure
+
+FloatArray = npt.NDArray[np.float64]
+
+_MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
+_OPENING = 0.02  # [m] that each pad backs off its contact before closing
+_STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
+# Contacts are known to a few degrees only: grasps are ranked at this share of the friction.
+_ROBUST_SHARE = 0.5
+# A flat pad resists turning about its normal with about this lever [m].
+_FLAT_PAD_LEVER = 0.006
+
+
+@dataclass(frozen=True, slots=True)
+class ForceClosureSampler:
+    """Finds grasps in force closure, free of collision, that the hand can reach.
+
+    Contact sets are drawn where the surface is flat enough for a pad and supported by touches; the
+    palm's pose and the joints follow by inverse kinematics; FCL judges every link at the grasp, at
+    the opened posture, and along the approach; what is left is ranked by epsilon at half the
+    friction, about the mesh's centroid.
+
+    Parameters
+    ----------
+    hand
+        The hand.
+    friction
+        Coulomb coefficient between pads and object.
+    candidates
+        Contact sets to draw.
+    """
+
+    hand: Hand
+    friction: float = 0.8
+    candidates: int = 1500
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.friction) and self.friction > 0.0):
+            raise InvalidOptionError(f"friction must be a positive number; it is {self.friction}")
+        if self.candidates < 1:
+            raise InvalidOptionError(f"candidates must be at least 1; it is {self.candidates}")
+
+    def sample(
+        self,
+        mesh: trimesh.Trimesh,
+        *,
+        rng: np.random.Generator,
+        support_height: float | None = None,
+        count: int = 10,
+    ) -> GraspSearch:
+        """Return up to `count` ranked grasps, and why the other candidates were rejected.
+
+        Parameters
+        ----------
+        mesh
+            Closed, outward-oriented surface in O [m], true or estimated. A vertex attribute
+            ``"uncertainty"`` [m] keeps contacts where touches support it.
+        rng
+            For every draw.
+        support_height
+            Height of the plane that the object stands on in O [m]; None where there is none.
+        count
+            Grasps to return at the most.
+
+        Raises
+        ------
+        InvalidMeshError
+            If the mesh is not closed.
+        """
+        if not mesh.is_watertight:
+            raise InvalidMeshError(
+                "grasps are planned on closed meshes; this one has open edges: repair it with"
+                " lis_grasp.shapes.load, or mesh an estimate with extract_mesh"
+            )
+        rejected: Counter[str] = Counter()
+        largest_pad = max(pad.radius for pad in self.hand.pads)
+        lowest = -np.inf if support_height is None else support_height + largest_pad + 0.004
+        samples = SurfaceSamples(mesh, lowest=lowest, rng=rng)
+        if not len(samples):
+            rejected["no_flat_supported_surface"] = self.candidates
+            return GraspSearch((), dict(rejected), self.candidates)
+        sets, misses = find_contact_sets(self.hand, samples, count=self.candidates, rng=rng)
+        rejected.update(misses)
+        sets, postures = self._reach(sets, rejected)
+        checker = HandCollisionChecker(self.hand, mesh, support_height=support_height)
+        opened = self._opened(sets, postures)
+        grasps = []
+        for b in range(len(sets)):
+            reason = self._obstacle(checker, postures.X_OH[b], postures.q[b], opened[b])
+            if reason is not None:
+                rejected[reason] += 1
+                continue
+            grasp = self._assess(mesh, sets, b, postures, opened[b])
+            if grasp is None:
+                rejected["no_force_closure"] += 1
+                continue
+            grasps.append(grasp)
+        grasps.sort(key=lambda grasp: -grasp.quality["epsilon_robust"])
+        if len(grasps) > count:
+            rejected["outranked"] = len(grasps) - count
+        return GraspSearch(tuple(grasps[:count]), dict(sorted(rejected.items())), self.candidates)
+
+    def _reach(self, sets: ContactSets, rejected: Counter[str]) -> tuple[ContactSets, Postures]:
+        """Solve the inverse kinematics from every pregrasp, keep the best, drop what is not reached."""
+        hand = self.hand
+        targets = PadTargets(sets.points, sets.normals, sets.used)
+        best: Postures | None = None
+        for pregrasp in hand.pregrasps.values():
+            start = np.tile(pregrasp, (len(sets), 1))
+            if not len(sets):
+                best = Postures(np.zeros((0, 4, 4)), start, np.zeros(0), np.zeros(0))
+                break
+            solved = reach(hand, targets, initial_poses(hand, sets, pregrasp), start)
+            best = solved if best is None else _better(best, solved)
+        assert best is not None
+        near = best.position_error <= _MAX_POSITION_ERROR
+        facing = best.axis_error <= 1e-6
+        rejected["out_of_reach"] = int((~near).sum())
+        rejected["pad_does_not_face_the_surface"] = int((near & ~facing).sum())
+        kept = np.flatnonzero(near & facing)
+        return sets.subset(kept), Postures(
+            best.X_OH[kept], best.q[kept], best.position_error[kept], best.axis_error[kept]
+        )
+
+    def _opened(self, sets: ContactSets, postures: Postures) -> FloatArray:
+        """Return joint positions (B, J) with every used pad backed off its contact, the palm still."""
+        if not len(sets):
+            return postures.q
+        away = PadTargets(sets.points + _OPENING * sets.normals, sets.normals, sets.used)
+        return reach(self.hand, away, postures.X_OH, postures.q, palm_fixed=True).q
+
+    def _obstacle(
+        self, checker: HandCollisionChecker, X_OH: FloatArray, q: FloatArray, opened: FloatArray
+    ) -> str | None:
+        at_grasp = checker.first_collision(X_OH, q, pads_may_touch=True)
+        if at_grasp is not None:
+            return f"grasp_hits_{at_grasp}"
+        approach_O = X_OH[:3, :3] @ self.hand.approach_H
+        for back in np.linspace(0.0, _STANDOFF, _APPROACH_STEPS):
+            X_back = X_OH.copy()
+            X_back[:3, 3] -= back * approach_O
+            on_the_way = checker.first_collision(X_back, opened)
+            if on_the_way is not None:
+                return f"approach_hits_{on_the_way}"
+        return None
+
+    def _assess(
+        self, mesh: trimesh.Trimesh, sets: ContactSets, b: int, postures: Postures, opened: FloatArray
+    ) -> Grasp | None:
+        """Return the grasp with its quality, or None without force closure at the friction given."""
+        hand, used = self.hand, sets.used[b]
+        points, normals = sets.points[b][used], sets.normals[b][used]
+        model: ContactModel = "soft_finger" if hand.kind == "jaw" else "coulomb"
+        torsion = self.friction * _FLAT_PAD_LEVER
+        if not is_force_closure(
+            points, normals, friction=self.friction, model=model, torsion=torsion
+        ):
+            return None
+        center = np.asarray(mesh.center_mass)
+        scale = float(np.linalg.norm(mesh.vertices - center, axis=1).max())
+        epsilon, robust = (
+            epsilon_quality(
+                points,
+                normals,
+                friction=share * self.friction,
+                origin=center,
+                length_scale=scale,
+                model=model,
+                torsion=share * torsion,
+            )
+            for share in (1.0, _ROBUST_SHARE)
+        )
+        forces = balanced_grip(
+            points, normals, friction=self.friction, total=2.0 * hand.max_contact_force
+        )
+        X_OH = postures.X_OH[b]
+        return Grasp(
+            hand=hand.name,
+            X_OH=X_OH,
+            joint_names=hand.joint_names,
+            joint_positions=postures.q[b],
+            pregrasp_positions=opened,
+            approach_O=X_OH[:3, :3] @ hand.approach_H,
+            contact_points=points,
+            contact_normals=normals,
+            contact_fingers=tuple(f for f, on in zip(hand.fingers, used, strict=True) if on),
+            contact_forces=forces,
+            quality={
+                "epsilon": epsilon,
+                "epsilon_robust": robust,
+                "pad_error": float(postures.position_error[b]),
+            },
+            accepted=f"force closure at friction {self.friction:g}, reached, free of collision",
+        )
+
+
+def _better(first: Postures, second: Postures) -> Postures:
+    """Return, candidate by candidate, the posture that reaches its contacts better."""
+    take = second.position_error + 0.01 * second.axis_error < (
+        first.position_error + 0.01 * first.axis_error
+    )
+    return Postures(
+        np.where(take[:, None, None], second.X_OH, first.X_OH),
+        np.where(take[:, None], second.q, first.q),
+        np.where(take, second.position_error, first.position_error),
+        np.where(take, second.axis_error, first.axis_error),
+    )
