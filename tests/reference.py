@@ -22,7 +22,9 @@ def density_weight(i: int, points: FloatArray, sigma: float) -> float:
     return 1.0 / sum(gaussian_kernel(math.dist(points[i], p), sigma) for p in points)
 
 
-def beta_star(x: FloatArray, i: int, points: FloatArray, normals: FloatArray, sigma: float) -> float:
+def beta_star(
+    x: FloatArray, i: int, points: FloatArray, normals: FloatArray, sigma: float
+) -> float:
     """Eqs. 11 to 15 at contact i towards x, by explicit angles in explicit axes."""
     normal = normals[i]
     x_axis = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.6 else [0.0, 1.0, 0.0])

@@ -24,7 +24,9 @@ def touched_cylinder() -> Contacts:
     points[:, 2] = height.ravel() + rng.uniform(-0.004, 0.004, 24)
     for side in (-1.0, 1.0):
         radius, angle = np.array([0.0, *[0.028] * 5]), np.arange(6) * 1.25 + rng.uniform()
-        flat = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(6, 0.05 * side)])
+        flat = np.column_stack(
+            [radius * np.cos(angle), radius * np.sin(angle), np.full(6, 0.05 * side)]
+        )
         points = np.vstack([points, flat])
         normals = np.vstack([normals, np.tile([0.0, 0.0, side], (6, 1))])
     return Contacts(points, normals)
@@ -90,7 +92,10 @@ def test_turning_and_moving_the_object_turns_and_moves_the_surface(name: str) ->
         there.evaluate(points @ rotation.T + move), here.evaluate(points), rtol=1e-6, atol=1e-8
     )
     np.testing.assert_allclose(
-        there.gradient(points @ rotation.T + move), here.gradient(points) @ rotation.T, rtol=1e-4, atol=1e-5
+        there.gradient(points @ rotation.T + move),
+        here.gradient(points) @ rotation.T,
+        rtol=1e-4,
+        atol=1e-5,
     )
 
 

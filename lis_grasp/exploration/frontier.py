@@ -32,12 +32,13 @@ _PASSED = 0.2
 _FACES_AWAY = -0.5
 # The estimate is searched beyond the object's known size by this share of it.
 _MARGIN = 0.05
-_HOOK_DEPTH = 0.5
 _TILT = np.radians(30)
 _OVERSHOOT = 1.5
 _SECOND = 0.25
-_DO_HOOK = True
-_FRONTIER, _HOOK = "frontier", "hook"
+_TILT0 = 0.0
+_SHY = 0.5
+_AXES6 = True
+_FRONTIER = "frontier"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,9 +98,6 @@ class FrontierPolicy:
         opening = self._opening(outcomes, rng)
         if opening is not None:
             return opening
-        hook = self._hook(contacts, outcomes)
-        if hook is not None:
-            return hook
         if surface is not None and len(contacts):
             found = self._target(contacts, surface, outcomes, rng)
             if found is not None:
@@ -107,7 +105,8 @@ class FrontierPolicy:
                 away = target - contacts.points[np.argmin(np.linalg.norm(contacts.points - target, axis=1))]
                 away -= (away @ normal) * normal
                 away /= max(np.linalg.norm(away), 1e-12)
-                outward = normal + np.tan(_TILT) * away
+                tilt = _TILT if outcomes[-1].status == "missed" else _TILT0
+                outward = normal + np.tan(tilt) * away
                 outward /= np.linalg.norm(outward)
                 standoff = self._free_standoff(surface, target, outward)
                 return Probe(target, -outward, standoff, _OVERSHOOT*self.step, _FRONTIER)
@@ -124,37 +123,13 @@ class FrontierPolicy:
                 direction = int(np.argmax(_AXES @ outcome.probe.direction))
                 tried[direction] = True
                 touched[direction % 3] |= outcome.status == "touched"
-        if touched.sum() >= _OPENINGS or tried.all():
+        if (not _AXES6 and touched.sum() >= _OPENINGS) or tried.all():
             return None
-        open_ = np.flatnonzero(~tried & ~np.tile(touched, 2))
+        open_ = np.flatnonzero(~tried & (_AXES6 | ~np.tile(touched, 2)))
         if not len(open_):
             return None
         start = 0.5 * self.size + 0.5 * self.step
         return Probe(self.center, _AXES[rng.choice(open_)], start, 0.5 * self.size)
-
-    def _hook(self, contacts: Contacts, outcomes: Sequence[ProbeOutcome]) -> Probe | None:
-        """Return a probe back under the surface that the last probe has just missed, or None.
-
-        A tip that went past an edge and felt nothing is beside the object: half a step deeper, the
-        way back towards the nearest contact leads to the face behind the edge.
-        """
-        if not _DO_HOOK or not outcomes or outcomes[-1].status != "missed":
-            return None
-        missed = outcomes[-1].probe
-        if missed.purpose != _FRONTIER or not len(contacts):
-            return None
-        gaps, _ = _gaps(missed.target[None], -missed.direction[None], contacts)
-        if gaps[0] > 1.5 * self.step:
-            return None
-        apart = np.linalg.norm(contacts.points - missed.target, axis=1)
-        apart[contacts.normals @ missed.direction > -_FACES_AWAY] = np.inf
-        back = contacts.points[np.argmin(apart)] - missed.target
-        back -= (back @ missed.direction) * missed.direction
-        length = float(np.linalg.norm(back))
-        if length < 0.1 * self.step:
-            return None
-        start = missed.target + _HOOK_DEPTH * self.step * missed.direction
-        return Probe(start + back, back, length, 0.25*self.step, _HOOK)
 
     def _target(
         self,
@@ -174,11 +149,12 @@ class FrontierPolicy:
         if not len(points):
             return None
         nearest, second = _gaps(points, normals, contacts)
-        new = ~self._known(points, normals, nearest, outcomes)
+        known, shy = self._known(points, normals, nearest, outcomes)
+        new = ~known
         low, high = (share * self.step for share in _BAND)
         frontier = np.flatnonzero(new & (nearest >= low) & (nearest <= high))
         if len(frontier):
-            cost = np.abs(nearest - self.step) + _SECOND * np.minimum(second, 2.0 * self.step)
+            cost = np.abs(nearest - self.step) + _SECOND * np.minimum(second, 2.0 * self.step) + _SHY * np.maximum(self.step - shy, 0)
             best = frontier[np.argmin(cost[frontier])]
         elif new.any():
             best = np.flatnonzero(new)[np.argmax(nearest[new])]
@@ -195,6 +171,7 @@ class FrontierPolicy:
     ) -> Mask:
         """Tell which points were a target before, or lie where a tip passed and felt nothing."""
         known = np.zeros(len(points), dtype=bool)
+        shy = np.full(len(points), np.inf)
         reach = _SAME_TARGET * np.minimum(gaps, self.step)
         for outcome in outcomes:
             probe = outcome.probe
@@ -205,8 +182,10 @@ class FrontierPolicy:
                     (points - probe.target) @ probe.direction, -probe.standoff, probe.overshoot
                 )
                 passed = probe.target + along[:, None] * probe.direction
-                known |= np.linalg.norm(points - passed, axis=1) < _PASSED * self.step
-        return known
+                apart = np.linalg.norm(points - passed, axis=1)
+                known |= apart < _PASSED * self.step
+                shy = np.minimum(shy, apart)
+        return known, shy
 
     def _free_standoff(
         self, surface: ImplicitSurface, target: FloatArray, normal: FloatArray

@@ -154,20 +154,33 @@ def find_contact_sets(
     return ContactSets(points_, normals_, used_, R_), rejected
 
 
-def initial_poses(hand: Hand, sets: ContactSets, pregrasp: FloatArray) -> FloatArray:
-    """Return palm poses (B, 4, 4) that put the opened pads' middle at the contacts' middle."""
-    centers_H = hand.pad_centers(np.eye(4), pregrasp)  # (F, 3)
+def initial_postures(hand: Hand, sets: ContactSets) -> tuple[FloatArray, FloatArray]:
+    """Return where to start reaching: palm poses (B, 4, 4) and joint positions (B, J).
+
+    Each set starts from the pregrasp whose opening is the narrowest that clears the contacts, with
+    the opened pads' middle at the contacts' middle.
+    """
+    pregrasps = np.array(list(hand.pregrasps.values()))  # (G, J)
+    centers_H = hand.pad_centers(np.eye(4), pregrasps)  # (G, F, 3)
+    radii = np.array([pad.radius for pad in hand.pads])
     opposition = _opposition(hand)
     X_OH = np.tile(np.eye(4), (len(sets), 1, 1))
     X_OH[:, :3, :3] = sets.R_OH
+    chosen = np.empty(len(sets), dtype=np.intp)
     for b in range(len(sets)):
-        chosen = [f for f in opposition.others if sets.used[b, f]]
-        middle_H = 0.5 * (centers_H[opposition.thumb] + centers_H[chosen].mean(axis=0))
-        middle_O = 0.5 * (
-            sets.points[b, opposition.thumb] + sets.points[b, chosen].mean(axis=0)
+        used = [f for f in opposition.others if sets.used[b, f]]
+        thumb = opposition.thumb
+        targets = sets.points[b] + radii[:, None] * sets.normals[b]
+        width = np.linalg.norm(targets[used].mean(axis=0) - targets[thumb])
+        gaps = np.linalg.norm(centers_H[:, used].mean(axis=1) - centers_H[:, thumb], axis=-1)
+        excess = gaps - width
+        chosen[b] = np.argmin(np.where(excess >= 0.0, excess, np.inf if excess.max() >= 0 else -excess))
+        middle_H = 0.5 * (
+            centers_H[chosen[b], thumb] + centers_H[chosen[b]][used].mean(axis=0)
         )
+        middle_O = 0.5 * (targets[thumb] + targets[used].mean(axis=0))
         X_OH[b, :3, 3] = middle_O - sets.R_OH[b] @ middle_H
-    return X_OH
+    return X_OH, pregrasps[chosen]
 
 
 def _opposition(hand: Hand) -> _Opposition:

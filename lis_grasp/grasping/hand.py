@@ -1,4 +1,4 @@
-"""Hand: a robot hand as planning sees it (links, joints, pads, named postures), and its kinematics."""
+"""Hand: a robot hand as planning sees it (links, joints, pads, postures), and its kinematics."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Joint:
     parent, child
         Names of the two links.
     X_PJ
-        Shape (4, 4): pose of the joint frame (the child link's frame at position 0) in the parent's.
+        Shape (4, 4): pose of the joint frame (the child's frame at position 0) in the parent's.
     axis_J
         Shape (3,), unit, in the joint frame; zeros for a fixed joint.
     index
@@ -233,12 +233,13 @@ class Hand:
 
     @property
     def link_fingers(self) -> Mapping[str, str]:
-        """The finger that each link belongs to; links that carry several fingers or none are absent."""
+        """The finger that each link belongs to; links of several fingers or of none are absent."""
         owners: dict[str, set[str]] = {}
         for pad in self.pads:
             for joint in self._chain(pad.link):
                 owners.setdefault(joint.child, set()).add(pad.finger)
-        for joint in self.joints:  # what hangs on a finger's link, without being on its way to the pad
+        # What hangs on a finger's link, without being on its way to the pad, is the finger's too.
+        for joint in self.joints:
             if joint.child not in owners and joint.parent in owners:
                 owners[joint.child] = owners[joint.parent]
         single = {link: next(iter(o)) for link, o in owners.items() if len(o) == 1}
@@ -277,12 +278,12 @@ class Hand:
         return {link: poses[link] for link in self.links}
 
     def pad_centers(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
-        """Return the pads' centres in O, shape (..., F, 3) [m]; arguments as `forward_kinematics`."""
+        """Return the pads' centres in O, (..., F, 3) [m]; arguments as `forward_kinematics`."""
         poses = self.forward_kinematics(X_OH, q)
         return np.stack([_apply(poses[pad.link], pad.center_L) for pad in self.pads], axis=-2)
 
     def pad_axes(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
-        """Return the pads' axes in O, shape (..., F, 3); arguments as `forward_kinematics`."""
+        """Return the pads' axes in O, (..., F, 3); arguments as `forward_kinematics`."""
         poses = self.forward_kinematics(X_OH, q)
         return np.stack([poses[pad.link][..., :3, :3] @ pad.axis_L for pad in self.pads], axis=-2)
 

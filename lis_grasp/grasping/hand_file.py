@@ -1,4 +1,4 @@
-"""Read a hand from its YAML file and the URDF that it names, and say plainly what is wrong with them."""
+"""Read a hand from its YAML file and the URDF that it names, and say what is wrong with them."""
 
 from __future__ import annotations
 
@@ -65,9 +65,6 @@ class _Reader:
             " probe_postures self_collision_exclusions"
         )
         top = self._mapping("the file", document, keys)
-        kind = self._text("kind", top["kind"])
-        if kind not in get_args(HandKind):
-            self._fail(f"kind must be one of {', '.join(get_args(HandKind))}; it is '{kind}'")
         try:
             model = read_urdf(folder / self._text("urdf", top["urdf"]))
         except InvalidFileError as error:
@@ -77,7 +74,7 @@ class _Reader:
         pads = self._pads(top["pads"], model)
         return Hand(
             name=self._text("name", top["name"]),
-            kind=kind,
+            kind=self._kind(top["kind"]),
             joint_names=model.joint_names,
             lower=model.lower,
             upper=model.upper,
@@ -99,6 +96,13 @@ class _Reader:
             self_collision_exclusions=self._exclusions(top["self_collision_exclusions"], model),
             max_contact_force=self._positive("max_contact_force", top["max_contact_force"]),
         )
+
+    def _kind(self, value: Any) -> HandKind:
+        kinds: tuple[HandKind, ...] = get_args(HandKind)
+        for kind in kinds:
+            if value == kind:
+                return kind
+        return self._fail(f"kind must be one of {', '.join(kinds)}; it is {value!r}")
 
     def _check_joints(self, value: Any, model: UrdfModel) -> None:
         names = [self._text("joints", name) for name in self._sequence("joints", value)]

@@ -69,9 +69,7 @@ def read_urdf(path: Path) -> UrdfModel:
                 " inertial with a mass above 0"
             )
     geometries = [
-        _geometry(name, collision, path)
-        for name in names
-        for collision in links[name].collisions
+        _geometry(name, collision, path) for name in names for collision in links[name].collisions
     ]
     return UrdfModel(
         joint_names=tuple(joint.name for joint in movable),
@@ -151,7 +149,7 @@ def _joint(joint: Any, movable: list[str], file: str) -> Joint:
         axis = np.asarray(joint.axis, np.float64)
         length = float(np.linalg.norm(axis))
         if not (np.isfinite(length) and length > 0.0):
-            raise InvalidHandError(f"{file}: joint '{joint.name}' must have an axis that is not zero")
+            raise InvalidHandError(f"{file}: joint '{joint.name}' must have a nonzero axis")
         axis = axis / length
     return Joint(
         name=joint.name,
@@ -227,7 +225,7 @@ def _load_mesh(mesh: Any, path: Path) -> trimesh.Trimesh:
 
 
 def _resolve(uri: str, path: Path) -> Path:
-    """Find a mesh: beside the URDF, or ``package://NAME/...`` in a folder NAME above or on a path."""
+    """Find a mesh: beside the URDF, or for ``package://NAME/...`` in a folder NAME above it."""
     scheme, separator, rest = uri.partition("://")
     if not separator:
         candidates = [path.parent / uri]

@@ -64,6 +64,12 @@ class Postures:
     position_error: FloatArray
     axis_error: FloatArray
 
+    def subset(self, index: npt.NDArray[np.intp]) -> Postures:
+        """Return the postures of some of the candidates."""
+        return Postures(
+            self.X_OH[index], self.q[index], self.position_error[index], self.axis_error[index]
+        )
+
 
 def reach(
     hand: Hand, targets: PadTargets, X_OH: FloatArray, q: FloatArray, *, palm_fixed: bool = False

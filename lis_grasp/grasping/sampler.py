@@ -16,7 +16,7 @@ from lis_grasp.grasping.contact_search import (
     ContactSets,
     SurfaceSamples,
     find_contact_sets,
-    initial_poses,
+    initial_postures,
 )
 from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.grip import balanced_grip
@@ -27,6 +27,9 @@ from lis_grasp.grasping.quality import epsilon_quality, is_force_closure
 FloatArray = npt.NDArray[np.float64]
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
+_MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
+# Ranking gains little from more grasps than this many times those asked for.
+_ENOUGH = 5
 _OPENING = 0.02  # [m] that each pad backs off its contact before closing
 _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
 # Contacts are known to a few degrees only: grasps are ranked at this share of the friction.
@@ -56,7 +59,7 @@ class ForceClosureSampler:
 
     hand: Hand
     friction: float = 0.8
-    candidates: int = 1500
+    candidates: int = 1000
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.friction) and self.friction > 0.0):
@@ -110,6 +113,9 @@ class ForceClosureSampler:
         opened = self._opened(sets, postures)
         grasps = []
         for b in range(len(sets)):
+            if len(grasps) >= _ENOUGH * count:
+                rejected["not_needed"] += len(sets) - b
+                break
             reason = self._obstacle(checker, postures.X_OH[b], postures.q[b], opened[b])
             if reason is not None:
                 rejected[reason] += 1
@@ -125,26 +131,19 @@ class ForceClosureSampler:
         return GraspSearch(tuple(grasps[:count]), dict(sorted(rejected.items())), self.candidates)
 
     def _reach(self, sets: ContactSets, rejected: Counter[str]) -> tuple[ContactSets, Postures]:
-        """Solve the inverse kinematics from every pregrasp, keep the best, drop what is not reached."""
-        hand = self.hand
+        """Solve the inverse kinematics from the fitting pregrasp, and drop what is not reached."""
+        if not len(sets):
+            none = np.zeros(0)
+            return sets, Postures(np.zeros((0, 4, 4)), np.zeros((0, len(self.hand.lower))), none, none)
+        X_OH, start = initial_postures(self.hand, sets)
         targets = PadTargets(sets.points, sets.normals, sets.used)
-        best: Postures | None = None
-        for pregrasp in hand.pregrasps.values():
-            start = np.tile(pregrasp, (len(sets), 1))
-            if not len(sets):
-                best = Postures(np.zeros((0, 4, 4)), start, np.zeros(0), np.zeros(0))
-                break
-            solved = reach(hand, targets, initial_poses(hand, sets, pregrasp), start)
-            best = solved if best is None else _better(best, solved)
-        assert best is not None
-        near = best.position_error <= _MAX_POSITION_ERROR
-        facing = best.axis_error <= 1e-6
+        postures = reach(self.hand, targets, X_OH, start)
+        near = postures.position_error <= _MAX_POSITION_ERROR
+        facing = postures.axis_error <= _MAX_AXIS_ERROR
         rejected["out_of_reach"] = int((~near).sum())
         rejected["pad_does_not_face_the_surface"] = int((near & ~facing).sum())
         kept = np.flatnonzero(near & facing)
-        return sets.subset(kept), Postures(
-            best.X_OH[kept], best.q[kept], best.position_error[kept], best.axis_error[kept]
-        )
+        return sets.subset(kept), postures.subset(kept)
 
     def _opened(self, sets: ContactSets, postures: Postures) -> FloatArray:
         """Return joint positions (B, J) with every used pad backed off its contact, the palm still."""
@@ -216,16 +215,3 @@ class ForceClosureSampler:
             },
             accepted=f"force closure at friction {self.friction:g}, reached, free of collision",
         )
-
-
-def _better(first: Postures, second: Postures) -> Postures:
-    """Return, candidate by candidate, the posture that reaches its contacts better."""
-    take = second.position_error + 0.01 * second.axis_error < (
-        first.position_error + 0.01 * first.axis_error
-    )
-    return Postures(
-        np.where(take[:, None, None], second.X_OH, first.X_OH),
-        np.where(take[:, None], second.q, first.q),
-        np.where(take, second.position_error, first.position_error),
-        np.where(take, second.axis_error, first.axis_error),
-    )

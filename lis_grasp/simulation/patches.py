@@ -1,4 +1,4 @@
-"""A contact patch as contacts: one for each flat part of the surface that the patch covers."""
+"""A contact patch as contacts: one, or in a concave corner one for each face that is touched."""
 
 from __future__ import annotations
 
@@ -41,11 +41,12 @@ class Patch:
 def split_patch(
     link: str, areas: FloatArray, centroids: FloatArray, normals: FloatArray, *, force: float
 ) -> list[Patch]:
-    """Split a contact patch at the edges that it lies across, convex or concave.
+    """Split a contact patch at the edges that it lies across.
 
-    A tip in a corner touches two faces at once, and the mean of their normals is the normal of
-    neither. Faces within 35 degrees of a part's area-weighted mean normal form that part, the
-    largest first.
+    A patch across an edge covers two faces, and the mean of their normals is the normal of neither.
+    Faces within 35 degrees of a part's area-weighted mean normal form that part, the largest
+    first. In a concave corner the tip rests on both faces, apart from each other: each is a contact.
+    Round a convex edge the parts meet in one place: only the largest counts.
 
     Parameters
     ----------
@@ -73,8 +74,9 @@ def split_patch(
             normal = areas[members] @ normals[members]
             normal /= np.linalg.norm(normal)
         share = float(areas[members].sum()) / total
-        if share >= _LEAST_SHARE or not parts:
-            point = areas[members] @ centroids[members] / areas[members].sum()
+        point = areas[members] @ centroids[members] / areas[members].sum()
+        # Concave: the new part rises above the plane of the first.
+        if not parts or (share >= _LEAST_SHARE and (point - parts[0].point) @ parts[0].normal > 0.0):
             parts.append(Patch(link, point, normal, force * share))
         remaining &= ~members
     return parts

@@ -7,6 +7,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
+from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 
 Estimator = Callable[[Contacts], ImplicitSurface]
 
@@ -14,6 +15,7 @@ ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
     {
         "lis": LocalImplicitSurface.from_contacts,
         "gpis": GaussianProcessImplicitSurface.from_contacts,
+        "patch": PatchImplicitSurface.from_contacts,
     }
 )
 """Every estimator by its short name, with its default options."""
@@ -24,4 +26,5 @@ __all__ = [
     "GaussianProcessImplicitSurface",
     "ImplicitSurface",
     "LocalImplicitSurface",
+    "PatchImplicitSurface",
 ]

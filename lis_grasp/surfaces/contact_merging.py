@@ -1,4 +1,4 @@
-"""Contacts made ready for an estimator: duplicates merged, and the length that everything scales by."""
+"""Contacts made ready for an estimator: duplicates merged, and the length that it scales by."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ def merge_duplicates(contacts: Contacts) -> Contacts:
     if len(contacts) < 2:
         return Contacts(contacts.points, contacts.normals)
     # A distance of 0 stands for "all points coincide": they are then neighbours of each other.
-    pairs = cKDTree(contacts.points).query_pairs(_SAME_PLACE * contacts.extent, output_type="ndarray")
+    pairs = cKDTree(contacts.points).query_pairs(
+        _SAME_PLACE * contacts.extent, output_type="ndarray"
+    )
     cosines = np.einsum("pk,pk->p", contacts.normals[pairs[:, 0]], contacts.normals[pairs[:, 1]])
     pairs = pairs[cosines > _SAME_NORMAL]  # (P, 2)
     count = len(contacts)

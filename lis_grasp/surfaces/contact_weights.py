@@ -38,7 +38,9 @@ def voronoi_weights(points: FloatArray, radius: float) -> FloatArray:
     tree = cKDTree(places)
     volumes = np.ones(len(places))
     for i, center in enumerate(places):
-        near = [j for j in tree.query_ball_point(center, 2.0 * radius, return_sorted=True) if j != i]
+        near = [
+            j for j in tree.query_ball_point(center, 2.0 * radius, return_sorted=True) if j != i
+        ]
         offsets = places[near] - center  # (J, 3)
         # The bisecting plane of neighbour j is d . x = |d|^2 / 2, met at x = rho u.
         inverse_reach = 2.0 * directions @ (offsets / np.sum(offsets**2, axis=1, keepdims=True)).T

@@ -1,4 +1,4 @@
-"""Local convexity of each contact as a function of direction (Ottenhaus et al. 2016, eqs. 11-15)."""
+"""Local convexity of each contact towards each direction (Ottenhaus et al. 2016, eqs. 11-15)."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.surfaces.kernel_mean import NEGLIGIBLE
 
-# Terms below exp(-30) = 1e-13 of the largest one cannot be seen in a sum and are left out.
-NEGLIGIBLE = 30.0
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
 
 # |beta*| stays below 1: at 1 the inside of a contact with another one straight opposite would be
 # exactly 0, which a mesher takes for surface.
@@ -20,7 +20,7 @@ MAX_CONVEXITY = 0.98
 # Floor of the angular width, eq. 13, which otherwise underflows to 0 a few sigma off the plane.
 _MIN_WIDTH = 1e-3
 
-# A neighbour this near to a contact's normal axis (sine of the angle) has no direction in its plane.
+# A neighbour this near to a contact's normal (sine of the angle) has no direction in its plane.
 _ON_AXIS = 1e-6
 
 
@@ -48,7 +48,7 @@ class Convexity:
         Shape (P,), sin(alpha_ij).
     """
 
-    starts: npt.NDArray[np.intp]
+    starts: IndexArray
     directions: FloatArray
     log_heights: FloatArray
     sharpness: FloatArray
@@ -57,20 +57,7 @@ class Convexity:
     @classmethod
     def from_contacts(cls, points: FloatArray, normals: FloatArray, sigma: float) -> Convexity:
         """Prepare every pair of contacts that matters; shapes (N, 3), sigma in metres."""
-        tree = cKDTree(points)
-        parts: list[tuple[FloatArray, ...]] = []
-        pending = np.arange(len(points))
-        neighbors = min(48, len(points) - 1)
-        while len(pending):
-            owners, others, log_heights, sharpness, done = _relevant_pairs(
-                tree, normals, sigma, pending, neighbors
-            )
-            parts.append((owners, others, log_heights, sharpness))
-            pending = pending[~done]
-            neighbors = min(4 * neighbors, len(points) - 1)
-        owners, others, log_heights, sharpness = (np.concatenate(part) for part in zip(*parts, strict=True))
-        order = np.lexsort((others, owners))
-        owners, others = owners[order], others[order]
+        owners, others = _pairs_that_matter(points, normals, sigma)
         offsets = points[others] - points[owners]  # (P, 3)
         distances = np.linalg.norm(offsets, axis=1)
         heights = np.einsum("pk,pk->p", offsets, normals[owners])  # y_i(c_j), eq. 8
@@ -79,10 +66,12 @@ class Convexity:
         on_axis = lengths <= _ON_AXIS * distances
         return cls(
             starts=np.searchsorted(owners, np.arange(len(points) + 1)),
-            directions=np.where(on_axis[:, None], 0.0, projected) / np.where(on_axis, 1.0, lengths)[:, None],
-            log_heights=log_heights[order],
+            directions=np.where(on_axis, 0.0, 1.0)[:, None]
+            * projected
+            / np.where(on_axis, 1.0, lengths)[:, None],
+            log_heights=_log_heights(distances, sigma),
             # Straight above: the same height in every direction.
-            sharpness=np.where(on_axis, 0.0, sharpness[order]),
+            sharpness=np.where(on_axis, 0.0, _sharpness(heights, sigma)),
             sines=np.clip(heights / distances, -1.0, 1.0),
         )
 
@@ -120,32 +109,43 @@ class Convexity:
         return np.clip(values, -MAX_CONVEXITY, MAX_CONVEXITY), pulls
 
 
-def _relevant_pairs(
-    tree: cKDTree, normals: FloatArray, sigma: float, owners: npt.NDArray[np.intp], neighbors: int
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Return the pairs whose angular kernel can be seen beside the others', and for whom all are found.
+def _log_heights(distances: FloatArray, sigma: float) -> FloatArray:
+    """Return log sigma_h of eq. 12."""
+    return -0.5 * (distances / sigma) ** 2
+
+
+def _sharpness(heights: FloatArray, sigma: float) -> FloatArray:
+    """Return 1 / (4 sigma_w^2) of eq. 13."""
+    return 0.25 / np.maximum(np.exp(-0.5 * (heights / sigma) ** 2), _MIN_WIDTH) ** 2
+
+
+def _pairs_that_matter(
+    points: FloatArray, normals: FloatArray, sigma: float
+) -> tuple[IndexArray, IndexArray]:
+    """Return contacts i and neighbours j, ordered, whose kernel can be seen beside the others'.
 
     The logarithm of eq. 11 lies between log sigma_h - 2 sharpness and log sigma_h, whatever the
     direction: a neighbour whose upper end is far below another one's lower end never matters.
+    Neighbours are sorted by distance and with it by upper end, so that a few often suffice; where
+    they do not, more are asked for.
     """
-    distances, others = tree.query(tree.data[owners], k=neighbors + 1)  # itself among them
-    distances, others = distances.reshape(len(owners), -1), others.reshape(len(owners), -1)
-    log_heights = -0.5 * (distances / sigma) ** 2  # eq. 12
-    offsets = tree.data[others] - tree.data[owners][:, None, :]
-    heights = np.einsum("ojk,ok->oj", offsets, normals[owners])
-    widths = np.maximum(np.exp(-0.5 * (heights / sigma) ** 2), _MIN_WIDTH)  # eq. 13
-    sharpness = 0.25 / widths**2
-    # Contacts that coincide have no angle between them: skip the pair, and oneself.
-    valid = distances > 0.0
-    lowest = np.where(valid, log_heights - 2.0 * sharpness, -np.inf).max(axis=1)
-    relevant = valid & (log_heights >= (lowest - NEGLIGIBLE)[:, None])
-    done = (log_heights[:, -1] < lowest - NEGLIGIBLE) | (neighbors >= tree.n - 1)
-    relevant &= done[:, None]
-    row, column = np.nonzero(relevant)
-    return (
-        owners[row],
-        others[row, column],
-        log_heights[row, column],
-        sharpness[row, column],
-        done,
-    )
+    tree = cKDTree(points)
+    owners, others = [np.empty(0, np.intp)], [np.empty(0, np.intp)]
+    pending = np.arange(len(points))
+    neighbors = min(48, len(points) - 1)
+    while len(pending):
+        distances, index = tree.query(points[pending], k=np.arange(1, neighbors + 2))
+        heights = np.einsum("ijk,ik->ij", points[index] - points[pending, None], normals[pending])
+        upper = _log_heights(distances, sigma)
+        # Contacts that coincide have no angle between them: skip the pair, and oneself.
+        lower = np.where(distances > 0.0, upper - 2.0 * _sharpness(heights, sigma), -np.inf)
+        visible = lower.max(axis=1) - NEGLIGIBLE
+        done = (upper[:, -1] < visible) | (neighbors == len(points) - 1)
+        row, column = np.nonzero((distances > 0.0) & (upper >= visible[:, None]) & done[:, None])
+        owners.append(pending[row])
+        others.append(index[row, column])
+        pending = pending[~done]
+        neighbors = min(4 * neighbors, len(points) - 1)
+    i, j = np.concatenate(owners), np.concatenate(others)
+    order = np.lexsort((j, i))
+    return i[order], j[order]

@@ -1,4 +1,4 @@
-"""Gaussian process implicit surfaces told positions and normals: the baseline, smooth everywhere."""
+"""Gaussian process implicit surfaces, told positions and normals: the smooth baseline."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from lis_grasp.surfaces.queries import (
 
 FloatArray = npt.NDArray[np.float64]
 
-# Length of the RBF and Matern kernels, in units of the contacts' extent (80 mm on a 20 cm object).
+# Length of the RBF and Matern kernels, in units of the largest distance between two contacts.
 _LENGTH = 0.4
 
 # Length of the thin plate, in diagonals of the bounds. With gradient blocks its matrix is positive
@@ -46,14 +46,14 @@ _CHUNK = 2_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GaussianProcessImplicitSurface:
-    """The posterior mean of a Gaussian process that is 0 at each contact, with its normal as gradient.
+    """The posterior mean of a Gaussian process that is 0 with the normal as gradient at contacts.
 
     f(x) = mean + k_*^T (K + noise)^-1 (targets - mean)                                   (eq. 3)
 
     with value and gradient blocks in K, 4N x 4N (Williams and Fitzgibbon 2007; Rasmussen and
     Williams 2006, section 9.4; Ottenhaus et al. 2016, section II.B). The prior mean is positive:
-    far from every contact is outside. Coordinates are centred on the contacts and scaled by their
-    extent; everything private is in that unit.
+    far from every contact is outside. Coordinates are centred on the contacts and scaled to about
+    unit size; everything private is in that unit.
 
     Made by `from_contacts`. Near contacts f is about metric [m] (its gradient is told to have unit
     length); far from them it flattens to the prior mean.
@@ -69,9 +69,11 @@ class GaussianProcessImplicitSurface:
     center
         Shape (3,) [m], origin of the scaled coordinates.
     scale
-        Their unit [m].
+        Their unit [m]: the largest distance between two contacts.
     mean
         Prior mean, scaled.
+    amplitude
+        Factor of the prior standard deviation that makes the contacts most likely, see `variance`.
     bounds
         Shape (2, 3) [m].
     """
@@ -112,16 +114,18 @@ class GaussianProcessImplicitSurface:
         kernel
             "rbf" (eq. 6), "matern52" or "thin_plate" (eq. 2, mended).
         length
-            Of the kernel [m]; None takes 0.4 of the contacts' extent, and for the thin plate 1.5
+            Of the kernel [m]; None takes 0.4 of the largest distance
+            between two contacts, and for the thin plate 1.5
             diagonals of the bounds (its length is above the largest distance that may occur).
         position_noise
-            One standard deviation of contacts along their normals [m]; None takes 0.001 of the
-            contacts' extent.
+            One standard deviation of contacts along their normals [m]; None takes 0.001 of
+            the largest distance between two contacts.
         normal_noise
             One standard deviation of each component of the normals [rad]. Far less than the
             default makes spurious sheets between contacts.
         prior_mean
-            f where nothing is known [m], above 0; None takes the contacts' extent.
+            f where nothing is known [m], above 0; None takes the largest distance
+            between two contacts.
         margin
             By how much bounds exceed the contacts' box [m]; None takes one spacing.
 
@@ -181,7 +185,7 @@ class GaussianProcessImplicitSurface:
         return self.scale * values.reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
-        """Return the gradient of the posterior mean at points of shape (..., 3) [m], shape (..., 3)."""
+        """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
         rows, shape = flat_points(points)
         scaled = (rows - self.center) / self.scale
         gradients = map_rows(self._gradient_at, scaled, max(1, _CHUNK // len(self._nodes)))
@@ -219,7 +223,7 @@ class GaussianProcessImplicitSurface:
         return self.mean + values + np.einsum("pn,pn->p", self.kernel.first(r), slopes)
 
     def _gradient_at(self, queries: FloatArray) -> FloatArray:
-        # Every term is a sum over contacts of a factor times d = x - x_i: x sum(factor) - factor @ x_i.
+        # A sum over contacts of factors times d = x - x_i is x sum(factors) - factors @ x_i.
         r = _distances(queries, self._nodes)
         slopes = queries @ self._gradient_weights.T
         slopes -= np.einsum("nk,nk->n", self._nodes, self._gradient_weights)
@@ -272,7 +276,9 @@ def _covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
         blocks[0, :, a + 1, :] = first * offsets[:, :, a]
         blocks[a + 1, :, 0, :] = -first * offsets[:, :, a]
         for b in range(3):
-            blocks[a + 1, :, b + 1, :] = (a == b) * first - second * offsets[:, :, a] * offsets[:, :, b]
+            blocks[a + 1, :, b + 1, :] = (a == b) * first - second * offsets[:, :, a] * offsets[
+                :, :, b
+            ]
     return matrix
 
 

@@ -24,7 +24,7 @@ KernelName = Literal["rbf", "matern52", "thin_plate"]
 
 
 class RadialKernel(Protocol):
-    """A covariance that depends on distance only; arrays of distances in, arrays of that shape out."""
+    """A covariance that depends on distance only; distances of any shape in, that shape out."""
 
     def value(self, r: FloatArray) -> FloatArray:
         """Return k(r)."""

@@ -20,7 +20,9 @@ def flat_points(points: npt.ArrayLike) -> tuple[FloatArray, tuple[int, ...]]:
     if array.ndim == 0 or array.shape[-1] != 3:
         raise InvalidOptionError(f"points must have shape (..., 3); they have shape {array.shape}")
     if not np.isfinite(array).all():
-        raise InvalidOptionError("points must be finite; at least one coordinate is NaN or infinite")
+        raise InvalidOptionError(
+            "points must be finite; at least one coordinate is NaN or infinite"
+        )
     return array.reshape(-1, 3), array.shape[:-1]
 
 
@@ -71,7 +73,9 @@ def require_range(
     if not (inside and value <= high and np.isfinite(value)):
         least = f"{'at least' if low_included else 'above'} {low:g}"
         most = f" and at most {high:g}" if np.isfinite(high) else " and finite"
-        raise InvalidOptionError(f"{name} must be {least}{most}{unit and ' ' + unit}; {value!r} came")
+        raise InvalidOptionError(
+            f"{name} must be {least}{most}{unit and ' ' + unit}; {value!r} came"
+        )
     return float(value)
 
 

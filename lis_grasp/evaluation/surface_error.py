@@ -1,0 +1,156 @@
+"""How far an estimated surface is from the true one, where it was explored, and at its edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from scipy.spatial import cKDTree
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
+from lis_grasp.exceptions import EstimationError, InvalidContactsError, InvalidOptionError
+from lis_grasp.shapes import Shape
+
+FloatArray = npt.NDArray[np.float64]
+
+SAMPLES = 20_000
+"""Points on each surface, and along all edges."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceError:
+    """Deviations between an estimate and the truth, over what was explored.
+
+    Explored is what lies within `explored_radius` of a contact (Ottenhaus et al. 2016, section
+    IV.D, with 50 mm). RMSD is the root of the mean squared distance to the nearest point of the
+    other surface, the mean taken over area (edges: over length).
+
+    Parameters
+    ----------
+    rmsd
+        Explored part of the estimate -> truth [m]. Grows with what is there but should not be.
+    rmsd_truth_to_estimate
+        Explored part of the truth -> estimate [m]. Grows with what is missing.
+    edge_rmsd
+        Explored part of the true sharp edges -> estimate [m]; None where there is none.
+    hausdorff_95
+        Largest distance but for the worst 5 %, the larger of both directions [m].
+    normal_error
+        Mean angle between the estimate's normals and those of the nearest true points [rad].
+    coverage
+        Explored part of the true area, from 0 to 1.
+    explored_radius
+        [m].
+    """
+
+    rmsd: float
+    rmsd_truth_to_estimate: float
+    edge_rmsd: float | None
+    hausdorff_95: float
+    normal_error: float
+    coverage: float
+    explored_radius: float
+
+
+def surface_error(
+    estimate: trimesh.Trimesh,
+    truth: Shape,
+    contacts: Contacts,
+    *,
+    explored_radius: float,
+    samples: int = SAMPLES,
+) -> SurfaceError:
+    """Measure how far an estimate is from the truth, over the explored part.
+
+    Distances are exact; the parts they are averaged over are sampled evenly, without random
+    numbers.
+
+    Parameters
+    ----------
+    estimate
+        Mesh of the estimated surface, in O [m].
+    truth
+        The true object, with its sharp edges, in O [m].
+    contacts
+        What the estimate was made from, in O.
+    explored_radius
+        What is nearer to a contact than this counts as explored [m].
+    samples
+        Number of points on each surface and along the edges.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the radius or the number of samples is not above 0.
+    InvalidContactsError
+        If no part of the true surface lies within the radius of a contact.
+    EstimationError
+        If no part of the estimate does.
+    """
+    if not (np.isfinite(explored_radius) and explored_radius > 0.0):
+        raise InvalidOptionError(
+            f"explored_radius must be above 0 and finite [m]; {explored_radius!r} came"
+        )
+    if samples < 1:
+        raise InvalidOptionError(f"samples must be at least 1; {samples} came")
+    on_estimate, estimate_faces = sample_mesh(estimate, samples)
+    on_truth, _ = sample_mesh(truth.mesh, samples)
+    known = _explored(on_estimate, contacts, explored_radius)
+    of_truth = _explored(on_truth, contacts, explored_radius)
+    if not of_truth.any():
+        raise InvalidContactsError(
+            f"some contact must lie within {explored_radius:g} m of the true surface; none of"
+            f" {len(contacts)} does: check that both are in the same frame and in metres"
+        )
+    if not known.any():
+        raise EstimationError(
+            f"the estimate must come within {explored_radius:g} m of some contact; it is farther"
+            " from all of them: check that it was made from these contacts"
+        )
+    to_truth, true_faces = distances_to_mesh(on_estimate[known], truth.mesh)
+    to_estimate, _ = distances_to_mesh(on_truth[of_truth], estimate)
+    cosines = np.einsum(
+        "pk,pk->p",
+        estimate.face_normals[estimate_faces[known]],
+        truth.mesh.face_normals[true_faces],
+    )
+    return SurfaceError(
+        rmsd=_root_mean_square(to_truth),
+        rmsd_truth_to_estimate=_root_mean_square(to_estimate),
+        edge_rmsd=_edge_rmsd(estimate, truth.edges, contacts, explored_radius, samples),
+        hausdorff_95=float(max(np.quantile(d, 0.95) for d in (to_truth, to_estimate))),
+        normal_error=float(np.arccos(np.clip(cosines, -1.0, 1.0)).mean()),
+        coverage=float(of_truth.mean()),
+        explored_radius=float(explored_radius),
+    )
+
+
+def _edge_rmsd(
+    estimate: trimesh.Trimesh,
+    edges: FloatArray,
+    contacts: Contacts,
+    explored_radius: float,
+    samples: int,
+) -> float | None:
+    if not len(edges):
+        return None
+    points = sample_segments(edges, samples)
+    points = points[_explored(points, contacts, explored_radius)]
+    if not len(points):
+        return None
+    return _root_mean_square(distances_to_mesh(points, estimate)[0])
+
+
+def _explored(points: FloatArray, contacts: Contacts, radius: float) -> npt.NDArray[np.bool_]:
+    if not len(contacts):
+        return np.zeros(len(points), dtype=bool)
+    distances, _ = cKDTree(contacts.points).query(points)
+    return np.asarray(distances <= radius)
+
+
+def _root_mean_square(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

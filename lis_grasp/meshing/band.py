@@ -1,0 +1,131 @@
+"""Values of the function on the grid, asked for only near the surface.
+
+Coarse cells first; those that the surface passes, or may pass, are halved, twice. Then the band is
+grown along the surface until every edge that it crosses has all four cells round it known, so that
+what was found of the surface is found completely: the coarse pass may miss a whole component that
+is smaller than a coarse cell, it cannot tear a hole.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.meshing.field import Field
+from lis_grasp.meshing.grid import Grid
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+# Side of a coarse cell, in cells.
+COARSE = 4
+
+# A coarse cell without a change of sign may hold a sheet thinner than itself if somewhere on it
+# the surface is, by the usual slope, nearer than this part of its side: a slab through its middle.
+_NEARNESS = 0.5
+
+
+def sample_band(field: Field, grid: Grid) -> FloatArray:
+    """Return f at the nodes of every cell that the surface passes, shape `grid.nodes`.
+
+    NaN where nothing was asked. Nodes outside the bounds are outside the object, +inf, unasked.
+    """
+    values = np.full(grid.nodes, np.nan)
+    wanted = np.zeros(grid.nodes, dtype=bool)
+    wanted[::COARSE, ::COARSE, ::COARSE] = True
+    values[~grid.within_bounds()] = np.inf
+    _ask(field, grid, values, wanted)
+    # Once more than its sign is asked of f: how near zero a coarse value is.
+    coarse = values[::COARSE, ::COARSE, ::COARSE]
+    nearness = _NEARNESS * _usual_slope(coarse)
+    step = COARSE
+    while step > 1:
+        active = _cells_near_surface(values[::step, ::step, ::step], nearness)
+        _ask(field, grid, values, _nodes_of_halved_cells(active, step, grid.nodes))
+        nearness = 0.0
+        step //= 2
+    _grow_along_surface(field, grid, values)
+    return values
+
+
+def _ask(field: Field, grid: Grid, values: FloatArray, wanted: npt.NDArray[np.bool_]) -> None:
+    """Fill in the values at the wanted nodes that are not known yet."""
+    numbers = np.flatnonzero(wanted & np.isnan(values))
+    values.reshape(-1)[numbers] = field.values(grid.positions(numbers))
+
+
+def _usual_slope(values: FloatArray) -> float:
+    """Return how much f usually changes along a cell's side near the surface."""
+    crossing, other = [], []
+    for axis in range(3):
+        low, high = _edge_ends(values, axis)
+        known = np.isfinite(low) & np.isfinite(high)
+        changes, crosses = np.abs(high[known] - low[known]), (low < 0.0) != (high < 0.0)
+        crossing.append(changes[crosses[known]])
+        other.append(changes[~crosses[known]])
+    chosen = np.concatenate(crossing)
+    if not len(chosen):
+        chosen = np.concatenate(other)
+    return float(np.median(chosen)) if len(chosen) else 0.0
+
+
+def _edge_ends(values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
+    moved = np.moveaxis(values, axis, 0)
+    return moved[:-1], moved[1:]
+
+
+def _corners(values: FloatArray) -> list[FloatArray]:
+    """Return views of the eight corners of every cell."""
+    ends = (slice(None, -1), slice(1, None))
+    return [values[ends[x], ends[y], ends[z]] for x, y, z in product((0, 1), repeat=3)]
+
+
+def _cells_near_surface(values: FloatArray, nearness: float) -> npt.NDArray[np.bool_]:
+    """Tell which cells, all corners known, change sign or hold a value below `nearness`."""
+    corners = _corners(values)
+    known, some, every = (np.ones(corners[0].shape, dtype=bool) for _ in range(3))
+    some[:] = False
+    smallest = np.full(corners[0].shape, np.inf)
+    for corner in corners:
+        inside = corner < 0.0
+        known &= ~np.isnan(corner)
+        some |= inside
+        every &= inside
+        np.fmin(smallest, np.abs(corner), out=smallest)
+    return known & ((some & ~every) | (smallest < nearness))
+
+
+def _nodes_of_halved_cells(
+    active: npt.NDArray[np.bool_], step: int, nodes: tuple[int, int, int]
+) -> npt.NDArray[np.bool_]:
+    """Tell which nodes the active cells, of side `step`, have when each is cut into eight."""
+    wanted = np.zeros(nodes, dtype=bool)
+    half = step // 2
+    for offset in product((0, half, step), repeat=3):
+        region = tuple(
+            slice(o, o + step * n, step) for o, n in zip(offset, active.shape, strict=True)
+        )
+        wanted[region] |= active
+    return wanted
+
+
+def _grow_along_surface(field: Field, grid: Grid, values: FloatArray) -> None:
+    """Ask until all four cells round every edge that changes sign are known."""
+    strides = grid.strides
+    flat = values.reshape(-1)
+    fresh = np.flatnonzero(grid.within_bounds() & ~np.isnan(values))
+    while len(fresh):
+        unknown = []
+        for axis, stride in enumerate(strides):
+            # Edges with at least one fresh end; the outermost nodes are outside, never fresh.
+            low = np.unique(np.concatenate([fresh, fresh - stride]))
+            crosses = (flat[low] < 0.0) != (flat[low + stride] < 0.0)
+            low = low[crosses & ~np.isnan(flat[low]) & ~np.isnan(flat[low + stride])]
+            b, c = strides[(axis + 1) % 3], strides[(axis + 2) % 3]
+            for u, v, w in product((-1, 0, 1), (-1, 0, 1), (0, 1)):
+                around = low + u * b + v * c + w * stride
+                unknown.append(around[np.isnan(flat[around])])
+        fresh = np.unique(np.concatenate(unknown))
+        flat[fresh] = field.values(grid.positions(fresh))

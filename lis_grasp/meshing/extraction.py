@@ -1,0 +1,140 @@
+"""The whole way from an implicit surface to its mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.meshing.band import COARSE, sample_band
+from lis_grasp.meshing.dual_contouring import contour
+from lis_grasp.meshing.field import Field
+from lis_grasp.meshing.grid import Grid
+from lis_grasp.meshing.hermite import find_crossings
+from lis_grasp.meshing.support import supported_faces
+from lis_grasp.surfaces.implicit_surface import ImplicitSurface
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+# Cells along the largest extent, if nothing else is asked for.
+CELLS = 64
+
+# A gigabyte of values.
+_MAX_NODES = 2**27
+
+
+def extract_mesh(
+    surface: ImplicitSurface,
+    *,
+    bounds: npt.ArrayLike | None = None,
+    resolution: float | None = None,
+) -> trimesh.Trimesh:
+    """Mesh the zero set of an implicit surface: closed, manifold, outward, sharp edges kept.
+
+    Manifold dual contouring of Hermite data (Ju, Losasso, Schaefer and Warren 2002; Schaefer, Ju
+    and Warren 2007). The function is asked for near the surface only. Where the surface reaches
+    the bounds, or never ends, the bounds close it: outside of them is outside of the object. Closed
+    parts that are far from every touch are dropped.
+
+    The mesh is watertight and every vertex has one fan of triangles, whatever the function does:
+    jumps, infinite values, several sheets in one cell. Self-intersections are possible where
+    sheets come closer to each other than a cell. A feature thinner than four cells may be missed if
+    the function, by its usual slope, does not announce it.
+
+    Parameters
+    ----------
+    surface
+        What to mesh.
+    bounds
+        Shape (2, 3) [m], lowest and highest corner of the box to mesh in, in O; None takes the
+        surface's own.
+    resolution
+        Side of a cell [m]; None takes 1/64 of the largest extent of the bounds.
+
+    Returns
+    -------
+    trimesh.Trimesh
+        In O [m]. `vertex_attributes["uncertainty"]`, shape (V,) [m], is the surface's uncertainty
+        at each vertex; `metadata` counts "evaluations" and "gradients" asked of the surface, and
+        "grid_nodes", the evaluations that a full grid would have taken.
+
+    Raises
+    ------
+    InvalidOptionError
+        If bounds or resolution are not usable.
+    EstimationError
+        If there is no surface within the bounds, or the function is not a number somewhere.
+    """
+    box = _checked_bounds(surface.bounds if bounds is None else bounds)
+    grid = _checked_grid(box, resolution)
+    field = Field(surface)
+    values = sample_band(field, grid)
+    _require_surface(field, grid, values)
+    vertices, faces = contour(values < 0.0, find_crossings(field, grid, values), grid)
+    uncertainty = field.uncertainty(vertices)
+    faces = faces[supported_faces(vertices, faces, uncertainty)]
+    used, faces = _renumbered(faces, len(vertices))
+    # process=False: vertices stay in their order and are not merged.
+    return trimesh.Trimesh(
+        vertices[used],
+        faces,
+        process=False,
+        vertex_attributes={"uncertainty": uncertainty[used]},
+        metadata={
+            "evaluations": field.evaluations,
+            "gradients": field.gradients,
+            "grid_nodes": values.size,
+        },
+    )
+
+
+def _checked_bounds(bounds: npt.ArrayLike) -> FloatArray:
+    box = np.array(bounds, dtype=np.float64)
+    if box.shape != (2, 3) or not np.isfinite(box).all() or not (box[0] < box[1]).all():
+        raise InvalidOptionError(
+            "bounds must be the lowest and the highest corner of a box, finite, shape (2, 3);"
+            f" {box.tolist()} came"
+        )
+    return box
+
+
+def _checked_grid(box: FloatArray, resolution: float | None) -> Grid:
+    extent = box[1] - box[0]
+    cell = float(extent.max()) / CELLS if resolution is None else float(resolution)
+    if not (np.isfinite(cell) and cell > 0.0):
+        raise InvalidOptionError(f"resolution must be above 0 and finite [m]; {resolution!r} came")
+    if np.prod(extent / cell + 2.0 + COARSE) > _MAX_NODES:
+        least = float(np.cbrt(np.prod(extent) / _MAX_NODES))
+        raise InvalidOptionError(
+            f"resolution must be above about {least:.2g} m in bounds of {extent} m, to fit in"
+            f" memory; {cell:g} came"
+        )
+    return Grid.cover(box, cell, multiple=COARSE)
+
+
+def _require_surface(field: Field, grid: Grid, values: FloatArray) -> None:
+    """Refuse a function that has one sign only, within the bounds and beside them."""
+    if not (values < 0.0).any():
+        raise EstimationError(
+            f"the surface has no inside within the bounds {grid.bounds.tolist()} at cells of"
+            f" {grid.cell:g} m: mesh other bounds or smaller cells, or touch the object more"
+        )
+    within = grid.within_bounds()
+    if (values[within] >= 0.0).any():
+        return
+    beside = np.zeros_like(within)
+    beside[::COARSE, ::COARSE, ::COARSE] = True
+    if (field.values(grid.positions(np.flatnonzero(beside & ~within))) < 0.0).all():
+        raise EstimationError(
+            f"the surface has no outside within the bounds {grid.bounds.tolist()}: mesh larger"
+            " bounds, or check that the contacts' normals point out of the object"
+        )
+
+
+def _renumbered(faces: IndexArray, count: int) -> tuple[npt.NDArray[np.bool_], IndexArray]:
+    """Return which vertices are used, and triangles that number only those."""
+    used = np.zeros(count, dtype=bool)
+    used[faces] = True
+    return used, (np.cumsum(used) - 1)[faces]

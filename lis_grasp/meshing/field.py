@@ -1,0 +1,75 @@
+"""The surface's function as the mesher asks for it: checked, counted, and closed by the bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.exceptions import EstimationError
+from lis_grasp.surfaces.implicit_surface import ImplicitSurface
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Field:
+    """Values and gradients of an implicit surface, with a count of what was asked.
+
+    Parameters
+    ----------
+    surface
+        What is meshed.
+    """
+
+    def __init__(self, surface: ImplicitSurface) -> None:
+        self._surface = surface
+        self.evaluations = 0
+        self.gradients = 0
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Return f at points of shape (P, 3) [m], shape (P,); infinities are values too.
+
+        Raises
+        ------
+        EstimationError
+            If f is not a number somewhere.
+        """
+        if not len(points):
+            return np.empty(0)
+        self.evaluations += len(points)
+        values = np.asarray(self._surface.evaluate(points), dtype=np.float64)
+        undefined = np.isnan(values)
+        if undefined.any():
+            place = points[np.flatnonzero(undefined)[0]]
+            raise EstimationError(
+                f"the surface's function must be a number everywhere; at {place} it is NaN:"
+                " mesh smaller bounds, or mend the estimator"
+            )
+        return values
+
+    def normals(self, points: FloatArray) -> FloatArray:
+        """Return unit gradients at points (P, 3), shape (P, 3); 0 where there is none."""
+        if not len(points):
+            return np.empty((0, 3))
+        self.gradients += len(points)
+        gradients = np.asarray(self._surface.gradient(points), dtype=np.float64)
+        lengths = np.linalg.norm(gradients, axis=1)
+        defined = np.isfinite(lengths) & (lengths > 0.0)
+        scale = np.where(defined, lengths, 1.0)[:, None]
+        return np.where(defined[:, None], gradients, 0.0) / scale
+
+    def uncertainty(self, points: FloatArray) -> FloatArray:
+        """Return one standard deviation of the surface at points (P, 3), shape (P,) [m].
+
+        Raises
+        ------
+        EstimationError
+            If it is negative or not a number somewhere.
+        """
+        uncertainty = np.asarray(self._surface.uncertainty(points), dtype=np.float64)
+        if not (uncertainty >= 0.0).all():
+            place = points[np.flatnonzero(~(uncertainty >= 0.0))[0]]
+            raise EstimationError(
+                f"the surface's uncertainty must be 0 or more everywhere; at {place} it is not:"
+                " mend the estimator"
+            )
+        return uncertainty

@@ -1,0 +1,68 @@
+"""The grid that a surface is meshed on: cubic cells over the bounds, nodes with one number each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """Cubic cells that cover a box and reach at least half a cell beyond each of its sides.
+
+    Nodes are numbered in C order of (x, y, z); a cell has the number of its lowest node.
+
+    Parameters
+    ----------
+    origin
+        Shape (3,) [m], the lowest node, in O.
+    cell
+        Side of a cell [m].
+    nodes
+        Number of nodes along x, y and z.
+    bounds
+        Shape (2, 3) [m], the box.
+    """
+
+    origin: FloatArray
+    cell: float
+    nodes: tuple[int, int, int]
+    bounds: FloatArray
+
+    @classmethod
+    def cover(cls, bounds: FloatArray, cell: float, *, multiple: int) -> Grid:
+        """Lay a grid centred on `bounds`, its number of cells a multiple of `multiple` each way."""
+        extent = bounds[1] - bounds[0]
+        cells = multiple * np.ceil((extent / cell + 1.0) / multiple).astype(int)  # (3,)
+        origin = bounds.mean(axis=0) - 0.5 * cell * cells
+        nodes = (int(cells[0]) + 1, int(cells[1]) + 1, int(cells[2]) + 1)
+        return cls(origin, cell, nodes, bounds)
+
+    @property
+    def strides(self) -> tuple[int, int, int]:
+        """Difference of two nodes' numbers for a step along x, y and z."""
+        return self.nodes[1] * self.nodes[2], self.nodes[2], 1
+
+    def coordinates(self, numbers: IndexArray) -> IndexArray:
+        """Return grid coordinates of nodes, shape (N, 3)."""
+        return np.stack(np.unravel_index(numbers, self.nodes), axis=-1)
+
+    def positions(self, numbers: IndexArray) -> FloatArray:
+        """Return positions of nodes, shape (N, 3) [m]."""
+        return self.origin + self.cell * self.coordinates(numbers)
+
+    def within_bounds(self) -> npt.NDArray[np.bool_]:
+        """Tell which nodes lie inside the box, shape `nodes`."""
+        x, y, z = (
+            (low < ticks) & (ticks < high)
+            for low, high, ticks in zip(*self.bounds, self._ticks(), strict=True)
+        )
+        return x[:, None, None] & y[:, None] & z
+
+    def _ticks(self) -> list[FloatArray]:
+        return [self.origin[k] + self.cell * np.arange(self.nodes[k]) for k in range(3)]

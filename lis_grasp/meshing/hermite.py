@@ -1,0 +1,174 @@
+"""Hermite data: where the surface crosses the grid's edges, and which way it faces there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.meshing.field import Field
+from lis_grasp.meshing.grid import Grid
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+# A step this short, in cells, is the last; the crossing is then good to the next order.
+_TOLERANCE = 5e-3
+
+# This part of the change of f over an edge is zero.
+_NEGLIGIBLE = 1e-9
+
+# Steps of root finding: a smooth function needs one to three, a jump is found to a few 1/1000.
+_STEPS = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Crossings:
+    """Edges of the grid that the surface crosses, in order of axis, then of their lower node.
+
+    Parameters
+    ----------
+    axes
+        Shape (E,), direction of each edge: 0, 1 or 2.
+    lower
+        Shape (E,), number of its lower node.
+    leaving
+        Shape (E,), whether the lower node is the inside one: the surface faces along the axis.
+    points
+        Shape (E, 3) [m], where the edge is crossed.
+    normals
+        Shape (E, 3), unit, outward; 0 where there is none.
+    """
+
+    axes: IndexArray
+    lower: IndexArray
+    leaving: npt.NDArray[np.bool_]
+    points: FloatArray
+    normals: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.lower)
+
+
+def find_crossings(field: Field, grid: Grid, values: FloatArray) -> Crossings:
+    """Find where the surface, closed by the bounds, crosses the edges of the grid.
+
+    Along an edge that leaves the bounds the crossing is at the bounds at the latest; there the
+    surface faces out of the box.
+
+    Parameters
+    ----------
+    field
+        The function.
+    grid
+        The grid.
+    values
+        Shape `grid.nodes`, of `sample_band`.
+    """
+    axes, lower, leaving = _crossed_edges(grid, values)
+    strides = np.array(grid.strides)[axes]
+    inner = lower + np.where(leaving, 0, strides)
+    outer = lower + np.where(leaving, strides, 0)
+    starts, ends = grid.positions(inner), grid.positions(outer)
+    flat = values.reshape(-1)
+    f_starts, f_ends = flat[inner], flat[outer].copy()
+    # An edge that leaves the box ends on its side.
+    clipped = np.clip(ends, *grid.bounds)
+    leaves_box = np.flatnonzero((clipped != ends).any(axis=1))
+    faces_out = np.sign(ends - starts)[leaves_box]
+    ends[leaves_box] = clipped[leaves_box]
+    f_ends[leaves_box] = field.values(ends[leaves_box])
+    still_inside = f_ends < 0.0
+    searched = np.flatnonzero(~still_inside)
+    fractions = np.ones(len(lower))
+    fractions[searched], jumps = _find_roots(
+        field, starts[searched], ends[searched], f_starts[searched], f_ends[searched]
+    )
+    points = starts + fractions[:, None] * (ends - starts)
+    normals = np.zeros_like(points)
+    smooth = searched[~jumps]
+    normals[smooth] = field.normals(points[smooth])
+    on_box = still_inside[leaves_box]
+    normals[leaves_box[on_box]] = faces_out[on_box]
+    return Crossings(axes, lower, leaving, points, normals)
+
+
+def _crossed_edges(
+    grid: Grid, values: FloatArray
+) -> tuple[IndexArray, IndexArray, npt.NDArray[np.bool_]]:
+    """Return axis, lower node and sense of every edge with one end inside and one outside."""
+    flat = values.reshape(-1)
+    inside = np.flatnonzero(flat < 0.0)
+    parts = []
+    for axis, stride in enumerate(grid.strides):
+        # Nodes inside are never outermost; an unknown neighbour of theirs is inside as well.
+        leaving = inside[flat[inside + stride] >= 0.0]
+        entering = inside[flat[inside - stride] >= 0.0] - stride
+        lower = np.concatenate([leaving, entering])
+        order = np.argsort(lower, kind="stable")
+        sense = np.arange(len(lower)) < len(leaving)
+        parts.append((np.full(len(lower), axis), lower[order], sense[order]))
+    axes, lowers, senses = zip(*parts, strict=True)
+    return np.concatenate(axes), np.concatenate(lowers), np.concatenate(senses)
+
+
+def _find_roots(
+    field: Field, starts: FloatArray, ends: FloatArray, f_starts: FloatArray, f_ends: FloatArray
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Return where along segments f changes sign, as fractions, and where it jumps instead.
+
+    Regula falsi with the Illinois halving (Dowell and Jarratt 1971), and bisection after a step
+    that has not halved the bracket. Asked again is only what has not converged, that is, where the
+    next step would still move, or where f did not get smaller on the way (a jump).
+
+    Parameters
+    ----------
+    field
+        The function.
+    starts, ends
+        Shape (E, 3) [m]; f is negative at starts, not so at ends.
+    f_starts, f_ends
+        Shape (E,), f there.
+    """
+    roots = _secant(np.zeros(len(starts)), np.ones(len(starts)), f_starts, f_ends)
+    low, high = np.zeros(len(roots)), np.ones(len(roots))
+    f_low, f_high = f_starts, f_ends
+    negligible = _NEGLIGIBLE * np.nan_to_num(f_ends - f_starts, posinf=0.0)
+    side = np.zeros(len(roots))
+    pending, tried = np.arange(len(roots)), roots
+    for _ in range(_STEPS):
+        segments = ends[pending] - starts[pending]
+        f = field.values(starts[pending] + tried[:, None] * segments)
+        inside = f < 0.0
+        width = high - low
+        low, high = np.where(inside, tried, low), np.where(inside, high, tried)
+        f_low, f_high = np.where(inside, f, f_low), np.where(inside, f_high, f)
+        roots[pending] = _secant(low, high, f_low, f_high)
+        smaller = 0.1 * np.abs(np.where(inside, f_starts[pending], f_ends[pending]))
+        converged = np.abs(roots[pending] - tried) <= _TOLERANCE
+        converged &= np.abs(f) <= np.maximum(smaller, negligible[pending])
+        # An end that has stayed for two steps pulls half as hard.
+        stayed = side == np.where(inside, 1.0, -1.0)
+        side = np.where(inside, 1.0, -1.0)
+        f_high = np.where(stayed & inside, 0.5 * f_high, f_high)
+        f_low = np.where(stayed & ~inside, 0.5 * f_low, f_low)
+        slow = stayed & (high - low > 0.5 * width)
+        tried = np.where(slow, 0.5 * (low + high), _secant(low, high, f_low, f_high))
+        going = ~converged
+        pending, tried, side = pending[going], tried[going], side[going]
+        low, high, f_low, f_high = low[going], high[going], f_low[going], f_high[going]
+        if not len(pending):
+            break
+    roots[pending] = 0.5 * (low + high)
+    jumps = np.zeros(len(roots), dtype=bool)
+    jumps[pending] = True
+    return roots, jumps
+
+
+def _secant(low: FloatArray, high: FloatArray, f_low: FloatArray, f_high: FloatArray) -> FloatArray:
+    """Return the zero of the straight line through both ends, the middle where it has none."""
+    finite = np.isfinite(f_low) & np.isfinite(f_high)
+    part = np.full(len(low), 0.5)
+    part[finite] = f_low[finite] / (f_low[finite] - f_high[finite])
+    return low + part * (high - low)

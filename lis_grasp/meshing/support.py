@@ -1,0 +1,94 @@
+"""Which closed parts of a mesh are the object, and which are phantoms that no touch supports.
+
+An estimator may be zero where nobody has touched, far behind or between contacts. A part of the
+mesh is dropped if all of it is worse supported than half of the main body is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+# The main body is the part that holds most of this part of all vertices, the best supported ones.
+_BEST = 0.1
+
+
+def supported_faces(
+    vertices: FloatArray, faces: IndexArray, uncertainty: FloatArray
+) -> npt.NDArray[np.bool_]:
+    """Tell which triangles of a closed mesh belong to supported parts, shape (F,).
+
+    A cavity, whose triangles face inward, is kept or dropped like any other part; the result
+    encloses a volume: what a kept cavity is cut out of is kept with it.
+
+    Parameters
+    ----------
+    vertices
+        Shape (V, 3) [m], each used by some triangle.
+    faces
+        Shape (F, 3), closed, outward.
+    uncertainty
+        Shape (V,) [m], one standard deviation of the surface at each vertex.
+    """
+    count, part = _parts(len(vertices), faces)
+    if count == 1:
+        return np.ones(len(faces), dtype=bool)
+    best_supported = uncertainty <= np.quantile(uncertainty, _BEST)
+    main = int(np.argmax(np.bincount(part[best_supported], minlength=count)))
+    lowest = np.full(count, np.inf)
+    np.minimum.at(lowest, part, uncertainty)
+    supported = lowest <= np.median(uncertainty[part == main])
+    kept = _with_their_solids(supported, vertices, faces, part)
+    return kept[part[faces[:, 0]]]
+
+
+def _parts(vertices: int, faces: IndexArray) -> tuple[int, IndexArray]:
+    """Return the number of connected parts, and the part of each vertex."""
+    first, second = faces.reshape(-1), np.roll(faces, 1, axis=1).reshape(-1)
+    links = coo_array(
+        (np.ones(len(first), dtype=bool), (first, second)), shape=(vertices, vertices)
+    )
+    count, part = connected_components(links, directed=False)
+    return int(count), part.astype(np.intp)
+
+
+def _with_their_solids(
+    supported: npt.NDArray[np.bool_], vertices: FloatArray, faces: IndexArray, part: IndexArray
+) -> npt.NDArray[np.bool_]:
+    """Return the supported parts and those without which they would be inside out."""
+    corners = vertices[faces]  # (F, 3, 3)
+    owner = part[faces[:, 0]]
+    volumes = np.bincount(
+        owner, np.linalg.det(corners - vertices.mean(axis=0)) / 6.0, minlength=len(supported)
+    )
+    kept = supported.copy()
+    by_size = np.argsort(-np.abs(volumes), kind="stable")
+    for this in by_size[supported[by_size]]:
+        probe = vertices[np.flatnonzero(part == this)[0]]
+        # Each part round this one, the outermost first; those round a point are nested.
+        around = [
+            other
+            for other in by_size
+            if other != this and abs(_winding(probe, corners[owner == other])) > 0.5
+        ]
+        outer = [other for other in around if kept[other]]
+        faces_out = volumes[this] > 0.0
+        in_material = bool(outer) and volumes[outer[-1]] > 0.0
+        if faces_out == in_material and around:
+            kept[around[-1]] = True
+    return kept
+
+
+def _winding(point: FloatArray, triangles: FloatArray) -> float:
+    """Return how often a closed mesh winds round a point (Van Oosterom and Strackee 1983)."""
+    a, b, c = np.moveaxis(triangles - point, 1, 0)
+    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    volume = np.einsum("fk,fk->f", a, np.cross(b, c))
+    dots = [np.einsum("fk,fk->f", x, y) for x, y in ((a, b), (b, c), (c, a))]
+    scale = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
+    return float(2.0 * np.arctan2(volume, scale).sum() / (4.0 * np.pi))

@@ -1,0 +1,152 @@
+"""The quadric surface round each contact that its neighbours on the same patch agree with.
+
+The local shape y_i of the paper "can be any signed distance function" (Ottenhaus et al. 2016,
+section III), which takes planes. A quadric is exact for planes, spheres and cylinders.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+# Standard deviation of curvature before it is felt, in 1/spacing.
+_CURVATURE = 3.0
+
+# A surface's departure from its quadric at a distance of one spacing, in spacings; it grows with
+# the third power of distance, that of its normal, three times as large, with the second.
+_THIRD_ORDER = 0.05
+
+# Noise below this (in spacings and rad) only spoils the condition of the equations.
+_LEAST_NOISE = 1e-4
+
+# The quadric's gradient is 0 at its centre or axis, where a distance is undefined.
+_MIN_SLOPE = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalQuadrics:
+    """y_i(x) = (h + n.d + d'Qd / 2) / |n + Qd|, d = x - c_i: distance to first order (Taubin 1991).
+
+    Parameters
+    ----------
+    points
+        Shape (N, 3) [m], c_i.
+    heights
+        Shape (N,) [m], h, the value at the contact: noise, as far as neighbours tell.
+    normals
+        Shape (N, 3), n.
+    curvatures
+        Shape (N, 3, 3) [1/m], Q, symmetric.
+    """
+
+    points: FloatArray
+    heights: FloatArray
+    normals: FloatArray
+    curvatures: FloatArray
+
+    @classmethod
+    def fit(
+        cls,
+        points: FloatArray,
+        normals: FloatArray,
+        pairs: tuple[IndexArray, IndexArray],
+        spacing: float,
+        *,
+        position_noise: float,
+        normal_noise: float,
+    ) -> LocalQuadrics:
+        """Fit each contact's quadric to itself and its neighbours: the most likely one.
+
+        Linear regression with a normal prior on h, n (the contact's own measurement) and Q (flat
+        until felt otherwise). A neighbour tells that the quadric is 0 at it and has its normal
+        there, as precisely as noise and terms of third order let it.
+
+        Parameters
+        ----------
+        points, normals
+            Shape (N, 3) [m] and (N, 3).
+        pairs
+            Contacts i and their neighbours j, each of shape (P,); both directions.
+        spacing
+            Of the contacts [m].
+        position_noise, normal_noise
+            One standard deviation [m], [rad].
+        """
+        owners, others = pairs
+        position_variance = max(position_noise / spacing, _LEAST_NOISE) ** 2
+        normal_variance = max(normal_noise, _LEAST_NOISE) ** 2
+        # An entry off the diagonal of Q stands there twice: so the prior is the same in all frames.
+        twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+        prior = np.diag(
+            np.concatenate(
+                [[1.0 / position_variance], np.full(3, 1.0 / normal_variance), twice / _CURVATURE**2]
+            )
+        )
+        offsets = (points[others] - points[owners]) / spacing  # (P, 3), in spacings
+        designs = _designs(offsets)  # (P, 4, 10)
+        gaps = np.empty((len(owners), 4))
+        gaps[:, 0] = -np.einsum("pk,pk->p", offsets, normals[owners])
+        gaps[:, 1:] = normals[others] - normals[owners]
+        squares = np.sum(offsets**2, axis=1)
+        precisions = np.empty((len(owners), 4))
+        precisions[:, 0] = 1.0 / (position_variance + _THIRD_ORDER**2 * squares**3)
+        slopes = (3.0 * _THIRD_ORDER * squares) ** 2
+        precisions[:, 1:] = (1.0 / (normal_variance + slopes))[:, None]
+
+        weighted = designs * precisions[:, :, None]
+        matrices = np.tile(prior, (len(points), 1, 1))
+        np.add.at(matrices, owners, np.einsum("pea,peb->pab", weighted, designs))
+        sides = np.zeros((len(points), 10))
+        np.add.at(sides, owners, np.einsum("pea,pe->pa", weighted, gaps))
+        solutions = np.linalg.solve(matrices, sides[:, :, None])[:, :, 0]
+        xx, yy, zz, xy, xz, yz = solutions[:, 4:].T / spacing
+        fitted = normals + solutions[:, 1:4]
+        scale = np.linalg.norm(fitted, axis=1)
+        curvatures = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
+        return cls(
+            points=points,
+            heights=solutions[:, 0] * spacing / scale,
+            normals=fitted / scale[:, None],
+            curvatures=curvatures / scale[:, None, None],
+        )
+
+    def evaluate(
+        self, i: int, points: FloatArray, *, with_gradient: bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return y_i at points, shape (R, 3) [m], and its gradient: (R,) [m] and (R, 3)."""
+        offsets = points - self.points[i]
+        bent = offsets @ self.curvatures[i]  # Q d
+        values = self.heights[i] + offsets @ self.normals[i]
+        values += 0.5 * np.einsum("rk,rk->r", offsets, bent)
+        gradients = self.normals[i] + bent
+        lengths = np.sqrt(np.einsum("rk,rk->r", gradients, gradients))
+        slopes = np.maximum(lengths, _MIN_SLOPE)
+        values /= slopes
+        if not with_gradient:
+            return values, gradients
+        gradients /= slopes[:, None]
+        # d |g| / dx = Q g / |g|, where the floor does not hold.
+        turned = gradients @ self.curvatures[i]
+        turned *= (values * (lengths > _MIN_SLOPE) / slopes)[:, None]
+        return values, gradients - turned
+
+
+def _designs(offsets: FloatArray) -> FloatArray:
+    """Return rows that map (h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz) to value and gradient: (P, 4, 10)."""
+    x, y, z = offsets.T
+    rows = np.zeros((len(offsets), 4, 10))
+    rows[:, 0, 0] = 1.0
+    rows[:, 0, 1:4] = offsets
+    rows[:, 0, 4:] = np.stack(
+        [0.5 * x * x, 0.5 * y * y, 0.5 * z * z, x * y, x * z, y * z], axis=1
+    )
+    rows[:, 1:, 1:4] = np.eye(3)
+    rows[:, 1, 4], rows[:, 1, 7], rows[:, 1, 8] = x, y, z
+    rows[:, 2, 5], rows[:, 2, 7], rows[:, 2, 9] = y, x, z
+    rows[:, 3, 6], rows[:, 3, 8], rows[:, 3, 9] = z, x, y
+    return rows

@@ -1,0 +1,87 @@
+"""From where to look first: what the camera frames, and the side from which least is hidden."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+FloatArray = npt.NDArray[np.float64]
+
+ELEVATION = np.deg2rad(24.0)
+
+_DIRECTIONS = 36
+_CELLS = 40
+
+# So many directions find the outline of a scene to within a percent or so.
+_OUTWARD = 150
+
+
+def choose_azimuth(
+    subject: FloatArray, obstacle: FloatArray, *, elevation: float = ELEVATION
+) -> float:
+    """Return the azimuth [rad] of the camera from which the subject is best seen past the obstacle.
+
+    Looks along each of 36 directions, draws both point sets into a coarse depth image, and counts
+    the cells in which the subject comes first; the obstacle's own visible cells count a little,
+    so that of two equal views the one that shows more of it wins.
+
+    Parameters
+    ----------
+    subject
+        Shape (N, 3) [m], points of what is to be seen.
+    obstacle
+        Shape (M, 3) [m], points of what may stand in the way; none gives a three-quarter view.
+    elevation
+        Angle of the camera above the horizon [rad].
+    """
+    azimuths = np.deg2rad(-55.0) + np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
+    if not len(subject) or not len(obstacle):
+        return float(azimuths[0])
+    scores = [_score(subject, obstacle, azimuth, elevation) for azimuth in azimuths]
+    return float(azimuths[int(np.argmax(scores))])
+
+
+def surface_points(mesh: trimesh.Trimesh, count: int = 2000) -> FloatArray:
+    """Return points spread over the faces of `mesh` by a fixed pattern, at least one a face."""
+    steps = max(1, int(np.ceil(np.sqrt(2.0 * count / max(len(mesh.faces), 1)))))
+    i, j = np.nonzero(np.add.outer(np.arange(steps), np.arange(steps)) < steps)
+    weights = np.stack([i + 1.0 / 3.0, j + 1.0 / 3.0], axis=1) / steps  # (P, 2)
+    weights = np.column_stack([weights, 1.0 - weights.sum(axis=1)])  # (P, 3)
+    return np.einsum("pk,fkd->fpd", weights, mesh.triangles).reshape(-1, 3)
+
+
+def box_corners(points: FloatArray) -> FloatArray:
+    """Return the eight corners, shape (8, 3), of the box round `points` (N, 3), N >= 1."""
+    low_high = np.array([points.min(axis=0), points.max(axis=0)])
+    choice = np.indices((2, 2, 2)).reshape(3, 8).T
+    return low_high[choice, np.arange(3)]
+
+
+def outermost(points: FloatArray) -> FloatArray:
+    """Return those of `points` (N, 3) that are furthest out along any of many directions."""
+    if not len(points):
+        return points
+    k = np.arange(_OUTWARD)
+    z = 1.0 - (2.0 * k + 1.0) / _OUTWARD  # a Fibonacci sphere
+    turn = k * np.pi * (3.0 - np.sqrt(5.0))
+    flat = np.sqrt(1.0 - z**2)
+    directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+    return points[np.unique(np.argmax(points @ directions.T, axis=0))]
+
+
+def _score(subject: FloatArray, obstacle: FloatArray, azimuth: float, elevation: float) -> float:
+    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+    axes = np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
+    both = np.vstack([subject, obstacle]) @ axes.T  # (N + M, 3) right, up, towards the camera
+    low = both[:, :2].min(axis=0)
+    # Cells so large that neighbouring points of one surface leave no holes.
+    cell = np.ptp(subject, axis=0).max() / _CELLS * 2.0 or 1.0
+    column, row = ((both[:, :2] - low) / cell).astype(np.int64).T
+    index = column * (row.max() + 1) + row
+    nearest = np.full((2, index.max() + 1), -np.inf)
+    owner = np.repeat([0, 1], [len(subject), len(obstacle)])
+    np.maximum.at(nearest, (owner, index), both[:, 2])
+    subject_first = np.sum(nearest[0] > nearest[1])
+    obstacle_first = np.sum(nearest[1] > nearest[0])
+    return float(subject_first + 0.15 * obstacle_first)

@@ -1,0 +1,101 @@
+"""Colours of numbers: a perceptually uniform map and a scale with round ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.exceptions import InvalidOptionError
+
+FloatArray = npt.NDArray[np.float64]
+
+# Viridis (Nathaniel Smith and Stefan van der Walt, 2015, CC0) at 17 even steps; straight lines
+# between them stay within 6/255 of the whole map.
+VIRIDIS = (
+    "#440154", "#48186a", "#472d7b", "#424086", "#3b528b", "#33638d", "#2c728e", "#26828e",
+    "#21918c", "#1fa088", "#28ae80", "#3fbc73", "#5ec962", "#84d44b", "#addc30", "#d8e219",
+    "#fde725",
+)  # fmt: skip
+
+# The scale ends where all but this share of the surface has been shown: the far end of a surface
+# that nobody touched must not squeeze everything else into one colour.
+_SHOWN_SHARE = 0.8
+
+
+def srgb(colour: str) -> FloatArray:
+    """Return a ``#rrggbb`` colour as three sRGB values in [0, 1], shape (3,)."""
+    return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+
+
+def linear_rgb(colours: npt.ArrayLike) -> FloatArray:
+    """Return sRGB values in [0, 1], any shape, as linear light (IEC 61966-2-1)."""
+    c = np.asarray(colours, dtype=np.float64)
+    return np.where(c <= 0.04045, c / 12.92, ((np.maximum(c, 0.0) + 0.055) / 1.055) ** 2.4)
+
+
+def viridis(values: npt.ArrayLike) -> FloatArray:
+    """Return the sRGB colours (N, 3) of `values` (N,), which are clipped to [0, 1]."""
+    stops = np.array([srgb(c) for c in VIRIDIS])  # (17, 3)
+    where = np.linspace(0.0, 1.0, len(stops))
+    x = np.clip(np.asarray(values, dtype=np.float64), 0.0, 1.0)
+    return np.stack([np.interp(x, where, stops[:, k]) for k in range(3)], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class ColourScale:
+    """From a length [m] to a colour: viridis from `low` to `high`, values beyond take the ends.
+
+    Parameters
+    ----------
+    low, high
+        Ends of the scale [m], ``low < high``.
+    clipped
+        Whether some values lie above `high`.
+    """
+
+    low: float
+    high: float
+    clipped: bool = False
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
+            raise InvalidOptionError(
+                f"a colour scale needs two finite ends, low < high; {self.low} and {self.high} came"
+            )
+
+    @classmethod
+    def of(cls, values: npt.ArrayLike) -> ColourScale:
+        """Return the scale with round ends that shows `values` [m], shape (N,), best.
+
+        It starts at zero and ends at the first round number above four fifths of the values.
+        Infinite values mean "nothing is known here"; they take the colour of the far end.
+        """
+        all_values = np.asarray(values, dtype=np.float64)
+        finite = all_values[np.isfinite(all_values)]
+        if not len(finite) or finite.max() <= 0.0:
+            return cls(0.0, 1e-3, clipped=bool(len(finite) < all_values.size))
+        high = round_up(float(np.quantile(finite, _SHOWN_SHARE)) or float(finite.max()))
+        return cls(0.0, high, clipped=bool(np.any(~(all_values <= high * (1.0 + 1e-9)))))
+
+    def colours(self, values: npt.ArrayLike) -> FloatArray:
+        """Return the sRGB colours, shape (N, 3), of `values` [m], shape (N,)."""
+        x = (np.asarray(values, dtype=np.float64) - self.low) / (self.high - self.low)
+        return viridis(np.nan_to_num(x, nan=1.0, posinf=1.0, neginf=0.0))
+
+    def tick_labels(self, count: int = 5) -> Sequence[str]:
+        """Return `count` evenly spaced labels in millimetres, the last one with its meaning."""
+        labels = [f"{v:.3g}" for v in np.linspace(self.low, self.high, count) * 1e3]
+        labels[-1] = ("≥ " if self.clipped else "") + labels[-1] + " mm"
+        return labels
+
+
+def round_up(value: float) -> float:
+    """Return the smallest of 1, 2, 3, 4, 6, 8 times 10^k that is >= `value` > 0."""
+    power = 10.0 ** np.floor(np.log10(value))
+    for step in (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0):  # whose quarters have few digits
+        if step * power >= value * (1.0 - 1e-9):
+            return float(step * power)
+    return float(10.0 * power)

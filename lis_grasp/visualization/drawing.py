@@ -1,0 +1,225 @@
+"""Drawing commands of the meshcat viewer, made without a server and the same bytes every time."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+import umsgpack
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.visualization.colours import linear_rgb
+
+with warnings.catch_warnings():
+    # meshcat imports modules of pyzmq that are deprecated; nothing here uses them.
+    warnings.simplefilter("ignore", DeprecationWarning)
+    from meshcat import animation, commands, geometry
+    from meshcat.path import Path as ScenePath
+
+FloatArray = npt.NDArray[np.float64]
+
+# Neighbouring faces that meet at a larger angle are drawn with an edge between them.
+_CREASE = np.deg2rad(35.0)
+
+
+class _ShadedMesh(geometry.TriangularMeshGeometry):  # type: ignore[misc]
+    """Triangles with a normal at each vertex, so that edges stay sharp and the rest smooth."""
+
+    def __init__(self, mesh: trimesh.Trimesh, colours: FloatArray | None = None) -> None:
+        vertices, faces, normals, source = shade(mesh)
+        colours = None if colours is None else linear_rgb(colours)[source]
+        super().__init__(vertices, faces, colours)
+        self.normals = normals.astype(np.float32)
+
+    def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
+        lowered: dict[str, Any] = super().lower(object_data)
+        packed = geometry.pack_numpy_array(self.normals.T)
+        lowered["data"]["attributes"]["normal"] = packed
+        return lowered
+
+
+class _Copies(geometry.Object):  # type: ignore[misc]
+    """One geometry drawn at many poses (three.js InstancedMesh)."""
+
+    _type = "InstancedMesh"
+
+    def __init__(self, shape: Any, material: Any, poses: FloatArray) -> None:
+        super().__init__(shape, material)
+        self.poses = poses  # (N, 4, 4)
+
+    def lower(self) -> dict[str, Any]:
+        lowered: dict[str, Any] = super().lower()
+        columns = self.poses.astype(np.float32).swapaxes(1, 2).reshape(-1, 16)  # column-major
+        matrix = geometry.pack_numpy_array(columns.T)
+        lowered["object"] |= {"count": len(self.poses), "instanceMatrix": matrix}
+        return lowered
+
+
+class _Standard(geometry.GenericMaterial):  # type: ignore[misc]
+    """three.js MeshStandardMaterial: roughness and metalness instead of a highlight's colour."""
+
+    _type = "MeshStandardMaterial"
+
+
+def material(
+    colour: str = "#ffffff",
+    *,
+    roughness: float = 0.6,
+    metalness: float = 0.0,
+    opacity: float = 1.0,
+    vertex_colours: bool = False,
+) -> Any:
+    """Return a surface material; `colour` is ``#rrggbb``."""
+    return _Standard(
+        color=int(colour[1:], 16),
+        roughness=roughness,
+        metalness=metalness,
+        opacity=opacity,
+        vertexColors=vertex_colours,
+    )
+
+
+def draw_mesh(
+    path: str, mesh: trimesh.Trimesh, surface: Any, colours: FloatArray | None = None
+) -> bytes:
+    """Return the command that draws `mesh` at `path`, with sRGB `colours` (V, 3) if given."""
+    return pack(commands.SetObject(_ShadedMesh(mesh, colours), surface, _path(path)))
+
+
+def draw_copies(path: str, mesh: trimesh.Trimesh, surface: Any, poses: FloatArray) -> bytes:
+    """Return the command that draws `mesh` at each of `poses` (N, 4, 4)."""
+    return pack(commands.SetObject(_Copies(_ShadedMesh(mesh), surface, poses), path=_path(path)))
+
+
+def draw_segments(path: str, segments: FloatArray, colour: str, opacity: float = 1.0) -> bytes:
+    """Return the command that draws line `segments` (E, 2, 3) [m], one pixel wide."""
+    lines = geometry.LineSegments(
+        geometry.PointsGeometry(segments.reshape(-1, 3).T),
+        geometry.LineBasicMaterial(color=int(colour[1:], 16), opacity=opacity),
+    )
+    return pack(commands.SetObject(lines, path=_path(path)))
+
+
+def animate(times: FloatArray, poses: Sequence[tuple[str, FloatArray]]) -> bytes:
+    """Return the command that loads an animation, at rest.
+
+    Parameters
+    ----------
+    times
+        Shape (T,) [s], increasing from 0.
+    poses
+        Node path and its poses, shape (T, 4, 4), in the frame of the node's parent.
+    """
+    clips = {}
+    for path, X in poses:
+        quaternions = Rotation.from_matrix(X[:, :3, :3]).as_quat()  # (T, 4) x, y, z, w
+        clip = animation.AnimationClip(fps=1)  # keys are then in seconds
+        for name, kind, values in (
+            ("position", "vector3", X[:, :3, 3]),
+            ("quaternion", "quaternion", quaternions),
+        ):
+            keep = _bends(times, values)
+            clip.tracks[name] = animation.AnimationTrack(
+                name, kind, times[keep].tolist(), values[keep].tolist()
+            )
+        clips[_path(path)] = clip
+    motion = animation.Animation(clips=clips)
+    return pack(commands.SetAnimation(motion, play=False, repetitions=1))
+
+
+def pack(command: Any) -> bytes:
+    """Return a meshcat command as the message that a server would send to the viewer.
+
+    meshcat names every object by the time and the machine (uuid1); here objects are numbered in
+    the order in which the command mentions them, so that equal scenes are equal bytes. The viewer
+    needs the names to be unique within one command only.
+    """
+    lowered = command.lower()
+    names: dict[str, str] = {}
+    _collect_names(lowered, names)
+    packed = umsgpack.packb(_rename(lowered, names), force_float_precision="single")
+    return bytes(packed)
+
+
+def shade(
+    mesh: trimesh.Trimesh,
+) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray, npt.NDArray[np.int64]]:
+    """Return vertices, faces, unit normals and source vertices of `mesh`, split at its edges.
+
+    A corner's normal is the area-weighted mean over the faces round its vertex that lie within
+    35 deg of the corner's own face; corners of one vertex that agree share one drawn vertex.
+
+    Returns
+    -------
+    vertices, faces, normals, source
+        Shapes (K, 3) [m], (F, 3), (K, 3), (K,): `source` is the vertex of `mesh` drawn.
+    """
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    cross = np.cross(*(np.diff(mesh.triangles, axis=1).transpose(1, 0, 2)))  # (F, 3), 2 area
+    double_area = np.linalg.norm(cross, axis=1)
+    unit = cross / np.maximum(double_area, 1e-300)[:, None]
+    corners = faces.ravel()  # (3F,) the vertex of each corner
+    order = np.argsort(corners, kind="stable")
+    valence = np.bincount(corners, minlength=len(mesh.vertices))
+    first = np.cumsum(valence) - valence
+    # All pairs (corner, corner of the same vertex): a corner meets `valence` of them.
+    many = valence[corners]
+    left = np.repeat(np.arange(len(corners)), many)
+    within = np.arange(len(left)) - np.repeat(np.cumsum(many) - many, many)
+    right = order[first[corners[left]] + within]
+    close = np.einsum("ij,ij->i", unit[left // 3], unit[right // 3]) > np.cos(_CREASE)
+    normals = np.zeros((len(corners), 3))
+    for k in range(3):
+        normals[:, k] = np.bincount(
+            left[close], cross[right[close] // 3, k], minlength=len(corners)
+        )
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-300), [0.0, 0.0, 1.0])
+    key = np.column_stack([corners, np.round(normals * 200.0).astype(np.int64)])
+    _, chosen, index = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    source = corners[chosen]
+    return (
+        np.asarray(mesh.vertices)[source],
+        index.reshape(-1, 3),
+        normals[chosen],
+        source,
+    )
+
+
+def _path(path: str) -> Any:
+    return ScenePath(tuple(path.strip("/").split("/")))
+
+
+def _bends(times: FloatArray, values: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which keys to keep: all but those on a straight line between their neighbours."""
+    keep = np.ones(len(times), dtype=bool)
+    if len(times) > 2:
+        share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
+        straight = values[:-2] + share * (values[2:] - values[:-2])
+        keep[1:-1] = np.abs(values[1:-1] - straight).max(axis=1) > 1e-9
+    return keep
+
+
+def _collect_names(value: Any, names: dict[str, str]) -> None:
+    if isinstance(value, dict):
+        if "uuid" in value:
+            names.setdefault(value["uuid"], f"00000000-0000-4000-8000-{len(names):012x}")
+        for item in value.values():
+            _collect_names(item, names)
+    elif isinstance(value, list):
+        for item in value:
+            _collect_names(item, names)
+
+
+def _rename(value: Any, names: dict[str, str]) -> Any:
+    if isinstance(value, dict):
+        return {key: _rename(item, names) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_rename(item, names) for item in value]
+    if isinstance(value, str):
+        return names.get(value, value)
+    return value.item() if isinstance(value, np.generic) else value

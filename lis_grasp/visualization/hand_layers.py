@@ -1,0 +1,118 @@
+"""The hand's layers: its links, the postures of grasps, and the lift."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.motion import OBJECT, Motion
+from lis_grasp.visualization import drawing
+from lis_grasp.visualization.camera import box_corners, outermost, surface_points
+from lis_grasp.visualization.canvas import OBJECT_NODE, ROOT, Canvas, Layer
+
+if TYPE_CHECKING:
+    from lis_grasp.grasping.grasp import Grasp
+    from lis_grasp.grasping.hand import Hand
+
+FloatArray = npt.NDArray[np.float64]
+
+PALM_COLOUR, LINK_COLOUR, PAD_COLOUR = "#3a3f47", "#565d68", "#e4e2dc"
+
+# The best grasp wears the hand's own colours; the others are tinted, to tell several apart.
+GRASP_COLOURS = (LINK_COLOUR, "#c9792f", "#8a5fbf", "#b8577f", "#7d6a4c")
+
+# More poses a second than a screen shows only make the page larger.
+_FRAMES_PER_SECOND = 50.0
+
+# Moments of a lift that are looked at to frame it; a body moves little between two of them.
+_MOMENTS = 25
+
+
+def draw_hand(canvas: Canvas, hand: Hand) -> None:
+    """Draw the hand's links, each at a node of its own; the page places and copies them."""
+    pads = {pad.link for pad in hand.pads}
+    for number, link in enumerate(hand.links):
+        colour = PAD_COLOUR if link in pads else PALM_COLOUR if number == 0 else LINK_COLOUR
+        surface = drawing.material(colour, roughness=0.7 if link in pads else 0.45)
+        parts = (g for g in hand.link_geometries if g.link == link)
+        for part, geometry in enumerate(parts):
+            mesh = geometry.mesh.copy()
+            mesh.apply_transform(geometry.X_LG)
+            path = f"{ROOT}/hand/{number}/{part}"
+            canvas.commands.append(drawing.draw_mesh(path, mesh, surface))
+
+
+def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
+    """Offer each grasp as a layer, the first one visible."""
+    for rank, grasp in enumerate(grasps, start=1):
+        quality = ", ".join(f"{name} {value:.3g}" for name, value in grasp.quality.items())
+        turn = rank - 1 if rank <= len(GRASP_COLOURS) else 1 + (rank - 2) % (len(GRASP_COLOURS) - 1)
+        layer = Layer(
+            f"grasp-{rank}",
+            f"Grasp {rank}",
+            rank == 1,
+            GRASP_COLOURS[turn],
+            note=f"epsilon {grasp.quality['epsilon']:.3g}",
+            detail=f"{grasp.accepted}: {quality}",
+        )
+        canvas.layers.append(layer)
+
+
+def draw_motion(canvas: Canvas, motion: Motion, hand: Hand) -> None:
+    """Load the motion of the object and of the hand's links, at rest."""
+    times = motion.times - motion.times[0]
+    slots = np.floor(times * _FRAMES_PER_SECOND + 1e-9)
+    keep = np.unique(np.append(np.unique(slots, return_index=True)[1], len(times) - 1))
+    tracks = [(OBJECT_NODE, motion.poses[OBJECT][keep])]
+    tracks += [
+        (f"{ROOT}/hand/{number}", motion.poses[link][keep])
+        for number, link in enumerate(hand.links)
+        if link in motion.poses
+    ]
+    canvas.commands.append(drawing.animate(times[keep], tracks))
+    canvas.layers.append(
+        Layer("lift", "Lift", True, LINK_COLOUR, "of the true object, in simulation")
+    )
+
+
+def link_poses(hand: Hand, grasp: Grasp) -> list[FloatArray]:
+    """Return the poses of the hand's links in O, in the order of `hand.links`."""
+    place = {name: k for k, name in enumerate(grasp.joint_names)}
+    missing = [name for name in hand.joint_names if name not in place]
+    if missing:
+        raise InvalidOptionError(f"a grasp says nothing of the hand's joint '{missing[0]}'")
+    q = np.asarray(grasp.joint_positions)[[place[name] for name in hand.joint_names]]
+    poses = hand.forward_kinematics(grasp.X_OH, q)
+    return [poses[link] for link in hand.links]
+
+
+def hand_points(hand: Hand, posture: Sequence[FloatArray]) -> FloatArray:
+    """Return points on the hand's surface in O, shape (N, 3) [m], its links posed by `posture`."""
+    number = {link: k for k, link in enumerate(hand.links)}
+    points = []
+    for geometry in hand.link_geometries:
+        X_OG = posture[number[geometry.link]] @ geometry.X_LG
+        p_G = surface_points(geometry.mesh, 150)
+        points.append(p_G @ X_OG[:3, :3].T + X_OG[:3, 3])
+    return np.vstack(points) if points else np.empty((0, 3))
+
+
+def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> FloatArray:
+    """Return the outermost places, shape (N, 3) [m], that object and hand reach in a motion."""
+    outlines = {OBJECT: box_corners(object_points)}
+    for geometry in hand.link_geometries:
+        X = geometry.X_LG
+        corners = box_corners(geometry.mesh.vertices) @ X[:3, :3].T + X[:3, 3]
+        outlines[geometry.link] = np.vstack([outlines.get(geometry.link, corners[:0]), corners])
+    moments = np.unique(np.linspace(0, len(motion) - 1, _MOMENTS).astype(int))
+    points = [
+        p_B @ X_WB[:3, :3].T + X_WB[:3, 3]
+        for body, p_B in outlines.items()
+        if body in motion.poses
+        for X_WB in motion.poses[body][moments]
+    ]
+    return outermost(np.vstack(points))

@@ -1,0 +1,98 @@
+"""The static page: meshcat's viewer, the drawing commands and the overlay in one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from lis_grasp.exceptions import InvalidFileError
+
+_ASSETS = "lis_grasp.visualization"
+
+
+def build_page(
+    title: str, *, overlay: str, scene: Mapping[str, Any], commands: Sequence[bytes]
+) -> str:
+    """Return a page that draws `commands` with meshcat's viewer and loads nothing.
+
+    The page forbids itself every connection and every script but its own two (Content Security
+    Policy), so it opens offline, and a name that looks like markup cannot run.
+
+    Parameters
+    ----------
+    title
+        Name of the page, plain text.
+    overlay
+        HTML of the overlay, already escaped.
+    scene
+        What the page's script needs to know, as JSON.
+    commands
+        Packed drawing commands, in order.
+    """
+    viewer = _script_text(_viewer_source())
+    script = _script_text(_asset("scene.js"))
+    style = _asset("scene.css")
+    data = json.dumps(
+        {**scene, "commands": [base64.b64encode(c).decode("ascii") for c in commands]},
+        allow_nan=False,
+        separators=(",", ":"),
+    ).replace("<", "\\u003c")
+    hashes = " ".join(f"'sha256-{_sha256(text)}'" for text in (viewer, script))
+    policy = (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:;"
+        " base-uri 'none'; form-action 'none'"
+    )
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(title)}</title>
+<style>
+{style}</style>
+</head>
+<body>
+<div id="meshcat-pane"></div>
+{overlay}
+<script type="application/json" id="scene-data">{data}</script>
+<script>{viewer}</script>
+<script>{script}</script>
+</body>
+</html>
+"""
+
+
+def _asset(name: str) -> str:
+    return resources.files(_ASSETS).joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def _viewer_source() -> str:
+    """Return the source of meshcat's viewer (three.js included), as its package ships it."""
+    package = find_spec("meshcat")
+    if package is None or package.origin is None:
+        raise InvalidFileError("the scene needs the package meshcat: pip install meshcat")
+    path = Path(package.origin).parent / "viewer" / "dist" / "main.min.js"
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InvalidFileError(
+            f"cannot read meshcat's viewer {path} ({error.strerror}): install meshcat again"
+        ) from None
+
+
+def _script_text(source: str) -> str:
+    # Inside a script element only this sequence ends the script; in a string "<\/" equals "</".
+    # A parser turns \r\n into \n, which would change the script's hash.
+    return source.replace("\r\n", "\n").replace("</script", "<\\/script")
+
+
+def _sha256(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")

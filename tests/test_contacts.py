@@ -1,0 +1,340 @@
+import csv
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plyfile import PlyData, PlyElement
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidContactsError, InvalidFileError
+
+FILES = ["contacts.ply", "contacts.csv"]
+
+
+def make_contacts(count: int = 7, *, seed: int = 0, full: bool = True) -> Contacts:
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = rng.normal(size=(count, 3)) * 0.05
+    if not full:
+        return Contacts(points, normals)
+    return Contacts(
+        points,
+        normals,
+        rng.uniform(0.1, 2.0, count),
+        tuple(rng.choice(["index", "middle", "thumb, left"], count).tolist()),
+        np.sort(rng.uniform(0.0, 60.0, count)),
+        rng.normal(size=(5, 3)),
+    )
+
+
+def same(a: Contacts, b: Contacts) -> bool:
+    def equal(x: np.ndarray | None, y: np.ndarray | None) -> bool:
+        return (x is None and y is None) or (
+            x is not None and y is not None and np.array_equal(x, y)
+        )
+
+    # Normals are made unit length again on reading, which may turn the last bit.
+    return (
+        equal(a.points, b.points)
+        and np.allclose(a.normals, b.normals, rtol=0.0, atol=4.0 * np.finfo(float).eps)
+        and equal(a.forces, b.forces)
+        and equal(a.times, b.times)
+        and a.fingers == b.fingers
+        and equal(a.free_points, b.free_points)
+    )
+
+
+# ---------------------------------------------------------------- the record
+
+
+def test_contacts_cannot_be_changed() -> None:
+    contacts = make_contacts()
+    for array in (contacts.points, contacts.normals, contacts.forces, contacts.free_points):
+        assert array is not None
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+    with pytest.raises(AttributeError):
+        contacts.points = np.zeros((1, 3))  # type: ignore[misc]
+
+
+def test_contacts_do_not_follow_the_array_they_were_made_of() -> None:
+    points, normals = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])
+    contacts = Contacts(points, normals)
+    points[0, 0] = normals[0, 0] = 5.0
+    assert contacts.points[0, 0] == 0.0
+    assert contacts.normals[0, 0] == 0.0
+
+
+def test_normals_of_few_digits_become_unit_length() -> None:
+    contacts = Contacts([[0, 0, 0]], [[0.577, 0.577, 0.577]])
+    assert np.linalg.norm(contacts.normals[0]) == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"points": [[0, 0]]}, r"points must have shape \(N, 3\)"),
+        ({"points": [[0, 0, np.nan]]}, "points must be finite numbers; row 0"),
+        ({"points": [["a", 0, 0]]}, "points must be numbers"),
+        ({"points": [[0, 0, 0], [0, 0]]}, "points must be numbers"),
+        ({"normals": [[0, 0, 1], [0, 0, 1]]}, r"normals must have shape \(1, 3\)"),
+        ({"normals": [[0, 0, 2]]}, "normal 0 has length 2"),
+        ({"normals": [[0, 0, 0]]}, "normal 0 has length 0"),
+        ({"forces": [1.0, 2.0]}, r"forces must have shape \(1\)"),
+        ({"forces": [np.inf]}, "forces must be finite"),
+        ({"times": [[0.0]]}, r"times must have shape \(1\)"),
+        ({"fingers": ("a", "b")}, "one finger a contact"),
+        ({"free_points": [[0, 0]]}, "free_points must have shape"),
+    ],
+)
+def test_what_is_no_contact_is_refused(fields: dict, message: str) -> None:
+    valid = {"points": [[0, 0, 0]], "normals": [[0, 0, 1]]}
+    Contacts(**valid)  # type: ignore[arg-type]
+    with pytest.raises(InvalidContactsError, match=message):
+        Contacts(**(valid | fields))  # type: ignore[arg-type]
+
+
+def test_bounds_and_extent_are_those_of_the_points() -> None:
+    contacts = Contacts([[0, 1, 2], [3, -1, 2]], [[0, 0, 1], [0, 0, 1]])
+    np.testing.assert_array_equal(contacts.bounds, [[0, -1, 2], [3, 1, 2]])
+    assert contacts.extent == 3.0
+    assert Contacts.empty().extent == 0.0
+    with pytest.raises(InvalidContactsError, match="at least one contact"):
+        _ = Contacts.empty().bounds
+
+
+def test_spacing_is_the_median_distance_to_the_nearest_other_contact() -> None:
+    line = np.array([[0, 0, 0], [1, 0, 0], [3, 0, 0], [3, 0, 0]])
+    contacts = Contacts(line, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    assert contacts.spacing == 1.0  # distances 1, 1, 2: duplicates count once
+    assert contacts.subset([0]).spacing == 0.0
+
+
+@pytest.mark.parametrize("index", [[2, 0], slice(1, 3), np.array([True, False, True, False])])
+def test_a_subset_keeps_rows_together(index: object) -> None:
+    contacts = make_contacts(4)
+    chosen = np.arange(4)[index]  # type: ignore[index]
+    part = contacts.subset(index)  # type: ignore[arg-type]
+    assert contacts.forces is not None
+    np.testing.assert_array_equal(part.points, contacts.points[chosen])
+    np.testing.assert_array_equal(part.forces, contacts.forces[chosen])
+    assert part.fingers == tuple(contacts.fingers[i] for i in chosen)
+    np.testing.assert_array_equal(part.free_points, contacts.free_points)
+
+
+def test_appending_joins_rows_and_drops_what_only_one_side_knows() -> None:
+    full, plain = make_contacts(3), make_contacts(2, full=False)
+    both = full.append(full)
+    assert len(both) == 6
+    assert both.fingers == full.fingers * 2
+    assert len(both.free_points) == 10
+    mixed = full.append(plain)
+    assert len(mixed) == 5
+    assert mixed.forces is None
+    assert mixed.times is None
+    assert mixed.fingers == ()
+    assert same(Contacts.empty().append(full), full)
+    assert same(full.append(Contacts.empty()), full)
+
+
+# ---------------------------------------------------------------- files
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("full", [True, False])
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_files_give_contacts_back_to_the_bit(
+    tmp_path: Path, name: str, full: bool, count: int
+) -> None:
+    contacts = make_contacts(count, full=full)
+    contacts.save(tmp_path / name)
+    loaded = Contacts.load(tmp_path / name)
+    if not count:  # what is known of no contacts cannot be told from what is not
+        np.testing.assert_array_equal(loaded.free_points, contacts.free_points)
+        assert not len(loaded)
+        return
+    assert same(loaded, contacts)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(
+        st.tuples(*[st.floats(-1e3, 1e3, allow_nan=False)] * 3, st.floats(0, 1e6)),
+        min_size=1,
+        max_size=5,
+    )
+)
+def test_any_number_survives_a_file(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, ...]]
+) -> None:
+    table = np.array(rows)
+    normals = np.tile([0.0, 0.0, 1.0], (len(rows), 1))
+    contacts = Contacts(table[:, :3], normals, table[:, 3])
+    folder = tmp_path_factory.mktemp("any")
+    for name in FILES:
+        contacts.save(folder / name)
+        loaded = Contacts.load(folder / name)
+        np.testing.assert_array_equal(loaded.points, contacts.points)
+        np.testing.assert_array_equal(loaded.forces, contacts.forces)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_same_contacts_are_the_same_bytes(tmp_path: Path, name: str) -> None:
+    first, second = tmp_path / f"a-{name}", tmp_path / f"b-{name}"
+    make_contacts().save(first, header="made by a test")
+    make_contacts().save(second, header="made by a test")
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_header_lines_are_comments_of_a_ply(tmp_path: Path) -> None:
+    path = tmp_path / "contacts.ply"
+    make_contacts().save(path, header='lis_grasp {"seed": 3}\nsecond line, 5 µm')
+    comments = PlyData.read(str(path)).comments
+    assert comments[0] == 'lis_grasp {"seed": 3}'
+    assert comments[1] == "second line, 5 \\xb5m"
+    assert same(Contacts.load(path), make_contacts())
+
+
+def test_a_ply_is_an_oriented_point_cloud_to_others(tmp_path: Path) -> None:
+    path = tmp_path / "contacts.ply"
+    contacts = make_contacts()
+    contacts.save(path)
+    vertex = PlyData.read(str(path))["vertex"]
+    names = [p.name for p in vertex.properties]
+    assert names[:6] == ["x", "y", "z", "nx", "ny", "nz"]
+    np.testing.assert_array_equal(vertex["nz"], contacts.normals[:, 2])
+
+
+@pytest.mark.parametrize("text", [True, False])
+@pytest.mark.parametrize("prefix", ["", "scalar_"])
+def test_a_ply_of_another_program_is_read(tmp_path: Path, text: bool, prefix: str) -> None:
+    contacts = make_contacts(full=False)
+    names = ["nx", "ny", "nz", "red", "z", "y", "x", f"{prefix}force"]
+    rows = np.zeros(len(contacts), dtype=[(n, "f4") for n in names])
+    for i, axis in enumerate("xyz"):
+        rows[axis], rows[f"n{axis}"] = contacts.points[:, i], contacts.normals[:, i]
+    rows[f"{prefix}force"] = 0.5
+    PlyData([PlyElement.describe(rows, "vertex")], text=text).write(str(tmp_path / "other.ply"))
+    loaded = Contacts.load(tmp_path / "other.ply")
+    # float32 keeps 24 bits of coordinates below 1 m.
+    np.testing.assert_allclose(loaded.points, contacts.points, atol=2.0**-24)
+    np.testing.assert_allclose(loaded.normals, contacts.normals, atol=2.0**-22)
+    np.testing.assert_array_equal(loaded.forces, 0.5)
+
+
+def test_fingers_without_names_go_by_number(tmp_path: Path) -> None:
+    rows = np.zeros(2, dtype=[(n, "f4") for n in ("x", "y", "z", "nx", "ny", "nz", "finger")])
+    rows["nz"], rows["finger"] = 1.0, [0, 3]
+    PlyData([PlyElement.describe(rows, "vertex")]).write(str(tmp_path / "other.ply"))
+    assert Contacts.load(tmp_path / "other.ply").fingers == ("0", "3")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x,y,z,nx,ny,nz\n1,2,3,0,0,1\n",
+        "\ufeffnz, ny, nx, Z, Y, X\r\n1, 0, 0, 3, 2, 1\r\n",
+        "x;y;z;nx;ny;nz\n1;2;3;0;0;1\n",
+        "# from somewhere\nx,y,z,nx,ny,nz,colour\n\n1,2,3,0,0,1,red\n",
+    ],
+)
+def test_a_csv_of_another_program_is_read(tmp_path: Path, text: str) -> None:
+    (tmp_path / "other.csv").write_text(text, encoding="utf-8")
+    loaded = Contacts.load(tmp_path / "other.csv")
+    np.testing.assert_array_equal(loaded.points, [[1, 2, 3]])
+    np.testing.assert_array_equal(loaded.normals, [[0, 0, 1]])
+
+
+def ply_text(properties: str, row: str, *, comment: str = "none") -> str:
+    lines = "".join(f"property float {name}\n" for name in properties.split())
+    return (
+        f"ply\nformat ascii 1.0\ncomment {comment}\nelement vertex 1\n{lines}end_header\n{row}\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.txt", "x", r"kept in \.ply or \.csv"),
+        ("a.ply", "", "cannot be read as PLY"),
+        ("a.ply", "solid nonsense", "cannot be read as PLY"),
+        ("a.ply", ply_text("x y z nx ny nz", "1 2"), "cannot be read as PLY"),
+        ("a.ply", ply_text("x y z", "1 2 3"), "lacks nx, ny, nz; a contact needs"),
+        ("a.ply", ply_text("x nx ny nz", "1 2 3 4"), "lacks y, z$"),
+        (
+            "a.ply",
+            "ply\nformat ascii 1.0\nelement face 0\nproperty list uchar int i\nend_header\n",
+            "no element 'vertex'",
+        ),
+        ("a.ply", ply_text("x y z nx ny nz finger", "1 2 3 0 0 1 .5"), "no whole number"),
+        (
+            "a.ply",
+            ply_text("x y z nx ny nz finger", "1 2 3 0 0 1 2", comment='fingers ["a"]'),
+            "names 1 fingers",
+        ),
+        (
+            "a.ply",
+            ply_text("x y z nx ny nz finger", "1 2 3 0 0 1 0", comment="fingers [a"),
+            "no list of names",
+        ),
+        ("a.csv", "", "is empty"),
+        ("a.csv", "1,2,3,0,0,1\n", "lacks x, y, z"),
+        ("a.csv", "x,y,z\n1,2,3\n", "lacks nx, ny, nz; a contact needs"),
+        ("a.csv", "x,y,z,nx,ny,nz\n1,2,3\n", "row 1 has 3 cells, its header has 6"),
+        ("a.csv", "x,y,z,nx,ny,nz\n1,2,three,0,0,1\n", "row 1 has 'three' for z"),
+        ("a.csv", "x,y,z,nx,ny,nz,kind\n1,2,3,0,0,1,odd\n", "of kind 'odd'"),
+    ],
+)
+def test_a_file_that_holds_no_contacts_is_refused_by_name(
+    tmp_path: Path, name: str, content: str, message: str
+) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(InvalidFileError, match=message) as caught:
+        Contacts.load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("write", [ply_text, lambda names, row: f"{names}\n{row}\n"])
+def test_numbers_that_are_no_contacts_are_refused_by_file(
+    tmp_path: Path, write: Callable[[str, str], str]
+) -> None:
+    is_ply = write is ply_text
+    names, row = "x y z nx ny nz", "1 2 3 0 0 7"
+    if not is_ply:
+        names, row = names.replace(" ", ","), row.replace(" ", ",")
+    path = tmp_path / ("a.ply" if is_ply else "a.csv")
+    path.write_text(write(names, row))
+    with pytest.raises(InvalidContactsError, match="normal 0 has length 7") as caught:
+        Contacts.load(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_missing_file_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InvalidFileError, match="cannot read .*contacts"):
+        Contacts.load(tmp_path / name)
+
+
+def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match="cannot write"):
+        make_contacts().save(tmp_path / "absent" / "contacts.ply")
+
+
+def test_binary_rubbish_is_no_csv(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(b"\xff\xfe\x00rubbish")
+    with pytest.raises(InvalidFileError, match="no UTF-8 text"):
+        Contacts.load(tmp_path / "a.csv")
+
+
+def test_a_saved_csv_is_a_plain_table(tmp_path: Path) -> None:
+    make_contacts(3, full=False).save(tmp_path / "a.csv")
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "a.csv").read_text())))
+    assert list(rows[0]) == ["x", "y", "z", "nx", "ny", "nz"]
+    assert len(rows) == 3
