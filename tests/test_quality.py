@@ -1,0 +1,226 @@
+"""Grasp quality against closed forms, laws, and a second method."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+from scipy.spatial.transform import Rotation
+
+from lis_grasp import epsilon_quality, is_force_closure
+from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
+from lis_grasp.grasping.contact_model import cone_edges, contact_wrenches
+from lis_grasp.grasping.grip import balanced_grip
+from lis_grasp.grasping.quality import min_weight
+
+AXES = np.vstack([np.eye(3), -np.eye(3)])
+
+
+def _ring(count: int, radius: float = 1.0) -> np.ndarray:
+    angles = 2.0 * np.pi * np.arange(count) / count
+    return radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(count)])
+
+
+def _random_grasp(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    normals = rng.normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals * rng.uniform(0.5, 1.5, size=(count, 1)), normals
+
+
+def _epsilon_by_linear_programmes(wrenches: np.ndarray, directions: np.ndarray) -> float:
+    """Least, over directions, of the largest multiple of it inside the hull: an upper bound."""
+    reach = []
+    for direction in directions:
+        # max s : s d = W^T a, a >= 0, sum a = 1
+        solution = linprog(
+            np.append(np.zeros(len(wrenches)), -1.0),
+            A_eq=np.vstack(
+                [
+                    np.column_stack([wrenches.T, -direction]),
+                    np.append(np.ones(len(wrenches)), 0.0),
+                ]
+            ),
+            b_eq=np.append(np.zeros(6), 1.0),
+            bounds=[(0, None)] * len(wrenches) + [(None, None)],
+        )
+        reach.append(-solution.fun if solution.status == 0 else 0.0)
+    return float(min(reach))
+
+
+def test_cone_edges_lie_on_the_cone_and_push_inward() -> None:
+    rng = np.random.default_rng(0)
+    _, normals = _random_grasp(rng, 20)
+    forces = cone_edges(normals, 0.7)  # (20, 8, 3)
+    normal_part = -(forces * normals[:, None]).sum(axis=-1)
+    np.testing.assert_allclose(normal_part, 1.0, atol=1e-12)
+    tangential = forces + normal_part[..., None] * normals[:, None]
+    np.testing.assert_allclose(np.linalg.norm(tangential, axis=-1), 0.7, atol=1e-12)
+
+
+@pytest.mark.parametrize(("model", "columns"), [("frictionless", 1), ("coulomb", 8), ("soft_finger", 10)])
+def test_wrenches_are_forces_and_their_torques_over_the_length(model: str, columns: int) -> None:
+    points, normals = np.array([[0.2, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
+    wrenches = contact_wrenches(
+        points, normals, friction=0.5, origin=np.zeros(3), length_scale=0.1, model=model, torsion=0.01
+    )
+    assert wrenches.shape == (1, columns, 6)
+    ordinary = wrenches[0, :8] if model != "frictionless" else wrenches[0]
+    expected = np.cross(points, ordinary[:, :3]) / 0.1
+    np.testing.assert_allclose(ordinary[:, 3:], expected, atol=1e-12)
+
+
+def test_a_soft_finger_twists_by_its_torsion_about_the_normal() -> None:
+    wrenches = contact_wrenches(
+        [[0.0, 0.0, 1.0]],
+        [[0.0, 0.0, 1.0]],
+        friction=0.5,
+        origin=np.zeros(3),
+        length_scale=2.0,
+        model="soft_finger",
+        torsion=0.3,
+    )
+    np.testing.assert_allclose(wrenches[0, -2:, 5], [-0.15, 0.15])
+
+
+def test_two_hard_fingers_never_close_and_two_soft_ones_do() -> None:
+    points = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    assert not is_force_closure(points, points, friction=0.5)
+    assert epsilon_quality(points, points, friction=0.5) == 0.0
+    soft = {"friction": 0.5, "model": "soft_finger", "torsion": 0.1}
+    assert is_force_closure(points, points, **soft)
+    assert epsilon_quality(points, points, **soft) > 0.0
+
+
+def test_frictionless_contacts_on_a_sphere_never_resist_torque() -> None:
+    rng = np.random.default_rng(1)
+    normals = _random_grasp(rng, 12)[1]
+    assert not is_force_closure(normals, normals, friction=0.0)
+    assert epsilon_quality(normals, normals, friction=0.0) == 0.0
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.5, 1.0])
+def test_three_fingers_round_a_sphere_close_with_friction_above_their_angle(friction: float) -> None:
+    # Three contacts 120 degrees apart balance along their normals for any friction above zero.
+    points = _ring(3)
+    assert is_force_closure(points, points, friction=friction)
+    assert epsilon_quality(points, points, friction=friction) > 0.0
+
+
+def test_planar_antipodal_threshold_is_the_friction_cone() -> None:
+    # Nguyen 1988: two contacts balance exactly when the line between them is inside both cones.
+    tilt = 0.3
+    points = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    normals = np.array([[np.cos(tilt), np.sin(tilt), 0.0], [-np.cos(tilt), np.sin(tilt), 0.0]])
+    soft = {"model": "soft_finger", "torsion": 0.1, "edges": 64}
+    assert is_force_closure(points, normals, friction=np.tan(tilt) + 0.01, **soft)
+    assert not is_force_closure(points, normals, friction=np.tan(tilt) - 0.01, **soft)
+
+
+def test_octahedral_grasp_has_the_closed_form_epsilon_at_small_friction() -> None:
+    # Six unit contacts on the axes. A force along (1,1,1)/sqrt(3) is resisted worst: the supporting
+    # facet gives 1/sqrt(3) times the normal part, friction adds nothing in that direction's worst
+    # pyramid orientation. Torque about an axis is resisted by friction alone, so for small friction
+    # epsilon grows in proportion to it.
+    low = epsilon_quality(AXES, AXES, friction=0.01)
+    high = epsilon_quality(AXES, AXES, friction=0.02)
+    assert high == pytest.approx(2.0 * low, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_epsilon_agrees_with_linear_programmes_along_its_worst_direction(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, normals = _random_grasp(rng, 6)
+    epsilon = epsilon_quality(points, normals, friction=0.8)
+    center = points.mean(axis=0)
+    scale = np.linalg.norm(points - center, axis=1).max()
+    wrenches = contact_wrenches(
+        points, normals, friction=0.8, origin=center, length_scale=scale
+    ).reshape(-1, 6)
+    directions = rng.normal(size=(60, 6))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    assert epsilon <= _epsilon_by_linear_programmes(wrenches, directions) + 1e-9
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_force_closure_is_epsilon_above_zero(seed: int) -> None:
+    rng = np.random.default_rng(100 + seed)
+    for count in (3, 4, 5):
+        points, normals = _random_grasp(rng, count)
+        closed = is_force_closure(points, normals, friction=0.6)
+        assert closed == (epsilon_quality(points, normals, friction=0.6) > 1e-9)
+        assert closed == (min_weight(points, normals, friction=0.6) > 1e-9)
+
+
+def test_min_weight_is_one_for_a_symmetric_grasp_and_never_more() -> None:
+    assert min_weight(AXES, AXES, friction=0.5) == pytest.approx(1.0, abs=1e-9)
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        points, normals = _random_grasp(rng, 5)
+        assert 0.0 <= min_weight(points, normals, friction=0.7) <= 1.0 + 1e-9
+
+
+def test_adding_a_contact_never_lowers_epsilon() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        points, normals = _random_grasp(rng, 6)
+        fixed = {"friction": 0.6, "origin": np.zeros(3), "length_scale": 1.0}
+        fewer = epsilon_quality(points[:5], normals[:5], **fixed)
+        assert epsilon_quality(points, normals, **fixed) >= fewer - 1e-12
+
+
+def test_more_friction_never_lowers_epsilon() -> None:
+    rng = np.random.default_rng(3)
+    points, normals = _random_grasp(rng, 5)
+    values = [epsilon_quality(points, normals, friction=mu) for mu in (0.2, 0.4, 0.8, 1.2)]
+    assert np.all(np.diff(values) >= -1e-12)
+
+
+def test_epsilon_is_the_same_in_any_unit_of_length() -> None:
+    rng = np.random.default_rng(4)
+    points, normals = _random_grasp(rng, 5)
+    assert epsilon_quality(1000.0 * points, normals, friction=0.6) == pytest.approx(
+        epsilon_quality(points, normals, friction=0.6), rel=1e-9
+    )
+
+
+def test_epsilon_hardly_changes_when_the_grasp_is_turned() -> None:
+    # Exactly invariant only for round cones: a pyramid of 32 edges lies within 1/cos(pi/32), half a
+    # per cent, of its cone.
+    rng = np.random.default_rng(6)
+    points, normals = _random_grasp(rng, 4)
+    R = Rotation.from_rotvec([0.3, 1.1, -0.4]).as_matrix()
+    before = epsilon_quality(points, normals, friction=0.8, edges=32)
+    after = epsilon_quality(points @ R.T, normals @ R.T, friction=0.8, edges=32)
+    assert after == pytest.approx(before, rel=0.02, abs=1e-4)
+
+
+def test_a_balanced_grip_cancels_inside_the_cones() -> None:
+    points, friction = _ring(3, 0.03), 0.6
+    forces = balanced_grip(points, points / 0.03, friction=friction, total=12.0)
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-3)
+    np.testing.assert_allclose(np.cross(points, forces).sum(axis=0), 0.0, atol=1e-4)
+    normals = points / 0.03
+    normal_part = -(forces * normals).sum(axis=1)
+    assert normal_part.sum() == pytest.approx(12.0, rel=1e-2)
+    tangential = np.linalg.norm(forces + normal_part[:, None] * normals, axis=1)
+    assert np.all(tangential <= friction * normal_part + 1e-9)
+
+
+@pytest.mark.parametrize("bad", [np.zeros((0, 3)), np.zeros((2, 2)), [[np.nan, 0, 0]]])
+def test_contacts_that_are_none_are_refused(bad: object) -> None:
+    with pytest.raises(InvalidContactsError):
+        epsilon_quality(bad, bad, friction=0.5)
+
+
+def test_points_without_normals_are_refused() -> None:
+    with pytest.raises(InvalidContactsError, match="one normal"):
+        epsilon_quality(AXES, AXES[:3], friction=0.5)
+
+
+def test_options_out_of_range_are_refused() -> None:
+    with pytest.raises(InvalidOptionError, match="friction"):
+        epsilon_quality(AXES, AXES, friction=-0.1)
+    with pytest.raises(InvalidOptionError, match="length_scale"):
+        epsilon_quality(AXES, AXES, friction=0.5, length_scale=0.0)
+    with pytest.raises(InvalidOptionError, match="model"):
+        epsilon_quality(AXES, AXES, friction=0.5, model="sticky")  # type: ignore[arg-type]
+    with pytest.raises(InvalidOptionError, match="edges"):
+        epsilon_quality(AXES, AXES, friction=0.5, edges=2)

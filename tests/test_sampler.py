@@ -1,0 +1,146 @@
+"""The grasp sampler: what it accepts is in force closure, reached, and free of collision."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp import ForceClosureSampler, GraspSearch, Hand, is_force_closure, shapes
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
+from lis_grasp.grasping.collision import HandCollisionChecker
+
+ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
+
+
+def _search(hand: Hand, name: str, seed: int = 0, candidates: int = 400) -> GraspSearch:
+    shape = shapes.build(name)
+    sampler = ForceClosureSampler(hand, friction=0.8, candidates=candidates)
+    return sampler.sample(
+        shape.mesh,
+        rng=np.random.default_rng(seed),
+        support_height=float(shape.mesh.bounds[0, 2]),
+        count=5,
+    )
+
+
+@pytest.fixture(scope="module")
+def box_search() -> GraspSearch:
+    return _search(ALLEGRO, "box")
+
+
+@pytest.mark.parametrize("name", ["box", "cylinder", "mallet"])
+def test_a_hand_finds_grasps_on(name: str) -> None:
+    search = _search(ALLEGRO, name)
+    assert search.grasps
+    for grasp in search.grasps:
+        assert is_force_closure(grasp.contact_points, grasp.contact_normals, friction=0.8)
+
+
+@pytest.mark.parametrize("name", ["box", "cylinder"])
+def test_a_jaw_finds_antipodal_grasps_on(name: str) -> None:
+    search = _search(JAW, name)
+    assert search.grasps
+    for grasp in search.grasps:
+        first, second = grasp.contact_normals
+        line = grasp.contact_points[1] - grasp.contact_points[0]
+        line /= np.linalg.norm(line)
+        # Nguyen 1988: the line between the contacts lies inside both friction cones.
+        assert -line @ first > np.cos(np.arctan(0.8))
+        assert line @ second > np.cos(np.arctan(0.8))
+
+
+def test_contacts_lie_on_the_surface_with_its_normal(box_search: GraspSearch) -> None:
+    mesh = shapes.build("box").mesh
+    for grasp in box_search.grasps:
+        _, distance, faces = mesh.nearest.on_surface(grasp.contact_points)
+        np.testing.assert_allclose(distance, 0.0, atol=1e-9)
+        np.testing.assert_allclose(mesh.face_normals[faces], grasp.contact_normals, atol=1e-9)
+
+
+def test_pads_touch_their_contacts(box_search: GraspSearch) -> None:
+    for grasp in box_search.grasps:
+        centers = ALLEGRO.pad_centers(grasp.X_OH, grasp.joint_positions)
+        used = [ALLEGRO.fingers.index(finger) for finger in grasp.contact_fingers]
+        radii = np.array([ALLEGRO.pads[f].radius for f in used])
+        expected = grasp.contact_points + radii[:, None] * grasp.contact_normals
+        # The sampler's own bound on a pad's error.
+        assert np.linalg.norm(centers[used] - expected, axis=1).max() <= 0.0015
+
+
+def test_no_link_collides_at_the_grasp_or_on_the_way(box_search: GraspSearch) -> None:
+    mesh = shapes.build("box").mesh
+    checker = HandCollisionChecker(ALLEGRO, mesh, support_height=float(mesh.bounds[0, 2]))
+    for grasp in box_search.grasps:
+        closed = checker.first_collision(grasp.X_OH, grasp.joint_positions, pads_may_touch=True)
+        assert closed is None
+        for back in np.linspace(0.0, 0.1, 5):
+            X_OH = grasp.X_OH.copy()
+            X_OH[:3, 3] -= back * grasp.approach_O
+            assert checker.first_collision(X_OH, grasp.pregrasp_positions) is None
+
+
+def test_no_pad_is_pressed_into_the_surface_by_a_millimetre(box_search: GraspSearch) -> None:
+    mesh = shapes.build("box").mesh
+    for grasp in box_search.grasps:
+        centers = ALLEGRO.pad_centers(grasp.X_OH, grasp.joint_positions)
+        outside = -trimesh.proximity.signed_distance(mesh, centers)
+        radii = np.array([pad.radius for pad in ALLEGRO.pads])
+        assert np.all(radii - outside < 0.001)
+
+
+def test_planned_forces_squeeze_in_balance(box_search: GraspSearch) -> None:
+    for grasp in box_search.grasps:
+        total = np.linalg.norm(grasp.contact_forces, axis=1).sum()
+        assert total > ALLEGRO.max_contact_force
+        assert np.linalg.norm(grasp.contact_forces.sum(axis=0)) < 0.01 * total
+
+
+def test_grasps_are_ranked_by_their_robust_quality(box_search: GraspSearch) -> None:
+    values = [grasp.quality["epsilon_robust"] for grasp in box_search.grasps]
+    assert values == sorted(values, reverse=True)
+    for grasp in box_search.grasps:
+        assert grasp.quality["epsilon"] >= grasp.quality["epsilon_robust"]
+
+
+def test_every_candidate_is_accounted_for(box_search: GraspSearch) -> None:
+    assert len(box_search.grasps) + sum(box_search.rejections.values()) == box_search.candidates
+
+
+def test_the_same_seed_finds_the_same_grasps_and_another_seed_others() -> None:
+    first, again, other = (_search(JAW, "box", seed, 100) for seed in (1, 1, 2))
+    assert np.array_equal(first.grasps[0].X_OH, again.grasps[0].X_OH)
+    assert not np.array_equal(first.grasps[0].X_OH, other.grasps[0].X_OH)
+
+
+def test_an_object_too_wide_for_the_hand_gives_reasons_instead_of_grasps() -> None:
+    mesh = trimesh.creation.box((0.4, 0.4, 0.4))
+    search = ForceClosureSampler(JAW, candidates=100).sample(
+        mesh, rng=np.random.default_rng(0), support_height=-0.2
+    )
+    assert search.grasps == ()
+    assert sum(search.rejections.values()) == 100
+
+
+def test_surface_that_no_touch_supports_is_not_grasped() -> None:
+    mesh = trimesh.creation.box((0.05, 0.06, 0.10)).subdivide_to_size(0.008)
+    # Only the part with z > 0 was touched.
+    uncertain = np.where(mesh.vertices[:, 2] > 0.0, 0.001, 0.05)
+    mesh.vertex_attributes["uncertainty"] = uncertain
+    search = ForceClosureSampler(JAW, candidates=200).sample(
+        mesh, rng=np.random.default_rng(0), support_height=-0.05
+    )
+    assert search.grasps
+    for grasp in search.grasps:
+        assert grasp.contact_points[:, 2].min() > -0.008
+
+
+def test_an_open_mesh_is_refused() -> None:
+    mesh = trimesh.creation.box((0.05, 0.05, 0.05))
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    with pytest.raises(InvalidMeshError, match="closed"):
+        ForceClosureSampler(JAW).sample(mesh, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("options", [{"friction": 0.0}, {"candidates": 0}])
+def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(InvalidOptionError):
+        ForceClosureSampler(JAW, **options)  # type: ignore[arg-type]
