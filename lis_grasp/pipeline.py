@@ -63,7 +63,7 @@ class RunConfig:
     size: float | None = None
     units: str = "m"
     hand: str = "allegro"
-    estimator: str = "lis"
+    estimator: str = "patch"
     touches: int = 40
     seed: int = 0
     mass: float = 0.2

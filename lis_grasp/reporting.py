@@ -11,6 +11,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.grasping.grasp import GraspSearch
+from lis_grasp.grasping.hand import Hand
 from lis_grasp.pipeline import STEP_FRACTION, RunConfig
 from lis_grasp.shapes import Shape
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 def build_report(
     config: RunConfig,
     shape: Shape,
+    hand: Hand,
     contacts: Contacts,
     mesh: trimesh.Trimesh,
     search: GraspSearch,
@@ -38,7 +40,7 @@ def build_report(
         "touches": len(contacts),
         "repairs": list(shape.repairs),
         "surface": surface_facts(shape, contacts, mesh),
-        "grasps": grasp_facts(config, shape, search),
+        "grasps": grasp_facts(config, shape, hand, search),
         "lift": lift_facts(outcome),
         "timings": {stage: round(seconds, 3) for stage, seconds in timings.items()},
     }
@@ -58,7 +60,9 @@ def surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> di
     }
 
 
-def grasp_facts(config: RunConfig, shape: Shape, search: GraspSearch) -> dict[str, Any]:
+def grasp_facts(
+    config: RunConfig, shape: Shape, hand: Hand, search: GraspSearch
+) -> dict[str, Any]:
     """Return how many grasps were found, why others were not, and the best one's quality."""
     facts: dict[str, Any] = {
         "number": len(search.grasps),
@@ -70,7 +74,9 @@ def grasp_facts(config: RunConfig, shape: Shape, search: GraspSearch) -> dict[st
     if search.grasps:
         best = search.grasps[0]
         facts["best_epsilon_estimate"] = best.quality["epsilon"]
-        facts["best_epsilon_truth"] = epsilon_on_truth(best, shape.mesh, friction=config.friction)
+        facts["best_epsilon_truth"] = epsilon_on_truth(
+            best, shape.mesh, hand, friction=config.friction
+        )
     return facts
 
 

@@ -98,7 +98,7 @@ def execute(options: argparse.Namespace) -> None:
             stage.result = outcome.reason
 
     with Stage("Reporting") as stage, watch.measure("report"):
-        report = build_report(config, shape, contacts, mesh, search, outcome, watch.seconds)
+        report = build_report(config, shape, hand, contacts, mesh, search, outcome, watch.seconds)
         lines = _summary(report)
         write_scene_of(output, summary=lines)
     report["timings"] = {name: round(seconds, 3) for name, seconds in watch.seconds.items()}

@@ -5,17 +5,19 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from lis_grasp.grasping.assessment import epsilon_on
 from lis_grasp.grasping.grasp import Grasp
-from lis_grasp.grasping.quality import epsilon_quality
+from lis_grasp.grasping.hand import Hand
 
 
-def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, *, friction: float) -> float:
+def epsilon_on_truth(
+    grasp: Grasp, truth: trimesh.Trimesh, hand: Hand, *, friction: float
+) -> float:
     """Return the grasp's Ferrari-Canny epsilon where its fingers meet the true surface.
 
     Each finger moves along the line of its planned contact normal until it meets the true surface
-    (the crossing nearest to the planned contact), or, where the line misses the object, its
-    contact is lost. The wrench space keeps the origin and the length scale of `epsilon_quality`
-    on the true contacts.
+    (the crossing nearest to the planned contact); where the line misses the object, the contact is
+    lost. Origin, length scale and contact model are those of `epsilon_on`, on the true object.
 
     Parameters
     ----------
@@ -23,6 +25,8 @@ def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, *, friction: float) -
         A grasp planned on an estimate of `truth`, contacts in O [m].
     truth
         The true object, watertight, in O [m].
+    hand
+        The hand that grasps.
     friction
         Coulomb friction coefficient.
 
@@ -34,7 +38,7 @@ def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, *, friction: float) -
     points, normals = true_contacts(grasp, truth)
     if len(points) < 2:
         return 0.0
-    return float(epsilon_quality(points, normals, friction=friction))
+    return epsilon_on(truth, hand, points, normals, friction=friction)
 
 
 def true_contacts(grasp: Grasp, truth: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:

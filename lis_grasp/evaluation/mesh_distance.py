@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -12,18 +12,20 @@ from scipy.spatial import cKDTree
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
-# Triangles in a leaf of the tree, at most.
-_LEAF = 4
+# Triangles are cut until no side is longer than three times that of this many equal ones: a few
+# large ones would otherwise be candidates everywhere.
+_PIECES = 5000
 
-# Points searched at once.
-_CHUNK = 4096
+# Point-triangle pairs held at once.
+_CHUNK = 1_000_000
 
 
 def distances_to_mesh(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatArray, IndexArray]:
     """Return the distance of each point to the nearest point of a mesh, and the triangle it is on.
 
-    Exact: triangles are in a binary tree of boxes, and a box is opened if it comes nearer than the
-    triangle whose centre is nearest, for all points together, level by level.
+    Exact but for rounding, 1e-8 of a triangle's size. The distance to the triangle whose centre is
+    nearest bounds the answer; measured is every triangle that could be nearer, that is, whose
+    centre is no farther than the bound and the largest triangle's radius.
 
     Parameters
     ----------
@@ -39,94 +41,116 @@ def distances_to_mesh(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatA
     faces
         Shape (P,), a triangle of `mesh.faces` at that distance.
     """
-    triangles = np.array(mesh.triangles)
-    tree = _BoxTree.of(triangles)
-    squares = np.empty(len(points))
-    _, faces = cKDTree(triangles.mean(axis=1)).query(points)
-    faces = np.asarray(faces, dtype=np.intp).reshape(len(points))
-    for start in range(0, len(points), _CHUNK):
-        chunk = slice(start, start + _CHUNK)
-        near = points[chunk]
-        squares[chunk] = _squared_distances(near, triangles[faces[chunk]])
-        row, face = tree.candidates(near, squares[chunk])
-        measured = _squared_distances(near[row], triangles[face])
-        # Rows ascend: the best of each, and where it replaces the first guess.
-        best = np.lexsort((face, measured, row))
-        best = best[np.unique(row[best], return_index=True)[1]]
-        best = best[measured[best] < squares[chunk][row[best]]]
-        squares[start + row[best]] = measured[best]
-        faces[start + row[best]] = face[best]
-    return np.sqrt(squares), faces
+    if not len(points):
+        return np.empty(0), np.empty(0, dtype=np.intp)
+    pieces, owners = _cut_to_size(np.array(mesh.triangles), 3.0 * np.sqrt(mesh.area / _PIECES))
+    centers = pieces.mean(axis=1)
+    largest = np.linalg.norm(pieces - centers[:, None], axis=2).max()
+    tree = cKDTree(centers)
+    nearest = np.asarray(tree.query(points)[1], dtype=np.intp)
+    reach = (_distances(points, pieces[nearest]) + largest) * (1.0 + 1e-12)
+    scalars = _Scalars(pieces)
+    for chunk in _chunks(tree.query_ball_point(points, reach, return_length=True)):
+        near = tree.query_ball_point(points[chunk], reach[chunk])
+        counts = np.array([len(candidates) for candidates in near])
+        candidates = np.concatenate([np.array(c, dtype=np.intp) for c in near])
+        squares = scalars.squared_distances(np.repeat(points[chunk], counts, axis=0), candidates)
+        starts = np.cumsum(counts) - counts
+        least = np.minimum.reduceat(squares, starts)
+        row = np.repeat(np.arange(len(counts)), counts)
+        winners = np.flatnonzero(squares == least[row])
+        _, first = np.unique(row[winners], return_index=True)
+        nearest[chunk] = candidates[winners[first]]
+    return _distances(points, pieces[nearest]), owners[nearest]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _BoxTree:
-    """A balanced binary tree of boxes round triangles.
+def _chunks(counts: IndexArray) -> Iterator[slice]:
+    """Cut points into runs of at most `_CHUNK` candidates each, at least one point a run."""
+    passed = np.cumsum(counts)
+    start = 0
+    while start < len(counts):
+        before = passed[start] - counts[start]
+        stop = max(start + 1, int(np.searchsorted(passed, before + _CHUNK, side="right")))
+        yield slice(start, stop)
+        start = stop
 
-    Parameters
-    ----------
-    lows, highs
-        A pair of arrays of shape (2^level, 3) for each level: corners of the boxes.
-    leaves
-        Shape (2^depth, L), the triangles in each box of the last level; some are named twice.
+
+def _cut_to_size(triangles: FloatArray, size: float) -> tuple[FloatArray, IndexArray]:
+    """Halve triangles at their longest side until none is longer; return pieces and owners."""
+    owners = np.arange(len(triangles))
+    done: list[tuple[FloatArray, IndexArray]] = []
+    while len(triangles):
+        sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)  # k to k + 1
+        long = sides.max(axis=1) > size
+        done.append((triangles[~long], owners[~long]))
+        first = sides[long].argmax(axis=1)
+        row = np.arange(len(first))
+        a, b, c = (triangles[long][row, (first + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        halves = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
+        triangles, owners = np.concatenate(halves), np.tile(owners[long], 2)
+    return np.concatenate([t for t, _ in done]), np.concatenate([o for _, o in done])
+
+
+class _Scalars:
+    """Squared distances of many point-triangle pairs from a handful of scalars each (Eberly 1999).
+
+    With p - a = o and the point of the triangle a + s u + t v, the square is
+    o.o - 2 s o.u - 2 t o.v + s^2 u.u + 2 s t u.v + t^2 v.v. Fit to tell which triangle is nearest;
+    near zero the sum cancels to sqrt(rounding) of a triangle's size.
     """
 
-    lows: list[FloatArray]
-    highs: list[FloatArray]
-    leaves: IndexArray
+    def __init__(self, triangles: FloatArray) -> None:
+        self.a = triangles[:, 0]
+        self.u, self.v = triangles[:, 1] - self.a, triangles[:, 2] - self.a
+        uu, uv, vv = (_dot(x, y) for x, y in ((self.u, self.u), (self.u, self.v), (self.v, self.v)))
+        self.products = np.stack([uu, uv, vv, uu * vv - uv**2])  # (4, F)
 
-    @classmethod
-    def of(cls, triangles: FloatArray) -> _BoxTree:
-        """Halve triangles (F, 3, 3) at the median of their centres, along the widest axis."""
-        depth = max(0, int(np.ceil(np.log2(len(triangles) / _LEAF))))
-        size = -(-len(triangles) // 2**depth)
-        centers = triangles.mean(axis=1)
-        order = np.minimum(np.arange(size * 2**depth), len(triangles) - 1)[None]  # (boxes, members)
-        for _ in range(depth):
-            members = centers[order]  # (boxes, members, 3)
-            axis = np.ptp(members, axis=1).argmax(axis=1)
-            keys = np.take_along_axis(members, axis[:, None, None], axis=2)[..., 0]
-            order = np.take_along_axis(order, keys.argsort(axis=1, kind="stable"), axis=1)
-            order = order.reshape(2 * len(order), -1)
-        corners = triangles[order].reshape(len(order), -1, 3)
-        lows, highs = [corners.min(axis=1)], [corners.max(axis=1)]
-        for _ in range(depth):
-            lows.append(lows[-1].reshape(-1, 2, 3).min(axis=1))
-            highs.append(highs[-1].reshape(-1, 2, 3).max(axis=1))
-        return cls(lows[::-1], highs[::-1], order)
+    def squared_distances(self, points: FloatArray, chosen: IndexArray) -> FloatArray:
+        """Return the squared distance of each point (P, 3) to its chosen triangle (P,)."""
+        o = points - self.a[chosen]
+        oo, ou, ov = _dot(o, o), _dot(o, self.u[chosen]), _dot(o, self.v[chosen])
+        uu, uv, vv, determinant = self.products[:, chosen]
 
-    def candidates(self, points: FloatArray, squares: FloatArray) -> tuple[IndexArray, IndexArray]:
-        """Return pairs (point, triangle) that may be nearer than squared distances (P,).
+        def square(s: FloatArray, t: FloatArray) -> FloatArray:
+            return oo + s * (s * uu - 2.0 * ou) + t * (t * vv - 2.0 * ov + 2.0 * s * uv)
 
-        Points in ascending order.
-        """
-        row, box = np.arange(len(points)), np.zeros(len(points), dtype=np.intp)
-        for level, (low, high) in enumerate(zip(self.lows, self.highs, strict=True)):
-            if level > 0:
-                row, box = np.repeat(row, 2), np.repeat(2 * box, 2)
-                box[1::2] += 1
-            p = points[row]
-            gaps = np.maximum(np.maximum(low[box] - p, p - high[box]), 0.0)
-            near = np.einsum("rk,rk->r", gaps, gaps) < squares[row]
-            row, box = row[near], box[near]
-        return np.repeat(row, self.leaves.shape[1]), self.leaves[box].reshape(-1)
+        zero = np.zeros_like(oo)
+        least = square(_unit(ou, uu), zero)
+        np.minimum(least, square(zero, _unit(ov, vv)), out=least)
+        # From b to c: s = 1 - w, t = w.
+        w = _unit(ov - ou + uu - uv, uu - 2.0 * uv + vv)
+        np.minimum(least, square(1.0 - w, w), out=least)
+        s, t = ou * vv - ov * uv, ov * uu - ou * uv
+        over = np.flatnonzero((s > 0.0) & (t > 0.0) & (s + t < determinant))
+        inner = oo[over] - (s[over] * ou[over] + t[over] * ov[over]) / determinant[over]
+        least[over] = np.minimum(least[over], inner)
+        return least
 
 
-def _squared_distances(points: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Return the squared distance of each point (P, 3) to its triangle (P, 3, 3)."""
-    squares = np.full(len(points), np.inf)
+def _unit(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
+    """Return the quotient held to [0, 1]; 0 for a side of no length."""
+    return np.clip(numerator / np.where(denominator > 0.0, denominator, np.inf), 0.0, 1.0)
+
+
+def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
+    products: FloatArray = np.einsum("pk,pk->p", first, second)
+    return products
+
+
+def _distances(points: FloatArray, triangles: FloatArray) -> FloatArray:
+    """Return the distance of each point (P, 3) to its triangle (P, 3, 3), to rounding."""
+    distances = np.full(len(points), np.inf)
     sides = np.roll(triangles, -1, axis=1) - triangles
     normals = np.cross(sides[:, 0], sides[:, 1])
-    areas = np.einsum("pk,pk->p", normals, normals)
-    above = areas > 0.0
+    lengths = np.linalg.norm(normals, axis=1)
+    above = lengths > 0.0
     for k in range(3):
         side, offset = sides[:, k], points - triangles[:, k]
-        length = np.einsum("pk,pk->p", side, side)
-        along = np.einsum("pk,pk->p", side, offset) / np.where(length > 0.0, length, 1.0)
-        to_side = offset - np.clip(along, 0.0, 1.0)[:, None] * side
-        np.minimum(squares, np.einsum("pk,pk->p", to_side, to_side), out=squares)
-        above &= np.einsum("pk,pk->p", np.cross(side, offset), normals) >= 0.0
+        along = _unit(_dot(side, offset), _dot(side, side))
+        np.minimum(distances, np.linalg.norm(offset - along[:, None] * side, axis=1), out=distances)
+        above &= _dot(np.cross(side, offset), normals) >= 0.0
     # Over its inside, a triangle is as far away as its plane.
-    heights = np.einsum("pk,pk->p", points - triangles[:, 0], normals)[above]
-    squares[above] = np.minimum(squares[above], heights**2 / areas[above])
-    return squares
+    heights = np.abs(_dot(points - triangles[:, 0], normals))[above] / lengths[above]
+    distances[above] = np.minimum(distances[above], heights)
+    return distances

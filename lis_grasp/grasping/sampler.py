@@ -10,8 +10,8 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
+from lis_grasp.grasping.assessment import closes, epsilon_on
 from lis_grasp.grasping.collision import HandCollisionChecker
-from lis_grasp.grasping.contact_model import ContactModel
 from lis_grasp.grasping.contact_search import (
     ContactSets,
     SurfaceSamples,
@@ -22,7 +22,6 @@ from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.grip import balanced_grip
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.inverse_kinematics import PadTargets, Postures, reach
-from lis_grasp.grasping.quality import epsilon_quality, is_force_closure
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -34,8 +33,6 @@ _OPENING = 0.02  # [m] that each pad backs off its contact before closing
 _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
 # Contacts are known to a few degrees only: grasps are ranked at this share of the friction.
 _ROBUST_SHARE = 0.5
-# A flat pad resists turning about its normal with about this lever [m].
-_FLAT_PAD_LEVER = 0.006
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +125,8 @@ class ForceClosureSampler:
         grasps.sort(key=lambda grasp: -grasp.quality["epsilon_robust"])
         if len(grasps) > count:
             rejected["outranked"] = len(grasps) - count
-        return GraspSearch(tuple(grasps[:count]), dict(sorted(rejected.items())), self.candidates)
+        counts = {reason: n for reason, n in sorted(rejected.items()) if n}
+        return GraspSearch(tuple(grasps[:count]), counts, self.candidates)
 
     def _reach(self, sets: ContactSets, rejected: Counter[str]) -> tuple[ContactSets, Postures]:
         """Solve the inverse kinematics from the fitting pregrasp, and drop what is not reached."""
@@ -173,24 +171,10 @@ class ForceClosureSampler:
         """Return the grasp with its quality, or None without force closure at the friction given."""
         hand, used = self.hand, sets.used[b]
         points, normals = sets.points[b][used], sets.normals[b][used]
-        model: ContactModel = "soft_finger" if hand.kind == "jaw" else "coulomb"
-        torsion = self.friction * _FLAT_PAD_LEVER
-        if not is_force_closure(
-            points, normals, friction=self.friction, model=model, torsion=torsion
-        ):
+        if not closes(hand, points, normals, friction=self.friction):
             return None
-        center = np.asarray(mesh.center_mass)
-        scale = float(np.linalg.norm(mesh.vertices - center, axis=1).max())
         epsilon, robust = (
-            epsilon_quality(
-                points,
-                normals,
-                friction=share * self.friction,
-                origin=center,
-                length_scale=scale,
-                model=model,
-                torsion=share * torsion,
-            )
+            epsilon_on(mesh, hand, points, normals, friction=share * self.friction)
             for share in (1.0, _ROBUST_SHARE)
         )
         forces = balanced_grip(

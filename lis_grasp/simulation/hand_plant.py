@@ -1,4 +1,4 @@
-"""A hand in a Drake plant: its links with compliant hydroelastic skin, its joints under PD control."""
+"""A hand in a Drake plant: links with compliant hydroelastic skin, joints under PD control."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
@@ -23,7 +24,6 @@ from pydrake.geometry import (
     Shape,
     Sphere,
 )
-from pydrake.common import MemoryFile
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import (
@@ -205,7 +205,7 @@ def add_wrist(
     damping: tuple[float, float],
     limits: tuple[float, float],
 ) -> Wrist:
-    """Hold the hand's base link by a wrist of three sliding and three turning joints under PD control.
+    """Hold the hand's base link by three sliding and three turning joints under PD control.
 
     The wrist's zero is `X_WB`, so it is far from its singularity (a quarter turn of pitch) wherever
     the hand is posed.
@@ -241,9 +241,7 @@ def add_wrist(
     for joint in in_order:
         turning = isinstance(joint, RevoluteJoint)
         actuator = plant.AddJointActuator(joint.name(), joint, limits[turning])
-        actuator.set_controller_gains(
-            PdControllerGains(p=stiffness[turning], d=damping[turning])
-        )
+        actuator.set_controller_gains(PdControllerGains(p=stiffness[turning], d=damping[turning]))
     plant.set_gravity_enabled(instance, False)
     return Wrist(instance, in_order)
 
@@ -284,7 +282,9 @@ def _skin(geometry: LinkGeometry, friction: float, modulus: float) -> ProximityP
     AddContactMaterial(
         dissipation=10.0, friction=CoulombFriction(friction, friction), properties=properties
     )
-    smallest = min(geometry.dimensions) if geometry.dimensions else float(geometry.mesh.extents.min())
+    smallest = (
+        min(geometry.dimensions) if geometry.dimensions else float(geometry.mesh.extents.min())
+    )
     AddCompliantHydroelasticProperties(
         resolution_hint=0.5 * smallest, hydroelastic_modulus=modulus, properties=properties
     )

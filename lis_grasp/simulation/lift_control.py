@@ -200,7 +200,7 @@ class FingerControl:
             total = -float(np.sum(forces * normals))
             if total >= _ENOUGH * self._grip_force:
                 return forces
-        # No balance anywhere: the least unbalanced squeeze, and the table and the palm take the rest.
+        # No balance anywhere: the least unbalanced squeeze; table and palm take the rest.
         return forces * (self._grip_force / max(total, 1e-3 * self._grip_force))
 
     def _efforts(self, forces: dict[str, FloatArray]) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The same solid with fewer triangles: what a hydroelastic contact costs grows with their number."""
+"""The same solid with fewer triangles: hydroelastic contact costs time for each of them."""
 
 from __future__ import annotations
 

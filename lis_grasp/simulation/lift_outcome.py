@@ -71,7 +71,7 @@ class LiftOptions:
     search_distance: float = 0.02
     largest_slip: float = 0.02
     largest_push: float = 0.01
-    time_step: float = 0.002
+    time_step: float = 0.0025
     frame_rate: float = 30.0
 
     def __post_init__(self) -> None:

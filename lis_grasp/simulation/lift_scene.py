@@ -11,6 +11,10 @@ from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
     Box,
+    CollisionFilterDeclaration,
+    FilterId,
+    GeometryId,
+    GeometrySet,
     ProximityProperties,
 )
 from pydrake.math import RigidTransform
@@ -140,13 +144,20 @@ class LiftScene:
         )
         self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
         self._center = np.asarray(mesh.center_mass)
-        _add_table(plant, support_height, friction)
+        self._table = _add_table(plant, support_height, friction)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
+        # Drake gives a body without a joint this one: six degrees of freedom.
+        (joint,) = plant.GetJointIndices(instance)
+        self._object_joint = plant.get_joint(joint)
         self._diagram = builder.Build()
         root = self._diagram.CreateDefaultContext()
         self._context = plant.GetMyMutableContextFromRoot(root)
         self._simulator = Simulator(self._diagram, root)
+        self._filters = scene_graph.collision_filter_manager(
+            scene_graph.GetMyMutableContextFromRoot(root)
+        )
+        self._resting: FilterId | None = None
         self._steps = 0
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._efforts_port = plant.get_actuation_input_port(self._hand.instance)
@@ -185,10 +196,28 @@ class LiftScene:
         self._fingers_port.FixValue(self._context, np.concatenate([q, np.zeros(len(q))]))
         self._efforts_port.FixValue(self._context, efforts)
 
+    def rest_object(self) -> None:
+        """Lock the object where it stands until the hand touches it.
+
+        It does not move by itself, and its contact with the table, which is the costliest one,
+        need not be computed until then.
+        """
+        # Drake 1.51 crashes on contact between a locked body and the world: filter it meanwhile.
+        self._resting = self._filters.ApplyTransient(
+            CollisionFilterDeclaration().ExcludeBetween(
+                GeometrySet([self._object_geometry]), GeometrySet([self._table])
+            )
+        )
+        self._object_joint.Lock(self._context)
+
     def step(self) -> None:
         """Advance by one time step."""
         self._steps += 1
         self._simulator.AdvanceTo(self.time)
+        if self._resting is not None and self.touches():
+            self._filters.RemoveDeclaration(self._resting)
+            self._object_joint.Unlock(self._context)
+            self._resting = None
 
     @property
     def joint_positions(self) -> FloatArray:
@@ -275,7 +304,7 @@ class LiftScene:
         return Touch(link, surface.centroid(), normal / length, force)
 
 
-def _add_table(plant: MultibodyPlant, height: float, friction: float) -> None:
+def _add_table(plant: MultibodyPlant, height: float, friction: float) -> GeometryId:
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=_TABLE_DISSIPATION,
@@ -286,6 +315,6 @@ def _add_table(plant: MultibodyPlant, height: float, friction: float) -> None:
         resolution_hint=0.1, hydroelastic_modulus=_TABLE_MODULUS, properties=properties
     )
     X_WT = RigidTransform([0.0, 0.0, height - 0.5 * _TABLE_SIZE[2]])
-    plant.RegisterCollisionGeometry(
+    return plant.RegisterCollisionGeometry(
         plant.world_body(), X_WT, Box(*_TABLE_SIZE), "table", properties
     )

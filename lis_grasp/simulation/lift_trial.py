@@ -111,6 +111,7 @@ class LiftTrial:
 
     def _settle(self) -> Reason | None:
         self._advance(_SETTLE_TIME, rest_at(self._retreat))
+        self._scene.rest_object()
         return "unstable" if self._pushed() else None
 
     def _approach(self) -> Reason | None:

@@ -1,11 +1,14 @@
-"""A contact patch as contacts: one, or in a concave corner one for each face that is touched."""
+"""A contact patch as contacts: one for each flat part of the surface that the patch covers."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from pydrake.geometry import GeometryId
+from pydrake.multibody.plant import HydroelasticContactInfo
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -38,15 +41,55 @@ class Patch:
     force: float
 
 
+def normal_force(info: HydroelasticContactInfo) -> float:
+    """Return the patch's force along its mean normal [N]: friction does not count as touch."""
+    surface = info.contact_surface()
+    normal = sum(surface.area(i) * surface.face_normal(i) for i in range(surface.num_faces()))
+    length = np.linalg.norm(normal)
+    return float(abs(info.F_Ac_W().translational() @ normal) / length) if length else 0.0
+
+
+def contact_patches(
+    info: HydroelasticContactInfo,
+    *,
+    object_geometry: GeometryId,
+    link_of_geometry: Mapping[GeometryId, str],
+) -> list[Patch]:
+    """Return a contact between object and hand as flat parts, in W; none unless one is the object.
+
+    Parameters
+    ----------
+    info
+        Drake's contact.
+    object_geometry
+        The object's shape.
+    link_of_geometry
+        The hand's shapes, and the links that carry them.
+    """
+    surface = info.contact_surface()
+    first, second = surface.id_M(), surface.id_N()
+    object_is_m = first == object_geometry
+    link = link_of_geometry.get(second if object_is_m else first)
+    if link is None or object_geometry not in (first, second):
+        return []
+    mesh = surface.tri_mesh_W() if surface.is_triangle() else surface.poly_mesh_W()
+    faces = range(surface.num_faces())
+    areas = np.array([surface.area(i) for i in faces])
+    # A face's normal points out of N into M: it is the object's outward one when N is the object.
+    outward = -1.0 if object_is_m else 1.0
+    normals = outward * np.array([surface.face_normal(i) for i in faces])
+    centroids = np.array([mesh.element_centroid(i) for i in faces])
+    return split_patch(link, areas, centroids, normals, force=normal_force(info))
+
+
 def split_patch(
     link: str, areas: FloatArray, centroids: FloatArray, normals: FloatArray, *, force: float
 ) -> list[Patch]:
-    """Split a contact patch at the edges that it lies across.
+    """Split a contact patch at the edges that it lies across, convex or concave.
 
-    A patch across an edge covers two faces, and the mean of their normals is the normal of neither.
-    Faces within 35 degrees of a part's area-weighted mean normal form that part, the largest
-    first. In a concave corner the tip rests on both faces, apart from each other: each is a contact.
-    Round a convex edge the parts meet in one place: only the largest counts.
+    A tip in a corner touches two faces at once, and the mean of their normals is the normal of
+    neither. Faces within 35 degrees of a part's area-weighted mean normal form that part, the
+    largest first.
 
     Parameters
     ----------
@@ -64,7 +107,7 @@ def split_patch(
     """
     total = float(areas.sum())
     remaining = areas > 0.0
-    parts = []
+    parts: list[Patch] = []
     while remaining.any():
         largest = int(np.argmax(np.where(remaining, areas, -1.0)))
         normal = normals[largest]
@@ -74,9 +117,8 @@ def split_patch(
             normal = areas[members] @ normals[members]
             normal /= np.linalg.norm(normal)
         share = float(areas[members].sum()) / total
-        point = areas[members] @ centroids[members] / areas[members].sum()
-        # Concave: the new part rises above the plane of the first.
-        if not parts or (share >= _LEAST_SHARE and (point - parts[0].point) @ parts[0].normal > 0.0):
+        if share >= _LEAST_SHARE or not parts:
+            point = areas[members] @ centroids[members] / areas[members].sum()
             parts.append(Patch(link, point, normal, force * share))
         remaining &= ~members
     return parts

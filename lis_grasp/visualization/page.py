@@ -37,7 +37,7 @@ def build_page(
         Packed drawing commands, in order.
     """
     viewer = _script_text(_viewer_source())
-    script = _script_text(_asset("scene.js"))
+    script = _script_text(_asset("look.js") + _asset("scene.js"))
     style = _asset("scene.css")
     data = json.dumps(
         {**scene, "commands": [base64.b64encode(c).decode("ascii") for c in commands]},

@@ -51,7 +51,8 @@ class Scene:
 
     The page takes what to show from its address: ``#t=2.5`` a moment of the lift [s], ``play=1``
     plays it, ``layers=truth,estimate,contacts,free,grasp-1`` the layers, ``azimuth``,
-    ``elevation`` [deg] and ``zoom`` the camera, ``panel=0`` no overlay; parts are joined by ``&``.
+    ``elevation`` [deg] and ``zoom`` the camera, ``panel=0`` no overlay, ``panel=1`` an unfolded
+    one; parts are joined by ``&``.
 
     Parameters
     ----------

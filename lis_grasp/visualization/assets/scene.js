@@ -2,6 +2,7 @@
 (() => {
   "use strict";
   const THREE = MeshCat.THREE;
+  const { addEdges, fade, makeGlass, meshes, pushBack, setUpCopies } = Look;
   const scene = JSON.parse(document.getElementById("scene-data").textContent);
   const element = (id) => document.getElementById(id);
   const pane = element("meshcat-pane");
@@ -19,13 +20,7 @@
   delete scene.commands;
 
   const node = (...path) => viewer.scene_tree.find(["lis_grasp", ...path]).object;
-  const meshes = (group) => {
-    const found = [];
-    group.traverse((o) => { if (o.material) found.push(o); });
-    return found;
-  };
-
-  // ---- light -----------------------------------------------------------------------------
+  // ---- set-up ----------------------------------------------------------------------------
   const outline = scene.camera.object.concat(scene.camera.hand);
   const box = new THREE.Box3().setFromPoints(outline.map((p) => new THREE.Vector3(...p)));
   const middle = box.getCenter(new THREE.Vector3());
@@ -41,49 +36,7 @@
     viewer.scene.traverse((o) => {
       if (o.material && o.material.color) o.material.color.convertSRGBToLinear();
     });
-    viewer.scene.environment = studio(renderer);
-  }
-
-  // A photographer's studio: a bright room with soft boxes, seen only as light on surfaces.
-  function studio(renderer) {
-    const room = new THREE.Scene();
-    const wall = (colour, strength, size, position) => {
-      const paint = new THREE.MeshBasicMaterial({ color: new THREE.Color(colour).multiplyScalar(strength), side: THREE.DoubleSide });
-      const mesh = new THREE.Mesh(new THREE.BoxGeometry(...size), paint);
-      mesh.position.set(...position);
-      mesh.lookAt(0, 0, 0);
-      room.add(mesh);
-    };
-    wall(0xffffff, 0.30, [40, 40, 40], [0, 0, 0]);
-    wall(0xffffff, 2.4, [9, 9, 0.1], [0, 14, 2]);
-    wall(0xfff4e6, 1.9, [6, 10, 0.1], [12, 6, 8]);
-    wall(0xe8f0ff, 1.2, [6, 10, 0.1], [-13, 4, 2]);
-    const generator = new THREE.PMREMGenerator(renderer);
-    const texture = generator.fromScene(room, 0.03).texture;
-    generator.dispose();
-    return texture;
-  }
-
-  const key = new THREE.DirectionalLight(0xfffaf2, 0.72);
-  const fill = new THREE.DirectionalLight(0xeaf1ff, 0.15);
-  function addLights() {
-    key.target.position.copy(middle);
-    key.castShadow = true;
-    key.shadow.mapSize.set(2048, 2048);
-    key.shadow.radius = 3;
-    key.shadow.bias = -0.0004;
-    key.shadow.normalBias = 0.004 * reach;
-    const span = 2.2 * reach; // wide enough for the lift
-    Object.assign(key.shadow.camera, { left: -span, right: span, top: span, bottom: -span, near: reach, far: 8 * reach });
-    fill.target.position.copy(middle);
-    viewer.scene.add(key, key.target, fill, fill.target);
-  }
-
-  // From the right of the first view and from above; a camera turned by hand leaves the light.
-  function aimLights() {
-    const a = THREE.MathUtils.degToRad(view.azimuth);
-    key.position.set(Math.cos(a + 0.7), Math.sin(a + 0.7), 1.7).setLength(4 * reach).add(middle);
-    fill.position.set(Math.cos(a - 1.2), Math.sin(a - 1.2), 0.5).add(middle);
+    viewer.scene.environment = Look.studio(renderer);
   }
 
   // ---- layers ----------------------------------------------------------------------------
@@ -91,65 +44,12 @@
   const colours = new Map(scene.layers.map((layer) => [layer.id, layer.colour]));
   const has = (id) => wanted.has(id);
 
-  function fade(group, share) {
-    group.visible = share > 0.01;
-    for (const mesh of meshes(group)) {
-      const own = mesh.material.userData;
-      if (own.opacity === undefined) own.opacity = mesh.material.opacity;
-      const transparent = share < 0.999 || own.opacity < 1 || own.glass === true;
-      if (transparent !== mesh.material.transparent) {
-        mesh.material.transparent = transparent;
-        mesh.material.needsUpdate = true;
-      }
-      mesh.material.opacity = own.opacity * share;
-    }
-  }
-
-  // A little further from the eye, so that lines drawn on it are whole.
-  function pushBack(material) {
-    Object.assign(material, { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
-  }
-
-  function addEdges(mesh, color, opacity) {
-    const material = new THREE.LineBasicMaterial({ color, opacity, transparent: true });
-    mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry, 35), material));
-  }
-
-  // A shell that is clear where it is seen straight on and shows at its rim.
-  function makeGlass(solid) {
-    const glass = solid.clone(true);
-    for (const mesh of meshes(glass)) {
-      mesh.material = mesh.material.clone();
-      mesh.castShadow = mesh.receiveShadow = false;
-      mesh.renderOrder = 2;
-      Object.assign(mesh.material, { depthWrite: false, side: THREE.FrontSide, roughness: 0.15 });
-      mesh.material.userData = { opacity: 1, glass: true };
-      mesh.material.polygonOffset = true;
-      mesh.material.polygonOffsetFactor = mesh.material.polygonOffsetUnits = -1;
-      mesh.material.onBeforeCompile = (shader) => {
-        shader.fragmentShader = shader.fragmentShader.replace(
-          "#include <dithering_fragment>",
-          "float facing = abs(dot(normalize(vViewPosition), normal));\n" +
-          "gl_FragColor.a *= mix(0.85, 0.10, smoothstep(0.0, 0.4, facing));\n#include <dithering_fragment>");
-      };
-      addEdges(mesh, mesh.material.color.clone().multiplyScalar(0.45), 0.8);
-    }
-    return glass;
-  }
-
-  function useCopies(group) {
-    for (const mesh of meshes(group)) {
-      mesh.castShadow = mesh.receiveShadow = false;
-      mesh.frustumCulled = false; // its bounds are those of one copy
-    }
-  }
-
   const layers = {};
   let grasps = [];
   function gatherLayers() {
     for (const id of ["estimate", "contacts", "free"]) if (has(id)) layers[id] = node("object", id);
-    if (layers.contacts) useCopies(layers.contacts);
-    if (layers.free) useCopies(layers.free);
+    if (layers.contacts) setUpCopies(layers.contacts);
+    if (layers.free) setUpCopies(layers.free);
     if (has("truth")) {
       layers.truth = node("object", "truth");
       layers.glass = makeGlass(layers.truth);
@@ -325,7 +225,7 @@
     const moved = scene.camera.moved;
     const lift = moved.length ? fit(outline.concat(moved), axes, free) : rest;
     frames = { back, rest, lift };
-    aimLights();
+    aimLights(view.azimuth);
     const [dx, dy] = [(free.left + free.right - width) / 2, (free.top + free.bottom - height) / 2];
     viewer.camera.setViewOffset(width, height, -dx, -dy, width, height);
     Object.assign(viewer.controls, { minDistance: 0.3 * reach, maxDistance: 20 * reach });
@@ -363,12 +263,13 @@
       zoom: Math.max(0.05, number("zoom", view.zoom)),
     };
     document.body.classList.toggle("bare", asked.get("panel") === "0");
+    if (asked.has("panel")) element("panel").open = asked.get("panel") !== "0";
     playing = false;
     for (const input of document.querySelectorAll("[data-layer]")) input.checked = wanted.get(input.dataset.layer);
   }
 
   setUpRenderer();
-  addLights();
+  const aimLights = Look.addLights(viewer.scene, middle, reach);
   gatherLayers();
   if (window.innerWidth <= 640 || window.innerHeight <= 480) element("panel").open = false;
   setUpPlayer();

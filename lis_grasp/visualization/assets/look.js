@@ -1,0 +1,110 @@
+// How things look: light, fading, the glass shell of the true object.
+const Look = (() => {
+  "use strict";
+  const THREE = MeshCat.THREE;
+
+  const meshes = (group) => {
+    const found = [];
+    group.traverse((o) => { if (o.material) found.push(o); });
+    return found;
+  };
+
+  // A photographer's studio: a bright room with soft boxes, seen only as light on surfaces.
+  function studio(renderer) {
+    const room = new THREE.Scene();
+    const wall = (colour, strength, size, position) => {
+      const paint = new THREE.MeshBasicMaterial({ color: new THREE.Color(colour).multiplyScalar(strength), side: THREE.DoubleSide });
+      const mesh = new THREE.Mesh(new THREE.BoxGeometry(...size), paint);
+      mesh.position.set(...position);
+      mesh.lookAt(0, 0, 0);
+      room.add(mesh);
+    };
+    wall(0xffffff, 0.30, [40, 40, 40], [0, 0, 0]);
+    wall(0xffffff, 2.4, [9, 9, 0.1], [0, 14, 2]);
+    wall(0xfff4e6, 1.9, [6, 10, 0.1], [12, 6, 8]);
+    wall(0xe8f0ff, 1.2, [6, 10, 0.1], [-13, 4, 2]);
+    const generator = new THREE.PMREMGenerator(renderer);
+    const texture = generator.fromScene(room, 0.03).texture;
+    generator.dispose();
+    return texture;
+  }
+
+  // Lights round `middle`, for a scene of radius `reach` [m]; returns what aims them.
+  function addLights(scene, middle, reach) {
+    const key = new THREE.DirectionalLight(0xfffaf2, 0.72);
+    const fill = new THREE.DirectionalLight(0xeaf1ff, 0.15);
+    key.target.position.copy(middle);
+    key.castShadow = true;
+    key.shadow.mapSize.set(2048, 2048);
+    key.shadow.radius = 3;
+    key.shadow.bias = -0.0004;
+    key.shadow.normalBias = 0.004 * reach;
+    const span = 2.2 * reach; // wide enough for the lift
+    Object.assign(key.shadow.camera, { left: -span, right: span, top: span, bottom: -span, near: reach, far: 8 * reach });
+    fill.target.position.copy(middle);
+    scene.add(key, key.target, fill, fill.target);
+    // From the right of the camera and from above.
+    return (azimuth) => {
+      const a = THREE.MathUtils.degToRad(azimuth);
+      key.position.set(Math.cos(a + 0.7), Math.sin(a + 0.7), 1.7).setLength(4 * reach).add(middle);
+      fill.position.set(Math.cos(a - 1.2), Math.sin(a - 1.2), 0.5).add(middle);
+    };
+  }
+
+  // Shows a group by its share: 0 is hidden, 1 is as its materials say.
+  function fade(group, share) {
+    group.visible = share > 0.01;
+    for (const mesh of meshes(group)) {
+      const own = mesh.material.userData;
+      if (own.opacity === undefined) own.opacity = mesh.material.opacity;
+      const transparent = share < 0.999 || own.opacity < 1 || own.glass === true;
+      if (transparent !== mesh.material.transparent) {
+        mesh.material.transparent = transparent;
+        mesh.material.needsUpdate = true;
+      }
+      mesh.material.opacity = own.opacity * share;
+    }
+  }
+
+  // A little further from the eye, so that lines drawn on it are whole.
+  function pushBack(material) {
+    Object.assign(material, { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
+  }
+
+  function addEdges(mesh, color, opacity) {
+    const material = new THREE.LineBasicMaterial({ color, opacity, transparent: true });
+    mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry, 35), material));
+  }
+
+  // A shell that is clear where it is seen straight on and shows at its rim.
+  function makeGlass(solid) {
+    const glass = solid.clone(true);
+    for (const mesh of meshes(glass)) {
+      mesh.material = mesh.material.clone();
+      mesh.castShadow = mesh.receiveShadow = false;
+      mesh.renderOrder = 2;
+      Object.assign(mesh.material, { depthWrite: false, side: THREE.FrontSide, roughness: 0.15 });
+      mesh.material.userData = { opacity: 1, glass: true };
+      mesh.material.polygonOffset = true;
+      mesh.material.polygonOffsetFactor = mesh.material.polygonOffsetUnits = -1;
+      mesh.material.onBeforeCompile = (shader) => {
+        shader.fragmentShader = shader.fragmentShader.replace(
+          "#include <dithering_fragment>",
+          "float facing = abs(dot(normalize(vViewPosition), normal));\n" +
+          "gl_FragColor.a *= mix(0.85, 0.10, smoothstep(0.0, 0.4, facing));\n#include <dithering_fragment>");
+      };
+      addEdges(mesh, mesh.material.color.clone().multiplyScalar(0.45), 0.8);
+    }
+    return glass;
+  }
+
+  // Makes a group of many copies (InstancedMesh) fit to be drawn.
+  function setUpCopies(group) {
+    for (const mesh of meshes(group)) {
+      mesh.castShadow = mesh.receiveShadow = false;
+      mesh.frustumCulled = false; // its bounds are those of one copy
+    }
+  }
+
+  return { addEdges, addLights, fade, makeGlass, meshes, pushBack, setUpCopies, studio };
+})();
