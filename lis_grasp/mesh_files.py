@@ -129,7 +129,7 @@ def _colours(uncertainty: FloatArray) -> npt.NDArray[np.uint8]:
     """Return a colour for each uncertainty, shape (V, 3)."""
     known = uncertainty[np.isfinite(uncertainty)]
     end = float(np.quantile(known, _SHOWN)) if len(known) else 0.0
-    part = np.clip(uncertainty / max(end, np.finfo(float).tiny), 0.0, 1.0)[:, None]
+    part = np.where(uncertainty <= end, uncertainty / (end or 1.0), 1.0)[:, None]
     return np.rint(_SUPPORTED + part * (_UNSUPPORTED - _SUPPORTED)).astype(np.uint8)
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from pydrake.geometry import HydroelasticContactRepresentation
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
@@ -164,31 +165,29 @@ def test_an_object_weighs_and_balances_like_its_solid() -> None:
     np.testing.assert_allclose(np.diag(central), expected, rtol=1e-9)
 
 
-def test_contact_with_an_object_keeps_its_hole() -> None:
-    """The jaw's nose in the middle of a ring: inside the hull, outside the object."""
+def test_an_object_keeps_its_hole() -> None:
     hand = Hand.load("wsg50")
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
     added = put(plant, hand)
+    # Opened, the left nose (6 mm in radius) is in the middle of a ring whose hole is 20 mm in radius.
     base = added.bodies[hand.base_link].body_frame()
-    plant.WeldFrames(plant.world_frame(), base, RigidTransform([-0.061, 0.0, -0.09]))
-    mesh = trimesh.creation.torus(major_radius=0.03, minor_radius=0.01)
+    plant.WeldFrames(plant.world_frame(), base, RigidTransform([-0.061, 0.0, -0.069]))
+    ring = trimesh.creation.torus(major_radius=0.03, minor_radius=0.01)
     instance = plant.AddModelInstance("object")
-    body, geometry = add_object(plant, mesh, mass=0.2, friction=0.8, instance=instance)
+    body, _ = add_object(plant, ring, mass=0.2, friction=0.8, instance=instance)
     plant.WeldFrames(plant.world_frame(), body.body_frame())
     plant.Finalize()
     ignore_self_collision(scene_graph, added)
     root = builder.Build().CreateDefaultContext()
-    plant_context = plant.GetMyMutableContextFromRoot(root)
-    query_port = scene_graph.get_query_output_port()
+    context = plant.GetMyMutableContextFromRoot(root)
 
-    def contacts(opening: float) -> list[Any]:
-        from pydrake.geometry import HydroelasticContactRepresentation as Representation
+    def links_in_contact(opening: float) -> set[str]:
+        added.set_joint_positions(context, np.array([opening, 0.0]))
+        query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(root))
+        surfaces = query.ComputeContactSurfaces(HydroelasticContactRepresentation.kPolygon)
+        ids = {identity for surface in surfaces for identity in (surface.id_M(), surface.id_N())}
+        return {link for identity, link in added.link_of_geometry.items() if identity in ids}
 
-        added.set_joint_positions(plant_context, np.array([opening, 0.0]))
-        query = query_port.Eval(scene_graph.GetMyContextFromRoot(root))
-        return query.ComputeContactSurfaces(Representation.kPolygon)
-
-    # The nose, 6 mm in radius at z = 69 - 90 = -21 mm, would be below; its ball reaches z = -15 mm.
-    assert not contacts(0.055)
-    del geometry
+    assert links_in_contact(0.055) == set()
+    assert "left_tip" in links_in_contact(0.04)  # the nose reaches 21 mm from the middle

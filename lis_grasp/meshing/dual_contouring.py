@@ -14,25 +14,13 @@ import numpy.typing as npt
 from lis_grasp.meshing.cell_sheets import corner_configurations, edge_number, sheets_of_cells
 from lis_grasp.meshing.grid import Grid
 from lis_grasp.meshing.hermite import Crossings
+from lis_grasp.meshing.quadrics import place_vertices
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
-# Eigenvalues of the quadric below this part of the largest are noise, not an edge: with equal
-# shares of both sides, an edge that turns by less than 16 deg (tan^2 of half the angle).
-_RANK_TOLERANCE = 0.02
-
 # Cells round an edge along +a, in turn: cell (u, v) has the edge at its (b, c) = (u, v).
 _AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
-
-# Planes meet in a point if they miss it by less than this (root mean square, in cells).
-_MEETING = 0.05
-
-# How far from its cell a vertex may be if the planes meet there, in cells.
-_REACH = 1.0
-
-# Sweeps of coordinate descent for vertices that are held back.
-_SWEEPS = 30
 
 # The two ways to cut a quad.
 _DIAGONALS = ([0, 1, 2, 2, 3, 0], [1, 2, 3, 3, 0, 1])
@@ -72,7 +60,7 @@ def contour(
         The grid.
     """
     sheets = _sheets(inside.reshape(-1), crossings, grid)
-    vertices = _place_vertices(sheets, crossings, grid)
+    vertices = place_vertices(sheets.cells, sheets.corners, crossings, grid)
     corners = sheets.corners.copy()
     # Seen from outside, counterclockwise.
     entering = ~crossings.leaving
@@ -94,113 +82,6 @@ def _sheets(inside: npt.NDArray[np.bool_], crossings: Crossings, grid: Grid) -> 
     names = sheets_of_cells(config, active, grid)[row, edges]  # (E, 4)
     sheets, corners = np.unique(12 * row + names, return_inverse=True)
     return Sheets(active[sheets // 12], corners.reshape(cells.shape))
-
-
-def _place_vertices(sheets: Sheets, crossings: Crossings, grid: Grid) -> FloatArray:
-    """Return the vertex of each sheet, shape (V, 3) [m].
-
-    The vertex minimises the sum of squared distances to the tangent planes of the sheet's
-    crossings; in directions in which the planes say next to nothing it stays at the crossings'
-    mean. It is kept to its cell, unless the planes really meet beside it: an edge of the object
-    that pokes out of a cell through a side none of whose edges it crosses is seen by this cell
-    alone. (Held back to the cell, a rotated cube loses fifty times more of its edges and its
-    triangles fold over.)
-    """
-    quadrics = _gather_quadrics(sheets, crossings, grid)
-    steps = _minimise(quadrics.matrices, quadrics.targets)
-    meet = quadrics.misfit(steps) <= _MEETING**2
-    slack = np.where(meet, _REACH, 0.0)[:, None]
-    cells = grid.coordinates(sheets.cells)
-    low, high = cells - slack - quadrics.means, cells + 1.0 + slack - quadrics.means
-    out = np.flatnonzero(((steps < low) | (steps > high)).any(axis=1))
-    steps[out] = _minimise_in_box(
-        quadrics.matrices[out], quadrics.targets[out], low[out], high[out]
-    )
-    vertices: FloatArray = grid.origin + grid.cell * (quadrics.means + steps)
-    return vertices
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Quadrics:
-    """Of each sheet, sum (n . (m + x - p))^2 = x' Q x - 2 t' x + r over its crossings.
-
-    Lengths are in cells, from the grid's origin.
-
-    Parameters
-    ----------
-    counts
-        Shape (V,), number of crossings.
-    means
-        Shape (V, 3), m, mean of the crossings.
-    matrices
-        Shape (V, 3, 3), Q.
-    targets
-        Shape (V, 3), t.
-    rests
-        Shape (V,), r.
-    """
-
-    counts: IndexArray
-    means: FloatArray
-    matrices: FloatArray
-    targets: FloatArray
-    rests: FloatArray
-
-    def misfit(self, steps: FloatArray) -> FloatArray:
-        """Return the mean squared distance from m + steps, shape (V, 3), to the planes, (V,)."""
-        images = np.einsum("vij,vj->vi", self.matrices, steps) - 2.0 * self.targets
-        squares: FloatArray = self.rests + np.einsum("vi,vi->v", steps, images)
-        return squares / self.counts
-
-
-def _gather_quadrics(sheets: Sheets, crossings: Crossings, grid: Grid) -> Quadrics:
-    members = sheets.corners.reshape(-1)
-    counts = np.bincount(members, minlength=len(sheets.cells))
-
-    def gather(per_crossing: FloatArray) -> FloatArray:
-        weights = np.repeat(per_crossing, 4)
-        return np.bincount(members, weights, minlength=len(counts)).astype(np.float64)
-
-    points = (crossings.points - grid.origin) / grid.cell
-    normals = crossings.normals
-    heights = np.einsum("ek,ek->e", normals, points)
-    means = np.stack([gather(x) for x in points.T], axis=1) / counts[:, None]
-    matrices = np.empty((len(counts), 3, 3))
-    for i in range(3):
-        for j in range(i + 1):
-            matrices[:, i, j] = matrices[:, j, i] = gather(normals[:, i] * normals[:, j])
-    # Gathered from the grid's origin, then moved to the means.
-    targets = np.stack([gather(n * heights) for n in normals.T], axis=1)
-    rests = gather(heights**2) - np.einsum("vi,vi->v", means, targets)
-    targets -= np.einsum("vij,vj->vi", matrices, means)
-    rests -= np.einsum("vi,vi->v", means, targets)
-    return Quadrics(counts, means, matrices, targets, rests)
-
-
-def _minimise(quadric: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the minimum of x' Q x - 2 t' x in the directions about which Q says something."""
-    scales, directions = np.linalg.eigh(quadric)  # ascending
-    kept = (scales > _RANK_TOLERANCE * scales[:, -1:]) & (scales > 0.0)
-    along = np.einsum("vik,vi->vk", directions, target)
-    along = np.where(kept, along, 0.0) / np.where(kept, scales, 1.0)
-    minima: FloatArray = np.einsum("vik,vk->vi", directions, along)
-    return minima
-
-
-def _minimise_in_box(
-    quadric: FloatArray, target: FloatArray, low: FloatArray, high: FloatArray
-) -> FloatArray:
-    """Return the minimum of x' Q x - 2 t' x with low <= x <= high, by coordinate descent."""
-    # A small pull to the mass point, the origin, decides what the planes leave open.
-    pull = _RANK_TOLERANCE * np.trace(quadric, axis1=1, axis2=2)
-    quadric = quadric + np.maximum(pull, np.finfo(float).tiny)[:, None, None] * np.eye(3)
-    x = np.zeros_like(target)
-    for _ in range(_SWEEPS):
-        for k in range(3):
-            others = np.einsum("vj,vj->v", quadric[:, k], x) - quadric[:, k, k] * x[:, k]
-            best = (target[:, k] - others) / quadric[:, k, k]
-            x[:, k] = np.clip(best, low[:, k], high[:, k])
-    return x
 
 
 def _split_quads(corners: IndexArray, vertices: FloatArray, crossings: Crossings) -> IndexArray:

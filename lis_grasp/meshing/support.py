@@ -38,11 +38,12 @@ def supported_faces(
     count, part = _parts(len(vertices), faces)
     if count == 1:
         return np.ones(len(faces), dtype=bool)
-    best_supported = uncertainty <= np.quantile(uncertainty, _BEST)
+    # method="lower": an uncertainty may be infinite.
+    best_supported = uncertainty <= np.quantile(uncertainty, _BEST, method="lower")
     main = int(np.argmax(np.bincount(part[best_supported], minlength=count)))
     lowest = np.full(count, np.inf)
     np.minimum.at(lowest, part, uncertainty)
-    supported = lowest <= np.median(uncertainty[part == main])
+    supported = lowest <= np.quantile(uncertainty[part == main], 0.5, method="lower")
     kept = _with_their_solids(supported, vertices, faces, part)
     return kept[part[faces[:, 0]]]
 

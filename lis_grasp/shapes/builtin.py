@@ -12,11 +12,19 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
-import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape
-from lis_grasp.shapes.tessellation import at_height, cap, circle, join, polygon, prism, stack
+from lis_grasp.shapes.tessellation import (
+    at_height,
+    cap,
+    circle,
+    geodesic_sphere,
+    join,
+    polygon,
+    prism,
+    stack,
+)
 
 PAPER_SIZE = 0.20
 """Largest extent of the paper's objects [m]."""
@@ -66,8 +74,7 @@ def hollow_cylinder(size: float = PAPER_SIZE) -> Shape:
 def sphere(size: float = PAPER_SIZE) -> Shape:
     """Return a sphere of diameter `size`."""
     _require_size(size)
-    mesh = trimesh.creation.icosphere(subdivisions=4, radius=size / 2.0)
-    return Shape.from_mesh("sphere", mesh)
+    return Shape.from_mesh("sphere", geodesic_sphere(size / 2.0, 22))
 
 
 def torus(size: float = PAPER_SIZE) -> Shape:

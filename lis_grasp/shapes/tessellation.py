@@ -104,6 +104,29 @@ def prism(outline: FloatArray, height: float, *, sectors: int, rows: int) -> tri
     )
 
 
+def geodesic_sphere(radius: float, frequency: int) -> trimesh.Trimesh:
+    """Return an icosahedron with each edge cut in `frequency` pieces, blown up to a sphere.
+
+    With an even frequency the sphere's six points on the axes are vertices.
+    """
+    solid = trimesh.creation.icosahedron()
+    i, j = (a.ravel() for a in np.indices((frequency + 1, frequency + 1)))
+    index = np.full((frequency + 1, frequency + 1), -1)
+    index[i[i + j <= frequency], j[i + j <= frequency]] = np.arange(np.sum(i + j <= frequency))
+    i, j = i[i + j <= frequency], j[i + j <= frequency]
+    weights = np.column_stack([frequency - i - j, i, j]) / frequency  # (V, 3), barycentric
+    a, b = i[i + j < frequency], j[i + j < frequency]
+    c, d = i[i + j < frequency - 1], j[i + j < frequency - 1]
+    upright = np.column_stack([index[a, b], index[a + 1, b], index[a, b + 1]])
+    turned = np.column_stack([index[c + 1, d], index[c + 1, d + 1], index[c, d + 1]])
+    patches = []
+    for triangle in np.asarray(solid.triangles):
+        flat = weights @ triangle
+        round_ = radius * flat / np.linalg.norm(flat, axis=1, keepdims=True)
+        patches.append((round_, np.concatenate([upright, turned])))
+    return join(patches)
+
+
 def join(patches: list[Patch]) -> trimesh.Trimesh:
     """Join patches whose borders coincide into one closed mesh."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in patches[:-1]])

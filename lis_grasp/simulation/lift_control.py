@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import lsq_linear
 
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.grip import balanced_grip
@@ -26,7 +27,9 @@ _EFFORT_SHARE = 0.9
 # Part of the way to the measured posture that the springs' rest posture moves in each command while
 # the squeeze builds up: fingers settle where the object lets them, not where the estimate was.
 _YIELD = 0.1
-_SINGULAR_DAMPING = 1e-5  # [m^2], of the pad's inverse kinematics
+# Of a searching pad's sideways motion [1] and of joint motion [m] against its progress.
+_SIDEWAYS_WEIGHT, _STEP_WEIGHT = 0.3, 3e-3
+_ROOM = 1e-6  # bounds of a least-squares problem must not touch each other
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,13 +165,19 @@ class FingerControl:
         return _FingerContact(touch.link, p_L, touch.normal)
 
     def _search(self, finger: str, distance: float) -> None:
-        """Move a finger's pad against its planned normal by `distance`."""
+        """Move a finger's pad against its planned normal by `distance`, within the joints' limits.
+
+        Sideways motion costs little: a finger at a limit that cannot go straight goes as it can.
+        """
         pad, joints = self._pads[finger], self._joints[finger]
         J = self._scene.jacobian(pad.link, pad.center_L)[:, joints]  # (3, K)
-        wanted = -distance * self._planned_normals[finger]
-        step = J.T @ np.linalg.solve(J @ J.T + _SINGULAR_DAMPING * np.eye(3), wanted)
-        moved = self._posture[joints] + step
-        self._posture[joints] = np.clip(moved, self._hand.lower[joints], self._hand.upper[joints])
+        n = self._planned_normals[finger]
+        sideways = _SIDEWAYS_WEIGHT * (np.eye(3) - np.outer(n, n))
+        matrix = np.vstack([n @ J, sideways @ J, _STEP_WEIGHT * np.eye(len(joints))])
+        wanted = np.concatenate([[-distance], np.zeros(3 + len(joints))])
+        q = self._posture[joints]
+        room = self._hand.lower[joints] - q - _ROOM, self._hand.upper[joints] - q + _ROOM
+        self._posture[joints] = q + lsq_linear(matrix, wanted, bounds=room).x
         self._searched[finger] += distance
 
     def _plan_forces(self) -> None:

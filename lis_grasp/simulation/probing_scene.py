@@ -63,6 +63,7 @@ class ProbingScene:
             builder,
         )
         self._plant: MultibodyPlant = plant
+        self._mesh = mesh
         self._add_bodies(hand, mesh)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
@@ -139,15 +140,14 @@ class ProbingScene:
         """Tell whether every link is outside the object."""
         return not self._touches() and not self._any_link_inside()
 
-    def clearance(self, point: FloatArray, *, within: float = 0.1) -> float:
-        """Return a point's distance to the object [m], negative inside; infinity beyond `within`.
+    def is_inside(self, points: FloatArray) -> npt.NDArray[np.bool_]:
+        """Tell which points (P, 3) of W are inside the object, by the parity of a ray's crossings.
 
-        Unlike Drake's distance between two shapes, it is exact for meshes that are not convex.
+        Drake's signed distance refuses meshes with folded triangles, which scans have.
         """
-        for found in self._query().ComputeSignedDistanceToPoint(point, within):
-            if found.id_G == self._object_geometry:
-                return float(found.distance)
-        return float("inf")
+        R_WO, p_WO = self._X_WO[:3, :3], self._X_WO[:3, 3]
+        inside: npt.NDArray[np.bool_] = self._mesh.contains((points - p_WO) @ R_WO)
+        return inside
 
     def touches_at(self, travelled: float) -> bool:
         """Put the hand `travelled` [m] along its way, and tell whether a link touches there."""
@@ -202,7 +202,7 @@ class ProbingScene:
         """Tell whether a link's shape, whose surface touches nothing, is within the object."""
         query = self._query()
         centers = [query.GetPoseInWorld(g).translation() for g in self._hand.link_of_geometry]
-        return any(self.clearance(center, within=0.0) < 0.0 for center in centers)
+        return bool(self.is_inside(np.array(centers)).any())
 
 
 def _rigid(X: FloatArray) -> RigidTransform:

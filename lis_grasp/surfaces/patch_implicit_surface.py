@@ -25,7 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
 # Widths of the kernels that blend quadrics within a patch and formulas of contacts, in spacings.
-_PATCH_SIGMA = 0.3
+_PATCH_SIGMA = 0.4
 _SIGMA = 0.2
 
 # Of contacts, where the caller does not say: a good tactile sensor's.

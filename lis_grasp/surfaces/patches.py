@@ -19,11 +19,11 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
 # How far contacts see each other, in spacings.
-REACH = 2.2
+REACH = 2.6
 
 # Asymmetry of pairs on one smooth surface (one standard deviation, without noise), and how much
 # one pair may say for or against: neighbouring pairs are not independent witnesses.
-_ASYMMETRY = 0.06
+_ASYMMETRY = 0.08
 _PAIR_LIMIT = 2.0
 
 # Log odds that neighbouring contacts belong together before their asymmetry is known, and how they

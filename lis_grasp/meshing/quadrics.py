@@ -1,0 +1,208 @@
+"""Where a sheet's vertex goes: the point at which the tangent planes of its crossings meet.
+
+Quadratic error functions of Ju, Losasso, Schaefer and Warren 2002 (after Garland and Heckbert
+1997), solved round the mean of the crossings with small eigenvalues dropped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.meshing.grid import Grid
+from lis_grasp.meshing.hermite import Crossings
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+
+# Eigenvalues of a quadric below this part of the largest are noise, not an edge: with equal
+# shares of both sides, an edge that turns by less than 16 deg (tan^2 of half the angle).
+_RANK_TOLERANCE = 0.02
+
+# Planes meet in a point if they miss it by less than this (root mean square, in cells).
+_MEETING = 0.05
+
+# The same for the planes of neighbouring cells together, whose vertex then moves to their corner.
+_CORNER_MEETING = 0.02
+
+# How far from its cell a vertex may be if the planes meet there, in cells.
+_REACH = 1.0
+
+# Sweeps of coordinate descent for vertices that are held back.
+_SWEEPS = 30
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Quadrics:
+    """Sums of squared distances to planes, sum (n . (x - p))^2 = x' Q x - 2 t' x + r.
+
+    Lengths are in cells.
+
+    Parameters
+    ----------
+    counts
+        Shape (V,), number of planes.
+    matrices
+        Shape (V, 3, 3), Q.
+    targets
+        Shape (V, 3), t.
+    rests
+        Shape (V,), r.
+    """
+
+    counts: FloatArray
+    matrices: FloatArray
+    targets: FloatArray
+    rests: FloatArray
+
+    def chosen(self, index: IndexArray) -> Quadrics:
+        """Return some of the quadrics."""
+        return Quadrics(
+            self.counts[index], self.matrices[index], self.targets[index], self.rests[index]
+        )
+
+    def about(self, centers: FloatArray) -> Quadrics:
+        """Return the same quadrics as functions of the step from centers, shape (V, 3)."""
+        images = np.einsum("vij,vj->vi", self.matrices, centers)
+        rests = self.rests + np.einsum("vi,vi->v", centers, images - 2.0 * self.targets)
+        return Quadrics(self.counts, self.matrices, self.targets - images, rests)
+
+    def misfits(self, points: FloatArray) -> FloatArray:
+        """Return the mean squared distance from points (V, 3) to the planes, shape (V,)."""
+        return self.about(points).rests / self.counts
+
+    def minima(self) -> tuple[FloatArray, IndexArray]:
+        """Return the least minimum of each, (V, 3), and in how many directions it has one, (V,)."""
+        scales, directions = np.linalg.eigh(self.matrices)  # ascending
+        kept = (scales > _RANK_TOLERANCE * scales[:, -1:]) & (scales > 0.0)
+        along = np.einsum("vik,vi->vk", directions, self.targets)
+        along = np.where(kept, along, 0.0) / np.where(kept, scales, 1.0)
+        return np.einsum("vik,vk->vi", directions, along), kept.sum(axis=1)
+
+    def minima_in_boxes(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return minima with low <= x <= high, each shape (V, 3), by coordinate descent."""
+        # A small pull to the origin decides what the planes leave open.
+        pull = _RANK_TOLERANCE * np.trace(self.matrices, axis1=1, axis2=2)
+        pull = np.maximum(pull, np.finfo(float).tiny)
+        matrices = self.matrices + pull[:, None, None] * np.eye(3)
+        x = np.zeros_like(self.targets)
+        for _ in range(_SWEEPS):
+            for k in range(3):
+                others = np.einsum("vj,vj->v", matrices[:, k], x) - matrices[:, k, k] * x[:, k]
+                best = (self.targets[:, k] - others) / matrices[:, k, k]
+                x[:, k] = np.clip(best, low[:, k], high[:, k])
+        return x
+
+
+def place_vertices(
+    cells: IndexArray, corners: IndexArray, crossings: Crossings, grid: Grid
+) -> FloatArray:
+    """Return the vertex of each sheet, shape (V, 3) [m].
+
+    The vertex minimises the sum of squared distances to the tangent planes of the sheet's
+    crossings; in directions in which the planes say next to nothing it stays at the crossings'
+    mean. It is kept to its cell, unless the planes really meet beside it: an edge of the object
+    that pokes out of a cell through a side none of whose edges it crosses is seen by this cell
+    alone. (Held back to the cell, a rotated cube loses fifty times more of its edges and its
+    triangles fold over.)
+
+    Parameters
+    ----------
+    cells
+        Shape (V,), the cell of each sheet.
+    corners
+        Shape (E, 4), the sheets round each crossing, in turn.
+    crossings
+        E of them.
+    grid
+        The grid.
+    """
+    quadrics, means = _gather(len(cells), corners, crossings, grid)
+    about_means = quadrics.about(means)
+    steps, ranks = about_means.minima()
+    meet = quadrics.misfits(means + steps) <= _MEETING**2
+    slack = np.where(meet, _REACH, 0.0)[:, None]
+    lowest = grid.coordinates(cells)
+    low, high = lowest - slack - means, lowest + 1.0 + slack - means
+    out = np.flatnonzero(((steps < low) | (steps > high)).any(axis=1))
+    steps[out] = about_means.chosen(out).minima_in_boxes(low[out], high[out])
+    vertices = means + steps
+    _restore_corners(vertices, np.flatnonzero(ranks >= 2), quadrics, corners)
+    return np.asarray(grid.origin + grid.cell * vertices)
+
+
+def _gather(
+    count: int, corners: IndexArray, crossings: Crossings, grid: Grid
+) -> tuple[Quadrics, FloatArray]:
+    """Return each sheet's quadric, from the grid's origin, and the mean of its crossings, (V, 3)."""
+    sheets = corners.reshape(-1)
+    points = (crossings.points - grid.origin) / grid.cell
+    normals = crossings.normals
+    heights = np.einsum("ek,ek->e", normals, points)
+    counts = np.bincount(sheets, minlength=count).astype(np.float64)
+
+    def gather(per_crossing: FloatArray) -> FloatArray:
+        weights = np.repeat(per_crossing, 4)
+        return np.bincount(sheets, weights, minlength=count).astype(np.float64)
+
+    matrices = np.empty((count, 3, 3))
+    for i in range(3):
+        for j in range(i + 1):
+            matrices[:, i, j] = matrices[:, j, i] = gather(normals[:, i] * normals[:, j])
+    targets = np.stack([gather(n * heights) for n in normals.T], axis=1)
+    means = np.stack([gather(x) for x in points.T], axis=1) / counts[:, None]
+    return Quadrics(counts, matrices, targets, gather(heights**2)), means
+
+
+def _restore_corners(
+    vertices: FloatArray, candidates: IndexArray, quadrics: Quadrics, corners: IndexArray
+) -> None:
+    """Move vertices on edges to corners of the object that no cell sees alone, in place.
+
+    Where the planes of a vertex and of its neighbours together meet in one point, there is a
+    corner; if none of the neighbours is nearer to it, the vertex belongs there.
+
+    Parameters
+    ----------
+    vertices
+        Shape (V, 3), in cells from the grid's origin.
+    candidates
+        Shape (C,), vertices on edges and in corners.
+    quadrics
+        Of all vertices, from the grid's origin.
+    corners
+        Shape (E, 4), quads of vertices.
+    """
+    place = np.full(len(vertices), -1)
+    place[candidates] = np.arange(len(candidates))
+    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
+    # Each edge of the mesh is the side of two quads, once in either sense: take it both ways.
+    owners, others = np.concatenate([sides, sides[:, ::-1]]).T
+    owners, others = place[owners], others[place[owners] >= 0]
+    owners = owners[owners >= 0]
+    rings = _sums(quadrics, candidates, owners, others).about(vertices[candidates])
+    steps, ranks = rings.minima()
+    peaks = vertices[candidates] + steps
+    distances = np.linalg.norm(steps, axis=1)
+    rivals = np.full(len(candidates), np.inf)
+    np.minimum.at(rivals, owners, np.linalg.norm(vertices[others] - peaks[owners], axis=1))
+    moved = (ranks == 3) & (rings.misfits(steps) <= _CORNER_MEETING**2)
+    moved &= (distances < rivals) & (distances < _REACH)
+    vertices[candidates[moved]] = peaks[moved]
+
+
+def _sums(
+    quadrics: Quadrics, candidates: IndexArray, owners: IndexArray, others: IndexArray
+) -> Quadrics:
+    """Return the sum of each candidate's quadric and those of the others it owns."""
+    counts, matrices, targets, rests = (
+        values[candidates].copy()
+        for values in (quadrics.counts, quadrics.matrices, quadrics.targets, quadrics.rests)
+    )
+    np.add.at(counts, owners, quadrics.counts[others])
+    np.add.at(matrices, owners, quadrics.matrices[others])
+    np.add.at(targets, owners, quadrics.targets[others])
+    np.add.at(rests, owners, quadrics.rests[others])
+    return Quadrics(counts, matrices, targets, rests)

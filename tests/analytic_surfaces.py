@@ -1,0 +1,70 @@
+"""Implicit surfaces with a formula, to mesh and to compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+Function = Callable[[FloatArray], FloatArray]
+
+# Central differences of a function of lengths about 0.1 m.
+_DIFFERENCE = 1e-6
+
+
+def _nowhere(points: FloatArray) -> FloatArray:
+    return np.zeros(points.shape[:-1])
+
+
+@dataclass(frozen=True)
+class Analytic:
+    """The surface of a function, with a record of how many points were asked for."""
+
+    function: Function
+    bounds: FloatArray
+    doubt: Function = _nowhere
+    asked: list[int] = field(default_factory=list)
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        array = np.asarray(points, dtype=np.float64)
+        self.asked.append(array[..., 0].size)
+        return self.function(array)
+
+    def gradient(self, points: npt.ArrayLike) -> FloatArray:
+        array = np.asarray(points, dtype=np.float64)
+        steps = _DIFFERENCE * np.eye(3)
+        slopes = [self.function(array + s) - self.function(array - s) for s in steps]
+        return np.stack(slopes, axis=-1) / (2.0 * _DIFFERENCE)
+
+    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
+        return self.doubt(np.asarray(points, dtype=np.float64))
+
+
+def cube_bounds(half: float) -> FloatArray:
+    return half * np.array([[-1.0] * 3, [1.0] * 3])
+
+
+def sphere(radius: float, center: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Function:
+    return lambda p: np.linalg.norm(p - np.asarray(center), axis=-1) - radius
+
+
+def torus(ring: float, tube: float) -> Function:
+    return lambda p: np.hypot(np.hypot(p[..., 0], p[..., 1]) - ring, p[..., 2]) - tube
+
+
+def box(
+    half: npt.ArrayLike, X: npt.ArrayLike = np.eye(3), center: npt.ArrayLike = (0.0, 0.0, 0.0)
+) -> Function:
+    """Largest distance outside of a face's plane; the columns of X are the box's axes."""
+    return lambda p: (np.abs((p - np.asarray(center)) @ np.asarray(X)) - half).max(axis=-1)
+
+
+def union(*functions: Function) -> Function:
+    return lambda p: np.min([f(p) for f in functions], axis=0)
+
+
+def difference(first: Function, second: Function) -> Function:
+    return lambda p: np.maximum(first(p), -second(p))

@@ -1,0 +1,329 @@
+"""Objects from files: every format, units, and what is mended or refused."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+
+from lis_grasp import shapes
+from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError
+
+YCB = Path(os.environ.get("LIS_GRASP_YCB", ""))
+
+
+def block(*, at: tuple[float, float, float] = (0.3, -0.2, 0.1), fine: bool = False) -> trimesh.Trimesh:
+    """A box of 40 x 60 x 80 mm somewhere off the origin."""
+    mesh = trimesh.creation.box((0.04, 0.06, 0.08))
+    if fine:
+        mesh = mesh.subdivide().subdivide()
+    mesh.apply_translation(at)
+    return mesh
+
+
+VOLUME = 0.04 * 0.06 * 0.08
+
+
+def write(mesh: trimesh.Trimesh, path: Path) -> Path:
+    mesh.export(path)
+    return path
+
+
+def write_faces(vertices: npt.ArrayLike, faces: npt.ArrayLike, path: Path) -> Path:
+    """Write an OFF file with exactly these faces: no library tidies them up on the way."""
+    v, f = np.asarray(vertices), np.asarray(faces)
+    lines = [f"OFF\n{len(v)} {len(f)} 0"]
+    lines += [" ".join(repr(float(x)) for x in row) for row in v]
+    lines += [" ".join(["3", *(str(int(i)) for i in row)]) for row in f]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+# ---------------------------------------------------------------- formats and units
+
+
+@pytest.mark.parametrize("ending", shapes.FORMATS)
+def test_every_format_gives_the_same_object_in_the_files_frame(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"block{ending}"
+    trimesh.Scene(block()).export(path) if ending == ".gltf" else block().export(path)
+    shape = shapes.load(path)
+    # STL, glTF and PLY keep float32: 24 bits of coordinates below 0.5 m.
+    np.testing.assert_allclose(shape.mesh.bounds, block().bounds, atol=2.0**-25)
+    assert shape.mesh.volume == pytest.approx(VOLUME, rel=1e-5)
+    assert shape.mesh.is_watertight
+    assert len(shape.mesh.vertices) == 8
+    assert len(shape.edges) == 12
+    assert shape.repairs == ()
+    assert shape.name == "block"
+
+
+@pytest.mark.parametrize("ending", [".STL", ".Obj"])
+def test_endings_may_be_in_capitals(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"block{ending}"
+    path.write_bytes(write(block(), tmp_path / f"block{ending.lower()}").read_bytes())
+    assert shapes.load(path).mesh.volume == pytest.approx(VOLUME, rel=1e-5)
+
+
+@pytest.mark.parametrize(("units", "metres"), [("m", 1.0), ("cm", 0.01), ("mm", 1e-3), ("inch", 0.0254)])
+def test_units_scale_to_metres(tmp_path: Path, units: str, metres: float) -> None:
+    mesh = block()
+    mesh.apply_scale(1.0 / metres)
+    shape = shapes.load(write(mesh, tmp_path / "block.ply"), units)
+    np.testing.assert_allclose(shape.mesh.bounds, block().bounds, rtol=1e-6)
+    assert shape.size == pytest.approx(0.08, rel=1e-6)
+
+
+def test_polygons_and_texture_seams_of_an_obj_are_read(tmp_path: Path) -> None:
+    x, y, z = 0.02, 0.03, 0.04
+    corners = [(sx * x, sy * y, sz * z) for sx in (-1, 1) for sy in (-1, 1) for sz in (-1, 1)]
+    quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+    lines = ["mtllib absent.mtl", "usemtl gone"]
+    lines += [f"v {a} {b} {c}" for a, b, c in corners]
+    lines += ["vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1"]
+    lines += ["f " + " ".join(f"{v}/{i + 1}" for i, v in enumerate(quad)) for quad in quads]
+    path = tmp_path / "textured.obj"
+    path.write_text("\n".join(lines))
+    shape = shapes.load(path)
+    assert shape.mesh.volume == pytest.approx(VOLUME)
+    assert len(shape.mesh.vertices) == 8
+
+
+def test_the_parts_of_a_scene_are_one_object_where_they_stand(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    scene.add_geometry(block(at=(0.0, 0.0, 0.0)))
+    scene.add_geometry(
+        block(at=(0.0, 0.0, 0.0)), transform=trimesh.transformations.translation_matrix([0.1, 0, 0])
+    )
+    scene.export(tmp_path / "two.glb")
+    shape = shapes.load(tmp_path / "two.glb")
+    assert shape.mesh.volume == pytest.approx(2.0 * VOLUME, rel=1e-5)
+    assert shape.mesh.extents[0] == pytest.approx(0.14, rel=1e-5)
+
+
+# ---------------------------------------------------------------- mending
+
+
+def test_a_sound_mesh_is_left_as_it_is(tmp_path: Path) -> None:
+    mesh = shapes.mallet().mesh
+    shape = shapes.load(write_faces(mesh.vertices, mesh.faces, tmp_path / "mallet.off"))
+    np.testing.assert_array_equal(shape.mesh.vertices, mesh.vertices)
+    np.testing.assert_array_equal(shape.mesh.faces, mesh.faces)
+    assert shape.repairs == ()
+
+
+def test_an_inverted_mesh_is_turned_outward(tmp_path: Path) -> None:
+    mesh = block()
+    mesh.invert()
+    shape = shapes.load(write(mesh, tmp_path / "block.ply"))
+    assert shape.mesh.volume == pytest.approx(VOLUME, rel=1e-5)
+    assert shape.repairs == ("turned 12 faces outward",)
+
+
+def test_single_inverted_faces_are_turned_outward(tmp_path: Path) -> None:
+    mesh = block(fine=True)
+    faces = np.array(mesh.faces)
+    faces[[3, 77]] = faces[[3, 77], ::-1]
+    shape = shapes.load(write_faces(mesh.vertices, faces, tmp_path / "block.off"))
+    assert shape.mesh.volume == pytest.approx(VOLUME)
+    assert shape.repairs == ("turned 2 faces outward",)
+
+
+def test_holes_in_flat_faces_are_closed_without_a_trace(tmp_path: Path) -> None:
+    mesh = block(fine=True)
+    on_top = np.flatnonzero(mesh.triangles_center[:, 2] > mesh.bounds[1, 2] - 1e-9)
+    in_front = np.flatnonzero(mesh.triangles_center[:, 0] > mesh.bounds[1, 0] - 1e-9)
+    faces = np.delete(mesh.faces, [on_top[0], *in_front[4:8]], axis=0)
+    shape = shapes.load(write_faces(mesh.vertices, faces, tmp_path / "block.off"))
+    assert shape.mesh.is_watertight
+    assert shape.mesh.volume == pytest.approx(VOLUME)
+    assert shape.mesh.area == pytest.approx(block().area)
+    assert len(shape.repairs) == 1
+    assert shape.repairs[0].startswith("closed ")
+
+
+def test_an_open_box_becomes_solid(tmp_path: Path) -> None:
+    mesh = block()
+    faces = mesh.faces[mesh.face_normals[:, 2] < 0.9]
+    shape = shapes.load(write_faces(mesh.vertices, faces, tmp_path / "open.off"))
+    assert shape.mesh.volume == pytest.approx(VOLUME)
+    assert shape.repairs == ("closed 1 hole, the largest 200 mm around",)
+
+
+def test_faces_that_are_no_faces_are_dropped(tmp_path: Path) -> None:
+    mesh = block()
+    faces = np.vstack([mesh.faces, [[0, 0, 1]], mesh.faces[4:5, [1, 2, 0]]])
+    shape = shapes.load(write_faces(mesh.vertices, faces, tmp_path / "block.off"))
+    assert len(shape.mesh.faces) == 12
+    assert shape.repairs == (
+        "dropped 1 face without area",
+        "dropped 1 face that was there twice",
+    )
+
+
+def test_a_fin_is_taken_away(tmp_path: Path) -> None:
+    mesh = block()
+    edge = mesh.faces[0, :2]
+    vertices = np.vstack([mesh.vertices, mesh.bounds[1] + 0.02])
+    faces = np.vstack([mesh.faces, [[edge[0], edge[1], 8]]])
+    shape = shapes.load(write_faces(vertices, faces, tmp_path / "fin.off"))
+    assert shape.mesh.is_watertight
+    assert shape.mesh.volume == pytest.approx(VOLUME)
+    assert any("more than two faces" in repair for repair in shape.repairs)
+
+
+def test_blocks_that_share_a_face_become_one(tmp_path: Path) -> None:
+    pair = trimesh.util.concatenate([block(), block(at=(0.34, -0.2, 0.1))])
+    shape = shapes.load(write(pair, tmp_path / "pair.stl"))
+    assert shape.mesh.volume == pytest.approx(2.0 * VOLUME, rel=1e-5)
+    assert shape.mesh.area == pytest.approx(2.0 * (0.08 * 0.06 + 0.08 * 0.08 + 0.06 * 0.08), rel=1e-5)
+
+
+def test_parts_that_run_into_each_other_are_united(tmp_path: Path) -> None:
+    pair = trimesh.util.concatenate([block(), block(at=(0.32, -0.18, 0.12))])
+    shape = shapes.load(write(pair, tmp_path / "pair.ply"))
+    overlap = 0.02 * 0.04 * 0.06
+    assert shape.mesh.volume == pytest.approx(2.0 * VOLUME - overlap, rel=1e-5)
+    assert shape.repairs == ("united 2 parts that run into each other",)
+
+
+def test_parts_apart_stay_apart(tmp_path: Path) -> None:
+    pair = trimesh.util.concatenate([block(), block(at=(0.4, -0.2, 0.1))])
+    shape = shapes.load(write(pair, tmp_path / "pair.ply"))
+    assert shape.mesh.volume == pytest.approx(2.0 * VOLUME, rel=1e-5)
+    assert shape.repairs == ()
+
+
+def test_loose_specks_are_dropped(tmp_path: Path) -> None:
+    speck = trimesh.creation.box((1e-4, 1e-4, 1e-4))
+    scan = trimesh.util.concatenate([block(), speck])
+    shape = shapes.load(write(scan, tmp_path / "scan.ply"))
+    np.testing.assert_allclose(shape.mesh.bounds, block().bounds, atol=1e-6)
+    assert shape.repairs == ("dropped 1 loose speck",)
+
+
+def test_a_closed_cavity_stays_a_cavity(tmp_path: Path) -> None:
+    hollow = trimesh.creation.box((0.02, 0.02, 0.02))
+    hollow.apply_translation(block().centroid)
+    hollow.invert()
+    shape = shapes.load(write(trimesh.util.concatenate([block(), hollow]), tmp_path / "hollow.ply"))
+    assert shape.mesh.volume == pytest.approx(VOLUME - 0.02**3, rel=1e-5)
+    assert shape.repairs == ()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whatever_faces_are_missing_or_turned_a_closed_outward_mesh_comes_out(
+    tmp_path: Path, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = shapes.mallet().mesh
+    faces = np.array(mesh.faces)
+    turned = rng.choice(len(faces), 30, replace=False)
+    faces[turned] = faces[turned, ::-1]
+    faces = np.delete(faces, rng.choice(len(faces), 60, replace=False), axis=0)
+    strays = rng.choice(len(mesh.vertices), (8, 3), replace=False)
+    shape = shapes.load(
+        write_faces(mesh.vertices, np.vstack([faces, strays]), tmp_path / "broken.off")
+    )
+    assert shape.mesh.is_watertight
+    assert shape.mesh.is_winding_consistent
+    assert shape.mesh.volume == pytest.approx(mesh.volume, rel=0.01)
+    assert shape.repairs
+
+
+@pytest.mark.skipif(not YCB.is_dir() or not os.environ.get("LIS_GRASP_YCB"), reason="no YCB folder")
+def test_scans_come_out_closed_and_hardly_changed() -> None:
+    paths = sorted(YCB.glob("*.ply"))
+    assert paths
+    for path in paths:
+        raw = trimesh.load_mesh(path)
+        shape = shapes.load(path)
+        assert shape.mesh.is_watertight
+        assert shape.mesh.volume == pytest.approx(abs(raw.volume), rel=0.01)
+        _, distances, _ = trimesh.proximity.closest_point(raw, shape.mesh.vertices)
+        assert distances.max() < 0.005
+        assert bool(shape.repairs) != raw.is_watertight
+
+
+# ---------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("part.step", b"ISO-10303-21;", "must end in one of"),
+        ("part.stl", b"", "is empty"),
+        ("part.stl", b"solid nothing\nendsolid nothing\n", "has no faces|cannot be read as STL"),
+        ("part.stl", b"\x00" * 50, "cannot be read as STL"),
+        ("part.ply", b"not a ply file at all", "cannot be read as PLY"),
+        ("part.obj", b"nothing of use\n", "cannot be read as OBJ|has no faces"),
+        ("part.off", b"OFF\n1 0", "cannot be read as OFF|has no faces"),
+        ("part.gltf", b"{}", "cannot be read as GLTF|has no faces"),
+        ("part.glb", b"rubbish of some length, longer than a header", "cannot be read as GLB"),
+        (
+            "cloud.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+            b"property float z\nend_header\n0 0 0\n",
+            "has no faces",
+        ),
+        ("part.off", b"OFF\n3 1 0\n0 0 0\n.1 0 0\n0 .1 0\n3 0 1 7\n", "vertices it lacks|cannot be read"),
+    ],
+)
+def test_a_file_without_a_surface_is_refused_in_one_sentence(
+    tmp_path: Path, name: str, content: bytes, message: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(InvalidFileError, match=message) as caught:
+        shapes.load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match="missing"):
+        shapes.load(tmp_path / "absent.stl")
+
+
+def test_unknown_units_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidOptionError, match="units must be one of m, cm, mm, inch"):
+        shapes.load(write(block(), tmp_path / "block.stl"), "feet")
+
+
+@pytest.mark.parametrize(
+    ("scale", "message"),
+    [
+        (1000.0, r"80 m large when read in m.*--units mm \(then 0\.08 m\)"),
+        (0.01, r"0\.0008 m large when read in m.*no unit would fit"),
+        (1e6, "no unit would fit"),
+    ],
+)
+def test_mistaken_units_are_refused_with_those_that_fit(
+    tmp_path: Path, scale: float, message: str
+) -> None:
+    mesh = block()
+    mesh.apply_scale(scale)
+    with pytest.raises(InvalidMeshError, match=message):
+        shapes.load(write(mesh, tmp_path / "block.ply"))
+
+
+@pytest.mark.parametrize("copies", [1, 2])
+def test_a_flat_sheet_is_refused(tmp_path: Path, copies: int) -> None:
+    vertices = [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0], [0.05, 0.05, 0]]
+    faces = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+    if copies == 2:  # both sides of the sheet
+        faces += [face[::-1] for face in faces]
+    path = write_faces(vertices, faces, tmp_path / "sheet.off")
+    with pytest.raises(InvalidMeshError, match="encloses no volume") as caught:
+        shapes.load(path)
+    assert str(path) in str(caught.value)
+
+
+def test_vertices_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    mesh = block()
+    vertices = np.array(mesh.vertices)
+    vertices[3, 1] = np.nan
+    path = write_faces(vertices, mesh.faces, tmp_path / "nan.off")
+    with pytest.raises((InvalidMeshError, InvalidFileError), match="finite|cannot be read"):
+        shapes.load(path)
