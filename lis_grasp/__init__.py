@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     )
     from lis_grasp.surfaces import ImplicitSurface as ImplicitSurface
     from lis_grasp.surfaces import LocalImplicitSurface as LocalImplicitSurface
+    from lis_grasp.surfaces import PatchImplicitSurface as PatchImplicitSurface
 
 __version__ = "0.1.0"
 
@@ -35,6 +36,7 @@ _HOMES = {
     "Hand": "lis_grasp.grasping.hand",
     "ImplicitSurface": "lis_grasp.surfaces",
     "LocalImplicitSurface": "lis_grasp.surfaces",
+    "PatchImplicitSurface": "lis_grasp.surfaces",
     "epsilon_quality": "lis_grasp.grasping.quality",
     "extract_mesh": "lis_grasp.meshing",
     "is_force_closure": "lis_grasp.grasping.quality",

@@ -166,7 +166,7 @@ def _finger_names(path: Path, comments: list[str], index: FloatArray) -> tuple[s
         names = [str(name) for name in json.loads(listed[-1])]
     except (json.JSONDecodeError, TypeError):
         raise InvalidFileError(f"{path} has a comment 'fingers' that is no list of names") from None
-    if len(whole) and not (0 <= whole.min() and whole.max() < len(names)):
+    if len(whole) and not (whole.min() >= 0 and whole.max() < len(names)):
         raise InvalidFileError(f"{path} has a finger {whole.max()}, but names {len(names)} fingers")
     return tuple(names[i] for i in whole)
 

@@ -138,7 +138,7 @@ class Contacts:
 
     @classmethod
     def load(cls, path: Path | str) -> Contacts:
-        """Read contacts from a .ply (oriented point cloud) or .csv file, see `lis_grasp.contact_files`."""
+        """Read contacts from a .ply (oriented point cloud) or .csv file, see `contact_files`."""
         from lis_grasp.contact_files import load_contacts
 
         return load_contacts(Path(path))
@@ -158,10 +158,14 @@ def _frozen_array(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InvalidContactsError(f"{name} must be numbers in rows of equal length: {error}") from None
+        raise InvalidContactsError(
+            f"{name} must be numbers in rows of equal length: {error}"
+        ) from None
     if array.size == 0 and shape[0] is None:
         array = array.reshape(0, 3)
-    if array.ndim != len(shape) or any(w not in (None, g) for w, g in zip(shape, array.shape, strict=True)):
+    if array.ndim != len(shape) or any(
+        w not in (None, g) for w, g in zip(shape, array.shape, strict=True)
+    ):
         wanted = ", ".join("N" if w is None else str(w) for w in shape)
         raise InvalidContactsError(f"{name} must have shape ({wanted}); it has shape {array.shape}")
     finite = np.isfinite(array)

@@ -1,4 +1,4 @@
-"""Errors that the package raises on purpose; each message says what was required, what came, what to do."""
+"""Errors raised on purpose; each says what was required, what came, and what to do."""
 
 
 class LisGraspError(Exception):

@@ -25,4 +25,6 @@ def model_path(relative: str) -> Path:
         path = root / relative
         if path.exists():
             return path
-    raise InvalidFileError(f"the package ships no model '{relative}'; give the path of a file instead")
+    raise InvalidFileError(
+        f"the package ships no model '{relative}'; give the path of a file instead"
+    )

@@ -156,15 +156,13 @@ def plan(
     count: int,
     seed: int,
 ) -> GraspSearch:
-    """Plan `count` ranked force-closure grasps on a mesh that stands at height `support` of O [m]."""
+    """Plan `count` ranked grasps on a mesh that stands at height `support` of O [m]."""
     sampler = ForceClosureSampler(hand, friction=friction)
     rng = np.random.default_rng([seed, _GRASP_STREAM])
     return sampler.sample(mesh, rng=rng, support_height=support, count=count)
 
 
-def prove(
-    shape: Shape, hand: Hand, grasp: Grasp, *, mass: float, friction: float
-) -> LiftOutcome:
+def prove(shape: Shape, hand: Hand, grasp: Grasp, *, mass: float, friction: float) -> LiftOutcome:
     """Execute the grasp on the true, free object in Drake: approach, close, lift, shake, hold."""
     from lis_grasp.simulation.lift import prove_grasp
 

@@ -60,9 +60,7 @@ def surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> di
     }
 
 
-def grasp_facts(
-    config: RunConfig, shape: Shape, hand: Hand, search: GraspSearch
-) -> dict[str, Any]:
+def grasp_facts(config: RunConfig, shape: Shape, hand: Hand, search: GraspSearch) -> dict[str, Any]:
     """Return how many grasps were found, why others were not, and the best one's quality."""
     facts: dict[str, Any] = {
         "number": len(search.grasps),

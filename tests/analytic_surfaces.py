@@ -14,6 +14,8 @@ Function = Callable[[FloatArray], FloatArray]
 # Central differences of a function of lengths about 0.1 m.
 _DIFFERENCE = 1e-6
 
+_UPRIGHT = np.eye(3)
+
 
 def _nowhere(points: FloatArray) -> FloatArray:
     return np.zeros(points.shape[:-1])
@@ -26,6 +28,7 @@ class Analytic:
     function: Function
     bounds: FloatArray
     doubt: Function = _nowhere
+    difference: float = _DIFFERENCE
     asked: list[int] = field(default_factory=list)
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
@@ -35,9 +38,10 @@ class Analytic:
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         array = np.asarray(points, dtype=np.float64)
-        steps = _DIFFERENCE * np.eye(3)
-        slopes = [self.function(array + s) - self.function(array - s) for s in steps]
-        return np.stack(slopes, axis=-1) / (2.0 * _DIFFERENCE)
+        steps = self.difference * np.eye(3)
+        with np.errstate(invalid="ignore"):  # infinity less infinity
+            slopes = [self.function(array + s) - self.function(array - s) for s in steps]
+        return np.stack(slopes, axis=-1) / (2.0 * self.difference)
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         return self.doubt(np.asarray(points, dtype=np.float64))
@@ -56,10 +60,12 @@ def torus(ring: float, tube: float) -> Function:
 
 
 def box(
-    half: npt.ArrayLike, X: npt.ArrayLike = np.eye(3), center: npt.ArrayLike = (0.0, 0.0, 0.0)
+    half: npt.ArrayLike,
+    rotation: npt.ArrayLike = _UPRIGHT,
+    center: npt.ArrayLike = (0.0, 0.0, 0.0),
 ) -> Function:
-    """Largest distance outside of a face's plane; the columns of X are the box's axes."""
-    return lambda p: (np.abs((p - np.asarray(center)) @ np.asarray(X)) - half).max(axis=-1)
+    """Largest distance outside of a face's plane; columns of the rotation are the box's axes."""
+    return lambda p: (np.abs((p - np.asarray(center)) @ np.asarray(rotation)) - half).max(axis=-1)
 
 
 def union(*functions: Function) -> Function:

@@ -19,7 +19,9 @@ def _above(height: float) -> np.ndarray:
 
 
 def test_a_hand_far_away_collides_with_nothing() -> None:
-    checker = HandCollisionChecker(JAW, trimesh.creation.box((0.05, 0.05, 0.05)), support_height=-0.025)
+    checker = HandCollisionChecker(
+        JAW, trimesh.creation.box((0.05, 0.05, 0.05)), support_height=-0.025
+    )
     assert checker.first_collision(_above(0.5), OPEN) is None
 
 
@@ -86,7 +88,9 @@ def test_the_object_verdict_agrees_with_sampled_points(seed: int) -> None:
         poses = JAW.forward_kinematics(X_OH, OPEN)
         depth = min(
             np.linalg.norm(
-                trimesh.transform_points(g.mesh.subdivide_to_size(0.01).vertices, poses[g.link] @ g.X_LG),
+                trimesh.transform_points(
+                    g.mesh.subdivide_to_size(0.01).vertices, poses[g.link] @ g.X_LG
+                ),
                 axis=1,
             ).min()
             for g in JAW.link_geometries

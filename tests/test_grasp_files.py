@@ -34,7 +34,13 @@ def test_a_saved_search_loads_to_the_last_bit(tmp_path: Path) -> None:
     assert loaded.candidates == 7
     assert dict(loaded.rejections) == {"steep": 3}
     first, again = search.grasps[0], loaded.grasps[0]
-    for name in ("X_OH", "joint_positions", "pregrasp_positions", "contact_points", "contact_forces"):
+    for name in (
+        "X_OH",
+        "joint_positions",
+        "pregrasp_positions",
+        "contact_points",
+        "contact_forces",
+    ):
         assert np.array_equal(getattr(first, name), getattr(again, name)), name
     assert again.contact_fingers == ("left", "right")
     assert dict(again.quality) == {"epsilon": 0.25}

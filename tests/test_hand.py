@@ -1,4 +1,4 @@
-"""Hands: the shipped models are what they say, kinematics agree with Drake, bad files are refused."""
+"""Hands: shipped models are what they say, kinematics agree with Drake, bad files are refused."""
 
 import copy
 from collections.abc import Callable
@@ -234,7 +234,7 @@ def test_arrays_are_read_only(hand: Hand) -> None:
 
 
 def shipped(tmp_path: Path) -> tuple[dict[str, Any], Path]:
-    """Return the jaw's YAML as a dictionary, and a path to write it to, beside a copy of its URDF."""
+    """Return the jaw's YAML, and a path to write it to, beside a copy of its URDF."""
     folder = model_path("hands/wsg50")
     (tmp_path / "wsg50.urdf").write_text((folder / "wsg50.urdf").read_text())
     return yaml.safe_load((folder / "wsg50.yaml").read_text()), tmp_path / "mine.yaml"

@@ -170,7 +170,7 @@ def test_an_object_keeps_its_hole() -> None:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
     added = put(plant, hand)
-    # Opened, the left nose (6 mm in radius) is in the middle of a ring whose hole is 20 mm in radius.
+    # Opened, the left nose (6 mm in radius) is in the middle of a hole of 20 mm radius.
     base = added.bodies[hand.base_link].body_frame()
     plant.WeldFrames(plant.world_frame(), base, RigidTransform([-0.061, 0.0, -0.069]))
     ring = trimesh.creation.torus(major_radius=0.03, minor_radius=0.01)

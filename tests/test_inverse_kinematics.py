@@ -63,7 +63,10 @@ def test_each_candidate_is_solved_on_its_own() -> None:
     targets, X, q = _reachable(np.random.default_rng(4), 6)
     together = reach(HAND, targets, X, q)
     alone = reach(
-        HAND, PadTargets(targets.points[2:3], targets.normals[2:3], targets.used[2:3]), X[2:3], q[2:3]
+        HAND,
+        PadTargets(targets.points[2:3], targets.normals[2:3], targets.used[2:3]),
+        X[2:3],
+        q[2:3],
     )
     # The batch runs until all have converged: the one alone may stop a few steps earlier.
     assert alone.position_error[0] == pytest.approx(together.position_error[2], abs=1e-5)

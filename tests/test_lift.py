@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,16 @@ import trimesh
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.grip import balanced_grip
 from lis_grasp.grasping.hand import Hand
+from lis_grasp.simulation.lift import LiftOptions, LiftOutcome, prove_grasp
+from lis_grasp.simulation.lift_mesh import merge_flat_faces
+from lis_grasp.simulation.lift_wrist import line, shake
 
+# The default trial with less of a hold, to keep these tests quick.
+SHORT = LiftOptions(hold_time=0.5, lift_time=0.6)
 # The palm looks down, the fingers reach over the object along -x, the thumb comes from +x.
 _OVER_THE_TOP = np.column_stack([[0, 0, -1], [0, -1, 0], [-1, 0, 0]])
 _CURLED = np.array([0.0, 0.9, 0.6, 0.5] * 3 + [1.39, 0.5, 0.3, 0.6])
@@ -93,3 +100,166 @@ def box_grasp(hand: Hand) -> Grasp:
 
 def box_mesh() -> trimesh.Trimesh:
     return trimesh.creation.box([0.05, 0.07, 0.10])
+
+
+def prove_box(hand: Hand, grasp: Grasp, **arguments: float) -> LiftOutcome:
+    return prove_grasp(box_mesh(), hand, grasp, support_height=-0.05, options=SHORT, **arguments)
+
+
+def moved(grasp: Grasp, displacement: np.ndarray) -> Grasp:
+    """Return the grasp somewhere else, the object left where it is."""
+    X_OH = grasp.X_OH.copy()
+    X_OH[:3, 3] += displacement
+    return replace(grasp, X_OH=X_OH, contact_points=grasp.contact_points + displacement)
+
+
+@pytest.fixture(scope="module")
+def allegro() -> Hand:
+    return Hand.load("allegro")
+
+
+@pytest.fixture(scope="module")
+def wsg50() -> Hand:
+    return Hand.load("wsg50")
+
+
+def test_a_good_grasp_of_a_box_lifts_and_holds_it(allegro: Hand) -> None:
+    outcome = prove_box(allegro, box_grasp(allegro))
+    assert (outcome.reason, outcome.lifted, outcome.held) == ("held", True, True)
+    assert outcome.slip < 0.01
+    assert outcome.acceleration_survived == SHORT.shake_accelerations[-1]
+    rise = outcome.motion.poses["object"][-1][2, 3]
+    # The object rises with the wrist, less what it slips and sinks into compliant fingers.
+    assert abs(rise - SHORT.lift_height) < outcome.slip + 0.003
+
+
+def test_jaws_on_both_sides_of_a_box_lift_and_hold_it(wsg50: Hand) -> None:
+    outcome = prove_box(wsg50, jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05))
+    assert (outcome.reason, outcome.held) == ("held", True)
+
+
+def test_a_trial_plays_in_the_frame_that_it_was_planned_in(allegro: Hand) -> None:
+    grasp = moved(box_grasp(allegro), np.array([0.0, 0.25, 0.0]))
+    motion = prove_box(allegro, grasp).motion
+    np.testing.assert_array_equal(motion.poses["object"][0], np.eye(4))
+    assert set(motion.poses) == {"object", *allegro.links}
+    X_OH = motion.poses[allegro.base_link][-1] @ allegro.X_LH
+    # No contact: the palm is where it was sent, within what its springs give by the fingers' pull.
+    np.testing.assert_allclose(X_OH, grasp.X_OH, atol=1e-3)
+
+
+def test_a_grasp_beside_the_object_makes_no_contact(allegro: Hand) -> None:
+    outcome = prove_box(allegro, moved(box_grasp(allegro), np.array([0.0, 0.25, 0.0])))
+    assert (outcome.reason, outcome.lifted, outcome.held) == ("no_contact", False, False)
+    assert outcome.slip == 0.0
+    # An object that nobody touches stays where it stands, but for sinking into a compliant table.
+    np.testing.assert_allclose(outcome.motion.poses["object"][-1], np.eye(4), atol=1e-4)
+
+
+def test_an_object_with_next_to_no_friction_is_not_held(wsg50: Hand) -> None:
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    outcome = prove_box(wsg50, grasp, friction=0.02)
+    assert not outcome.held
+    assert outcome.reason in ("not_lifted", "slipped", "dropped", "ejected")
+
+
+def test_a_hand_that_runs_into_the_object_is_a_collision_on_approach(allegro: Hand) -> None:
+    outcome = prove_box(allegro, moved(box_grasp(allegro), np.array([0.0, 0.0, -0.09])))
+    assert (outcome.reason, outcome.held) == ("collision_on_approach", False)
+
+
+def test_an_object_that_cannot_stand_is_unstable(wsg50: Hand) -> None:
+    tip_down = trimesh.creation.cone(0.03, 0.1)
+    tip_down.apply_transform(trimesh.transformations.rotation_matrix(np.pi - 0.6, [1, 0, 0]))
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.3]), 0.05)
+    outcome = prove_grasp(
+        tip_down, wsg50, grasp, support_height=float(tip_down.bounds[0, 2]), options=SHORT
+    )
+    assert outcome.reason == "unstable"
+
+
+def test_two_trials_of_one_grasp_are_equal_to_the_last_bit(wsg50: Hand) -> None:
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    first, second = prove_box(wsg50, grasp), prove_box(wsg50, grasp)
+    assert (first.slip, first.reason, first.duration) == (
+        second.slip,
+        second.reason,
+        second.duration,
+    )
+    for name in first.motion.poses:
+        np.testing.assert_array_equal(first.motion.poses[name], second.motion.poses[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shift", [(0.003, 0.0, 0.0), (-0.003, 0.0, 0.0), (0.0, 0.004, 0.003)])
+def test_a_grasp_planned_a_few_millimetres_off_still_holds(allegro: Hand, shift: tuple) -> None:
+    outcome = prove_grasp(
+        box_mesh(), allegro, moved(box_grasp(allegro), np.array(shift)), support_height=-0.05
+    )
+    assert outcome.held
+
+
+@pytest.mark.slow
+def test_a_hollow_object_is_held_by_its_rim_with_one_jaw_inside(wsg50: Hand) -> None:
+    # Its convex hull has no inside: a jaw there is proof that the true surface is what touches.
+    ring = trimesh.creation.annulus(0.03, 0.04, 0.08, sections=48)
+    grasp = jaw_grasp(wsg50, np.array([0.035, 0.0, 0.03]), 0.01)
+    outcome = prove_grasp(ring, wsg50, grasp, support_height=-0.04)
+    assert outcome.held
+
+
+def test_an_open_mesh_is_refused(wsg50: Hand) -> None:
+    mesh = box_mesh()
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    grasp = jaw_grasp(wsg50, np.zeros(3), 0.05)
+    with pytest.raises(InvalidMeshError, match="watertight"):
+        prove_grasp(mesh, wsg50, grasp, support_height=-0.05)
+
+
+@pytest.mark.parametrize("arguments", [{"mass": 0.0}, {"friction": -1.0}, {"mass": np.nan}])
+def test_mass_and_friction_must_be_positive(wsg50: Hand, arguments: dict[str, float]) -> None:
+    with pytest.raises(InvalidOptionError, match="must be positive"):
+        prove_box(wsg50, jaw_grasp(wsg50, np.zeros(3), 0.05), **arguments)
+
+
+def test_a_grasp_of_another_hand_is_refused(allegro: Hand, wsg50: Hand) -> None:
+    with pytest.raises(InvalidOptionError, match="not for those of 'allegro'"):
+        prove_box(allegro, jaw_grasp(wsg50, np.zeros(3), 0.05))
+
+
+@pytest.mark.parametrize(
+    "options", [{"time_step": 0.0}, {"shake_cycles": 1}, {"shake_accelerations": (9.81, -1.0)}]
+)
+def test_options_without_meaning_are_refused(options: dict) -> None:
+    with pytest.raises(InvalidOptionError):
+        LiftOptions(**options)
+
+
+def test_a_minimum_jerk_line_starts_and_ends_at_rest() -> None:
+    start, end = np.array([0.0, 0.0, -0.1]), np.array([0.02, 0.0, 0.0])
+    path = line(start, end, 0.5)
+    for time, place in ((0.0, start), (0.5, end), (0.7, end)):
+        position, velocity = path(time)
+        np.testing.assert_allclose(position, place, atol=1e-12)
+        np.testing.assert_allclose(velocity, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("cycles", [2, 3])
+def test_a_shake_returns_to_rest_and_peaks_at_its_acceleration(cycles: int) -> None:
+    times = np.linspace(0.0, cycles / 4.0, 4001)
+    states = np.array([shake(t, acceleration=9.81, frequency=4.0, cycles=cycles) for t in times])
+    np.testing.assert_allclose(states[[0, -1]], 0.0, atol=1e-12)
+    # Velocity is the derivative of displacement, to second order in the step of 0.125 ms.
+    np.testing.assert_allclose(np.gradient(states[:, 0], times)[1:-1], states[1:-1, 1], atol=1e-5)
+    accelerations = np.gradient(states[:, 1], times)
+    assert accelerations.max() == pytest.approx(9.81, rel=1e-3)
+    assert accelerations.min() == pytest.approx(-9.81, rel=1e-3)
+
+
+def test_merging_flat_faces_keeps_the_solid() -> None:
+    fine = box_mesh().subdivide().subdivide()
+    merged = merge_flat_faces(fine)
+    assert len(merged.faces) == 12
+    assert merged.is_watertight
+    # manifold3d may hold coordinates in single precision: 6e-8 of them.
+    assert merged.volume == pytest.approx(fine.volume, rel=1e-6)

@@ -178,6 +178,14 @@ def test_blocks_that_share_a_face_become_one(tmp_path: Path) -> None:
     shape = shapes.load(write(pair, tmp_path / "pair.stl"))
     assert shape.mesh.volume == pytest.approx(2.0 * VOLUME, rel=1e-5)
     assert shape.mesh.area == pytest.approx(2.0 * (0.08 * 0.06 + 0.08 * 0.08 + 0.06 * 0.08), rel=1e-5)
+    assert shape.repairs == ("united 2 parts that touch",)
+
+
+def test_blocks_that_share_an_edge_only_are_two_solids(tmp_path: Path) -> None:
+    pair = trimesh.util.concatenate([block(), block(at=(0.34, -0.14, 0.1))])
+    shape = shapes.load(write(pair, tmp_path / "pair.stl"))
+    assert shape.mesh.volume == pytest.approx(2.0 * VOLUME, rel=1e-5)
+    assert shape.mesh.is_watertight
 
 
 def test_parts_that_run_into_each_other_are_united(tmp_path: Path) -> None:
@@ -185,7 +193,7 @@ def test_parts_that_run_into_each_other_are_united(tmp_path: Path) -> None:
     shape = shapes.load(write(pair, tmp_path / "pair.ply"))
     overlap = 0.02 * 0.04 * 0.06
     assert shape.mesh.volume == pytest.approx(2.0 * VOLUME - overlap, rel=1e-5)
-    assert shape.repairs == ("united 2 parts that run into each other",)
+    assert shape.repairs == ("united 2 parts that touch",)
 
 
 def test_parts_apart_stay_apart(tmp_path: Path) -> None:
@@ -242,7 +250,7 @@ def test_scans_come_out_closed_and_hardly_changed() -> None:
         assert shape.mesh.is_watertight
         assert shape.mesh.volume == pytest.approx(abs(raw.volume), rel=0.01)
         _, distances, _ = trimesh.proximity.closest_point(raw, shape.mesh.vertices)
-        assert distances.max() < 0.005
+        assert distances.max() < 0.01  # the middle of a hole 5 cm wide, as far from its border
         assert bool(shape.repairs) != raw.is_watertight
 
 
@@ -255,7 +263,7 @@ def test_scans_come_out_closed_and_hardly_changed() -> None:
         ("part.step", b"ISO-10303-21;", "must end in one of"),
         ("part.stl", b"", "is empty"),
         ("part.stl", b"solid nothing\nendsolid nothing\n", "has no faces|cannot be read as STL"),
-        ("part.stl", b"\x00" * 50, "cannot be read as STL"),
+        ("part.stl", b"\x00" * 50, "cannot be read as STL|has no faces"),
         ("part.ply", b"not a ply file at all", "cannot be read as PLY"),
         ("part.obj", b"nothing of use\n", "cannot be read as OBJ|has no faces"),
         ("part.off", b"OFF\n1 0", "cannot be read as OFF|has no faces"),

@@ -55,11 +55,19 @@ def test_cone_edges_lie_on_the_cone_and_push_inward() -> None:
     np.testing.assert_allclose(np.linalg.norm(tangential, axis=-1), 0.7, atol=1e-12)
 
 
-@pytest.mark.parametrize(("model", "columns"), [("frictionless", 1), ("coulomb", 8), ("soft_finger", 10)])
+@pytest.mark.parametrize(
+    ("model", "columns"), [("frictionless", 1), ("coulomb", 8), ("soft_finger", 10)]
+)
 def test_wrenches_are_forces_and_their_torques_over_the_length(model: str, columns: int) -> None:
     points, normals = np.array([[0.2, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
     wrenches = contact_wrenches(
-        points, normals, friction=0.5, origin=np.zeros(3), length_scale=0.1, model=model, torsion=0.01
+        points,
+        normals,
+        friction=0.5,
+        origin=np.zeros(3),
+        length_scale=0.1,
+        model=model,
+        torsion=0.01,
     )
     assert wrenches.shape == (1, columns, 6)
     ordinary = wrenches[0, :8] if model != "frictionless" else wrenches[0]
@@ -97,7 +105,9 @@ def test_frictionless_contacts_on_a_sphere_never_resist_torque() -> None:
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.5, 1.0])
-def test_three_fingers_round_a_sphere_close_with_friction_above_their_angle(friction: float) -> None:
+def test_three_fingers_round_a_sphere_close_with_friction_above_their_angle(
+    friction: float,
+) -> None:
     # Three contacts 120 degrees apart balance along their normals for any friction above zero.
     points = _ring(3)
     assert is_force_closure(points, points, friction=friction)

@@ -16,7 +16,9 @@ from lis_grasp.output_files import whole_file
 
 def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
-    parser = verbs.add_parser("estimate", help="estimate a surface from contacts, write surface.ply")
+    parser = verbs.add_parser(
+        "estimate", help="estimate a surface from contacts, write surface.ply"
+    )
     parser.add_argument(
         "contacts",
         type=Path,

@@ -44,7 +44,7 @@ def execute(options: argparse.Namespace) -> None:
     shape = opt.load_object(config)
     hand = Hand.load(config.hand)
     output = options.output or options.grasps_file.parent
-    outcomes = []
+    outcomes: list[dict[str, Any]] = []
     for rank, grasp in enumerate(search.grasps[: options.best], start=1):
         with Stage(f"Lifting {shape.name} with grasp {rank}") as stage:
             outcome = pipeline.prove(shape, hand, grasp, mass=config.mass, friction=config.friction)

@@ -122,5 +122,7 @@ def load_object(config: RunConfig) -> Shape:
 
 def default_output(config: RunConfig) -> Path:
     """Return the folder that a run writes to when none is named."""
-    name = f"{Path(config.object).stem}-{Path(config.hand).stem}-{config.estimator}-seed{config.seed}"
+    name = (
+        f"{Path(config.object).stem}-{Path(config.hand).stem}-{config.estimator}-seed{config.seed}"
+    )
     return Path("results") / name

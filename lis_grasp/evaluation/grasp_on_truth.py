@@ -10,9 +10,7 @@ from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.hand import Hand
 
 
-def epsilon_on_truth(
-    grasp: Grasp, truth: trimesh.Trimesh, hand: Hand, *, friction: float
-) -> float:
+def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, hand: Hand, *, friction: float) -> float:
     """Return the grasp's Ferrari-Canny epsilon where its fingers meet the true surface.
 
     Each finger moves along the line of its planned contact normal until it meets the true surface

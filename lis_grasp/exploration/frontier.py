@@ -18,50 +18,46 @@ FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _AXES = np.vstack([np.eye(3), -np.eye(3)])
-# Probes along the axes that must touch before the estimate takes over: three sides of the object.
-_OPENINGS = 3
 # The frontier lies about one step from the nearest contact; in units of the step.
 _BAND = (0.8, 1.2)
-# Grid cells a step: the frontier's band is some two cells wide.
-_CELLS_PER_STEP = 5.0
+# What makes one frontier target better than another, against being exactly a step away: to be near
+# a second contact too, and not to be near a place just found empty.
+_SECOND_CONTACT, _EMPTINESS = 0.25, 0.5
+# How far a tip goes on beyond its target; in units of the step.
+_OVERSHOOT = 1.5
+# After a miss the next probe comes in aslant, over the edge and back towards what is known.
+_SLANT = np.radians(40.0)
 # A target is the same as an earlier one within this share of its gap, if their directions agree.
 _SAME_TARGET, _SAME_DIRECTION = 0.4, np.cos(np.radians(50.0))
 # Where a tip passed and felt nothing there is no surface, within this share of a step.
 _PASSED = 0.2
 # A contact says nothing of a surface that faces away from it, as the far side of a thin wall does.
 _FACES_AWAY = -0.5
-# The estimate is searched beyond the object's known size by this share of it.
-_MARGIN = 0.05
-_TILT = np.radians(30)
-_OVERSHOOT = 1.5
-_SECOND = 0.25
-_TILT0 = 0.0
-_SHY = 0.5
-_AXES6 = True
-_FRONTIER = "frontier"
+# The estimate is searched in a grid this fine, and beyond the object's known size by this share.
+_CELLS_PER_STEP, _MARGIN = 5.0, 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrontierPolicy:
     """Touch next where the estimated surface leaves the known, about one step from any contact.
 
-    First, probes along the axes through the object's middle, until three have touched. Then the
-    next target lies on the frontier: on the estimated zero set, about a step from the nearest
-    contact, where it is closest to others too, so that the known region grows without holes. It
-    is approached against the estimated outward normal. When no frontier is left, the largest gap is
-    filled: the point of the estimated surface farthest from any contact. Targets probed before,
-    and places that a tip passed through, are not tried again. When the estimate offers nothing
-    at all, a straight pass through the object's known box is drawn.
+    First come the six probes along the axes to the object's middle. Then the next target lies on
+    the frontier: on the estimated zero set, about a step from the nearest contact. It is approached
+    against the estimated outward normal, and after a miss aslant, from beyond the edge that the
+    missed probe must have crossed. When no frontier is left, the largest gap is filled: the point
+    of the estimated surface farthest from any contact. Targets probed before, and places that a
+    tip passed through, are not tried again. When the estimate offers nothing, a straight pass
+    through the object's known box is drawn.
 
-    Ottenhaus et al. 2016, section IV.B, give the step (50 mm on objects of 20 cm), that the next
-    target follows from the contacts and the estimated surface, and no more; the rest is ours.
+    Ottenhaus et al. 2016, section IV.B, give the step (50 mm on objects of 20 cm) and that the
+    next target follows from the contacts and the estimated surface; the rest is ours.
 
     Parameters
     ----------
     step
         Distance between touches [m].
     center
-        Shape (3,) [m], in O: the middle of the object, as known beforehand.
+        Shape (3,) [m], in O: the middle of the object's box, as known beforehand.
     size
         Largest extent of the object [m], as known beforehand.
 
@@ -93,43 +89,23 @@ class FrontierPolicy:
         *,
         outcomes: Sequence[ProbeOutcome],
         rng: np.random.Generator,
-    ) -> Probe | None:
-        """Return the next probe; see `Policy`. There always is one: explore bounds their number."""
-        opening = self._opening(outcomes, rng)
-        if opening is not None:
-            return opening
+    ) -> Probe:
+        """Return the next probe; see `Policy`. There always is one."""
+        if len(outcomes) < len(_AXES):
+            return self._opening(outcomes, rng)
         if surface is not None and len(contacts):
-            found = self._target(contacts, surface, outcomes, rng)
-            if found is not None:
-                target, normal = found
-                away = target - contacts.points[np.argmin(np.linalg.norm(contacts.points - target, axis=1))]
-                away -= (away @ normal) * normal
-                away /= max(np.linalg.norm(away), 1e-12)
-                tilt = _TILT if outcomes[-1].status == "missed" else _TILT0
-                outward = normal + np.tan(tilt) * away
-                outward /= np.linalg.norm(outward)
-                standoff = self._free_standoff(surface, target, outward)
-                return Probe(target, -outward, standoff, _OVERSHOOT*self.step, _FRONTIER)
+            target = self._target(contacts, surface, outcomes, rng)
+            if target is not None:
+                slant = _SLANT if outcomes[-1].status == "missed" else 0.0
+                return self._approach(*target, contacts, surface, slant)
         return self._pass(rng)
 
-    def _opening(
-        self, outcomes: Sequence[ProbeOutcome], rng: np.random.Generator
-    ) -> Probe | None:
-        """Return a probe along an axis through the middle, from a side not yet tried."""
-        tried = np.zeros(len(_AXES), dtype=bool)
-        touched = np.zeros(3, dtype=bool)
-        for outcome in outcomes[: len(_AXES)]:
-            if np.array_equal(outcome.probe.target, self.center):
-                direction = int(np.argmax(_AXES @ outcome.probe.direction))
-                tried[direction] = True
-                touched[direction % 3] |= outcome.status == "touched"
-        if (not _AXES6 and touched.sum() >= _OPENINGS) or tried.all():
-            return None
-        open_ = np.flatnonzero(~tried & (_AXES6 | ~np.tile(touched, 2)))
-        if not len(open_):
-            return None
-        start = 0.5 * self.size + 0.5 * self.step
-        return Probe(self.center, _AXES[rng.choice(open_)], start, 0.5 * self.size)
+    def _opening(self, outcomes: Sequence[ProbeOutcome], rng: np.random.Generator) -> Probe:
+        """Return a probe along an axis to the middle, from a side that had none."""
+        had = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
+        left = np.flatnonzero(~np.any(_AXES @ had.T > _SAME_DIRECTION, axis=1))
+        direction = _AXES[rng.choice(left)]
+        return Probe(self.center, direction, 0.5 * (self.size + self.step), 0.0)
 
     def _target(
         self,
@@ -142,19 +118,20 @@ class FrontierPolicy:
         cell = self.step / _CELLS_PER_STEP
         half = (0.5 + _MARGIN) * self.size
         # A grid that lies differently each time keeps its pattern out of the touches.
-        corner = self.center - half - cell * rng.random(3)
-        points, normals = sample_zero_set(
-            surface, np.array([corner, self.center + half]), cell
-        )
+        low = self.center - half - cell * rng.random(3)
+        points, normals = sample_zero_set(surface, np.array([low, self.center + half]), cell)
         if not len(points):
             return None
         nearest, second = _gaps(points, normals, contacts)
-        known, shy = self._known(points, normals, nearest, outcomes)
-        new = ~known
-        low, high = (share * self.step for share in _BAND)
-        frontier = np.flatnonzero(new & (nearest >= low) & (nearest <= high))
+        emptiness = _distance_to_passed(points, outcomes)
+        new = emptiness > _PASSED * self.step
+        new &= ~self._tried(points, normals, nearest, outcomes)
+        at_step = (nearest >= _BAND[0] * self.step) & (nearest <= _BAND[1] * self.step)
+        frontier = np.flatnonzero(new & at_step)
         if len(frontier):
-            cost = np.abs(nearest - self.step) + _SECOND * np.minimum(second, 2.0 * self.step) + _SHY * np.maximum(self.step - shy, 0)
+            cost = np.abs(nearest - self.step)
+            cost += _SECOND_CONTACT * np.minimum(second, 2.0 * self.step)
+            cost -= _EMPTINESS * np.minimum(emptiness, self.step)
             best = frontier[np.argmin(cost[frontier])]
         elif new.any():
             best = np.flatnonzero(new)[np.argmax(nearest[new])]
@@ -162,38 +139,41 @@ class FrontierPolicy:
             return None
         return points[best], normals[best]
 
-    def _known(
+    def _tried(
         self,
         points: FloatArray,
         normals: FloatArray,
         gaps: FloatArray,
         outcomes: Sequence[ProbeOutcome],
     ) -> Mask:
-        """Tell which points were a target before, or lie where a tip passed and felt nothing."""
-        known = np.zeros(len(points), dtype=bool)
-        shy = np.full(len(points), np.inf)
-        reach = _SAME_TARGET * np.minimum(gaps, self.step)
-        for outcome in outcomes:
-            probe = outcome.probe
-            apart = np.linalg.norm(points - probe.target, axis=1)
-            known |= (apart < reach) & (-normals @ probe.direction > _SAME_DIRECTION)
-            if outcome.status == "missed":
-                along = np.clip(
-                    (points - probe.target) @ probe.direction, -probe.standoff, probe.overshoot
-                )
-                passed = probe.target + along[:, None] * probe.direction
-                apart = np.linalg.norm(points - passed, axis=1)
-                known |= apart < _PASSED * self.step
-                shy = np.minimum(shy, apart)
-        return known, shy
+        """Tell which points, shape (P,), were a target before, from about the same side."""
+        targets = np.array([outcome.probe.target for outcome in outcomes])  # (K, 3)
+        directions = np.array([outcome.probe.direction for outcome in outcomes])
+        reach = _SAME_TARGET * np.minimum(gaps, self.step)  # (P,)
+        near = np.linalg.norm(points[:, None] - targets, axis=-1) < reach[:, None]  # (P, K)
+        return np.any(near & (-normals @ directions.T > _SAME_DIRECTION), axis=1)
 
-    def _free_standoff(
-        self, surface: ImplicitSurface, target: FloatArray, normal: FloatArray
-    ) -> float:
-        """Return how far before the target to start: a step, or half the room that there is."""
+    def _approach(
+        self,
+        target: FloatArray,
+        normal: FloatArray,
+        contacts: Contacts,
+        surface: ImplicitSurface,
+        slant: float,
+    ) -> Probe:
+        """Return the probe that comes down on a target, `slant` [rad] towards the nearest contact."""
+        nearest = np.argmin(np.linalg.norm(contacts.points - target, axis=1))
+        away = target - contacts.points[nearest]
+        away = away - (away @ normal) * normal
+        length = float(np.linalg.norm(away))
+        back = np.cos(slant) * normal  # the way back from the target, out of the object
+        if length > 0.0:
+            back = back + np.sin(slant) * away / length
+        # Start a step away, or halfway to whatever the estimate has in the way.
         distances = self.step * np.arange(0.2, 1.01, 0.1)
-        inside = surface.evaluate(target + distances[:, None] * normal) < 0.0
-        return 0.5 * float(distances[np.argmax(inside)]) if inside.any() else self.step
+        inside = surface.evaluate(target + distances[:, None] * back) < 0.0
+        standoff = 0.5 * float(distances[np.argmax(inside)]) if inside.any() else self.step
+        return Probe(target, -back, standoff, _OVERSHOOT * self.step)
 
     def _pass(self, rng: np.random.Generator) -> Probe:
         """Return a straight pass right through the object's box, from a random side."""
@@ -210,5 +190,18 @@ def _gaps(
     apart[normals @ contacts.normals.T < _FACES_AWAY] = np.inf
     if len(contacts) == 1:
         return apart[:, 0], apart[:, 0]
-    ordered = np.partition(apart, 1, axis=1)
-    return ordered[:, 0], ordered[:, 1]
+    nearest = np.partition(apart, 1, axis=1)
+    return nearest[:, 0], nearest[:, 1]
+
+
+def _distance_to_passed(points: FloatArray, outcomes: Sequence[ProbeOutcome]) -> FloatArray:
+    """Return each point's distance to where a tip passed and felt nothing, shape (P,) [m]."""
+    distance = np.full(len(points), np.inf)
+    for outcome in outcomes:
+        if outcome.status == "missed":
+            probe = outcome.probe
+            along = (points - probe.target) @ probe.direction
+            along = np.clip(along, -probe.standoff, probe.overshoot)
+            passed = probe.target + along[:, None] * probe.direction
+            distance = np.minimum(distance, np.linalg.norm(points - passed, axis=1))
+    return distance

@@ -33,8 +33,6 @@ class Probe:
         How far before the target the motion starts [m].
     overshoot
         How far beyond the target it goes on before it gives up [m].
-    purpose
-        Why a policy chose it, in its own words; nothing but the policy reads it.
 
     Raises
     ------
@@ -46,7 +44,6 @@ class Probe:
     direction: FloatArray
     standoff: float
     overshoot: float
-    purpose: str = ""
 
     def __post_init__(self) -> None:
         target = _vector("target", self.target)

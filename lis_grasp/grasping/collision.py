@@ -114,7 +114,9 @@ class HandCollisionChecker:
                 if fcl.collide(body, self._object, fcl.CollisionRequest(), result):
                     return True
         centers = np.array([body.getTranslation() for body in self._bodies])
-        inside_box = ((centers > self._mesh.bounds[0]) & (centers < self._mesh.bounds[1])).all(axis=1)
+        inside_box = ((centers > self._mesh.bounds[0]) & (centers < self._mesh.bounds[1])).all(
+            axis=1
+        )
         return bool(inside_box.any() and self._mesh.contains(centers[inside_box]).any())
 
     def _touches_itself(self) -> bool:
@@ -154,15 +156,13 @@ def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
         case "mesh":
             model = fcl.BVHModel()
             model.beginModel(len(geometry.mesh.vertices), len(geometry.mesh.faces))
-            model.addSubModel(
-                np.asarray(geometry.mesh.vertices), np.asarray(geometry.mesh.faces)
-            )
+            model.addSubModel(np.asarray(geometry.mesh.vertices), np.asarray(geometry.mesh.faces))
             model.endModel()
             return model
 
 
 def _outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
-    """Return points and a radius whose sum covers the body: exact below, whatever way it is turned."""
+    """Return points and a radius whose sum covers the body, however it is turned."""
     if geometry.kind == "sphere":
         return np.zeros((1, 3)), geometry.dimensions[0]
     if geometry.kind == "capsule":

@@ -48,7 +48,8 @@ def cone_edges(normals: npt.ArrayLike, friction: float, *, edges: int = CONE_EDG
     second = np.cross(inward, first)
     angles = 2.0 * np.pi * np.arange(edges) / edges
     tangents = (
-        np.cos(angles)[:, None] * first[..., None, :] + np.sin(angles)[:, None] * second[..., None, :]
+        np.cos(angles)[:, None] * first[..., None, :]
+        + np.sin(angles)[:, None] * second[..., None, :]
     )
     result: FloatArray = inward[..., None, :] + friction * tangents
     return result
@@ -99,7 +100,9 @@ def contact_wrenches(
             f"model must be one of {', '.join(get_args(ContactModel))}; it is '{model}'"
         )
     if not (np.isfinite(length_scale) and length_scale > 0.0):
-        raise InvalidOptionError(f"length_scale must be a positive length [m]; it is {length_scale}")
+        raise InvalidOptionError(
+            f"length_scale must be a positive length [m]; it is {length_scale}"
+        )
     points = np.asarray(points, dtype=np.float64)
     normals = np.asarray(normals, dtype=np.float64)
     if model == "frictionless":

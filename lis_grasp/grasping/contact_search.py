@@ -19,8 +19,8 @@ _SAMPLES = 4000
 _FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
 # Contacts oppose each other when their normals do, within this angle [rad].
 _OPPOSED_ANGLE = np.deg2rad(25.0)
-# How far from its nearest sample a contact may lie [m].
-_REACH = 0.008
+# How far from its nearest sample a contact may lie [m]: within the flat part round the sample.
+_REACH = 0.005
 # Vertices whose uncertainty exceeds this many times the median are not supported by touches.
 _UNSUPPORTED = 3.0
 # The thumb pushes sideways: its normal is no steeper than this above or below the horizontal.
@@ -64,7 +64,9 @@ class _Opposition:
 
     thumb: int
     others: tuple[int, ...]
-    frame_H: FloatArray  # (3, 3), columns: approach, lateral, closing (from the thumb to the others)
+    frame_H: (
+        FloatArray  # (3, 3), columns: approach, lateral, closing (from the thumb to the others)
+    )
     lateral: FloatArray  # (F,) [m]: the pads' places along the lateral axis
 
 
@@ -174,10 +176,10 @@ def initial_postures(hand: Hand, sets: ContactSets) -> tuple[FloatArray, FloatAr
         width = np.linalg.norm(targets[used].mean(axis=0) - targets[thumb])
         gaps = np.linalg.norm(centers_H[:, used].mean(axis=1) - centers_H[:, thumb], axis=-1)
         excess = gaps - width
-        chosen[b] = np.argmin(np.where(excess >= 0.0, excess, np.inf if excess.max() >= 0 else -excess))
-        middle_H = 0.5 * (
-            centers_H[chosen[b], thumb] + centers_H[chosen[b]][used].mean(axis=0)
+        chosen[b] = np.argmin(
+            np.where(excess >= 0.0, excess, np.inf if excess.max() >= 0 else -excess)
         )
+        middle_H = 0.5 * (centers_H[chosen[b], thumb] + centers_H[chosen[b]][used].mean(axis=0))
         middle_O = 0.5 * (targets[thumb] + targets[used].mean(axis=0))
         X_OH[b, :3, 3] = middle_O - sets.R_OH[b] @ middle_H
     return X_OH, pregrasps[chosen]
@@ -214,7 +216,7 @@ def _choose_fingers(opposition: _Opposition, rng: np.random.Generator) -> list[i
 
 
 def _orientation(closing: FloatArray, angle: float) -> FloatArray:
-    """Return columns (approach, lateral, closing) in O: the approach downwards, turned by `angle`."""
+    """Return columns (approach, lateral, closing) in O: downwards, turned by `angle`."""
     down = np.array([0.0, 0.0, -1.0])
     approach = down - closing * (down @ closing)
     approach /= np.linalg.norm(approach)
@@ -239,7 +241,7 @@ def _far_side(samples: SurfaceSamples, p: FloatArray, n: FloatArray) -> FloatArr
 def _meet_surface(
     samples: SurfaceSamples, points: FloatArray, n: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return contacts (K, 3) and normals (K, 3) nearest to points, on lines along n; None if off."""
+    """Return contacts and normals (K, 3) nearest to points, on lines along n; or None."""
     assert samples.tree is not None
     distances, nearest = samples.tree.query(points, distance_upper_bound=2.5 * _REACH)
     if not np.isfinite(distances).all():

@@ -1,4 +1,4 @@
-"""Grip forces: how hard each finger pushes where it touches, so that the object is squeezed, not moved."""
+"""Grip forces: how hard each finger pushes, so that the object is squeezed, not moved."""
 
 from __future__ import annotations
 
@@ -63,7 +63,11 @@ def balanced_grip(
         ]
     )
     wanted = np.concatenate(
-        [np.zeros(6), [_TOTAL_WEIGHT * total], np.full(unknowns, _EVENNESS_WEIGHT * total / unknowns)]
+        [
+            np.zeros(6),
+            [_TOTAL_WEIGHT * total],
+            np.full(unknowns, _EVENNESS_WEIGHT * total / unknowns),
+        ]
     )
     coefficients, _ = nnls(matrix, wanted)
     forces: FloatArray = np.einsum("ce,cek->ck", coefficients.reshape(count, -1), edges)

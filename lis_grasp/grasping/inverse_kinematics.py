@@ -56,7 +56,7 @@ class Postures:
     position_error
         Shape (B,) [m]: the largest distance of a used pad from its target.
     axis_error
-        Shape (B,) [rad]: how far the worst used contact lies outside its pad; 0 when all are inside.
+        Shape (B,) [rad]: how far the worst used contact lies outside its pad, if it does.
     """
 
     X_OH: FloatArray
@@ -197,7 +197,7 @@ class _Problem:
         return moved, np.clip(q + step[:, 6:], self._hand.lower, self._hand.upper)
 
     def errors(self, X: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the largest position error [m] and axis error [rad] over the used pads, (B,) each."""
+        """Return the largest position and axis error of the used pads, (B,) [m] and [rad]."""
         off = np.linalg.norm(self._hand.pad_centers(X, q) - self._centers, axis=-1)
         cosine = -(self._hand.pad_axes(X, q) * self._normals).sum(axis=-1)
         beyond = np.maximum(np.arccos(np.clip(cosine, -1.0, 1.0)) - self._half_angles, 0.0)

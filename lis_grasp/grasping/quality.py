@@ -96,9 +96,10 @@ def is_force_closure(
     InvalidContactsError
         If points and normals are not (C, 3) with C >= 1, or not finite.
     """
-    return min_weight(
-        points, normals, friction=friction, model=model, torsion=torsion, edges=edges
-    ) > 1e-9
+    return (
+        min_weight(points, normals, friction=friction, model=model, torsion=torsion, edges=edges)
+        > 1e-9
+    )
 
 
 def min_weight(
@@ -153,7 +154,9 @@ def _primitive_wrenches(
     torsion: float,
     edges: int,
 ) -> FloatArray:
-    points, normals = (_contact_rows(name, a) for name, a in (("points", points), ("normals", normals)))
+    points, normals = (
+        _contact_rows(name, a) for name, a in (("points", points), ("normals", normals))
+    )
     if points.shape != normals.shape:
         raise InvalidContactsError(
             f"each point needs one normal; {len(points)} points and {len(normals)} normals came"

@@ -108,7 +108,7 @@ class ForceClosureSampler:
         sets, postures = self._reach(sets, rejected)
         checker = HandCollisionChecker(self.hand, mesh, support_height=support_height)
         opened = self._opened(sets, postures)
-        grasps = []
+        grasps: list[Grasp] = []
         for b in range(len(sets)):
             if len(grasps) >= _ENOUGH * count:
                 rejected["not_needed"] += len(sets) - b
@@ -132,7 +132,9 @@ class ForceClosureSampler:
         """Solve the inverse kinematics from the fitting pregrasp, and drop what is not reached."""
         if not len(sets):
             none = np.zeros(0)
-            return sets, Postures(np.zeros((0, 4, 4)), np.zeros((0, len(self.hand.lower))), none, none)
+            return sets, Postures(
+                np.zeros((0, 4, 4)), np.zeros((0, len(self.hand.lower))), none, none
+            )
         X_OH, start = initial_postures(self.hand, sets)
         targets = PadTargets(sets.points, sets.normals, sets.used)
         postures = reach(self.hand, targets, X_OH, start)
@@ -144,7 +146,7 @@ class ForceClosureSampler:
         return sets.subset(kept), postures.subset(kept)
 
     def _opened(self, sets: ContactSets, postures: Postures) -> FloatArray:
-        """Return joint positions (B, J) with every used pad backed off its contact, the palm still."""
+        """Return joint positions (B, J) with every used pad off its contact, the palm still."""
         if not len(sets):
             return postures.q
         away = PadTargets(sets.points + _OPENING * sets.normals, sets.normals, sets.used)
@@ -166,9 +168,14 @@ class ForceClosureSampler:
         return None
 
     def _assess(
-        self, mesh: trimesh.Trimesh, sets: ContactSets, b: int, postures: Postures, opened: FloatArray
+        self,
+        mesh: trimesh.Trimesh,
+        sets: ContactSets,
+        b: int,
+        postures: Postures,
+        opened: FloatArray,
     ) -> Grasp | None:
-        """Return the grasp with its quality, or None without force closure at the friction given."""
+        """Return the grasp with its quality, or None if it is not in force closure."""
         hand, used = self.hand, sets.used[b]
         points, normals = sets.points[b][used], sets.normals[b][used]
         if not closes(hand, points, normals, friction=self.friction):

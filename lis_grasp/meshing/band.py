@@ -43,6 +43,8 @@ def sample_band(field: Field, grid: Grid) -> FloatArray:
     step = COARSE
     while step > 1:
         active = _cells_near_surface(values[::step, ::step, ::step], nearness)
+        # While nothing of the inside is found, everywhere may be near it.
+        active |= not (values < 0.0).any()
         _ask(field, grid, values, _nodes_of_halved_cells(active, step, grid.nodes))
         nearness = 0.0
         step //= 2

@@ -52,10 +52,13 @@ class Field:
             return np.empty((0, 3))
         self.gradients += len(points)
         gradients = np.asarray(self._surface.gradient(points), dtype=np.float64)
-        lengths = np.linalg.norm(gradients, axis=1)
-        defined = np.isfinite(lengths) & (lengths > 0.0)
-        scale = np.where(defined, lengths, 1.0)[:, None]
-        return np.where(defined[:, None], gradients, 0.0) / scale
+        # Scaled first: squares of very large or small components would leave the number range.
+        largest = np.abs(gradients).max(axis=1)
+        defined = np.isfinite(largest) & (largest > 0.0)
+        normals = np.zeros_like(gradients)
+        normals[defined] = gradients[defined] / largest[defined, None]
+        normals[defined] /= np.linalg.norm(normals[defined], axis=1, keepdims=True)
+        return normals
 
     def uncertainty(self, points: FloatArray) -> FloatArray:
         """Return one standard deviation of the surface at points (P, 3), shape (P,) [m].

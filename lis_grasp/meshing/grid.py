@@ -13,7 +13,7 @@ IndexArray = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """Cubic cells that cover a box and reach at least half a cell beyond each of its sides.
+    """Cubic cells that cover a box and reach a little beyond each of its sides.
 
     Nodes are numbered in C order of (x, y, z); a cell has the number of its lowest node.
 
@@ -36,12 +36,17 @@ class Grid:
 
     @classmethod
     def cover(cls, bounds: FloatArray, cell: float, *, multiple: int) -> Grid:
-        """Lay a grid centred on `bounds`, its number of cells a multiple of `multiple` each way."""
-        extent = bounds[1] - bounds[0]
-        cells = multiple * np.ceil((extent / cell + 1.0) / multiple).astype(int)  # (3,)
-        origin = bounds.mean(axis=0) - 0.5 * cell * cells
+        """Lay a grid over `bounds`, its number of cells a multiple of `multiple` each way.
+
+        The sides of the box keep at least a quarter of a cell from every node: bounds that lie on
+        faces of the object would otherwise put nodes there, neither inside nor outside.
+        """
+        length = (bounds[1] - bounds[0]) / cell  # (3,) in cells
+        excess = length % 1.0
+        margin = np.where(excess < 0.5, 0.5 - 0.5 * excess, 1.0 - 0.5 * excess)
+        cells = multiple * np.ceil((length + margin + 0.25) / multiple).astype(int)
         nodes = (int(cells[0]) + 1, int(cells[1]) + 1, int(cells[2]) + 1)
-        return cls(origin, cell, nodes, bounds)
+        return cls(bounds[0] - margin * cell, cell, nodes, bounds)
 
     @property
     def strides(self) -> tuple[int, int, int]:

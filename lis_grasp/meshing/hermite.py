@@ -16,6 +16,9 @@ IndexArray = npt.NDArray[np.intp]
 # A step this short, in cells, is the last; the crossing is then good to the next order.
 _TOLERANCE = 5e-3
 
+# Gradients are taken at least this far from the nodes, in cells.
+_ASIDE = 1e-3
+
 # This part of the change of f over an edge is zero.
 _NEGLIGIBLE = 1e-9
 
@@ -88,7 +91,9 @@ def find_crossings(field: Field, grid: Grid, values: FloatArray) -> Crossings:
     points = starts + fractions[:, None] * (ends - starts)
     normals = np.zeros_like(points)
     smooth = searched[~jumps]
-    normals[smooth] = field.normals(points[smooth])
+    # Not at a node itself, which may lie on a sharp edge, where the gradient says nothing.
+    aside = np.clip(fractions[smooth], _ASIDE, 1.0 - _ASIDE)[:, None]
+    normals[smooth] = field.normals(starts[smooth] + aside * (ends[smooth] - starts[smooth]))
     on_box = still_inside[leaves_box]
     normals[leaves_box[on_box]] = faces_out[on_box]
     return Crossings(axes, lower, leaving, points, normals)

@@ -136,7 +136,7 @@ def place_vertices(
 def _gather(
     count: int, corners: IndexArray, crossings: Crossings, grid: Grid
 ) -> tuple[Quadrics, FloatArray]:
-    """Return each sheet's quadric, from the grid's origin, and the mean of its crossings, (V, 3)."""
+    """Return sheets' quadrics, from the grid's origin, and the means of their crossings, (V, 3)."""
     sheets = corners.reshape(-1)
     points = (crossings.points - grid.origin) / grid.cell
     normals = crossings.normals

@@ -44,8 +44,9 @@ def supported_faces(
     lowest = np.full(count, np.inf)
     np.minimum.at(lowest, part, uncertainty)
     supported = lowest <= np.quantile(uncertainty[part == main], 0.5, method="lower")
-    kept = _with_their_solids(supported, vertices, faces, part)
-    return kept[part[faces[:, 0]]]
+    if not supported.all():
+        supported = _with_their_solids(supported, vertices, faces, part)
+    return np.asarray(supported[part[faces[:, 0]]])
 
 
 def _parts(vertices: int, faces: IndexArray) -> tuple[int, IndexArray]:
@@ -64,22 +65,25 @@ def _with_their_solids(
     """Return the supported parts and those without which they would be inside out."""
     corners = vertices[faces]  # (F, 3, 3)
     owner = part[faces[:, 0]]
-    volumes = np.bincount(
-        owner, np.linalg.det(corners - vertices.mean(axis=0)) / 6.0, minlength=len(supported)
-    )
+    volumes = np.bincount(owner, np.linalg.det(corners - vertices.mean(axis=0)) / 6.0)
+    low, high = np.full((len(volumes), 3), np.inf), np.full((len(volumes), 3), -np.inf)
+    np.minimum.at(low, part, vertices)
+    np.maximum.at(high, part, vertices)
     kept = supported.copy()
     by_size = np.argsort(-np.abs(volumes), kind="stable")
     for this in by_size[supported[by_size]]:
-        probe = vertices[np.flatnonzero(part == this)[0]]
-        # Each part round this one, the outermost first; those round a point are nested.
+        # The parts round this one, the outermost first: those round a point are nested.
+        probe = vertices[np.argmax(part == this)]
+        boxed = ((low < probe) & (probe < high)).all(axis=1)
+        boxed[this] = False
         around = [
             other
-            for other in by_size
-            if other != this and abs(_winding(probe, corners[owner == other])) > 0.5
+            for other in by_size[boxed[by_size]]
+            if abs(_winding(probe, corners[owner == other])) > 0.5
         ]
         outer = [other for other in around if kept[other]]
-        faces_out = volumes[this] > 0.0
         in_material = bool(outer) and volumes[outer[-1]] > 0.0
+        faces_out = volumes[this] > 0.0
         if faces_out == in_material and around:
             kept[around[-1]] = True
     return kept

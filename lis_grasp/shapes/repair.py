@@ -1,8 +1,9 @@
 """Close and orient any triangle mesh, and say in plain words what was changed.
 
 A scan or an exported mesh may lack faces, have them twice, turned over, or more than two at an
-edge. The way here: faces that cannot be part of a surface go first; what is left has a boundary of
-closed loops, and each loop is closed by a fan about its middle, which always gives a closed mesh.
+edge. The way here: faces that cannot be part of a surface go first, and solids that touch are
+parted; what is left has a border of closed loops, and each loop is closed by a fan about its
+middle, which always gives a closed mesh; solids that touch or run into each other are united last.
 """
 
 from __future__ import annotations
@@ -14,7 +15,16 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from lis_grasp.exceptions import InvalidMeshError
-from lis_grasp.shapes.boundary import boundary_loops, fill_loop
+from lis_grasp.shapes.shape import signed_volume
+from lis_grasp.shapes.topology import (
+    boundary_loops,
+    disagreeing_faces,
+    drop_fins,
+    edge_groups,
+    fill_loop,
+    is_bad_edge,
+    part_at_shared_edges,
+)
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
@@ -42,15 +52,18 @@ def mend(vertices: FloatArray, faces: IndexArray) -> tuple[trimesh.Trimesh, tupl
     _orient(mesh, repairs)
     mesh = _close(mesh, repairs)
     mesh = _drop_specks(mesh, repairs)
+    if not len(mesh.faces) or signed_volume(mesh.triangles) < _SHEET * _roughly_boxed(mesh):
+        raise InvalidMeshError("encloses no volume, as a flat sheet does: a solid object is needed")
     if not (mesh.is_watertight and mesh.is_winding_consistent):
         raise InvalidMeshError(
             "could not be closed: mend it by hand, for example with MeshLab or Blender"
         )
-    if mesh.volume < _SHEET * np.prod(np.maximum(mesh.extents, 1e-3 * mesh.extents.max())):
-        raise InvalidMeshError(
-            "encloses no volume, as a flat sheet does: a solid object is needed"
-        )
     return _joined_bodies(mesh, repairs), tuple(repairs)
+
+
+def _roughly_boxed(mesh: trimesh.Trimesh) -> float:
+    """Return the volume of the bounding box, no side taken thinner than a thousandth [m^3]."""
+    return float(np.prod(np.maximum(mesh.extents, 1e-3 * mesh.extents.max())))
 
 
 def _merged(vertices: FloatArray, faces: IndexArray) -> trimesh.Trimesh:
@@ -91,7 +104,9 @@ def _drop_degenerate(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     kept = np.zeros(len(faces), dtype=bool)
     kept[rows[np.unique(inverse[rows], return_index=True)[1]]] = True
     if not kept.all():
-        repairs.append(f"dropped {_count(int((~kept).sum()), 'face')} that were there twice")
+        double = int((~kept).sum())
+        was = "was" if double == 1 else "were"
+        repairs.append(f"dropped {_count(double, 'face')} that {was} there twice")
         mesh.update_faces(kept)
     mesh.remove_unreferenced_vertices()
 
@@ -109,11 +124,12 @@ def _orient(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
         return
     before = np.asarray(mesh.faces).copy()
     if not mesh.is_winding_consistent:
-        trimesh.repair.fix_winding(mesh)
+        wrong = disagreeing_faces(before)
+        mesh.faces[wrong] = mesh.faces[wrong][:, ::-1]
         for label in _each_body(mesh):
-            if _volume(mesh, label) < 0.0:
+            if signed_volume(mesh.triangles[label]) < 0.0:
                 mesh.faces[label] = mesh.faces[label][:, ::-1]
-    elif mesh.volume < 0.0:
+    elif signed_volume(mesh.triangles) < 0.0:
         mesh.invert()
     turned = int(np.sum(~_same_turn(before, np.asarray(mesh.faces))))
     if turned:
@@ -125,45 +141,39 @@ def _same_turn(before: IndexArray, after: IndexArray) -> npt.NDArray[np.bool_]:
 
 
 def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
-    """Take away faces at edges that no surface has, then close what is open."""
+    """Part solids that touch, take away faces at edges that no surface has, close what is open."""
     dropped = filled = 0
     longest = 0.0
-    for _ in range(_ROUNDS):
-        bad = _faces_at_bad_edges(np.asarray(mesh.faces))
-        dropped += int(bad.sum())
-        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)[~bad]
-        loops = boundary_loops(faces)
-        if not loops:
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    for round_ in range(_ROUNDS):
+        wanted = drop_fins(faces)
+        dropped += int((~wanted).sum())
+        faces = faces[wanted]
+        if not is_bad_edge(*edge_groups(faces)).any() and not len(boundary_loops(faces)):
             break
+        if round_ == 0:
+            vertices, faces = part_at_shared_edges(vertices, faces)
+        edge, forward, count = edge_groups(faces)
+        bad = is_bad_edge(edge, forward, count)[edge].any(axis=1)
+        dropped += int(bad.sum())
+        faces = faces[~bad]
+        loops = boundary_loops(faces)
+        filled += len(loops)
         for loop in loops:
             closing, added = fill_loop(vertices, loop)
             ring = vertices[loop]
             around = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()
             longest = max(longest, float(around))
             vertices, faces = np.concatenate([vertices, added]), np.concatenate([faces, closing])
-        filled += len(loops)
-        mesh = trimesh.Trimesh(vertices, faces, process=False, validate=False)
-        mesh.remove_unreferenced_vertices()
     if dropped:
         repairs.append(f"took away {_count(dropped, 'face')} at edges with more than two faces")
     if filled:
         repairs.append(
             f"closed {_count(filled, 'hole')}, the largest {1e3 * longest:.0f} mm around"
         )
-    return mesh
-
-
-def _faces_at_bad_edges(faces: IndexArray) -> npt.NDArray[np.bool_]:
-    """Tell the faces with an edge that has three faces or more, or two that disagree."""
-    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    forward = directed[:, 0] < directed[:, 1]
-    _, inverse, count = np.unique(
-        np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    inverse = inverse.reshape(-1)
-    ahead = np.bincount(inverse, weights=forward, minlength=len(count))
-    bad = (count > 2) | ((count == 2) & (ahead != 1))
-    return bad[inverse].reshape(-1, 3).any(axis=1)
+    closed = trimesh.Trimesh(vertices, faces, process=False, validate=False)
+    closed.remove_unreferenced_vertices()
+    return closed
 
 
 def _each_body(mesh: trimesh.Trimesh) -> list[IndexArray]:
@@ -175,19 +185,12 @@ def _each_body(mesh: trimesh.Trimesh) -> list[IndexArray]:
     return [np.flatnonzero(labels == i) for i in range(bodies)]
 
 
-def _volume(mesh: trimesh.Trimesh, faces: IndexArray) -> float:
-    """Return the signed volume of some faces with a fan from their middle [m^3]."""
-    triangles = np.asarray(mesh.vertices)[np.asarray(mesh.faces)[faces]]  # (F, 3, 3)
-    triangles = triangles - triangles.reshape(-1, 3).mean(axis=0)
-    return float(np.linalg.det(triangles).sum() / 6.0)
-
-
 def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     """Drop parts so small that they are dirt of a scan, not object."""
     bodies = _each_body(mesh)
     if len(bodies) < 2:
         return mesh
-    volumes = np.array([abs(_volume(mesh, body)) for body in bodies])
+    volumes = np.array([abs(signed_volume(mesh.triangles[body])) for body in bodies])
     kept = volumes > _SPECK * volumes.max()
     if kept.all():
         return mesh
@@ -198,16 +201,16 @@ def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
 
 
 def _joined_bodies(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
-    """Unite solid parts that run into each other, so that no face is left inside the object."""
-    bodies = [body for body in _each_body(mesh) if _volume(mesh, body) > 0.0]
+    """Unite solid parts that touch, so that no face is left inside the object."""
+    bodies = [b for b in _each_body(mesh) if signed_volume(mesh.triangles[b]) > 0.0]
     if len(bodies) < 2:
         return mesh
     parts = [mesh.submesh([body], append=True, repair=False) for body in bodies]
     united = trimesh.boolean.union(parts, engine="manifold", check_volume=False)
-    apart = sum(part.volume for part in parts)
-    if not united.is_watertight or abs(united.volume - apart) < 1e-6 * apart:
+    # Parts that stand apart keep their whole surface, and the file's own triangles.
+    if not united.is_watertight or united.area > (1.0 - 1e-6) * mesh.area:
         return mesh
-    repairs.append(f"united {len(parts)} parts that run into each other")
+    repairs.append(f"united {len(parts)} parts that touch")
     return united
 
 

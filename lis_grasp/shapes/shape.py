@@ -29,6 +29,12 @@ def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatAr
     return np.array(mesh.vertices[mesh.face_adjacency_edges[sharp]]).reshape(-1, 2, 3)
 
 
+def signed_volume(triangles: FloatArray) -> float:
+    """Return the volume that closed triangles (F, 3, 3) enclose [m^3], negative if inside out."""
+    about_middle = triangles - triangles.reshape(-1, 3).mean(axis=0)
+    return float(np.linalg.det(about_middle).sum() / 6.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
     """A true object, in its frame O.
@@ -61,10 +67,11 @@ class Shape:
                 f"the mesh of {self.name} must be closed, with every edge shared by two faces of"
                 " like orientation; it is not: read it from a file by shapes.load, which mends it"
             )
-        if not self.mesh.volume > 0.0:
+        volume = signed_volume(np.asarray(self.mesh.triangles))
+        if not volume > 0.0:
             raise InvalidMeshError(
                 f"the mesh of {self.name} must enclose a positive volume; it encloses"
-                f" {self.mesh.volume:.3g} m^3: its faces must point outward"
+                f" {volume:.3g} m^3: its faces must point outward"
             )
         edges = np.array(self.edges, dtype=np.float64)
         if edges.ndim != 3 or edges.shape[1:] != (2, 3):

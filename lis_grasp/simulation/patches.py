@@ -1,4 +1,4 @@
-"""A contact patch as contacts: one for each flat part of the surface that the patch covers."""
+"""A contact patch as contacts: one for each connected, flat part of it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from pydrake.geometry import GeometryId
+from pydrake.geometry import GeometryId, PolygonSurfaceMesh, TriangleSurfaceMesh
 from pydrake.multibody.plant import HydroelasticContactInfo
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -17,6 +20,8 @@ FloatArray = npt.NDArray[np.float64]
 _SPLIT_ANGLE = np.deg2rad(35.0)
 # A part smaller than this share of the patch says too little of where its face is.
 _LEAST_SHARE = 0.2
+# Corners of neighbouring faces coincide but for rounding.
+_SAME_CORNER = 1e-7  # [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,16 +84,24 @@ def contact_patches(
     outward = -1.0 if object_is_m else 1.0
     normals = outward * np.array([surface.face_normal(i) for i in faces])
     centroids = np.array([mesh.element_centroid(i) for i in faces])
-    return split_patch(link, areas, centroids, normals, force=normal_force(info))
+    pieces = _connected_pieces(mesh)
+    return split_patch(link, areas, centroids, normals, pieces, force=normal_force(info))
 
 
 def split_patch(
-    link: str, areas: FloatArray, centroids: FloatArray, normals: FloatArray, *, force: float
+    link: str,
+    areas: FloatArray,
+    centroids: FloatArray,
+    normals: FloatArray,
+    pieces: npt.NDArray[np.int32],
+    *,
+    force: float,
 ) -> list[Patch]:
-    """Split a contact patch at the edges that it lies across, convex or concave.
+    """Split a contact patch at gaps, and at the edges that it lies across, convex or concave.
 
     A tip in a corner touches two faces at once, and the mean of their normals is the normal of
-    neither. Faces within 35 degrees of a part's area-weighted mean normal form that part, the
+    neither; a tip across a groove touches on both sides, and the mean of the two is in the air.
+    Faces of one piece, within 35 degrees of a part's area-weighted mean normal, form that part, the
     largest first.
 
     Parameters
@@ -97,6 +110,8 @@ def split_patch(
         The hand's link that touches.
     areas, centroids, normals
         Of the patch's faces: (F,) [m^2], (F, 3) [m], (F, 3) unit and out of the object.
+    pieces
+        Shape (F,): the connected piece that each face belongs to.
     force
         Normal force of the whole patch [N].
 
@@ -112,7 +127,8 @@ def split_patch(
         largest = int(np.argmax(np.where(remaining, areas, -1.0)))
         normal = normals[largest]
         for _ in range(3):  # the mean settles in two or three rounds
-            members = remaining & (normals @ normal > np.cos(_SPLIT_ANGLE))
+            alike = (pieces == pieces[largest]) & (normals @ normal > np.cos(_SPLIT_ANGLE))
+            members = remaining & alike
             members[largest] = True
             normal = areas[members] @ normals[members]
             normal /= np.linalg.norm(normal)
@@ -122,3 +138,17 @@ def split_patch(
             parts.append(Patch(link, point, normal, force * share))
         remaining &= ~members
     return parts
+
+
+def _connected_pieces(mesh: PolygonSurfaceMesh | TriangleSurfaceMesh) -> npt.NDArray[np.int32]:
+    """Return the connected piece that each face belongs to, shape (F,); faces share corners."""
+    faces = [mesh.element(i) for i in range(mesh.num_elements())]
+    owners = np.repeat(np.arange(len(faces)), [face.num_vertices() for face in faces])
+    corners = np.array(
+        [mesh.vertex(face.vertex(k)) for face in faces for k in range(face.num_vertices())]
+    )
+    pairs = owners[cKDTree(corners).query_pairs(_SAME_CORNER, output_type="ndarray")]  # (K, 2)
+    shape = (len(faces), len(faces))
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=shape)
+    _, pieces = connected_components(graph, directed=False)
+    return np.asarray(pieces, dtype=np.int32)

@@ -106,11 +106,12 @@ class DynamicProber:
                 X_WO[:3, :3] = _roll(2.0 * np.pi * k / _ROLLS) @ _rotation_to_x(probe.direction)
                 X_WO[:3, 3] = -X_WO[:3, :3] @ probe.start
                 self._scene.place(posture.joint_positions, X_WB, X_WO)
-                leading_center = np.array([[-posture.radius, 0.0, 0.0]])
-                if k == 0 and self._scene.is_inside(leading_center).any():
-                    break  # the leading sphere is on the line of motion, however the hand is rolled
                 if self._scene.is_free():
                     return posture
+                # The leading sphere is on the line of motion, however the hand is rolled.
+                leading_center = np.array([-posture.radius, 0.0, 0.0])
+                if k == 0 and self._scene.clearance(leading_center) < posture.radius:
+                    break
         return None
 
     def _advance(self, length: float) -> tuple[list[Patch], float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from pydrake.geometry import HydroelasticContactRepresentation, QueryObject
+from pydrake.geometry import HydroelasticContactRepresentation
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import (
@@ -140,14 +140,10 @@ class ProbingScene:
         """Tell whether every link is outside the object."""
         return not self._touches() and not self._any_link_inside()
 
-    def is_inside(self, points: FloatArray) -> npt.NDArray[np.bool_]:
-        """Tell which points (P, 3) of W are inside the object, by the parity of a ray's crossings.
-
-        Drake's signed distance refuses meshes with folded triangles, which scans have.
-        """
-        R_WO, p_WO = self._X_WO[:3, :3], self._X_WO[:3, 3]
-        inside: npt.NDArray[np.bool_] = self._mesh.contains((points - p_WO) @ R_WO)
-        return inside
+    def clearance(self, point: FloatArray) -> float:
+        """Return the distance from a point (3,) of W to the object's surface [m]."""
+        _, distance, _ = trimesh.proximity.closest_point(self._mesh, self._in_object(point[None]))
+        return float(distance[0])
 
     def touches_at(self, travelled: float) -> bool:
         """Put the hand `travelled` [m] along its way, and tell whether a link touches there."""
@@ -191,18 +187,38 @@ class ProbingScene:
             )
         ]
 
-    def _query(self) -> QueryObject:
-        return self._query_port.Eval(self._scene_context)
-
     def _touches(self) -> bool:
         polygon = HydroelasticContactRepresentation.kPolygon
-        return bool(self._query().ComputeContactSurfaces(polygon))
+        return bool(self._query_port.Eval(self._scene_context).ComputeContactSurfaces(polygon))
 
     def _any_link_inside(self) -> bool:
         """Tell whether a link's shape, whose surface touches nothing, is within the object."""
-        query = self._query()
-        centers = [query.GetPoseInWorld(g).translation() for g in self._hand.link_of_geometry]
-        return bool(self.is_inside(np.array(centers)).any())
+        query = self._query_port.Eval(self._scene_context)
+        geometries = self._hand.link_of_geometry
+        centers = np.array([query.GetPoseInWorld(g).translation() for g in geometries])
+        low, high = self._mesh.bounds
+        points = self._in_object(centers)  # (P, 3)
+        near = points[np.all((points > low) & (points < high), axis=1)]
+        return any(_winding_number(point, self._mesh.triangles) > 0.5 for point in near)
+
+    def _in_object(self, points: FloatArray) -> FloatArray:
+        moved: FloatArray = (points - self._X_WO[:3, 3]) @ self._X_WO[:3, :3]
+        return moved
+
+
+def _winding_number(point: FloatArray, triangles: FloatArray) -> float:
+    """Return how often triangles (T, 3, 3) enclose a point: 1 inside a closed mesh, 0 outside.
+
+    Sum of the triangles' solid angles (van Oosterom and Strackee 1983) over 4 pi. Unlike Drake's
+    signed distance it takes meshes with folded triangles, which scans have; unlike the parity of a
+    ray's crossings it has no bad directions.
+    """
+    a, b, c = np.moveaxis(triangles - point, 1, 0)  # each (T, 3)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+    denominator = la * lb * lc + ab * lc + bc * la + ca * lb
+    return float(np.arctan2(numerator, denominator).sum() / (2.0 * np.pi))
 
 
 def _rigid(X: FloatArray) -> RigidTransform:

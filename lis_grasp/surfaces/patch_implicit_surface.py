@@ -29,8 +29,8 @@ _PATCH_SIGMA = 0.4
 _SIGMA = 0.2
 
 # Of contacts, where the caller does not say: a good tactile sensor's.
-_POSITION_NOISE = 0.005  # in spacings
-_NORMAL_NOISE = 0.03  # [rad]
+_POSITION_NOISE = 0.01  # in spacings
+_NORMAL_NOISE = 0.05  # [rad]
 
 _EXTRAPOLATION_ERROR = 0.2
 
@@ -128,7 +128,7 @@ class PatchImplicitSurface:
         contacts
             Where the object was touched; duplicates are merged first.
         position_noise
-            One standard deviation of a contact along its normal [m]; None takes 0.005 of the
+            One standard deviation of a contact along its normal [m]; None takes 0.01 of the
             contacts' spacing.
         normal_noise
             One standard deviation of each component of the normals [rad].

@@ -1,0 +1,190 @@
+"""The edges of a triangle mesh: where more than two faces meet, where the mesh is open."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+# Faces at one edge whose directions differ by less than this [rad] lie on each other.
+_SAME_ANGLE = 1e-6
+
+
+def edge_groups(faces: IndexArray) -> tuple[IndexArray, Mask, IndexArray]:
+    """Number the edges of faces (F, 3).
+
+    Returns
+    -------
+    edge
+        Shape (F, 3), the number of the edge from each corner to the next.
+    forward
+        Shape (F, 3), whether the face runs along it from its lower to its higher vertex.
+    count
+        Shape (E,), how many faces each edge has.
+    """
+    start, end = faces, np.roll(faces, -1, axis=1)
+    keys = np.minimum(start, end) * (faces.max(initial=0) + 1) + np.maximum(start, end)
+    _, edge, count = np.unique(keys, return_inverse=True, return_counts=True)
+    return edge.reshape(-1, 3), start < end, count
+
+
+def is_bad_edge(edge: IndexArray, forward: Mask, count: IndexArray) -> Mask:
+    """Tell the edges, shape (E,), with three faces or more, or with two that disagree."""
+    ahead = np.bincount(edge.ravel(), weights=forward.ravel(), minlength=len(count))
+    return (count > 2) | ((count == 2) & (ahead != 1))
+
+
+def disagreeing_faces(faces: IndexArray) -> Mask:
+    """Tell the faces, shape (F,), to turn over so that neighbours agree, as few as a part allows.
+
+    Every face is two nodes, as it is and turned over, linked to the node of each neighbour that
+    it agrees with: the nodes of a part that can be oriented fall into two components, one the
+    other's reverse. The faces of a part that cannot (a Moebius strip) stay as they are.
+    """
+    edge, forward, count = edge_groups(faces)
+    n = len(faces)
+    by_edge = np.argsort(edge.ravel(), kind="stable")
+    two = by_edge[np.cumsum(count)[count == 2, None] - [2, 1]]  # (E2, 2), corners
+    a, b = (two // 3).T
+    disagree = forward.ravel()[two[:, 0]] == forward.ravel()[two[:, 1]]
+    rows = np.concatenate([a, a + n])
+    columns = np.concatenate([b + n * disagree, b + n * ~disagree])
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n))
+    _, label = connected_components(graph, directed=False)
+    as_is, turned = label[:n], label[n:]
+    kept = np.bincount(as_is, minlength=label.max(initial=-1) + 1)  # faces of each way as they are
+    fewer = kept[turned] > kept[as_is]
+    tie = (kept[turned] == kept[as_is]) & (turned < as_is)
+    return (as_is != turned) & (fewer | tie)
+
+
+def drop_fins(faces: IndexArray) -> Mask:
+    """Tell the faces, shape (F,), to keep when all that stick out of a surface go.
+
+    A fin has an edge with too many faces on one side and ends openly on the other.
+    """
+    kept = np.ones(len(faces), dtype=bool)
+    while True:
+        edge, _, count = edge_groups(faces[kept])
+        fins = (count[edge] > 2).any(axis=1) & (count[edge] == 1).any(axis=1)
+        if not fins.any():
+            return kept
+        kept[np.flatnonzero(kept)[fins]] = False
+
+
+def part_at_shared_edges(vertices: FloatArray, faces: IndexArray) -> tuple[FloatArray, IndexArray]:
+    """Part a mesh where solids touch along an edge, by giving each solid vertices of its own.
+
+    Round such an edge the faces are paired across the material between them. Vertices that are at
+    no such edge stay as they are.
+    """
+    edge, forward, count = edge_groups(faces)
+    # An edge of a face is named by the corner (3 * face + k) that it starts from.
+    by_edge = np.argsort(edge.ravel(), kind="stable")
+    last = np.cumsum(count)
+    two = by_edge[last[count == 2, None] - [2, 1]]  # (E2, 2)
+    pairs = [two[forward.ravel()[two].sum(axis=1) == 1]]
+    for number in np.flatnonzero(count > 2):
+        sides = by_edge[last[number] - count[number] : last[number]]
+        ahead, behind = sides[forward.ravel()[sides]], sides[~forward.ravel()[sides]]
+        if len(ahead) == len(behind):
+            pairs.append(_pair_round_edge(vertices, faces, ahead, behind))
+    a, b = np.concatenate(pairs).T  # one runs from u to v, the other from v to u
+    next_a, next_b = (i - i % 3 + (i + 1) % 3 for i in (a, b))
+    # Vertices at no shared edge keep all their corners together.
+    shared = np.zeros(len(vertices), dtype=bool)
+    face, k = np.nonzero(count[edge] > 2)
+    shared[faces[face, k]] = shared[faces[face, (k + 1) % 3]] = True
+    _, first, inverse = np.unique(faces, return_index=True, return_inverse=True)
+    whole = np.flatnonzero(~shared[faces.ravel()])
+    rows = np.concatenate([a, next_a, whole])
+    columns = np.concatenate([next_b, b, first[inverse.ravel()[whole]]])
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(faces.size, faces.size))
+    _, parted = connected_components(graph, directed=False)
+    _, used = np.unique(parted, return_index=True)
+    return vertices[faces.ravel()[used]], parted.astype(np.int64).reshape(-1, 3)
+
+
+def _pair_round_edge(
+    vertices: FloatArray, faces: IndexArray, ahead: IndexArray, behind: IndexArray
+) -> IndexArray:
+    """Pair the faces at one edge, given by corner numbers, with material between each two."""
+    start = faces.ravel()[ahead[0]]
+    end = faces[ahead[0] // 3, (ahead[0] + 1) % 3]
+    axis = vertices[end] - vertices[start]
+    axis = axis / np.linalg.norm(axis)
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    second = np.cross(axis, first)
+
+    def angles(corners: IndexArray) -> FloatArray:
+        away = vertices[faces[corners // 3, (corners + 2) % 3]] - vertices[start]
+        return np.arctan2(away @ second, away @ first)
+
+    # A face that runs along the axis has its material on the side of smaller angles.
+    turn = np.mod(angles(ahead)[:, None] - angles(behind), 2.0 * np.pi)
+    turn = np.where(turn < _SAME_ANGLE, 2.0 * np.pi, turn)
+    pairs = []
+    for _ in range(len(ahead)):
+        i, j = np.unravel_index(np.argmin(turn), turn.shape)
+        pairs.append((int(ahead[i]), int(behind[j])))
+        turn[i, :] = turn[:, j] = np.inf
+    return np.array(pairs, dtype=np.int64)
+
+
+def boundary_loops(faces: IndexArray) -> list[IndexArray]:
+    """Return the borders of a mesh whose inner edges have two agreeing faces each.
+
+    Every loop runs along its faces' own direction and passes no vertex twice. As many border
+    edges enter a vertex as leave it, so a walk can only end where it began; where it meets itself
+    before that, the part in between is a loop of its own.
+    """
+    edge, _, count = edge_groups(faces)
+    face, k = np.nonzero(count[edge] == 1)
+    following: dict[int, list[int]] = {}
+    for start, end in zip(faces[face, k].tolist(), faces[face, (k + 1) % 3].tolist(), strict=True):
+        following.setdefault(start, []).append(end)
+    loops = []
+    for start in sorted(following):
+        while following[start]:
+            loops += _walk(following, start)
+    return loops
+
+
+def _walk(following: dict[int, list[int]], start: int) -> list[IndexArray]:
+    """Walk from `start` until back there, using edges up, and cut off a loop at each crossing."""
+    loops = []
+    path, position = [start], {start: 0}
+    while True:
+        vertex = following[path[-1]].pop()
+        if vertex not in position:
+            position[vertex] = len(path)
+            path.append(vertex)
+            continue
+        loop = path[position[vertex] :]
+        loops.append(np.array(loop, dtype=np.int64))
+        for passed in loop[1:]:
+            del position[passed]
+        path = path[: position[vertex] + 1]
+        if vertex == start:
+            return loops
+
+
+def fill_loop(vertices: FloatArray, loop: IndexArray) -> tuple[IndexArray, FloatArray]:
+    """Return the triangles (F, 3) that close a loop, and the vertices (0 or 1, 3) that they add.
+
+    Three edges are one triangle; more are a fan about the loop's middle, weighted by length so
+    that many short edges on one side do not pull it there.
+    """
+    if len(loop) == 3:
+        return loop[None, ::-1].copy(), np.empty((0, 3))
+    ring = vertices[loop]
+    middles = 0.5 * (ring + np.roll(ring, -1, axis=0))
+    lengths = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
+    center = np.average(middles, axis=0, weights=lengths)
+    hub = np.full(len(loop), len(vertices))
+    return np.column_stack([np.roll(loop, -1), loop, hub]), center[None]
