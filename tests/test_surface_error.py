@@ -124,8 +124,8 @@ def test_turning_everything_changes_nothing(truth: Shape) -> None:
     contacts = ON_CUBE.subset([0, 1])
     moved = Contacts(contacts.points @ X[:3, :3].T + X[:3, 3], contacts.normals @ X[:3, :3].T)
     there = Shape("cube", truth.mesh.copy().apply_transform(X), _turned(truth.edges, X))
-    first = surface_error(estimate, truth, contacts, explored_radius=0.1)
-    second = surface_error(estimate.copy().apply_transform(X), there, moved, explored_radius=0.1)
+    first = surface_error(estimate, truth, contacts, explored_radius=0.12)
+    second = surface_error(estimate.copy().apply_transform(X), there, moved, explored_radius=0.12)
     for field in dataclasses.fields(SurfaceError):
         # A sample on the brink of the explored part may fall to the other side by rounding.
         assert getattr(second, field.name) == pytest.approx(getattr(first, field.name), rel=1e-3)
@@ -165,7 +165,7 @@ def test_no_samples_are_refused(truth: Shape) -> None:
 
 
 def _brute_force(points: npt.NDArray, mesh: trimesh.Trimesh) -> npt.NDArray:
-    """Distances by the region of each triangle that each point projects to (Ericson 2005, 5.1.5)."""
+    """Least distance to any triangle, by the region that it is seen from (Ericson 2005, 5.1.5)."""
     distances = []
     for point in points:
         repeated = np.broadcast_to(point, (len(mesh.faces), 3))

@@ -18,7 +18,7 @@ def mesh() -> trimesh.Trimesh:
     """A ball, less certain the lower."""
     sphere = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
     ball = trimesh.Trimesh(sphere.vertices / 3.0, sphere.faces, process=False)
-    ball.vertex_attributes["uncertainty"] = 0.04 - ball.vertices[:, 2]
+    ball.vertex_attributes["uncertainty"] = ball.vertices[:, 2].max() - ball.vertices[:, 2]
     return ball
 
 
@@ -68,7 +68,8 @@ def test_other_programs_see_the_same_surface_in_colours(
     colours = seen.visual.vertex_colors[:, :3].astype(int)
     best = np.argmin(mesh.vertex_attributes["uncertainty"])
     worst = np.argmax(mesh.vertex_attributes["uncertainty"])
-    assert colours[best, 0] < 60 < 250 < colours[worst, 0]  # teal; yellow
+    np.testing.assert_array_equal(colours[best], [38, 130, 142])  # teal
+    np.testing.assert_array_equal(colours[worst], [253, 231, 37])  # yellow
 
 
 def test_a_surface_without_uncertainty_is_kept_without(

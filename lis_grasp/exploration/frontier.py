@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.hollows import bridged_places
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.zero_set import sample_zero_set
 from lis_grasp.surfaces import ImplicitSurface
@@ -44,7 +45,8 @@ class FrontierPolicy:
     First come the six probes along the axes to the object's middle. Then the next target lies on
     the frontier: on the estimated zero set, about a step from the nearest contact. It is approached
     against the estimated outward normal, and after a miss aslant, from beyond the edge that the
-    missed probe must have crossed. When no frontier is left, the largest gap is filled: the point
+    missed probe must have crossed. A hollow that the estimate bridges, although a tip was in it, is
+    touched from within. When no frontier is left, the largest gap is filled: the point
     of the estimated surface farthest from any contact. Targets probed before, and places that a
     tip passed through, are not tried again. When the estimate offers nothing, a straight pass
     through the object's known box is drawn.
@@ -94,6 +96,9 @@ class FrontierPolicy:
         if len(outcomes) < len(_AXES):
             return self._opening(outcomes, rng)
         if surface is not None and len(contacts):
+            sideways = self._from_within(contacts, surface, outcomes, rng)
+            if sideways is not None:
+                return sideways
             target = self._target(contacts, surface, outcomes, rng)
             if target is not None:
                 slant = _SLANT if outcomes[-1].status == "missed" else 0.0
@@ -106,6 +111,28 @@ class FrontierPolicy:
         left = np.flatnonzero(~np.any(_AXES @ had.T > _SAME_DIRECTION, axis=1))
         direction = _AXES[rng.choice(left)]
         return Probe(self.center, direction, 0.5 * (self.size + self.step), 0.0)
+
+    def _from_within(
+        self,
+        contacts: Contacts,
+        surface: ImplicitSurface,
+        outcomes: Sequence[ProbeOutcome],
+        rng: np.random.Generator,
+    ) -> Probe | None:
+        """Return a probe to the wall of a hollow that the estimate bridges, or None."""
+        places, ways = bridged_places(contacts, surface, outcomes, self.step)
+        starts = np.array([outcome.probe.start for outcome in outcomes])
+        directions = np.array([outcome.probe.direction for outcome in outcomes])
+        # Sideways from the way in, to a side drawn once for all places.
+        sideways = np.cross(ways, rng.normal(size=3))
+        sideways /= np.maximum(np.linalg.norm(sideways, axis=1, keepdims=True), 1e-12)
+        near = np.linalg.norm(places[:, None] - starts, axis=-1) < self.step  # (K, outcomes)
+        new = ~np.any(near & (sideways @ directions.T > _SAME_DIRECTION), axis=1)
+        if not new.any():
+            return None
+        chosen = rng.choice(np.flatnonzero(new))
+        half = 0.5 * self.size
+        return Probe(places[chosen] + half * sideways[chosen], sideways[chosen], half, half)
 
     def _target(
         self,

@@ -8,6 +8,7 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.grasping.hand import Hand, LinkGeometry
+from lis_grasp.winding import any_inside
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -16,7 +17,7 @@ class HandCollisionChecker:
     """Says which links of a hand touch what they should not.
 
     Bodies are built once and moved. A triangle mesh is a shell to FCL, so a body wholly inside the
-    object is found by its centre's winding (`trimesh`'s ray parity), not by FCL.
+    object is found by its centre's winding number, not by FCL.
 
     Parameters
     ----------
@@ -114,10 +115,7 @@ class HandCollisionChecker:
                 if fcl.collide(body, self._object, fcl.CollisionRequest(), result):
                     return True
         centers = np.array([body.getTranslation() for body in self._bodies])
-        inside_box = ((centers > self._mesh.bounds[0]) & (centers < self._mesh.bounds[1])).all(
-            axis=1
-        )
-        return bool(inside_box.any() and self._mesh.contains(centers[inside_box]).any())
+        return any_inside(self._mesh, centers)
 
     def _touches_itself(self) -> bool:
         data = fcl.CollisionData(

@@ -11,6 +11,8 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from lis_grasp.winding import winding_number
+
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
@@ -79,7 +81,7 @@ def _with_their_solids(
         around = [
             other
             for other in by_size[boxed[by_size]]
-            if abs(_winding(probe, corners[owner == other])) > 0.5
+            if abs(winding_number(probe, corners[owner == other])) > 0.5
         ]
         outer = [other for other in around if kept[other]]
         in_material = bool(outer) and volumes[outer[-1]] > 0.0
@@ -87,13 +89,3 @@ def _with_their_solids(
         if faces_out == in_material and around:
             kept[around[-1]] = True
     return kept
-
-
-def _winding(point: FloatArray, triangles: FloatArray) -> float:
-    """Return how often a closed mesh winds round a point (Van Oosterom and Strackee 1983)."""
-    a, b, c = np.moveaxis(triangles - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-    volume = np.einsum("fk,fk->f", a, np.cross(b, c))
-    dots = [np.einsum("fk,fk->f", x, y) for x, y in ((a, b), (b, c), (c, a))]
-    scale = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
-    return float(2.0 * np.arctan2(volume, scale).sum() / (4.0 * np.pi))

@@ -23,6 +23,7 @@ from lis_grasp.grasping.hand import Hand
 from lis_grasp.simulation.hand_plant import add_hand, ignore_self_collision
 from lis_grasp.simulation.object_plant import add_object
 from lis_grasp.simulation.patches import Patch, contact_patches, normal_force
+from lis_grasp.winding import any_inside
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -196,29 +197,11 @@ class ProbingScene:
         query = self._query_port.Eval(self._scene_context)
         geometries = self._hand.link_of_geometry
         centers = np.array([query.GetPoseInWorld(g).translation() for g in geometries])
-        low, high = self._mesh.bounds
-        points = self._in_object(centers)  # (P, 3)
-        near = points[np.all((points > low) & (points < high), axis=1)]
-        return any(_winding_number(point, self._mesh.triangles) > 0.5 for point in near)
+        return any_inside(self._mesh, self._in_object(centers))
 
     def _in_object(self, points: FloatArray) -> FloatArray:
         moved: FloatArray = (points - self._X_WO[:3, 3]) @ self._X_WO[:3, :3]
         return moved
-
-
-def _winding_number(point: FloatArray, triangles: FloatArray) -> float:
-    """Return how often triangles (T, 3, 3) enclose a point: 1 inside a closed mesh, 0 outside.
-
-    Sum of the triangles' solid angles (van Oosterom and Strackee 1983) over 4 pi. Unlike Drake's
-    signed distance it takes meshes with folded triangles, which scans have; unlike the parity of a
-    ray's crossings it has no bad directions.
-    """
-    a, b, c = np.moveaxis(triangles - point, 1, 0)  # each (T, 3)
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
-    denominator = la * lb * lc + ab * lc + bc * la + ca * lb
-    return float(np.arctan2(numerator, denominator).sum() / (2.0 * np.pi))
 
 
 def _rigid(X: FloatArray) -> RigidTransform:
