@@ -41,7 +41,13 @@ def box_contacts(half: float = 0.06) -> Contacts:
 
 
 def literal_values(surface: LocalImplicitSurface, beta: str, queries: np.ndarray) -> np.ndarray:
-    arguments = (surface.points, surface.normals, np.exp(surface.mean.log_weights), surface.mean.sigma, BETA_SIGNS[beta])
+    arguments = (
+        surface.points,
+        surface.normals,
+        np.exp(surface.mean.log_weights),
+        surface.mean.sigma,
+        BETA_SIGNS[beta],
+    )
     return np.array([reference.local_implicit_surface(x, *arguments) for x in queries])
 
 

@@ -17,7 +17,7 @@ from lis_grasp.shapes import Shape
 
 FloatArray = npt.NDArray[np.float64]
 
-SAMPLES = 20_000
+SAMPLES = 10_000
 """Points on each surface, and along all edges."""
 
 

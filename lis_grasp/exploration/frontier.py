@@ -24,6 +24,9 @@ _BAND = (0.8, 1.2)
 # What makes one frontier target better than another, against being exactly a step away: to be near
 # a second contact too, and not to be near a place just found empty.
 _SECOND_CONTACT, _EMPTINESS = 0.25, 0.5
+# Chance, so that explorations differ: in the choice among targets about as good (in steps), and in
+# how far from the very middle the first probes aim (in sizes).
+_LUCK, _OPENING_SPREAD = 0.1, 0.1
 # How far a tip goes on beyond its target; in units of the step.
 _OVERSHOOT = 1.5
 # After a miss the next probe comes in aslant, over the edge and back towards what is known.
@@ -35,7 +38,7 @@ _PASSED = 0.2
 # A contact says nothing of a surface that faces away from it, as the far side of a thin wall does.
 _FACES_AWAY = -0.5
 # The estimate is searched in a grid this fine, and beyond the object's known size by this share.
-_CELLS_PER_STEP, _MARGIN = 5.0, 0.05
+_CELLS_PER_STEP, _MARGIN = 4.0, 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +113,8 @@ class FrontierPolicy:
         had = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
         left = np.flatnonzero(~np.any(_AXES @ had.T > _SAME_DIRECTION, axis=1))
         direction = _AXES[rng.choice(left)]
-        return Probe(self.center, direction, 0.5 * (self.size + self.step), 0.0)
+        target = self.center + _OPENING_SPREAD * self.size * rng.uniform(-1.0, 1.0, size=3)
+        return Probe(target, direction, 0.6 * self.size + 0.5 * self.step, 0.0)
 
     def _from_within(
         self,
@@ -153,15 +157,18 @@ class FrontierPolicy:
         emptiness = _distance_to_passed(points, outcomes)
         new = emptiness > _PASSED * self.step
         new &= ~self._tried(points, normals, nearest, outcomes)
-        at_step = (nearest >= _BAND[0] * self.step) & (nearest <= _BAND[1] * self.step)
-        frontier = np.flatnonzero(new & at_step)
+        # What the estimate has farther away is unconnected to what is known: seldom true, so last.
+        connected = new & (nearest <= _BAND[1] * self.step)
+        frontier = np.flatnonzero(connected & (nearest >= _BAND[0] * self.step))
         if len(frontier):
             cost = np.abs(nearest - self.step)
             cost += _SECOND_CONTACT * np.minimum(second, 2.0 * self.step)
             cost -= _EMPTINESS * np.minimum(emptiness, self.step)
+            cost += _LUCK * self.step * rng.random(len(cost))
             best = frontier[np.argmin(cost[frontier])]
         elif new.any():
-            best = np.flatnonzero(new)[np.argmax(nearest[new])]
+            gaps = np.flatnonzero(connected if connected.any() else new)
+            best = gaps[np.argmax(nearest[gaps])]
         else:
             return None
         return points[best], normals[best]

@@ -9,8 +9,8 @@ from lis_grasp.surfaces import ImplicitSurface
 
 FloatArray = npt.NDArray[np.float64]
 
-# Each round of a secant and a halving step at least halves the bracket: 1/16 of a cell after four.
-_ROUNDS = 4
+# Each round, a secant and a halving step, at least halves the bracket: a quarter of a cell after two.
+_ROUNDS = 2
 
 
 def sample_zero_set(

@@ -27,7 +27,7 @@ _LEAST_FORCE = 0.05  # [N] of a link that counts as touching
 _LOST = 0.05  # [m] that an object moves in the hand only when it is lost
 # A finger's spring gives its whole effort when its joint is this far off: soft enough to yield to
 # an object that is not where the estimate has it, stiff enough to carry it.
-_FULL_EFFORT_ANGLE = 0.25  # [rad]
+_FULL_EFFORT_ANGLE = 0.1  # [rad]
 _FULL_EFFORT_DISTANCE = 0.01  # [m]
 _DAMPING_TIME = 0.035  # [s], damping by stiffness
 

@@ -84,7 +84,11 @@ class LocalQuadrics:
         twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
         prior = np.diag(
             np.concatenate(
-                [[1.0 / position_variance], np.full(3, 1.0 / normal_variance), twice / _CURVATURE**2]
+                [
+                    [1.0 / position_variance],
+                    np.full(3, 1.0 / normal_variance),
+                    twice / _CURVATURE**2,
+                ]
             )
         )
         offsets = (points[others] - points[owners]) / spacing  # (P, 3), in spacings
@@ -137,14 +141,12 @@ class LocalQuadrics:
 
 
 def _designs(offsets: FloatArray) -> FloatArray:
-    """Return rows that map (h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz) to value and gradient: (P, 4, 10)."""
+    """Return what maps h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz to value and gradient, (P, 4, 10)."""
     x, y, z = offsets.T
     rows = np.zeros((len(offsets), 4, 10))
     rows[:, 0, 0] = 1.0
     rows[:, 0, 1:4] = offsets
-    rows[:, 0, 4:] = np.stack(
-        [0.5 * x * x, 0.5 * y * y, 0.5 * z * z, x * y, x * z, y * z], axis=1
-    )
+    rows[:, 0, 4:] = np.stack([0.5 * x * x, 0.5 * y * y, 0.5 * z * z, x * y, x * z, y * z], axis=1)
     rows[:, 1:, 1:4] = np.eye(3)
     rows[:, 1, 4], rows[:, 1, 7], rows[:, 1, 8] = x, y, z
     rows[:, 2, 5], rows[:, 2, 7], rows[:, 2, 9] = y, x, z

@@ -42,7 +42,7 @@ _WITNESS = 0.1
 def meeting_contacts(
     pairs: ContactPairs, patches: IndexArray, spacing: float
 ) -> tuple[IndexArray, IndexArray, IndexArray]:
-    """Return contacts i, j of different patches that meet at an edge, and its kind, shape (E,) each.
+    """Return contacts i, j of two patches that meet at an edge, and its kind, shape (E,) each.
 
     The kind is -1 for convex, 1 for concave. Each pair comes in both directions.
     """

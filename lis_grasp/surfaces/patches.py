@@ -75,6 +75,12 @@ class ContactPairs:
             bends=np.arctan2(crosses, cosines),
         )
 
+    def on_one_patch(self, patches: IndexArray) -> tuple[IndexArray, IndexArray]:
+        """Return contacts and their neighbours on the same patch, both directions, shape (Q,)."""
+        same = (patches[self.first] == patches[self.second]) & (self.bends < _MAX_BEND)
+        first, second = self.first[same], self.second[same]
+        return np.concatenate([first, second]), np.concatenate([second, first])
+
 
 def find_patches(pairs: ContactPairs, count: int, *, normal_noise: float) -> IndexArray:
     """Return the patch of each contact, shape (count,): 0 for the first contact's, and so on.
@@ -123,7 +129,7 @@ def _merge_mutual_favourites(
     totals = np.bincount(border, odds[low < high], minlength=len(borders))
     least_bend = np.full(len(borders), np.inf)
     np.minimum.at(least_bend, border, bends[low < high])
-    totals += _PRIOR - _PRIOR_SLOPE * least_bend
+    totals = totals + _PRIOR - _PRIOR_SLOPE * least_bend
     a, b = borders // count, borders % count
     best = np.zeros(count)
     np.maximum.at(best, a, totals)
