@@ -252,9 +252,7 @@ def test_a_csv_of_another_program_is_read(tmp_path: Path, text: str) -> None:
 
 def ply_text(properties: str, row: str, *, comment: str = "none") -> str:
     lines = "".join(f"property float {name}\n" for name in properties.split())
-    return (
-        f"ply\nformat ascii 1.0\ncomment {comment}\nelement vertex 1\n{lines}end_header\n{row}\n"
-    )
+    return f"ply\nformat ascii 1.0\ncomment {comment}\nelement vertex 1\n{lines}end_header\n{row}\n"
 
 
 @pytest.mark.parametrize(

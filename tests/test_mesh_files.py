@@ -14,7 +14,9 @@ from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOpti
 YCB = Path(os.environ.get("LIS_GRASP_YCB", ""))
 
 
-def block(*, at: tuple[float, float, float] = (0.3, -0.2, 0.1), fine: bool = False) -> trimesh.Trimesh:
+def block(
+    *, at: tuple[float, float, float] = (0.3, -0.2, 0.1), fine: bool = False
+) -> trimesh.Trimesh:
     """A box of 40 x 60 x 80 mm somewhere off the origin."""
     mesh = trimesh.creation.box((0.04, 0.06, 0.08))
     if fine:
@@ -66,7 +68,9 @@ def test_endings_may_be_in_capitals(tmp_path: Path, ending: str) -> None:
     assert shapes.load(path).mesh.volume == pytest.approx(VOLUME, rel=1e-5)
 
 
-@pytest.mark.parametrize(("units", "metres"), [("m", 1.0), ("cm", 0.01), ("mm", 1e-3), ("inch", 0.0254)])
+@pytest.mark.parametrize(
+    ("units", "metres"), [("m", 1.0), ("cm", 0.01), ("mm", 1e-3), ("inch", 0.0254)]
+)
 def test_units_scale_to_metres(tmp_path: Path, units: str, metres: float) -> None:
     mesh = block()
     mesh.apply_scale(1.0 / metres)
@@ -177,7 +181,9 @@ def test_blocks_that_share_a_face_become_one(tmp_path: Path) -> None:
     pair = trimesh.util.concatenate([block(), block(at=(0.34, -0.2, 0.1))])
     shape = shapes.load(write(pair, tmp_path / "pair.stl"))
     assert shape.mesh.volume == pytest.approx(2.0 * VOLUME, rel=1e-5)
-    assert shape.mesh.area == pytest.approx(2.0 * (0.08 * 0.06 + 0.08 * 0.08 + 0.06 * 0.08), rel=1e-5)
+    assert shape.mesh.area == pytest.approx(
+        2.0 * (0.08 * 0.06 + 0.08 * 0.08 + 0.06 * 0.08), rel=1e-5
+    )
     assert shape.repairs == ("united 2 parts that touch",)
 
 
@@ -275,7 +281,11 @@ def test_scans_come_out_closed_and_hardly_changed() -> None:
             b"property float z\nend_header\n0 0 0\n",
             "has no faces",
         ),
-        ("part.off", b"OFF\n3 1 0\n0 0 0\n.1 0 0\n0 .1 0\n3 0 1 7\n", "vertices it lacks|cannot be read"),
+        (
+            "part.off",
+            b"OFF\n3 1 0\n0 0 0\n.1 0 0\n0 .1 0\n3 0 1 7\n",
+            "vertices it lacks|cannot be read",
+        ),
     ],
 )
 def test_a_file_without_a_surface_is_refused_in_one_sentence(

@@ -170,7 +170,7 @@ def test_a_concave_edge_is_a_union_of_pieces() -> None:
         scattered_touches(np.vstack([floor, wall]), normals, 0.03, 0)
     )
     assert patch_count(surface) == 2
-    queries = rng.uniform(-0.05, 0.05, (500, 3)) + [0.03, 0.0, 0.03]
+    queries = rng.uniform([-0.02, -0.05, -0.02], [0.05, 0.05, 0.05], (500, 3))
     np.testing.assert_allclose(
         surface.evaluate(queries), np.minimum(queries[:, 0], queries[:, 2]), atol=1e-9
     )
@@ -188,9 +188,10 @@ def test_six_contacts_make_a_cube() -> None:
 def test_a_thin_plate_keeps_both_sides() -> None:
     surface = PatchImplicitSurface.from_contacts(touched_box(np.array([0.08, 0.06, 0.004]), 0.03))
     inside = np.random.default_rng(0).uniform(-1, 1, (300, 3)) * [0.06, 0.045, 0.003]
+    above = np.array([0.0, 0.0, 0.012])
     assert (surface.evaluate(inside) < 0).all()
-    assert (surface.evaluate(inside + [0.0, 0.0, 0.012]) > 0).all()
-    assert (surface.evaluate(inside - [0.0, 0.0, 0.012]) > 0).all()
+    assert (surface.evaluate(inside + above) > 0).all()
+    assert (surface.evaluate(inside - above) > 0).all()
 
 
 def test_contacts_on_an_arc_are_one_patch_up_to_a_sharp_bend() -> None:
@@ -199,13 +200,13 @@ def test_contacts_on_an_arc_are_one_patch_up_to_a_sharp_bend() -> None:
         normals = np.array([[0.0, 0.0, 1.0], [np.sin(angle), 0.0, np.cos(angle)]])
         points = 0.05 * normals  # equally deep below each other: nothing but the bend tells
         pairs = ContactPairs.within(points, normals, 1.0)
-        assert find_patches(pairs, 2, normal_noise=0.0).max() + 1 == expected
+        assert find_patches(pairs, 2, **NOISELESS).max() + 1 == expected
 
 
 def test_patches_are_numbered_by_their_first_contact() -> None:
     contacts = touched_box(np.array([0.06, 0.045, 0.08]), 0.04)
     pairs = ContactPairs.within(contacts.points, contacts.normals, REACH * contacts.spacing)
-    patches = find_patches(pairs, len(contacts), normal_noise=0.05)
+    patches = find_patches(pairs, len(contacts), **NOISELESS)
     _, first = np.unique(patches, return_index=True)
     assert (np.diff(first) > 0).all()
 
@@ -217,7 +218,7 @@ def test_a_handle_does_not_cut_the_head_it_stands_on() -> None:
     under = (slab.normals[:, 2] > 0.5) & (np.hypot(*slab.points[:, :2].T) < 0.022)
     handle = touched_cylinder(0.018, 0.04, 0.018, seed=3)
     handle = handle.subset(handle.normals[:, 2] > -0.5)
-    handle = Contacts(handle.points + [0.0, 0.0, 0.06], handle.normals)
+    handle = Contacts(handle.points + np.array([0.0, 0.0, 0.06]), handle.normals)
     surface = PatchImplicitSurface.from_contacts(slab.subset(~under).append(handle))
     in_slab = np.random.default_rng(0).uniform(-1, 1, (500, 3)) * [0.066, 0.036, 0.016]
     assert (surface.evaluate(in_slab) < 0).mean() > 0.99

@@ -170,9 +170,7 @@ def test_volume_is_that_of_the_formula(name: str, paper_set: dict[str, Shape]) -
 
 
 @pytest.mark.parametrize("name", shapes.NAMES)
-def test_sharp_edges_have_the_length_of_the_formula(
-    name: str, paper_set: dict[str, Shape]
-) -> None:
+def test_sharp_edges_have_the_length_of_the_formula(name: str, paper_set: dict[str, Shape]) -> None:
     edges = paper_set[name].edges
     length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).sum()
     # A circle of 64 chords or more is shorter than it should be by pi^2 / 6 / 64^2 of its length.

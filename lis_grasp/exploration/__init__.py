@@ -3,7 +3,7 @@
 from lis_grasp.exploration.explore import Exploration, explore
 from lis_grasp.exploration.frontier import FrontierPolicy
 from lis_grasp.exploration.policy import Policy
-from lis_grasp.exploration.probe import Probe, Prober, ProbeOutcome, ProbeStatus
+from lis_grasp.exploration.probe import Probe, ProbeOutcome, Prober, ProbeStatus
 
 __all__ = [
     "Exploration",

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.policy import Policy
-from lis_grasp.exploration.probe import Prober, ProbeOutcome, ProbeStatus
+from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.surfaces import ImplicitSurface
 
 # Two contacts closer than this are one contact felt twice [m].
@@ -58,7 +58,7 @@ class Exploration:
     def summary(self) -> str:
         """Return the counts in one line."""
         return (
-            f"{len(self.contacts)} contacts from {len(self.outcomes)} probes"
+            f"{_count(len(self.contacts), 'contact')} from {_count(len(self.outcomes), 'probe')}"
             f" ({self.touched} touched, {self.missed} missed, {self.blocked} blocked)"
         )
 
@@ -136,3 +136,7 @@ def _new_contacts(known: Contacts, outcome: ProbeOutcome) -> npt.NDArray[np.intp
             rows.append(i)
             points = np.vstack([points, point])
     return np.array(rows, dtype=np.intp)
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")

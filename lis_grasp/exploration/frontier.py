@@ -195,7 +195,7 @@ class FrontierPolicy:
         surface: ImplicitSurface,
         slant: float,
     ) -> Probe:
-        """Return the probe that comes down on a target, `slant` [rad] towards the nearest contact."""
+        """Return the probe down on a target, aslant [rad] towards the nearest contact."""
         nearest = np.argmin(np.linalg.norm(contacts.points - target, axis=1))
         away = target - contacts.points[nearest]
         away = away - (away @ normal) * normal

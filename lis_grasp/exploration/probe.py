@@ -1,4 +1,4 @@
-"""One attempt to touch an object, what came of it, and the role of whatever can make the attempt."""
+"""An attempt to touch an object, what came of it, and the role of whatever can make it."""
 
 from __future__ import annotations
 
@@ -140,7 +140,9 @@ class Prober(Protocol):
 def _vector(name: str, values: npt.ArrayLike) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     if array.shape != (3,) or not np.isfinite(array).all():
-        raise InvalidOptionError(f"a probe's {name} must be 3 finite numbers; it is {values}")
+        raise InvalidOptionError(
+            f"a probe's {name} must be 3 finite numbers; it is {array.tolist()}"
+        )
     return array
 
 

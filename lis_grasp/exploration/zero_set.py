@@ -9,7 +9,7 @@ from lis_grasp.surfaces import ImplicitSurface
 
 FloatArray = npt.NDArray[np.float64]
 
-# Each round, a secant and a halving step, at least halves the bracket: a quarter of a cell after two.
+# Each round, a secant and a halving step, at least halves the bracket.
 _ROUNDS = 2
 
 

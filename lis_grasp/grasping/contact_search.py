@@ -17,8 +17,9 @@ _SAMPLES = 4000
 # A pad wants the surface flat about as far as it reaches: normals within this radius [m] may differ
 # by no more than this angle [rad] from the one in the middle.
 _FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
-# Contacts oppose each other when their normals do, within this angle [rad].
-_OPPOSED_ANGLE = np.deg2rad(25.0)
+# Contacts oppose each other when their normals do, within these angles [rad]: straight across from
+# the thumb, and for the fingers, each of which may have a face of its own (a prism's).
+_OPPOSED_ANGLE, _FINGER_ANGLE = np.deg2rad(38.0), np.deg2rad(48.0)
 # How far from its nearest sample a contact may lie [m]: within the flat part round the sample.
 _REACH = 0.005
 # Vertices whose uncertainty exceeds this many times the median are not supported by touches.
@@ -247,7 +248,7 @@ def _meet_surface(
     if not np.isfinite(distances).all():
         return None
     normals = samples.normals[nearest]
-    if (normals @ n > -np.cos(1.4 * _OPPOSED_ANGLE)).any():
+    if (normals @ n > -np.cos(_FINGER_ANGLE)).any():
         return None
     met = np.array(
         [

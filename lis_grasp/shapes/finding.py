@@ -38,7 +38,8 @@ def find(name_or_path: str | Path, size: float | None = None, units: str = "m") 
         close = difflib.get_close_matches(str(name_or_path), NAMES, n=1)
         hint = f"; did you mean '{close[0]}'?" if close else ""
         raise InvalidOptionError(
-            f"'{name_or_path}' is neither a built-in shape ({', '.join(NAMES)}) nor a mesh file{hint}"
+            f"'{name_or_path}' is neither a built-in shape ({', '.join(NAMES)}) nor a mesh"
+            f" file{hint}"
         )
     if size is not None:
         raise InvalidOptionError(

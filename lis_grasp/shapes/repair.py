@@ -31,7 +31,8 @@ IndexArray = npt.NDArray[np.int64]
 
 # Vertices closer than this part of the object's size are one vertex written twice.
 _SAME_VERTEX = 1e-6
-# A part with less than this share of the whole volume is a speck; a whole with less of its box, a sheet.
+# A part with less than this share of the largest volume is a speck; an object that fills less than
+# this share of its box is a sheet.
 _SPECK = 1e-5
 _SHEET = 1e-4
 # Closing a loop can, at worst, make an edge with too many faces; each round mends the last one's.

@@ -152,7 +152,9 @@ class PatchImplicitSurface:
         require_range("normal_noise", normal_noise, 0.0, unit="rad")
 
         pairs = ContactPairs.within(points, normals, REACH * spacing)
-        patch_of = find_patches(pairs, len(points), normal_noise=normal_noise)
+        patch_of = find_patches(
+            pairs, len(points), position_noise=position_noise, normal_noise=normal_noise
+        )
         quadrics = LocalQuadrics.fit(
             points,
             normals,

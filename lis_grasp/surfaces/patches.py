@@ -21,9 +21,10 @@ IndexArray = npt.NDArray[np.intp]
 # How far contacts see each other, in spacings.
 REACH = 2.6
 
-# Asymmetry of pairs on one smooth surface (one standard deviation, without noise), and how much
-# one pair may say for or against: neighbouring pairs are not independent witnesses.
+# Asymmetry of pairs on one smooth surface and across an edge (one standard deviation, without
+# noise), and how much one pair may say: neighbouring pairs are not independent witnesses.
 _ASYMMETRY = 0.08
+_EDGE_ASYMMETRY = 0.6
 _PAIR_LIMIT = 2.0
 
 # Log odds that neighbouring contacts belong together before their asymmetry is known, and how they
@@ -82,7 +83,9 @@ class ContactPairs:
         return np.concatenate([first, second]), np.concatenate([second, first])
 
 
-def find_patches(pairs: ContactPairs, count: int, *, normal_noise: float) -> IndexArray:
+def find_patches(
+    pairs: ContactPairs, count: int, *, position_noise: float, normal_noise: float
+) -> IndexArray:
     """Return the patch of each contact, shape (count,): 0 for the first contact's, and so on.
 
     Patches grow together, most likely ones first, as long as the pairs between two patches make
@@ -95,13 +98,16 @@ def find_patches(pairs: ContactPairs, count: int, *, normal_noise: float) -> Ind
         Of contacts within reach of each other.
     count
         Number of contacts.
-    normal_noise
-        One standard deviation of the normals [rad].
+    position_noise, normal_noise
+        One standard deviation of contacts along their normals [m] and of the normals [rad].
     """
     apart = pairs.distances > 0.0
-    asymmetry = np.abs(pairs.heights - pairs.back_heights) / np.where(apart, pairs.distances, 1.0)
-    variance = _ASYMMETRY**2 + 2.0 * normal_noise**2
-    odds = 0.5 * np.log(2.0 / (np.pi * variance)) - 0.5 * asymmetry**2 / variance
+    distances = np.where(apart, pairs.distances, 1.0)
+    asymmetry = np.abs(pairs.heights - pairs.back_heights) / distances
+    # Both heights of a pair err by its normals, and by its positions with opposite signs.
+    variance = _ASYMMETRY**2 + 2.0 * normal_noise**2 + 8.0 * (position_noise / distances) ** 2
+    across = variance + _EDGE_ASYMMETRY**2
+    odds = 0.5 * np.log(across / variance) - 0.5 * asymmetry**2 * (1.0 / variance - 1.0 / across)
     odds = np.clip(odds, -_PAIR_LIMIT, _PAIR_LIMIT)
     told = apart & (pairs.bends < _MAX_BEND)
     first, second, odds, bends = (
@@ -126,10 +132,10 @@ def _merge_mutual_favourites(
     borders, border = np.unique((low * count + high)[low < high], return_inverse=True)
     if not len(borders):
         return None
-    totals = np.bincount(border, odds[low < high], minlength=len(borders))
     least_bend = np.full(len(borders), np.inf)
     np.minimum.at(least_bend, border, bends[low < high])
-    totals = totals + _PRIOR - _PRIOR_SLOPE * least_bend
+    totals = _PRIOR - _PRIOR_SLOPE * least_bend
+    np.add.at(totals, border, odds[low < high])
     a, b = borders // count, borders % count
     best = np.zeros(count)
     np.maximum.at(best, a, totals)
