@@ -147,6 +147,20 @@ def test_holes_in_flat_faces_are_closed_without_a_trace(tmp_path: Path) -> None:
     assert shape.repairs[0].startswith("closed ")
 
 
+def test_a_hole_that_winds_is_closed_without_folding_over(tmp_path: Path) -> None:
+    mesh = block(at=(0.0, 0.0, 0.0), fine=True).subdivide()
+    x, y, z = mesh.triangles_center.T
+    on_top = z > 0.04 - 1e-9
+    # Three sides of a frame round the middle of the top: no point sees all of its border.
+    frame = on_top & (np.abs(x) < 0.015) & (np.abs(y) < 0.0225)
+    frame &= ~((np.abs(x) < 0.01) & (y < 0.015) & (y > -0.03))
+    shape = shapes.load(write_faces(mesh.vertices, mesh.faces[~frame], tmp_path / "frame.off"))
+    assert frame.sum() > 20
+    assert shape.mesh.area == pytest.approx(mesh.area)
+    assert shape.mesh.volume == pytest.approx(VOLUME)
+    assert shape.mesh.area_faces.min() > 0.0
+
+
 def test_an_open_box_becomes_solid(tmp_path: Path) -> None:
     mesh = block()
     faces = mesh.faces[mesh.face_normals[:, 2] < 0.9]

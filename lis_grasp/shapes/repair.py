@@ -2,8 +2,8 @@
 
 A scan or an exported mesh may lack faces, have them twice, turned over, or more than two at an
 edge. The way here: faces that cannot be part of a surface go first, and solids that touch are
-parted; what is left has a border of closed loops, and each loop is closed by a fan about its
-middle, which always gives a closed mesh; solids that touch or run into each other are united last.
+parted; what is left has a border of closed loops, and each loop is closed; solids that touch or
+run into each other are united last.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from lis_grasp.exceptions import InvalidMeshError
+from lis_grasp.shapes.hole_filling import fill_loop
 from lis_grasp.shapes.shape import signed_volume
 from lis_grasp.shapes.topology import (
     boundary_loops,
     disagreeing_faces,
     drop_fins,
     edge_groups,
-    fill_loop,
     is_bad_edge,
     part_at_shared_edges,
 )
@@ -161,7 +161,7 @@ def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
         loops = boundary_loops(faces)
         filled += len(loops)
         for loop in loops:
-            closing, added = fill_loop(vertices, loop)
+            closing, added = fill_loop(vertices, faces, loop)
             ring = vertices[loop]
             around = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()
             longest = max(longest, float(around))

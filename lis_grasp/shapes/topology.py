@@ -15,6 +15,11 @@ Mask = npt.NDArray[np.bool_]
 _SAME_ANGLE = 1e-6
 
 
+def edge_keys(start: IndexArray, end: IndexArray, base: int) -> IndexArray:
+    """Return one number for each edge, whichever way it runs; vertices are below `base`."""
+    return np.minimum(start, end) * base + np.maximum(start, end)
+
+
 def edge_groups(faces: IndexArray) -> tuple[IndexArray, Mask, IndexArray]:
     """Number the edges of faces (F, 3).
 
@@ -28,7 +33,7 @@ def edge_groups(faces: IndexArray) -> tuple[IndexArray, Mask, IndexArray]:
         Shape (E,), how many faces each edge has.
     """
     start, end = faces, np.roll(faces, -1, axis=1)
-    keys = np.minimum(start, end) * (faces.max(initial=0) + 1) + np.maximum(start, end)
+    keys = edge_keys(start, end, int(faces.max(initial=0)) + 1)
     _, edge, count = np.unique(keys, return_inverse=True, return_counts=True)
     return edge.reshape(-1, 3), start < end, count
 
@@ -172,19 +177,3 @@ def _walk(following: dict[int, list[int]], start: int) -> list[IndexArray]:
         path = path[: position[vertex] + 1]
         if vertex == start:
             return loops
-
-
-def fill_loop(vertices: FloatArray, loop: IndexArray) -> tuple[IndexArray, FloatArray]:
-    """Return the triangles (F, 3) that close a loop, and the vertices (0 or 1, 3) that they add.
-
-    Three edges are one triangle; more are a fan about the loop's middle, weighted by length so
-    that many short edges on one side do not pull it there.
-    """
-    if len(loop) == 3:
-        return loop[None, ::-1].copy(), np.empty((0, 3))
-    ring = vertices[loop]
-    middles = 0.5 * (ring + np.roll(ring, -1, axis=0))
-    lengths = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
-    center = np.average(middles, axis=0, weights=lengths)
-    hub = np.full(len(loop), len(vertices))
-    return np.column_stack([np.roll(loop, -1), loop, hub]), center[None]

@@ -15,11 +15,11 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
 # Standard deviation of curvature before it is felt, in 1/spacing.
-_CURVATURE = 3.0
+_CURVATURE = 2.0
 
 # A surface's departure from its quadric at a distance of one spacing, in spacings; it grows with
 # the third power of distance, that of its normal, three times as large, with the second.
-_THIRD_ORDER = 0.05
+_THIRD_ORDER = 0.01
 
 # Noise below this (in spacings and rad) only spoils the condition of the equations.
 _LEAST_NOISE = 1e-4

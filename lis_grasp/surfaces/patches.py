@@ -89,8 +89,8 @@ def find_patches(
     """Return the patch of each contact, shape (count,): 0 for the first contact's, and so on.
 
     Patches grow together, most likely ones first, as long as the pairs between two patches make
-    one smooth surface likelier than an edge. The log odds of a pair are those of its asymmetry, a
-    half normal variable on one surface, uniform up to 1 across an edge.
+    one smooth surface likelier than an edge. The log odds of a pair are those of its asymmetry,
+    normal in both cases, but several times wider across an edge.
 
     Parameters
     ----------
