@@ -130,7 +130,7 @@ def test_surface_that_no_touch_supports_is_not_grasped() -> None:
     )
     assert search.grasps
     for grasp in search.grasps:
-        # A face counts by the mean of its corners, 8 mm apart, and a contact may lie 5 mm beside it.
+        # A face counts by the mean of its corners, 8 mm apart; a contact may lie 5 mm beside it.
         assert grasp.contact_points[:, 2].min() > -0.013
 
 

@@ -29,7 +29,7 @@ _PAIR_LIMIT = 2.0
 
 # Log odds that neighbouring contacts belong together before their asymmetry is known, and how they
 # fall with the angle between normals [1/rad]: even at 30 degrees, 50 to 1 against at 90.
-_PRIOR = 2.0
+_PRIOR = 2.5
 _PRIOR_SLOPE = 12.0 / np.pi
 
 # Normals that differ by more say nothing about a common arc.
