@@ -15,6 +15,8 @@ FloatArray = npt.NDArray[np.float64]
 
 # A normal this far from unit length is a unit normal written with few digits; further is a mistake.
 _UNIT_TOLERANCE = 1e-2
+# Normalising rounds the length by no more than this.
+_ROUNDING = 4.0 * np.finfo(np.float64).eps
 
 
 def _no_points() -> FloatArray:
@@ -64,7 +66,9 @@ class Contacts:
                 f"normals must have unit length; normal {worst} has length {lengths[worst]:.4g}:"
                 " normalise the normals before making Contacts"
             )
-        normals = normals / lengths[:, None]
+        # A unit normal stays as it is to the last bit, so that files survive any number of rounds.
+        off = np.abs(lengths - 1.0) > _ROUNDING
+        normals = np.where(off[:, None], normals / lengths[:, None], normals)
         normals.flags.writeable = False
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "normals", normals)
@@ -112,7 +116,11 @@ class Contacts:
 
     def subset(self, index: npt.ArrayLike) -> Contacts:
         """Return the contacts chosen by `index` (a mask, a slice or integers); free points stay."""
-        chosen = np.arange(len(self))[index if isinstance(index, slice) else np.asarray(index)]
+        rows = np.arange(len(self))
+        if not isinstance(index, slice):
+            index = np.asarray(index)
+            index = index if index.size else index.astype(np.intp)  # [] is an array of floats
+        chosen = rows[index]
         return Contacts(
             self.points[chosen],
             self.normals[chosen],

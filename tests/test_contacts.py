@@ -38,10 +38,9 @@ def same(a: Contacts, b: Contacts) -> bool:
             x is not None and y is not None and np.array_equal(x, y)
         )
 
-    # Normals are made unit length again on reading, which may turn the last bit.
     return (
         equal(a.points, b.points)
-        and np.allclose(a.normals, b.normals, rtol=0.0, atol=4.0 * np.finfo(float).eps)
+        and equal(a.normals, b.normals)
         and equal(a.forces, b.forces)
         and equal(a.times, b.times)
         and a.fingers == b.fingers
@@ -115,7 +114,9 @@ def test_spacing_is_the_median_distance_to_the_nearest_other_contact() -> None:
     assert contacts.subset([0]).spacing == 0.0
 
 
-@pytest.mark.parametrize("index", [[2, 0], slice(1, 3), np.array([True, False, True, False])])
+@pytest.mark.parametrize(
+    "index", [[2, 0], [0, 0], slice(1, 3), np.array([True, False, True, False])]
+)
 def test_a_subset_keeps_rows_together(index: object) -> None:
     contacts = make_contacts(4)
     chosen = np.arange(4)[index]  # type: ignore[index]
@@ -123,6 +124,10 @@ def test_a_subset_keeps_rows_together(index: object) -> None:
     assert contacts.forces is not None
     np.testing.assert_array_equal(part.points, contacts.points[chosen])
     np.testing.assert_array_equal(part.forces, contacts.forces[chosen])
+
+
+def test_a_subset_of_none_is_empty() -> None:
+    assert len(make_contacts(4).subset([])) == 0
     assert part.fingers == tuple(contacts.fingers[i] for i in chosen)
     np.testing.assert_array_equal(part.free_points, contacts.free_points)
 

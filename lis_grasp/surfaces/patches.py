@@ -28,7 +28,7 @@ _EDGE_ASYMMETRY = 0.6
 _PAIR_LIMIT = 2.0
 
 # Log odds that neighbouring contacts belong together before their asymmetry is known, and how they
-# fall with the angle between normals [1/rad]: even at 30 degrees, 50 to 1 against at 90.
+# fall with the angle between normals [1/rad]: even at 37 degrees, 33 to 1 against at 90.
 _PRIOR = 2.5
 _PRIOR_SLOPE = 12.0 / np.pi
 

@@ -1,0 +1,76 @@
+"""How exact touches are, and how many a second: random probes of built-in objects, one table.
+
+    python benchmarks/bench_touch.py --probes 150
+
+Probes aim at points drawn uniformly from the true surface (0.20 m objects), along directions up to
+40 degrees off the inward normal. Errors are to the object's own triangle mesh; normals are judged more
+than 3 mm from any sharp edge.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+from lis_grasp import Hand, shapes
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.evaluation.surface_samples import sample_segments
+from lis_grasp.exploration import Probe
+from lis_grasp.shapes import Shape
+from lis_grasp.simulation.probing import DynamicProber
+
+_TILT = np.deg2rad(40.0)
+
+
+def random_probes(shape: Shape, count: int, rng: np.random.Generator) -> list[Probe]:
+    mesh = shape.mesh
+    faces = rng.choice(len(mesh.faces), size=count, p=mesh.area_faces / mesh.area)
+    weights = rng.dirichlet(np.ones(3), size=count)
+    points = (mesh.triangles[faces] * weights[:, :, None]).sum(axis=1)
+    probes = []
+    for point, normal in zip(points, mesh.face_normals[faces], strict=True):
+        side = np.cross(normal, rng.normal(size=3))
+        tilt = rng.uniform(0.0, _TILT)
+        direction = -np.cos(tilt) * normal + np.sin(tilt) * side / np.linalg.norm(side)
+        probes.append(Probe(point, direction, standoff=0.03, overshoot=0.03))
+    return probes
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--probes", type=int, default=150)
+    parser.add_argument("--hand", default="allegro")
+    arguments = parser.parse_args()
+    hand = Hand.load(arguments.hand)
+    print(f"{'object':16s} touched missed blocked  position [mm] mean  95 %   max", end="")
+    print("  normal [deg] mean  95 %  probes/s")
+    for name in shapes.NAMES:
+        shape = shapes.build(name, size=shapes.PAPER_SIZE)
+        prober = DynamicProber(hand, shape.mesh)
+        probes = random_probes(shape, arguments.probes, np.random.default_rng(0))
+        start = time.perf_counter()
+        outcomes = [prober.probe(probe) for probe in probes]
+        rate = len(probes) / (time.perf_counter() - start)
+        felt = [outcome.contacts for outcome in outcomes if len(outcome.contacts)]
+        points = np.vstack([contacts.points for contacts in felt])
+        normals = np.vstack([contacts.normals for contacts in felt])
+        off, faces = distances_to_mesh(points, shape.mesh)
+        cosine = (shape.mesh.face_normals[faces] * normals).sum(axis=1)
+        angle = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        if len(shape.edges):
+            edge_points = sample_segments(shape.edges, 5000)
+            gap = np.linalg.norm(points[:, None] - edge_points, axis=-1).min(axis=1)
+            angle = angle[gap > 0.003]
+        counts = [sum(o.status == s for o in outcomes) for s in ("touched", "missed", "blocked")]
+        print(
+            f"{name:16s} {counts[0]:7d} {counts[1]:6d} {counts[2]:7d}"
+            f" {1e3 * off.mean():18.3f} {1e3 * np.quantile(off, 0.95):5.3f} {1e3 * off.max():5.3f}"
+            f" {angle.mean():18.2f} {np.quantile(angle, 0.95):5.2f} {rate:9.0f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
