@@ -124,12 +124,12 @@ def test_a_subset_keeps_rows_together(index: object) -> None:
     assert contacts.forces is not None
     np.testing.assert_array_equal(part.points, contacts.points[chosen])
     np.testing.assert_array_equal(part.forces, contacts.forces[chosen])
+    assert part.fingers == tuple(contacts.fingers[i] for i in chosen)
+    np.testing.assert_array_equal(part.free_points, contacts.free_points)
 
 
 def test_a_subset_of_none_is_empty() -> None:
     assert len(make_contacts(4).subset([])) == 0
-    assert part.fingers == tuple(contacts.fingers[i] for i in chosen)
-    np.testing.assert_array_equal(part.free_points, contacts.free_points)
 
 
 def test_appending_joins_rows_and_drops_what_only_one_side_knows() -> None:
