@@ -214,6 +214,24 @@ def test_a_balanced_grip_cancels_inside_the_cones() -> None:
     assert np.all(tangential <= friction * normal_part + 1e-9)
 
 
+def test_a_grasp_of_high_symmetry_has_its_epsilon() -> None:
+    # The facets of its hull have many coplanar points, which Qhull cannot always merge; a grasp
+    # that differs by a hair does not have them, and epsilon is continuous.
+    points = np.array(
+        [[0.02, -0.03, 0.05], [0.0, -0.03, 0.02], [-0.02, -0.03, -0.01], [0.0, 0.03, 0.02]]
+    )
+    normals = np.array([[0.0, -1.0, 0.0]] * 3 + [[0.0, 1.0, 0.0]])
+    options = {"friction": 0.8, "origin": np.zeros(3), "length_scale": 0.08}
+    rng = np.random.default_rng(0)
+    for shift in np.linspace(0.0, 0.01, 11):
+        moved = points + [0.0, 0.0, shift]
+        hair = moved + 1e-7 * rng.normal(size=(4, 3))
+        assert epsilon_quality(moved, normals, **options) > 0.05
+        assert epsilon_quality(moved, normals, **options) == pytest.approx(
+            epsilon_quality(hair, normals, **options), abs=1e-4
+        )
+
+
 @pytest.mark.parametrize("bad", [np.zeros((0, 3)), np.zeros((2, 2)), [[np.nan, 0, 0]]])
 def test_contacts_that_are_none_are_refused(bad: object) -> None:
     with pytest.raises(InvalidContactsError):

@@ -1,1 +1,1 @@
-"""Cli."""
+"""The command line: one thin file a verb."""

@@ -1,1 +1,1 @@
-"""Evaluation."""
+"""Evaluation against the truth: errors of surfaces, and what planned grasps are worth on it."""

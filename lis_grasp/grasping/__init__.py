@@ -1,1 +1,1 @@
-"""Grasping."""
+"""Grasping: hands, contact models, quality, collision, and the sampler of grasps; no Drake."""

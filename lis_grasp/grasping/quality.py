@@ -61,12 +61,14 @@ def epsilon_quality(
     wrenches = _primitive_wrenches(
         points, normals, friction, origin, length_scale, model, torsion, edges
     )
-    if len(wrenches) < 7:
-        return 0.0  # six dimensions are not enclosed by fewer points
+    if not _spans(wrenches):
+        return 0.0  # flat: some wrench is not resisted at all
     try:
         hull = ConvexHull(wrenches)
     except QhullError:
-        return 0.0  # flat: some wrench is not resisted at all
+        # Contacts of high symmetry have facets of many coplanar points, whose merging can fail;
+        # joggled by some 1e-11 (the same way each time) they have simple facets only.
+        hull = ConvexHull(wrenches, qhull_options="QJ")
     # A facet is {x : n x + d <= 0} with unit n, so the origin is at depth -d inside it.
     return float(max(-hull.equations[:, -1].max(), 0.0))
 
@@ -127,7 +129,7 @@ def min_weight(
     via the min-weight metric", IROS 2023.
     """
     W = _primitive_wrenches(points, normals, friction, None, None, model, torsion, edges)  # (K, 6)
-    if np.linalg.matrix_rank(W, tol=_FLAT * np.sqrt(len(W))) < 6:
+    if not _spans(W):
         return 0.0
     count = len(W)
     # Unknowns: b = a - t >= 0 and t, so that every bound is the solver's own.
@@ -142,6 +144,13 @@ def min_weight(
     )
     # Infeasible: zero is no combination at all, the wrenches lie in an open half-space.
     return float(count * solution.x[-1]) if solution.status == 0 else 0.0
+
+
+def _spans(wrenches: FloatArray) -> bool:
+    """Return whether wrenches (K, 6) span all six dimensions, and about zero so does their hull."""
+    flatness = _FLAT * np.sqrt(len(wrenches))
+    centered = wrenches - wrenches.mean(axis=0)
+    return bool(np.linalg.matrix_rank(centered, tol=flatness) == 6)
 
 
 def _primitive_wrenches(

@@ -1,1 +1,1 @@
-"""Simulation."""
+"""Simulation in Drake, at both ends of the flow: touching an object, and lifting it."""
