@@ -3,8 +3,8 @@
     python benchmarks/bench_touch.py --probes 150
 
 Probes aim at points drawn uniformly from the true surface (0.20 m objects), along directions up to
-40 degrees off the inward normal. Errors are to the object's own triangle mesh; normals are judged more
-than 3 mm from any sharp edge.
+40 degrees off the inward normal. Errors are to the object's own triangle mesh; normals are judged
+more than 3 mm from any sharp edge.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ class LiftOutcome:
         The same after shaking and holding.
     slip
         Motion of the object's centre of mass in the palm frame from the closed grasp to the end
-        of the trial [m]; 0 if the grasp never closed.
+        of the trial [m]; 0 if the grasp never closed, or the simulation diverged.
     reason
         Why it ended as it did.
     acceleration_survived

@@ -7,41 +7,28 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from pydrake.geometry import (
-    AddCompliantHydroelasticProperties,
-    AddContactMaterial,
-    Box,
-    CollisionFilterDeclaration,
-    FilterId,
-    GeometryId,
-    GeometrySet,
-    ProximityProperties,
-)
+from pydrake.geometry import CollisionFilterDeclaration, FilterId, GeometrySet
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
-    CoulombFriction,
     HydroelasticContactInfo,
-    MultibodyPlant,
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from lis_grasp.exceptions import SimulationError
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.motion import OBJECT
 from lis_grasp.simulation.hand_plant import add_hand, add_wrist, ignore_self_collision
 from lis_grasp.simulation.lift_mesh import merge_flat_faces
+from lis_grasp.simulation.lift_table import add_table
 from lis_grasp.simulation.object_plant import add_object
 
 FloatArray = npt.NDArray[np.float64]
 
-_TABLE_SIZE = (1.5, 1.5, 0.1)  # [m]
-# Stiff enough that 0.5 kg on a sphere sinks in by a tenth of a millimetre.
-_TABLE_MODULUS = 5e7  # [Pa]
-_TABLE_DISSIPATION = 20.0  # [s/m], a thud, not a bounce
-# Firm rubber: 10 N flatten a 12 mm fingertip by about 0.2 mm.
+# Firm rubber: 5 N flatten a spherical fingertip by 0.4 mm, F = pi E d^2.
 _SKIN_MODULUS = 1e7  # [Pa]
 # Of the wrist's sliding and turning joints: a kilogram of hand follows 1 g within a millimetre,
 # and a wrist that meets an obstacle pushes no harder than an arm would.
@@ -144,7 +131,7 @@ class LiftScene:
         )
         self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
         self._center = np.asarray(mesh.center_mass)
-        self._table = _add_table(plant, support_height, friction)
+        self._table = add_table(plant, support_height, friction)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
         # Drake gives a body without a joint this one: six degrees of freedom.
@@ -211,9 +198,22 @@ class LiftScene:
         self._object_joint.Lock(self._context)
 
     def step(self) -> None:
-        """Advance by one time step."""
+        """Advance by one time step.
+
+        Raises
+        ------
+        SimulationError
+            If Drake could not take the step, or the object's pose is no longer finite.
+        """
         self._steps += 1
-        self._simulator.AdvanceTo(self.time)
+        try:
+            self._simulator.AdvanceTo(self.time)
+        except RuntimeError as error:
+            raise SimulationError(
+                f"the grasp trial diverged at {self.time:.3f} s: {error}"
+            ) from None
+        if not np.isfinite(self._plant.GetPositions(self._context)).all():
+            raise SimulationError(f"the grasp trial diverged at {self.time:.3f} s")
         if self._resting is not None and self.touches():
             self._filters.RemoveDeclaration(self._resting)
             self._object_joint.Unlock(self._context)
@@ -302,19 +302,3 @@ class LiftScene:
         if length == 0.0:
             return None
         return Touch(link, surface.centroid(), normal / length, force)
-
-
-def _add_table(plant: MultibodyPlant, height: float, friction: float) -> GeometryId:
-    properties = ProximityProperties()
-    AddContactMaterial(
-        dissipation=_TABLE_DISSIPATION,
-        friction=CoulombFriction(friction, friction),
-        properties=properties,
-    )
-    AddCompliantHydroelasticProperties(
-        resolution_hint=0.1, hydroelastic_modulus=_TABLE_MODULUS, properties=properties
-    )
-    X_WT = RigidTransform([0.0, 0.0, height - 0.5 * _TABLE_SIZE[2]])
-    return plant.RegisterCollisionGeometry(
-        plant.world_body(), X_WT, Box(*_TABLE_SIZE), "table", properties
-    )

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from lis_grasp.exceptions import SimulationError
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.motion import Motion
@@ -88,13 +89,13 @@ class LiftTrial:
         self._record()
         try:
             reason = self._run_phases()
-        except RuntimeError:  # how Drake reports a step that its solver could not take
+        except SimulationError:
             reason = "diverged"
         poses = {name: np.array(X) for name, X in self._poses.items()}
         return LiftOutcome(
             lifted=self._lifted,
             held=reason == "held",
-            slip=self._slip(),
+            slip=0.0 if reason == "diverged" else self._slip(),
             reason=reason,
             acceleration_survived=self._survived,
             duration=self._scene.time,

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
@@ -16,12 +17,14 @@ ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
         "lis": LocalImplicitSurface.from_contacts,
         "gpis": GaussianProcessImplicitSurface.from_contacts,
         "patch": PatchImplicitSurface.from_contacts,
+        "blend": BlendedImplicitSurface.from_contacts,
     }
 )
 """Every estimator by its short name, with its default options."""
 
 __all__ = [
     "ESTIMATORS",
+    "BlendedImplicitSurface",
     "Estimator",
     "GaussianProcessImplicitSurface",
     "ImplicitSurface",

@@ -35,7 +35,11 @@ _ERROR_FLOOR = 0.02
 
 # Over how many spacings errors are averaged, and how fast the better estimate takes over.
 _SIGMA = 1.2
-_GAIN = 3.0
+_GAIN = 5.0
+
+# How much worse (its logarithm) the sharp estimate must foretell to count as equal: where a smooth
+# estimate is wrong, it is wrong at edges, which lie between contacts.
+_BENEFIT_OF_DOUBT = 0.6
 
 _BLOCK = 4096
 
@@ -44,12 +48,12 @@ _BLOCK = 4096
 class BlendedImplicitSurface:
     """Patches where they foretell contacts, a Gaussian process where that does better.
 
-    f = w sharp + (1 - w) smooth,   w(x) = 1 / (1 + exp(-gain m(x)))
+    f = w sharp + (1 - w) smooth,   w(x) = 1 / (1 + exp(-gain (m(x) + 0.6)))
 
     with m the kernel-weighted mean over contacts of log (error of smooth / error of sharp), errors
-    by cross-validation. A bend of 90 degrees between two touches looks like an edge to any test of
-    pairs; that the smooth estimate foretells such touches, and the sharp one does not, gives it
-    away.
+    by cross-validation. In doubt f is sharp. A bend of 90 degrees between two touches looks like
+    an edge to any test of pairs; that the smooth estimate foretells such touches, and the sharp
+    one does not, gives it away.
 
     Made by `from_contacts`. Near the surface f is about a distance.
 
@@ -142,9 +146,7 @@ class BlendedImplicitSurface:
             variances = weights * variances + (1.0 - weights) * smooth
         return np.sqrt(variances).reshape(shape)
 
-    def _weights(
-        self, points: FloatArray, *, with_gradient: bool
-    ) -> tuple[FloatArray, FloatArray]:
+    def _weights(self, points: FloatArray, *, with_gradient: bool) -> tuple[FloatArray, FloatArray]:
         """Return w at points, shape (P,), and its gradient, shape (P, 3)."""
 
         def constant(node: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
@@ -156,13 +158,11 @@ class BlendedImplicitSurface:
             ratios[index], slopes[index] = self.mean.superpose(
                 points[index], near, shares, constant, with_gradient=with_gradient
             )
-        weights = 1.0 / (1.0 + np.exp(-_GAIN * ratios))
+        weights = 1.0 / (1.0 + np.exp(-_GAIN * (ratios + _BENEFIT_OF_DOUBT)))
         return weights, (_GAIN * weights * (1.0 - weights))[:, None] * slopes
 
 
-def cross_validation_errors(
-    estimate: Estimator, contacts: Contacts, spacing: float
-) -> FloatArray:
+def cross_validation_errors(estimate: Estimator, contacts: Contacts, spacing: float) -> FloatArray:
     """Return how badly each contact is foretold from others, shape (N,) [m].
 
     Its distance from the surface, at most one spacing, plus a quarter spacing times the length by
