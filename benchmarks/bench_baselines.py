@@ -5,8 +5,8 @@
 
 The two general-purpose interpolators know no normals, so they are given what is usual in their
 place: besides value 0 at each contact, values +h and -h at points h along and against its normal,
-h a quarter of the contacts' spacing. scikit-learn's length scale is chosen by its marginal likelihood,
-SciPy's thin plate has none. Contacts are those of benchmarks/bench_surfaces.py.
+h a quarter of the contacts' spacing. scikit-learn's length scale is chosen by its marginal
+likelihood, SciPy's thin plate has none. Contacts are those of benchmarks/bench_surfaces.py.
 """
 
 from __future__ import annotations
