@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lis_grasp.grasping.quality import is_force_closure as is_force_closure
     from lis_grasp.grasping.sampler import ForceClosureSampler as ForceClosureSampler
     from lis_grasp.meshing import extract_mesh as extract_mesh
+    from lis_grasp.surfaces import BlendedImplicitSurface as BlendedImplicitSurface
     from lis_grasp.surfaces import (
         GaussianProcessImplicitSurface as GaussianProcessImplicitSurface,
     )
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "BlendedImplicitSurface": "lis_grasp.surfaces",
     "Contacts": "lis_grasp.contacts",
     "ForceClosureSampler": "lis_grasp.grasping.sampler",
     "GaussianProcessImplicitSurface": "lis_grasp.surfaces",

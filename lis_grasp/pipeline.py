@@ -63,7 +63,7 @@ class RunConfig:
     size: float | None = None
     units: str = "m"
     hand: str = "allegro"
-    estimator: str = "patch"
+    estimator: str = "blend"
     touches: int = 40
     seed: int = 0
     mass: float = 0.2
