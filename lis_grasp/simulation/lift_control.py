@@ -73,7 +73,7 @@ class FingerControl:
         grip_force: float,
         search_distance: float,
     ) -> None:
-        self._scene, self._hand, self._grasp = scene, hand, grasp
+        self._scene, self._hand = scene, hand
         self._friction, self._grip_force = friction, grip_force
         self._search_distance = search_distance
         self._finger_of_link = hand.link_fingers

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 from pydrake.geometry import CollisionFilterDeclaration, FilterId, GeometrySet
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     HydroelasticContactInfo,
@@ -124,7 +123,6 @@ class LiftScene:
             damping=_WRIST_DAMPING,
             limits=_WRIST_LIMITS,
         )
-        self._X_LH = RigidTransform(hand.X_LH)
         instance = plant.AddModelInstance(OBJECT)
         self._object, self._object_geometry = add_object(
             plant, merge_flat_faces(mesh), mass=mass, friction=friction, instance=instance
