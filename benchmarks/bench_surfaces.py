@@ -14,7 +14,8 @@ import argparse
 import numpy as np
 
 from lis_grasp import Hand, extract_mesh, shapes, surface_error
-from lis_grasp.pipeline import STEP_FRACTION, touch
+from lis_grasp.exploration import STEP_FRACTION
+from lis_grasp.pipeline import touch
 from lis_grasp.surfaces import ESTIMATORS
 
 MEASURES = ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")

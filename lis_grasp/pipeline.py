@@ -13,6 +13,7 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import STEP_FRACTION
 from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.sampler import ForceClosureSampler
@@ -23,9 +24,6 @@ from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 if TYPE_CHECKING:
     from lis_grasp.exploration import Exploration
     from lis_grasp.simulation.lift import LiftOutcome
-
-# The paper's explorer steps a quarter of the object's size (Ottenhaus et al. 2016, section IV.B).
-STEP_FRACTION = 0.25
 
 # One independent random stream a stage, so that a stage run alone repeats what it did in a row.
 _TOUCH_STREAM, _GRASP_STREAM = 1, 2

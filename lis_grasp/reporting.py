@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import trimesh
@@ -10,9 +11,10 @@ import lis_grasp
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import surface_error
+from lis_grasp.exploration import STEP_FRACTION
 from lis_grasp.grasping.grasp import GraspSearch
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.pipeline import STEP_FRACTION, RunConfig
+from lis_grasp.pipeline import RunConfig
 from lis_grasp.shapes import Shape
 
 if TYPE_CHECKING:
@@ -50,11 +52,7 @@ def surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> di
     """Return the estimate's errors over the explored part: within a step of a contact [m]."""
     error = surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size)
     return {
-        "rmsd": error.rmsd,
-        "rmsd_truth_to_estimate": error.rmsd_truth_to_estimate,
-        "edge_rmsd": error.edge_rmsd,
-        "hausdorff_95": error.hausdorff_95,
-        "coverage": error.coverage,
+        **asdict(error),
         "triangles": len(mesh.faces),
         "watertight": bool(mesh.is_watertight),
     }

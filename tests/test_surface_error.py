@@ -52,6 +52,9 @@ def test_the_truth_has_no_error(truth: Shape) -> None:
     assert error.rmsd_truth_to_estimate == pytest.approx(0.0, abs=1e-12)
     assert error.edge_rmsd == pytest.approx(0.0, abs=1e-12)
     assert error.hausdorff_95 == pytest.approx(0.0, abs=1e-12)
+    assert error.chamfer == pytest.approx(0.0, abs=1e-12)
+    assert error.f_score_1mm == error.f_score_2mm == error.f_score_5mm == 1.0
+    assert error.iou == pytest.approx(1.0, rel=1e-9)
     assert error.coverage == 1.0
     assert error.normal_error == pytest.approx(0.0, abs=1e-7)  # arccos near 1
 
@@ -66,6 +69,33 @@ def test_concentric_spheres_are_their_radii_apart() -> None:
     assert error.edge_rmsd is None
     # Alike, but for neighbours of the nearest triangle: less than two triangles' angle, 4 deg.
     assert error.normal_error < np.deg2rad(4.0)
+
+
+def test_a_shifted_cube_overlaps_by_its_shift(truth: Shape) -> None:
+    error = surface_error(cube(0.2, (0.02, 0.0, 0.0)), truth, ON_CUBE, explored_radius=EVERYWHERE)
+    # 18 of 20 cm are shared, 22 of them filled by either.
+    assert error.iou == pytest.approx(18.0 / 22.0, rel=1e-9)
+
+
+def test_an_open_estimate_has_no_volume_to_compare(truth: Shape) -> None:
+    open_cube = trimesh.Trimesh(truth.mesh.vertices, truth.mesh.faces[1:], process=False)
+    assert surface_error(open_cube, truth, ON_CUBE, explored_radius=EVERYWHERE).iou is None
+
+
+def test_chamfer_and_f_scores_of_parallel_planes_follow_from_the_gaps(truth: Shape) -> None:
+    # The upper face is 4 mm too high, the lower one right; each was touched in the middle.
+    estimate = trimesh.creation.box(bounds=[[-0.1, -0.1, -0.1], [0.1, 0.1, 0.104]])
+    z = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    error = surface_error(estimate, truth, touches(0.1 * z, z), explored_radius=0.05)
+    # From the estimate, the upper disc within 5 cm of the contact 4 mm below it is a little
+    # smaller, 50^2 - 4^2 of 50^2; the truth's discs are equal.
+    upper = 50.0**2 - 4.0**2
+    precision, recall = 50.0**2 / (50.0**2 + upper), 0.5
+    few = 2.0 * precision * recall / (precision + recall)
+    # Samples on the discs: 10 000 over the whole surface, 330 on a disc, good to its rim, 4 %.
+    assert error.f_score_1mm == error.f_score_2mm == pytest.approx(few, rel=0.04)
+    assert error.f_score_5mm == 1.0
+    assert error.chamfer == pytest.approx(0.5 * 0.004 * (1.0 - precision + recall), rel=0.04)
 
 
 def test_a_cube_made_smaller_is_off_by_half_the_difference(truth: Shape) -> None:

@@ -1,11 +1,12 @@
 """Exploration: what to touch next, given what was touched before."""
 
 from lis_grasp.exploration.explore import Exploration, explore
-from lis_grasp.exploration.frontier import FrontierPolicy
+from lis_grasp.exploration.frontier import STEP_FRACTION, FrontierPolicy
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.probe import Probe, ProbeOutcome, Prober, ProbeStatus
 
 __all__ = [
+    "STEP_FRACTION",
     "Exploration",
     "FrontierPolicy",
     "Policy",

@@ -18,6 +18,9 @@ from lis_grasp.surfaces import ImplicitSurface
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
+STEP_FRACTION = 0.25
+"""Length of a step in sizes of the object: 50 mm on 20 cm (Ottenhaus et al. 2016, IV.B)."""
+
 _AXES = np.vstack([np.eye(3), -np.eye(3)])
 # The frontier lies about one step from the nearest contact; in units of the step.
 _BAND = (0.8, 1.2)
