@@ -261,12 +261,40 @@ def test_edges_are_found_better_than_by_planes(name: str) -> None:
     assert errors[0] < 0.5 * errors[1]
 
 
-def test_uncertainty_is_the_sensor_s_at_contacts_and_grows_away_from_them() -> None:
+def test_uncertainty_of_a_lone_contact_is_the_sensor_s() -> None:
+    contact = Contacts(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
+    surface = PatchImplicitSurface.from_contacts(contact, position_noise=0.001, normal_noise=0.0)
+    assert surface.uncertainty(np.zeros(3)) == pytest.approx(0.001, rel=1e-9)
+
+
+def test_uncertainty_is_below_the_sensor_s_where_neighbours_agree_and_grows_away_from_them() -> None:
     contacts = touched_sphere(0.05, 0.03)
     surface = PatchImplicitSurface.from_contacts(contacts, position_noise=0.001)
-    np.testing.assert_allclose(surface.uncertainty(contacts.points), 0.001)
+    at_contacts = surface.uncertainty(contacts.points)
+    # Six neighbours and the contact itself: no better than the mean of seven.
+    assert (at_contacts < 0.001).all()
+    assert (at_contacts > 0.001 / np.sqrt(7.0)).all()
     away = np.linspace(1.0, 3.0, 30)[:, None] * contacts.points[0]
     assert (np.diff(surface.uncertainty(away)) > 0).all()
+
+
+def test_noise_moves_a_plane_s_estimate_by_its_uncertainty() -> None:
+    # Contacts on a plane with known noise, many times: the spread of the estimate's height at one
+    # place is what the surface says it is. The prior lets it be a little more than the spread.
+    grid = np.stack(np.meshgrid(*2 * [0.03 * np.arange(-3, 4)]), axis=-1).reshape(-1, 2)
+    place, heights, told = np.array([[0.012, 0.008, 0.0]]), [], []
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        points = np.column_stack([grid, 0.001 * rng.normal(size=len(grid))])
+        normals = np.column_stack([0.05 * rng.normal(size=grid.shape), np.ones(len(grid))])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        surface = PatchImplicitSurface.from_contacts(
+            Contacts(points, normals), position_noise=0.001, normal_noise=0.05
+        )
+        heights.append(surface.evaluate(place)[0])
+        told.append(surface.uncertainty(place)[0])
+    # The spread of 60 draws is known to 1 / sqrt(120) = 9 %.
+    assert 0.7 < np.mean(told) / np.std(heights) < 1.4
 
 
 @pytest.mark.parametrize(

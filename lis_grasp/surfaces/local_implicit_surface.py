@@ -14,8 +14,8 @@ from lis_grasp.surfaces.contact_weights import density_weights, voronoi_weights
 from lis_grasp.surfaces.convexity import Convexity
 from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.queries import (
-    compact_blocks,
     flat_points,
+    map_blocks,
     require_choice,
     require_contacts,
     require_range,
@@ -32,9 +32,10 @@ _BETA_SIGN = {"mended": -1.0, "printed": 1.0, "none": 0.0}
 # Width of the kernel, in units of the contacts' spacing; smaller leaves steps, larger rounds edges.
 _SIGMA = 0.2
 
-# Root mean square error of the surface at distance d from the nearest contact, in units of
-# d^2 / spacing: 0.41 to 0.53 for d from 0.1 to 2 spacings, on eight solids at two spacings.
-_EXTRAPOLATION_ERROR = 0.45
+# Error of the surface at distance d from the nearest contact, in units of d^2 / spacing, that holds
+# for 70 % of the surface, on eight solids fully explored, with noise and without; 90 % lie within
+# twice as much. Half explored, 63 % and 86 % do.
+_EXTRAPOLATION_ERROR = 0.27
 
 _BLOCK = 2048
 
@@ -158,9 +159,7 @@ class LocalImplicitSurface:
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
         rows, shape = flat_points(points)
-        values = np.empty(len(rows))
-        for index in compact_blocks(rows, _BLOCK):
-            values[index], _ = self._superpose(rows[index], with_gradient=False)
+        values = map_blocks(lambda x: self._superpose(x, with_gradient=False)[0], rows, _BLOCK)
         return values.reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
@@ -170,17 +169,17 @@ class LocalImplicitSurface:
         gradients are averaged.
         """
         rows, shape = flat_points(points)
-        gradients = np.empty((len(rows), 3))
-        for index in compact_blocks(rows, _BLOCK):
-            _, gradients[index] = self._superpose(rows[index], with_gradient=True)
+        gradients = map_blocks(
+            lambda x: self._superpose(x, with_gradient=True)[1], rows, _BLOCK, (3,)
+        )
         return gradients.reshape(*shape, 3)
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
         Measured beforehand, not inferred from these contacts: at distance d from the nearest one,
-        the root of the summed squares of the position noise, the normal noise times d, and 0.45
-        d^2 / spacing, the error that planes make on simple solids without noise.
+        the root of the summed squares of the position noise, the normal noise times d, and 0.27
+        d^2 / spacing, the error that planes make on simple solids.
         """
         rows, shape = flat_points(points)
         distance = self.mean.distance(rows)

@@ -42,12 +42,19 @@ class LocalQuadrics:
         Shape (N, 3), n.
     curvatures
         Shape (N, 3, 3) [1/m], Q, symmetric.
+    covariances
+        Shape (N, 10, 10), of what is fitted: h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz, lengths in
+        spacings.
+    spacing
+        Of the contacts [m].
     """
 
     points: FloatArray
     heights: FloatArray
     normals: FloatArray
     curvatures: FloatArray
+    covariances: FloatArray
+    spacing: float
 
     @classmethod
     def fit(
@@ -107,7 +114,8 @@ class LocalQuadrics:
         np.add.at(matrices, owners, np.einsum("pea,peb->pab", weighted, designs))
         sides = np.zeros((len(points), 10))
         np.add.at(sides, owners, np.einsum("pea,pe->pa", weighted, gaps))
-        solutions = np.linalg.solve(matrices, sides[:, :, None])[:, :, 0]
+        covariances = np.linalg.inv(matrices)
+        solutions = np.einsum("iab,ib->ia", covariances, sides)
         xx, yy, zz, xy, xz, yz = solutions[:, 4:].T / spacing
         fitted = normals + solutions[:, 1:4]
         scale = np.linalg.norm(fitted, axis=1)
@@ -117,6 +125,8 @@ class LocalQuadrics:
             heights=solutions[:, 0] * spacing / scale,
             normals=fitted / scale[:, None],
             curvatures=curvatures / scale[:, None, None],
+            covariances=covariances,
+            spacing=spacing,
         )
 
     def evaluate(
@@ -139,14 +149,32 @@ class LocalQuadrics:
         turned *= (values * (lengths > _MIN_SLOPE) / slopes)[:, None]
         return values, gradients - turned
 
+    def variance(self, i: int, points: FloatArray) -> FloatArray:
+        """Return the variance of the surface at points, shape (R, 3) [m], as i foretells it [m^2].
+
+        That of the fitted coefficients, and of terms of third order, which a quadric leaves out.
+        """
+        offsets = (points - self.points[i]) / self.spacing
+        rows = _value_rows(offsets)
+        variances = np.einsum("ra,ab,rb->r", rows, self.covariances[i], rows)
+        variances += _THIRD_ORDER**2 * np.sum(offsets**2, axis=1) ** 3
+        return self.spacing**2 * variances
+
+
+def _value_rows(offsets: FloatArray) -> FloatArray:
+    """Return what maps h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz to the value, shape (P, 10)."""
+    x, y, z = offsets.T
+    return np.stack(
+        [np.ones_like(x), x, y, z, 0.5 * x * x, 0.5 * y * y, 0.5 * z * z, x * y, x * z, y * z],
+        axis=1,
+    )
+
 
 def _designs(offsets: FloatArray) -> FloatArray:
     """Return what maps h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz to value and gradient, (P, 4, 10)."""
     x, y, z = offsets.T
     rows = np.zeros((len(offsets), 4, 10))
-    rows[:, 0, 0] = 1.0
-    rows[:, 0, 1:4] = offsets
-    rows[:, 0, 4:] = np.stack([0.5 * x * x, 0.5 * y * y, 0.5 * z * z, x * y, x * z, y * z], axis=1)
+    rows[:, 0] = _value_rows(offsets)
     rows[:, 1:, 1:4] = np.eye(3)
     rows[:, 1, 4], rows[:, 1, 7], rows[:, 1, 8] = x, y, z
     rows[:, 2, 5], rows[:, 2, 7], rows[:, 2, 9] = y, x, z

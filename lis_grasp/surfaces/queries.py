@@ -51,6 +51,22 @@ def compact_blocks(points: FloatArray, count: int) -> Iterator[IndexArray]:
         pending += [index[order[half:]], index[order[:half]]]
 
 
+def map_blocks(
+    function: Callable[[FloatArray], FloatArray],
+    rows: FloatArray,
+    count: int,
+    width: tuple[int, ...] = (),
+) -> FloatArray:
+    """Apply a row-wise function to at most `count` points at a time that lie close together.
+
+    Returns what it gives for all rows, in their order, shape (len(rows), *width).
+    """
+    results = np.empty((len(rows), *width))
+    for index in compact_blocks(rows, count):
+        results[index] = function(rows[index])
+    return results
+
+
 def require_contacts(contacts: Contacts) -> None:
     """Refuse an empty set of contacts."""
     if not len(contacts):
