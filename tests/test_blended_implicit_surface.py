@@ -56,8 +56,11 @@ def test_a_value_lies_between_both_estimates_with_the_weight_it_states() -> None
     np.testing.assert_allclose(
         surface.evaluate(points), weight * sharp + (1 - weight) * smooth, atol=1e-14
     )
-    lowest = np.minimum(surface.sharp.uncertainty(points), surface.smooth.uncertainty(points))
-    assert (surface.uncertainty(points) >= lowest * (1 - 1e-12)).all()
+    # The law of total variance.
+    variance = weight * surface.sharp.uncertainty(points) ** 2
+    variance += (1 - weight) * surface.smooth.uncertainty(points) ** 2
+    variance += weight * (1 - weight) * (sharp - smooth) ** 2
+    np.testing.assert_allclose(surface.uncertainty(points), np.sqrt(variance), rtol=1e-9)
 
 
 def test_gradient_equals_differences_of_values() -> None:
@@ -76,7 +79,7 @@ def test_gradient_equals_differences_of_values() -> None:
     assert np.mean(error < 1e-4) > 0.97
 
 
-@pytest.mark.parametrize("count", [1, 6, 15])
+@pytest.mark.parametrize("count", [1, 5, 7])
 def test_few_contacts_are_left_to_the_sharp_estimate(count: int) -> None:
     contacts = touched_shape("box").subset(slice(0, count))
     surface = BlendedImplicitSurface.from_contacts(contacts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +21,10 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
 Estimator = Callable[[Contacts], ImplicitSurface]
+Function = Callable[[FloatArray], FloatArray]
 
 # Groups of contacts that are foretold from all others.
-_FOLDS = 8
+_FOLDS = 4
 
 # Fewer contacts say nothing about which estimate is better; with more, the Gaussian process takes
 # seconds, and patches are told apart without its help.
@@ -33,13 +35,11 @@ _MOST_CONTACTS = 400
 _NORMAL_ERROR = 0.25
 _ERROR_FLOOR = 0.02
 
-# Over how many spacings errors are averaged, and how fast the better estimate takes over.
+# Over how many spacings errors are averaged.
 _SIGMA = 1.2
-_GAIN = 5.0
 
-# How much worse (its logarithm) the sharp estimate must foretell to count as equal: where a smooth
-# estimate is wrong, it is wrong at edges, which lie between contacts.
-_BENEFIT_OF_DOUBT = 0.6
+# How many times the smooth estimate's error the sharp one's must be to be given up altogether.
+_WORSE = 2.0
 
 _BLOCK = 4096
 
@@ -48,12 +48,15 @@ _BLOCK = 4096
 class BlendedImplicitSurface:
     """Patches where they foretell contacts, a Gaussian process where that does better.
 
-    f = w sharp + (1 - w) smooth,   w(x) = 1 / (1 + exp(-gain (m(x) + 0.6)))
+    f = w sharp + (1 - w) smooth
 
-    with m the kernel-weighted mean over contacts of log (error of smooth / error of sharp), errors
-    by cross-validation. In doubt f is sharp. A bend of 90 degrees between two touches looks like
-    an edge to any test of pairs; that the smooth estimate foretells such touches, and the sharp
-    one does not, gives it away.
+    Contacts left out are foretold by either estimate from all others, and the errors averaged over
+    neighbouring contacts (geometric means, weighted by a kernel). w is 1 where the sharp estimate's
+    errors are no larger than the smooth one's, 0 where they are twice as large or more, and goes
+    smoothly between (3 t^2 - 2 t^3 of the logarithm). So f is sharp in doubt: where a smooth
+    estimate is wrong, it is wrong at edges, which lie between contacts and are not among what is
+    foretold. A bend of 90 degrees between two touches looks like an edge to any test of pairs; that
+    the smooth estimate foretells such touches, and the sharp one does not, gives it away.
 
     Made by `from_contacts`. Near the surface f is about a distance.
 
@@ -67,8 +70,8 @@ class BlendedImplicitSurface:
         Over contacts.
     """
 
-    sharp: ImplicitSurface
-    smooth: ImplicitSurface | None
+    sharp: PatchImplicitSurface
+    smooth: GaussianProcessImplicitSurface | None
     log_ratios: FloatArray
     mean: KernelMean
 
@@ -77,28 +80,43 @@ class BlendedImplicitSurface:
         cls,
         contacts: Contacts,
         *,
-        sharp: Estimator = PatchImplicitSurface.from_contacts,
-        smooth: Estimator = GaussianProcessImplicitSurface.from_contacts,
+        position_noise: float | None = None,
+        normal_noise: float | None = None,
+        margin: float | None = None,
     ) -> BlendedImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Below 16 contacts, and above 400, the sharp estimate stands alone.
+        Below 8 contacts, and above 400, the sharp estimate stands alone.
 
         Parameters
         ----------
         contacts
             Where the object was touched; duplicates are merged first.
-        sharp, smooth
-            How each estimate is made.
+        position_noise, normal_noise
+            One standard deviation of contacts along their normals [m] and of each component of
+            the normals [rad]; None takes what either estimate takes.
+        margin
+            By how much bounds exceed the contacts' box [m]; None takes one spacing.
 
         Raises
         ------
         InvalidContactsError
             If there is no contact.
+        InvalidOptionError
+            If an option is outside its range.
         """
         require_contacts(contacts)
         merged = merge_duplicates(contacts)
         spacing = spacing_of(merged)
+        noise = {"position_noise": position_noise, "normal_noise": normal_noise}
+        told: dict[str, Any] = {name: value for name, value in noise.items() if value is not None}
+
+        def sharp(some: Contacts) -> PatchImplicitSurface:
+            return PatchImplicitSurface.from_contacts(some, margin=margin, **told)
+
+        def smooth(some: Contacts) -> GaussianProcessImplicitSurface:
+            return GaussianProcessImplicitSurface.from_contacts(some, margin=margin, **told)
+
         mean = KernelMean.of(merged.points, _SIGMA * spacing)
         if not _LEAST_CONTACTS <= len(merged) <= _MOST_CONTACTS:
             return cls(sharp(merged), None, np.zeros(len(merged)), mean)
@@ -115,36 +133,55 @@ class BlendedImplicitSurface:
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
         rows, shape = flat_points(points)
-        values = self.sharp.evaluate(rows)
-        if self.smooth is not None:
-            weights, _ = self._weights(rows, with_gradient=False)
-            values = weights * values + (1.0 - weights) * self.smooth.evaluate(rows)
-        return values.reshape(shape)
+        if self.smooth is None:
+            return self.sharp.evaluate(rows).reshape(shape)
+        weights, _ = self._weights(rows, with_gradient=False)
+        return self._mix(weights, self.sharp.evaluate, self.smooth.evaluate, rows).reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the exact gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
         rows, shape = flat_points(points)
-        gradients = self.sharp.gradient(rows)
-        if self.smooth is not None:
-            weights, slopes = self._weights(rows, with_gradient=True)
-            gradients = weights[:, None] * gradients
-            gradients += (1.0 - weights)[:, None] * self.smooth.gradient(rows)
-            difference = self.sharp.evaluate(rows) - self.smooth.evaluate(rows)
-            gradients += difference[:, None] * slopes
+        if self.smooth is None:
+            return self.sharp.gradient(rows).reshape(*shape, 3)
+        weights, slopes = self._weights(rows, with_gradient=True)
+        gradients = self._mix(weights, self.sharp.gradient, self.smooth.gradient, rows)
+        both = np.flatnonzero((weights > 0.0) & (weights < 1.0))
+        difference = self.sharp.evaluate(rows[both]) - self.smooth.evaluate(rows[both])
+        gradients[both] += difference[:, None] * slopes[both]
         return gradients.reshape(*shape, 3)
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        That of a mixture: the weighted mean of both variances.
+        That of a mixture: the weighted mean of both variances, and where both count what they
+        differ by.
         """
         rows, shape = flat_points(points)
-        variances = self.sharp.uncertainty(rows) ** 2
-        if self.smooth is not None:
-            weights, _ = self._weights(rows, with_gradient=False)
-            smooth = self.smooth.uncertainty(rows) ** 2
-            variances = weights * variances + (1.0 - weights) * smooth
-        return np.sqrt(variances).reshape(shape)
+        if self.smooth is None:
+            return self.sharp.uncertainty(rows).reshape(shape)
+        weights, _ = self._weights(rows, with_gradient=False)
+        second_moments = self._mix(
+            weights,
+            lambda x: self.sharp.uncertainty(x) ** 2,
+            lambda x: self.smooth.uncertainty(x) ** 2,  # type: ignore[union-attr]
+            rows,
+        )
+        both = np.flatnonzero((weights > 0.0) & (weights < 1.0))
+        difference = self.sharp.evaluate(rows[both]) - self.smooth.evaluate(rows[both])
+        second_moments[both] += weights[both] * (1.0 - weights[both]) * difference**2
+        return np.sqrt(second_moments).reshape(shape)
+
+    def _mix(
+        self, weights: FloatArray, sharp: Function, smooth: Function, points: FloatArray
+    ) -> FloatArray:
+        """Return the weighted mean of two functions, asking each only where it counts."""
+        some, rest = np.flatnonzero(weights > 0.0), np.flatnonzero(weights < 1.0)
+        of_sharp, of_smooth = sharp(points[some]), smooth(points[rest])
+        mixed = np.zeros((len(points), *of_sharp.shape[1:]))
+        columns = (slice(None), *[None] * (of_sharp.ndim - 1))
+        mixed[some] += weights[some][columns] * of_sharp
+        mixed[rest] += (1.0 - weights[rest])[columns] * of_smooth
+        return mixed
 
     def _weights(self, points: FloatArray, *, with_gradient: bool) -> tuple[FloatArray, FloatArray]:
         """Return w at points, shape (P,), and its gradient, shape (P, 3)."""
@@ -158,15 +195,16 @@ class BlendedImplicitSurface:
             ratios[index], slopes[index] = self.mean.superpose(
                 points[index], near, shares, constant, with_gradient=with_gradient
             )
-        weights = 1.0 / (1.0 + np.exp(-_GAIN * (ratios + _BENEFIT_OF_DOUBT)))
-        return weights, (_GAIN * weights * (1.0 - weights))[:, None] * slopes
+        t = np.clip(1.0 + ratios / np.log(_WORSE), 0.0, 1.0)
+        weights = t * t * (3.0 - 2.0 * t)
+        return weights, (6.0 * t * (1.0 - t) / np.log(_WORSE))[:, None] * slopes
 
 
 def cross_validation_errors(estimate: Estimator, contacts: Contacts, spacing: float) -> FloatArray:
     """Return how badly each contact is foretold from others, shape (N,) [m].
 
     Its distance from the surface, at most one spacing, plus a quarter spacing times the length by
-    which the unit normals differ. Every eighth contact is left out at a time, in order of distance
+    which the unit normals differ. Every fourth contact is left out at a time, in order of distance
     from the centroid: which are left out together does not depend on order or frame.
     """
     remoteness = np.linalg.norm(contacts.points - contacts.points.mean(axis=0), axis=1)

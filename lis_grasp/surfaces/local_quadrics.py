@@ -156,7 +156,7 @@ class LocalQuadrics:
         """
         offsets = (points - self.points[i]) / self.spacing
         rows = _value_rows(offsets)
-        variances = np.einsum("ra,ab,rb->r", rows, self.covariances[i], rows)
+        variances = np.einsum("ra,ra->r", rows @ self.covariances[i], rows)
         variances += _THIRD_ORDER**2 * np.sum(offsets**2, axis=1) ** 3
         return self.spacing**2 * variances
 

@@ -71,11 +71,14 @@ class Patch:
 
     def variance(self, points: FloatArray) -> FloatArray:
         """Return the variance of the patch, shape (P,) [m^2]: that of a mean of quadrics."""
+
+        def local(node: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
+            return self.quadrics.variance(self.members[node], points[seen]), points
+
         near, shares = self.mean.shares(points)
-        variances = np.stack([self.quadrics.variance(i, points) for i in self.members[near]])
+        mean, _ = self.mean.superpose(points, near, shares, local, with_gradient=False)
         alone = np.sum(shares**2, axis=0)  # 1 where a single quadric counts
-        mean = np.einsum("mp,mp->p", shares, variances)
-        return np.asarray(mean * (_CORRELATION + (1.0 - _CORRELATION) * alone))
+        return mean * (_CORRELATION + (1.0 - _CORRELATION) * alone)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
