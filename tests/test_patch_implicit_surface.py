@@ -267,7 +267,7 @@ def test_uncertainty_of_a_lone_contact_is_the_sensor_s() -> None:
     assert surface.uncertainty(np.zeros(3)) == pytest.approx(0.001, rel=1e-9)
 
 
-def test_uncertainty_is_below_the_sensor_s_where_neighbours_agree_and_grows_away_from_them() -> None:
+def test_uncertainty_is_below_the_sensor_s_among_neighbours_and_grows_away_from_them() -> None:
     contacts = touched_sphere(0.05, 0.03)
     surface = PatchImplicitSurface.from_contacts(contacts, position_noise=0.001)
     at_contacts = surface.uncertainty(contacts.points)

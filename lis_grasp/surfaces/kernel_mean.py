@@ -14,7 +14,7 @@ IndexArray = npt.NDArray[np.intp]
 
 # Terms below exp(-30) = 1e-13 of the largest one cannot be seen in a sum and are left out.
 NEGLIGIBLE = 30.0
-_LEAST_SHARE = np.exp(-NEGLIGIBLE)
+LEAST_SHARE = np.exp(-NEGLIGIBLE)
 
 LocalFunction = Callable[[int, IndexArray], tuple[FloatArray, FloatArray]]
 
@@ -115,7 +115,7 @@ class KernelMean:
         values = np.zeros(len(points))
         gradients, pulls = np.zeros((len(points), 3)), np.zeros((len(points), 3))
         for node, share in zip(near, shares, strict=True):
-            seen = np.flatnonzero(share > _LEAST_SHARE)
+            seen = np.flatnonzero(share > LEAST_SHARE)
             if not len(seen):
                 continue
             share = share[seen]

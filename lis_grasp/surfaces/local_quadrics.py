@@ -109,11 +109,16 @@ class LocalQuadrics:
         slopes = (3.0 * _THIRD_ORDER * squares) ** 2
         precisions[:, 1:] = (1.0 / (normal_variance + slopes))[:, None]
 
-        weighted = designs * precisions[:, :, None]
+        weighted = np.swapaxes(designs * precisions[:, :, None], 1, 2)  # (P, 10, 4)
         matrices = np.tile(prior, (len(points), 1, 1))
-        np.add.at(matrices, owners, np.einsum("pea,peb->pab", weighted, designs))
         sides = np.zeros((len(points), 10))
-        np.add.at(sides, owners, np.einsum("pea,pe->pa", weighted, gaps))
+        if len(owners):
+            order = np.argsort(owners, kind="stable")
+            whose, starts = np.unique(owners[order], return_index=True)
+            matrices[whose] += np.add.reduceat((weighted @ designs)[order], starts, axis=0)
+            sides[whose] = np.add.reduceat(
+                (weighted @ gaps[:, :, None])[order, :, 0], starts, axis=0
+            )
         covariances = np.linalg.inv(matrices)
         solutions = np.einsum("iab,ib->ia", covariances, sides)
         xx, yy, zz, xy, xz, yz = solutions[:, 4:].T / spacing
@@ -148,6 +153,14 @@ class LocalQuadrics:
         turned = gradients @ self.curvatures[i]
         turned *= (values * (lengths > _MIN_SLOPE) / slopes)[:, None]
         return values, gradients - turned
+
+    def values(self, contacts: IndexArray, points: FloatArray) -> FloatArray:
+        """Return y_i at points, shape (Q, 3) [m], each with a contact i of its own, shape (Q,)."""
+        offsets = points - self.points[contacts]
+        bent = np.einsum("qkl,ql->qk", self.curvatures[contacts], offsets)
+        normals = self.normals[contacts]
+        values = self.heights[contacts] + np.einsum("qk,qk->q", offsets, normals + 0.5 * bent)
+        return values / np.maximum(np.linalg.norm(normals + bent, axis=1), _MIN_SLOPE)
 
     def variance(self, i: int, points: FloatArray) -> FloatArray:
         """Return the variance of the surface at points, shape (R, 3) [m], as i foretells it [m^2].

@@ -11,11 +11,12 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.contact_merging import merge_duplicates, spacing_of
 from lis_grasp.surfaces.contact_weights import density_weights
-from lis_grasp.surfaces.kernel_mean import KernelMean
+from lis_grasp.surfaces.kernel_mean import LEAST_SHARE, KernelMean
 from lis_grasp.surfaces.local_quadrics import LocalQuadrics
 from lis_grasp.surfaces.patch_relations import Formula, Piece, compose_formulas
 from lis_grasp.surfaces.patches import REACH, ContactPairs, find_patches
 from lis_grasp.surfaces.queries import (
+    compact_blocks,
     flat_points,
     map_blocks,
     require_contacts,
@@ -176,9 +177,7 @@ class PatchImplicitSurface:
             _patch(np.flatnonzero(patch_of == p), quadrics, _PATCH_SIGMA * spacing)
             for p in range(patch_of.max() + 1)
         )
-        values = np.stack(
-            [patch.evaluate(points, with_gradient=False)[0] for patch in patches], axis=1
-        )  # (N, K)
+        values = _values_at(points, patches, quadrics)
         formulas = compose_formulas(pairs, patch_of, values, spacing)
         distinct = sorted(set(formulas))
         number = {formula: k for k, formula in enumerate(distinct)}
@@ -260,6 +259,26 @@ class PatchImplicitSurface:
 
 def _patch(members: IndexArray, quadrics: LocalQuadrics, sigma: float) -> Patch:
     return Patch(members, quadrics, KernelMean.of(quadrics.points[members], sigma))
+
+
+def _values_at(
+    points: FloatArray, patches: tuple[Patch, ...], quadrics: LocalQuadrics
+) -> FloatArray:
+    """Return the function of each of K patches at points, shape (P, K) [m]."""
+    values = np.empty((len(points), len(patches)))
+    for index in compact_blocks(points, _BLOCK):
+        nodes, cells, weights = [], [], []
+        for k, patch in enumerate(patches):
+            near, shares = patch.mean.shares(points[index])
+            node, row = np.nonzero(shares > LEAST_SHARE)
+            nodes.append(patch.members[near[node]])
+            cells.append(row * len(patches) + k)
+            weights.append(shares[node, row])
+        cell = np.concatenate(cells)
+        terms = quadrics.values(np.concatenate(nodes), points[index][cell // len(patches)])
+        terms *= np.concatenate(weights)
+        values[index] = np.bincount(cell, terms, len(index) * len(patches)).reshape(len(index), -1)
+    return values
 
 
 def _apply(

@@ -110,44 +110,71 @@ def find_patches(
     odds = 0.5 * np.log(across / variance) - 0.5 * asymmetry**2 * (1.0 / variance - 1.0 / across)
     odds = np.clip(odds, -_PAIR_LIMIT, _PAIR_LIMIT)
     told = apart & (pairs.bends < _MAX_BEND)
-    first, second, odds, bends = (
-        values[told] for values in (pairs.first, pairs.second, odds, pairs.bends)
-    )
+    borders = _Borders(pairs.first[told], pairs.second[told], odds[told], pairs.bends[told])
     patches = np.arange(count)
     while True:
-        merged = _merge_mutual_favourites(patches, first, second, odds, bends)
-        if merged is None:
+        borders = borders.between_patches(count)
+        renamed = borders.mutual_favourites(count)
+        if renamed is None:
             _, starts, inverse = np.unique(patches, return_index=True, return_inverse=True)
             return np.argsort(np.argsort(starts))[inverse]
-        patches = merged
+        patches = renamed[patches]
+        borders = _Borders(renamed[borders.low], renamed[borders.high], borders.odds, borders.bends)
 
 
-def _merge_mutual_favourites(
-    patches: IndexArray, first: IndexArray, second: IndexArray, odds: FloatArray, bends: FloatArray
-) -> IndexArray | None:
-    """Merge every two patches that are each other's likeliest partner; None if there are none."""
-    count = len(patches)
-    low = np.minimum(patches[first], patches[second])
-    high = np.maximum(patches[first], patches[second])
-    borders, border = np.unique((low * count + high)[low < high], return_inverse=True)
-    if not len(borders):
-        return None
-    least_bend = np.full(len(borders), np.inf)
-    np.minimum.at(least_bend, border, bends[low < high])
-    totals = _PRIOR - _PRIOR_SLOPE * least_bend
-    np.add.at(totals, border, odds[low < high])
-    a, b = borders // count, borders % count
-    best = np.zeros(count)
-    np.maximum.at(best, a, totals)
-    np.maximum.at(best, b, totals)
-    mutual = np.flatnonzero((totals > 0.0) & (totals == best[a]) & (totals == best[b]))
-    if not len(mutual):
-        return None
-    # Ties: a patch takes part in one merger a round, the one of lowest indices.
-    renamed = np.arange(count)
-    taken = np.zeros(count, dtype=bool)
-    for k in mutual:
-        if not taken[a[k]] and not taken[b[k]]:
-            taken[[a[k], b[k]]] = True
-            renamed[b[k]] = a[k]
-    return renamed[patches]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Borders:
+    """What separates patches: the evidence of the pairs across each border.
+
+    Parameters
+    ----------
+    low, high
+        Shape (B,), the two patches of each border.
+    odds
+        Shape (B,), log odds of its pairs, added up.
+    bends
+        Shape (B,) [rad], the least angle between normals of a pair.
+    """
+
+    low: IndexArray
+    high: IndexArray
+    odds: FloatArray
+    bends: FloatArray
+
+    def between_patches(self, count: int) -> _Borders:
+        """Return each border once, its evidence put together, without those within a patch."""
+        low, high = np.minimum(self.low, self.high), np.maximum(self.low, self.high)
+        apart = low < high
+        keys = (low * count + high)[apart]
+        if not len(keys):
+            return _Borders(keys, keys, np.empty(0), np.empty(0))
+        order = np.argsort(keys, kind="stable")
+        keys = keys[order]
+        starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+        return _Borders(
+            keys[starts] // count,
+            keys[starts] % count,
+            np.add.reduceat(self.odds[apart][order], starts),
+            np.minimum.reduceat(self.bends[apart][order], starts),
+        )
+
+    def mutual_favourites(self, count: int) -> IndexArray | None:
+        """Return new names of patches, shape (count,), that merge each other's likeliest partners.
+
+        None if no two patches should be merged.
+        """
+        totals = self.odds + _PRIOR - _PRIOR_SLOPE * self.bends
+        best = np.zeros(count)
+        np.maximum.at(best, self.low, totals)
+        np.maximum.at(best, self.high, totals)
+        mutual = (totals > 0.0) & (totals == best[self.low]) & (totals == best[self.high])
+        if not mutual.any():
+            return None
+        # Ties: a patch takes part in one merger a round, the one of lowest indices.
+        renamed = np.arange(count)
+        taken = np.zeros(count, dtype=bool)
+        for a, b in zip(self.low[mutual], self.high[mutual], strict=True):
+            if not taken[a] and not taken[b]:
+                taken[a] = taken[b] = True
+                renamed[b] = a
+        return renamed
