@@ -226,6 +226,22 @@ def test_a_handle_does_not_cut_the_head_it_stands_on() -> None:
     assert surface.evaluate([0.05, 0.0, 0.06]) > 0
 
 
+def test_contacts_on_the_very_edge_leave_it_where_it_is() -> None:
+    # A tip that meets an edge reports the normal of either side.
+    half = np.array([0.06, 0.045, 0.08])
+    along = np.linspace(-0.05, 0.05, 4)
+    on_edge = np.column_stack([np.full(4, half[0]), np.full(4, half[1]), along])
+    sides = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] * 2)
+    contacts = touched_box(half, 0.04).append(Contacts(on_edge, sides))
+    surface = PatchImplicitSurface.from_contacts(contacts)
+    edge = np.column_stack([np.tile(half[:2], (50, 1)), np.linspace(-0.07, 0.07, 50)])
+    np.testing.assert_allclose(surface.evaluate(edge), 0.0, atol=1e-6)
+    # Beyond the edge, level with one side, is outside.
+    beyond = edge + [0.0, 0.01, 0.0]
+    assert surface.evaluate(beyond).min() > 0.005
+    assert surface.evaluate(edge + [0.01, 0.0, 0.0]).min() > 0.005
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_told_is_noise_averaged(seed: int) -> None:
     rng = np.random.default_rng(seed)

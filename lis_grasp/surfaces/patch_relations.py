@@ -54,8 +54,10 @@ def meeting_contacts(
     to_line = np.maximum(np.abs(lowest), np.abs(highest)) / np.where(parallel, 1.0, sines)
     near = np.where(parallel, pairs.bends > 0.5 * np.pi, to_line < REACH * spacing)
     near &= (patches[pairs.first] != patches[pairs.second]) & (pairs.bends > _LEAST_EDGE)
-    convex = near & (highest < -_CLEAR * spacing)
-    concave = near & (lowest > _CLEAR * spacing)
+    # A contact on the very edge is level with the other plane: one of both must be clear of it.
+    clear = _CLEAR * spacing
+    convex = near & (lowest < -clear) & (highest < clear)
+    concave = near & (highest > clear) & (lowest > -clear)
     edge = np.flatnonzero(convex | concave)
     first, second, kind = pairs.first[edge], pairs.second[edge], np.where(convex[edge], -1, 1)
     return (
@@ -122,7 +124,7 @@ def _convex_cuts(
     cuts[first[kind < 0], patches[second[kind < 0]]] = True
     votes = np.zeros((values.shape[1], values.shape[1]))
     np.add.at(votes, (patches[first], patches[second]), -kind)
-    within = (values < -_CLEAR * spacing) & (values > -REACH * spacing)
+    within = (values < _CLEAR * spacing) & (values > -REACH * spacing)
     return cuts | ((votes > 0)[patches] & within)
 
 
