@@ -19,6 +19,7 @@ from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exploration import Probe
 from lis_grasp.shapes import Shape
+from lis_grasp.simulation.kinematic_probing import KinematicProber
 from lis_grasp.simulation.probing import DynamicProber
 
 _TILT = np.deg2rad(40.0)
@@ -42,13 +43,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--probes", type=int, default=150)
     parser.add_argument("--hand", default="allegro")
+    parser.add_argument("--prober", choices=["dynamic", "kinematic"], default="dynamic")
     arguments = parser.parse_args()
     hand = Hand.load(arguments.hand)
+    make = KinematicProber if arguments.prober == "kinematic" else DynamicProber
     print(f"{'object':16s} touched missed blocked  position [mm] mean  95 %   max", end="")
     print("  normal [deg] mean  95 %  probes/s")
     for name in shapes.NAMES:
         shape = shapes.build(name, size=shapes.PAPER_SIZE)
-        prober = DynamicProber(hand, shape.mesh)
+        prober = make(hand, shape.mesh)
         probes = random_probes(shape, arguments.probes, np.random.default_rng(0))
         start = time.perf_counter()
         outcomes = [prober.probe(probe) for probe in probes]

@@ -22,8 +22,11 @@ from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 
 if TYPE_CHECKING:
-    from lis_grasp.exploration import Exploration
+    from lis_grasp.exploration import Exploration, Prober
     from lis_grasp.simulation.lift import LiftOutcome
+
+PROBERS = ("dynamic", "kinematic")
+"""What can carry out touches."""
 
 # One independent random stream a stage, so that a stage run alone repeats what it did in a row.
 _TOUCH_STREAM, _GRASP_STREAM = 1, 2
@@ -45,6 +48,8 @@ class RunConfig:
         Name of a shipped hand, or path of a hand's YAML file.
     estimator
         Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`.
+    prober
+        "dynamic": the hand touches in Drake; "kinematic": by geometry alone, some times faster.
     touches
         Contacts to make before grasping.
     seed
@@ -62,6 +67,7 @@ class RunConfig:
     units: str = "m"
     hand: str = "allegro"
     estimator: str = "blend"
+    prober: str = "dynamic"
     touches: int = 40
     seed: int = 0
     mass: float = 0.2
@@ -69,10 +75,11 @@ class RunConfig:
     grasps: int = 10
 
     def __post_init__(self) -> None:
-        if self.estimator not in ESTIMATORS:
-            raise InvalidOptionError(
-                f"estimator must be one of {', '.join(ESTIMATORS)}; it is '{self.estimator}'"
-            )
+        for name, choices in (("estimator", tuple(ESTIMATORS)), ("prober", PROBERS)):
+            if getattr(self, name) not in choices:
+                raise InvalidOptionError(
+                    f"{name} must be one of {', '.join(choices)}; it is '{getattr(self, name)}'"
+                )
         for name in ("touches", "grasps"):
             if getattr(self, name) < 1:
                 raise InvalidOptionError(f"{name} must be at least 1; it is {getattr(self, name)}")
@@ -116,27 +123,37 @@ def touch(
     estimator: str,
     touches: int,
     seed: int,
+    prober: str = "dynamic",
     progress: Callable[[int, int], None] | None = None,
 ) -> Exploration:
-    """Explore the object by touch: the hand's fingertips in Drake, the paper's choice of targets.
+    """Explore the object by touch: the hand's fingertips, the paper's choice of targets.
 
     The object is held fixed. What the robot is told of it beforehand is where it is and how large:
     the centre of its bounding box and its largest extent; every contact is felt.
     """
     from lis_grasp.exploration import FrontierPolicy, explore
-    from lis_grasp.simulation.probing import DynamicProber
 
     policy = FrontierPolicy(
         step=STEP_FRACTION * shape.size, center=shape.mesh.bounds.mean(axis=0), size=shape.size
     )
     return explore(
-        DynamicProber(hand, shape.mesh),
+        _make_prober(prober, hand, shape),
         policy,
         ESTIMATORS[estimator],
         touches=touches,
         rng=np.random.default_rng([seed, _TOUCH_STREAM]),
         progress=progress,
     )
+
+
+def _make_prober(name: str, hand: Hand, shape: Shape) -> Prober:
+    if name == "kinematic":
+        from lis_grasp.simulation.kinematic_probing import KinematicProber
+
+        return KinematicProber(hand, shape.mesh)
+    from lis_grasp.simulation.probing import DynamicProber
+
+    return DynamicProber(hand, shape.mesh)
 
 
 def estimate(contacts: Contacts, estimator: str) -> tuple[ImplicitSurface, trimesh.Trimesh]:

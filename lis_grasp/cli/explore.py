@@ -18,6 +18,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_object(parser)
     opt.add_hand(parser)
     opt.add_estimator(parser)
+    opt.add_prober(parser)
     opt.add_touches(parser)
     opt.add_seed(parser)
     opt.add_output(parser, "results/<run>")
@@ -39,6 +40,7 @@ def execute(options: argparse.Namespace) -> None:
             estimator=config.estimator,
             touches=config.touches,
             seed=config.seed,
+            prober=config.prober,
             progress=stage.count,
         )
         stage.result = exploration.summary()
@@ -51,6 +53,6 @@ def execute(options: argparse.Namespace) -> None:
 
 def explored_header(config: pipeline.RunConfig, shape: pipeline.Shape) -> str:
     """Return the header of contacts: the configuration, and the height the object stands at."""
-    touched = ("object", "size", "units", "hand", "estimator", "touches", "seed")
+    touched = ("object", "size", "units", "hand", "estimator", "prober", "touches", "seed")
     facts = {name: value for name, value in config.facts().items() if name in touched}
     return provenance.describe(**facts, support_height=pipeline.support_height(shape))

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from lis_grasp.pipeline import RunConfig
+from lis_grasp.pipeline import PROBERS, RunConfig
 from lis_grasp.shapes import NAMES, UNITS, Shape, find
 from lis_grasp.surfaces import ESTIMATORS
 
@@ -46,6 +46,16 @@ def add_estimator(parser: argparse.ArgumentParser) -> None:
         "--estimator",
         choices=list(ESTIMATORS),
         help=f"surface estimator (default: {_DEFAULTS.estimator})",
+    )
+
+
+def add_prober(parser: argparse.ArgumentParser) -> None:
+    """Add the choice of what carries out touches."""
+    parser.add_argument(
+        "--prober",
+        choices=PROBERS,
+        help="touch in Drake's dynamics, or by geometry alone, some times faster (default:"
+        f" {_DEFAULTS.prober})",
     )
 
 

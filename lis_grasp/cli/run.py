@@ -28,6 +28,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_object(parser)
     opt.add_hand(parser)
     opt.add_estimator(parser)
+    opt.add_prober(parser)
     opt.add_touches(parser)
     opt.add_grasps(parser)
     opt.add_physics(parser)
@@ -54,6 +55,7 @@ def execute(options: argparse.Namespace) -> None:
             estimator=config.estimator,
             touches=config.touches,
             seed=config.seed,
+            prober=config.prober,
             progress=stage.count,
         )
         stage.result = exploration.summary()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import fcl
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +13,28 @@ from lis_grasp.grasping.hand import Hand, LinkGeometry
 from lis_grasp.winding import any_inside
 
 FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestLink:
+    """The link of a hand that is nearest to an object.
+
+    Parameters
+    ----------
+    link
+        Its name.
+    distance
+        Between it and the object [m], 0 or less where they touch.
+    point
+        Shape (3,) [m], in O: the object's nearest point.
+    face
+        The triangle of the object's mesh that the point is on.
+    """
+
+    link: str
+    distance: float
+    point: FloatArray
+    face: int
 
 
 class HandCollisionChecker:
@@ -46,6 +70,7 @@ class HandCollisionChecker:
         model.beginModel(len(mesh.vertices), len(mesh.faces))
         model.addSubModel(np.asarray(mesh.vertices), np.asarray(mesh.faces))
         model.endModel()
+        self._model = model
         self._object = fcl.CollisionObject(model, fcl.Transform())
         shapes = [_fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
@@ -88,6 +113,57 @@ class HandCollisionChecker:
         """Return whether any link touches the object or is inside it."""
         self._pose(X_OH, q)
         return self._touches_object(pads_may_touch=False)
+
+    def poses_in_hand(self, q: FloatArray) -> FloatArray:
+        """Return the poses X_HG of all bodies at joint positions q, shape (J,), for `place`."""
+        links = self._hand.forward_kinematics(np.eye(4), q)
+        return np.stack([links[g.link] @ g.X_LG for g in self._hand.link_geometries])
+
+    def place(self, X_OH: FloatArray, poses: FloatArray) -> bool:
+        """Put the hand somewhere, for `nearest`; tell whether it meets the object's surface there.
+
+        A hand wholly inside the object does not meet its surface.
+
+        Parameters
+        ----------
+        X_OH
+            Shape (4, 4), pose of the palm in O.
+        poses
+            Shape (G, 4, 4), as returned by `poses_in_hand`.
+        """
+        for body, X_OG in zip(self._bodies, X_OH @ poses, strict=True):
+            body.setTransform(fcl.Transform(X_OG[:3, :3], X_OG[:3, 3]))
+        self._manager.update()
+        data = fcl.CollisionData()
+        self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
+        return bool(data.result.is_collision)
+
+    def nearest(self, moved: FloatArray) -> NearestLink:
+        """Return which link is nearest to the object when the placed hand is moved, and where.
+
+        Parameters
+        ----------
+        moved
+            Shape (3,) [m], in O: by how much, from where `place` last put it.
+        """
+        self._object.setTranslation(-moved)  # the same, and one body to move
+        try:
+            data = fcl.DistanceData(request=fcl.DistanceRequest(enable_nearest_points=True))
+            self._manager.distance(self._object, data, fcl.defaultDistanceCallback)
+        finally:
+            self._object.setTranslation(np.zeros(3))
+        result = data.result
+        first = result.o1 is self._model
+        body = self._index[id(result.o2 if first else result.o1)]
+        face = int(result.b1 if first else result.b2)
+        if self._hand.link_geometries[body].kind == "sphere":
+            near = self._bodies[body].getTranslation()  # FCL's points of spheres are in odd frames
+        else:
+            near = np.asarray(result.nearest_points[0 if first else 1])
+        triangle = self._mesh.triangles[face][None]
+        point = trimesh.triangles.closest_point(triangle, (near + moved)[None])[0]
+        link = self._hand.link_geometries[body].link
+        return NearestLink(link, float(result.min_distance), point, face)
 
     def _pose(self, X_OH: FloatArray, q: FloatArray) -> list[FloatArray]:
         links = self._hand.forward_kinematics(X_OH, q)

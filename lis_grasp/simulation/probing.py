@@ -7,10 +7,16 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidHandError, InvalidMeshError
+from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.grasping.hand import Hand, ProbePosture
 from lis_grasp.simulation.patches import Patch
+from lis_grasp.simulation.probe_motion import (
+    free_points,
+    hand_at_start,
+    object_at_start,
+    probe_postures,
+)
 from lis_grasp.simulation.probing_scene import ProbingScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -18,9 +24,6 @@ FloatArray = npt.NDArray[np.float64]
 # 0.2 mm a step of 2 ms: with the skin's stiffness, a touch passes the threshold by 1 N at the most.
 _SPEED = 0.1  # [m/s]
 _FORCE_THRESHOLD = 0.2  # [N]
-# Rolls about the direction of motion that are tried to find a start that is free of the object.
-_ROLLS = 8
-_FREE_POINT_SPACING = 0.01  # [m]
 # Free flight is skipped by strides of this length; dynamics take over a stride before contact, and
 # no link of a hand is so thin that it could pass through a wall in one.
 _STRIDE = 0.002  # [m]
@@ -62,16 +65,10 @@ class DynamicProber:
     """
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh, *, finger: str | None = None) -> None:
-        postures = hand.probe_postures
-        if not postures or finger not in (None, *postures):
-            raise InvalidHandError(
-                f"touching needs a probe posture; hand '{hand.name}' has"
-                f" {', '.join(postures) or 'none'}: add {finger or 'one'} to its YAML"
-            )
+        self._postures = probe_postures(hand, finger)
         if not mesh.is_watertight:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
         self._hand = hand
-        self._postures = tuple(postures.values()) if finger is None else (postures[finger],)
         self._scene = ProbingScene(hand, mesh)
         self._clock = 0.0
 
@@ -89,22 +86,18 @@ class DynamicProber:
         patches, travelled = self._advance(probe.standoff + probe.overshoot)
         duration = travelled / _SPEED
         self._clock += duration
-        # The centre of the leading sphere is a radius behind its leading point.
-        steps = np.arange(0.0, travelled, _FREE_POINT_SPACING)[:, None]  # (K, 1)
-        free_points = probe.start + (steps - posture.radius) * probe.direction
+        passed = free_points(probe, posture, travelled)
         if not patches:
-            return ProbeOutcome(probe, "missed", free_points=free_points, duration=duration)
-        contacts = self._contacts(patches, free_points)
-        return ProbeOutcome(probe, "touched", contacts, free_points, duration)
+            return ProbeOutcome(probe, "missed", free_points=passed, duration=duration)
+        contacts = self._contacts(patches, passed)
+        return ProbeOutcome(probe, "touched", contacts, passed, duration)
 
     def _find_free_start(self, probe: Probe) -> ProbePosture | None:
         """Put hand and object at the start of the motion; None if no finger and roll are free."""
         for posture in self._postures:
-            X_WB = _start_of(self._hand, posture)
-            for k in range(_ROLLS):
-                X_WO = np.eye(4)
-                X_WO[:3, :3] = _roll(2.0 * np.pi * k / _ROLLS) @ _rotation_to_x(probe.direction)
-                X_WO[:3, 3] = -X_WO[:3, :3] @ probe.start
+            palm_to_base = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
+            X_WB = hand_at_start(self._hand, posture) @ palm_to_base[self._hand.base_link]
+            for k, X_WO in enumerate(object_at_start(probe)):
                 self._scene.place(posture.joint_positions, X_WB, X_WO)
                 if self._scene.is_free():
                     return posture
@@ -132,7 +125,7 @@ class DynamicProber:
                 return felt, start + n * step
         return [], length
 
-    def _contacts(self, patches: list[Patch], free_points: FloatArray) -> Contacts:
+    def _contacts(self, patches: list[Patch], passed: FloatArray) -> Contacts:
         X_WO = self._scene.X_WO
         R_WO, p_WO = X_WO[:3, :3], X_WO[:3, 3]
         return Contacts(
@@ -141,31 +134,5 @@ class DynamicProber:
             forces=np.array([patch.force for patch in patches]),
             fingers=tuple(patch.link for patch in patches),
             times=np.full(len(patches), self._clock),
-            free_points=free_points,
+            free_points=passed,
         )
-
-
-def _start_of(hand: Hand, posture: ProbePosture) -> FloatArray:
-    """Return the base link's pose X_WB (4, 4): leading point at W's origin, leading to +x."""
-    poses = hand.forward_kinematics(np.eye(4), posture.joint_positions)  # X_HL
-    X_HL = poses[posture.link]
-    center = X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3]
-    X_WH = np.eye(4)
-    X_WH[:3, :3] = _rotation_to_x(posture.direction_H)
-    X_WH[:3, 3] = -X_WH[:3, :3] @ (center + posture.radius * posture.direction_H)
-    X_WB: FloatArray = X_WH @ poses[hand.base_link]
-    return X_WB
-
-
-def _rotation_to_x(direction: FloatArray) -> FloatArray:
-    """Return a rotation, shape (3, 3), that takes the unit `direction` to +x."""
-    helper = np.eye(3)[np.argmin(np.abs(direction))]
-    y = np.cross(direction, helper)
-    y /= np.linalg.norm(y)
-    return np.vstack([direction, y, np.cross(direction, y)])
-
-
-def _roll(angle: float) -> FloatArray:
-    """Return the rotation about +x by `angle` [rad], shape (3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
