@@ -9,7 +9,7 @@ from lis_grasp import epsilon_quality, is_force_closure
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.grasping.contact_model import cone_edges, contact_wrenches
 from lis_grasp.grasping.grip import balanced_grip
-from lis_grasp.grasping.quality import min_weight
+from lis_grasp.grasping.quality import min_weight, resisted_force
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 
@@ -252,3 +252,45 @@ def test_options_out_of_range_are_refused() -> None:
         epsilon_quality(AXES, AXES, friction=0.5, model="sticky")  # type: ignore[arg-type]
     with pytest.raises(InvalidOptionError, match="edges"):
         epsilon_quality(AXES, AXES, friction=0.5, edges=2)
+
+
+def test_two_fingers_carry_their_friction_and_only_straight_above_the_weight() -> None:
+    # Half of the squeeze at either side, each pulls up by mu times it. A cone's edge points up.
+    points, normals = np.array([[1.0, 0, 0], [-1.0, 0, 0]]), np.array([[1.0, 0, 0], [-1.0, 0, 0]])
+    up = (0.0, 0.0, 1.0)
+    centered = resisted_force(points, normals, up, friction=0.5, origin=np.zeros(3), edges=4)
+    assert centered == pytest.approx(0.5)
+    # Off the line through both, nothing stops the turn about it but torsion: mu lever / offset.
+    beside = np.array([0.0, 0.2, 0.0])
+    assert resisted_force(points, normals, up, friction=0.5, origin=beside) == pytest.approx(0.0)
+    soft = resisted_force(
+        points,
+        normals,
+        up,
+        friction=0.5,
+        origin=beside,
+        model="soft_finger",
+        torsion=0.02,
+    )
+    assert 0.0 < soft <= 0.02 / 0.2 + 1e-9
+
+
+def test_three_fingers_below_carry_all_that_they_press() -> None:
+    points = _ring(3) - [0.0, 0.0, 0.3]
+    below = np.tile([0.0, 0.0, -1.0], (3, 1))
+    up = (0.0, 0.0, 1.0)
+    assert resisted_force(points, below, up, friction=0.0, origin=np.zeros(3)) == pytest.approx(1.0)
+    outside = np.array([2.0, 0.0, 0.0])
+    assert resisted_force(points, below, up, friction=0.0, origin=outside) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_force_in_any_direction_is_at_least_epsilon(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, normals = _random_grasp(rng, 5)
+    center = points.mean(axis=0)
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    epsilon = epsilon_quality(points, normals, friction=0.6)
+    force = resisted_force(points, normals, direction, friction=0.6, origin=center)
+    assert force >= epsilon - 1e-9

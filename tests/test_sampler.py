@@ -95,10 +95,12 @@ def test_planned_forces_squeeze_in_balance(box_search: GraspSearch) -> None:
 
 
 def test_grasps_are_ranked_by_their_robust_quality(box_search: GraspSearch) -> None:
-    values = [grasp.quality["epsilon_robust"] for grasp in box_search.grasps]
+    qualities = [grasp.quality for grasp in box_search.grasps]
+    values = [quality["epsilon_robust"] * quality["weight_robust"] for quality in qualities]
     assert values == sorted(values, reverse=True)
-    for grasp in box_search.grasps:
-        assert grasp.quality["epsilon"] >= grasp.quality["epsilon_robust"]
+    for quality in qualities:
+        assert quality["epsilon"] >= quality["epsilon_robust"]
+        assert quality["weight"] >= quality["weight_robust"] > 0.0
 
 
 def test_every_candidate_is_accounted_for(box_search: GraspSearch) -> None:

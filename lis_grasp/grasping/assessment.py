@@ -8,7 +8,7 @@ import trimesh
 
 from lis_grasp.grasping.contact_model import ContactModel
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.grasping.quality import epsilon_quality, is_force_closure
+from lis_grasp.grasping.quality import epsilon_quality, is_force_closure, resisted_force
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -51,6 +51,26 @@ def epsilon_on(
         friction=friction,
         origin=center,
         length_scale=float(np.linalg.norm(mesh.vertices - center, axis=1).max()),
+        model=model,
+        torsion=torsion,
+    )
+
+
+def weight_on(
+    mesh: trimesh.Trimesh, hand: Hand, points: FloatArray, normals: FloatArray, *, friction: float
+) -> float:
+    """Return the weight [N] that contacts can carry for each newton of their normal forces.
+
+    Gravity pulls along -z of O at the centre of mass at uniform density; arguments and contact
+    model are those of `epsilon_on`.
+    """
+    model, torsion = _contact_model(hand, friction)
+    return resisted_force(
+        points,
+        normals,
+        (0.0, 0.0, 1.0),
+        friction=friction,
+        origin=np.asarray(mesh.center_mass),
         model=model,
         torsion=torsion,
     )

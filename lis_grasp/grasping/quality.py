@@ -146,6 +146,48 @@ def min_weight(
     return float(count * solution.x[-1]) if solution.status == 0 else 0.0
 
 
+def resisted_force(
+    points: npt.ArrayLike,
+    normals: npt.ArrayLike,
+    direction: npt.ArrayLike,
+    *,
+    friction: float,
+    origin: npt.ArrayLike,
+    model: ContactModel = "coulomb",
+    torsion: float = 0.0,
+    edges: int = CONE_EDGES,
+) -> float:
+    """Return the force through a point that contacts can put up, per unit of their normal forces.
+
+    How far the grasp wrench space reaches along one wrench: the linear programme
+    ``max s : W a = s (d, 0), a >= 0, sum a = 1``. With the direction upwards and the origin at the
+    centre of mass, the weight that a grasp can carry in newtons for each newton that it squeezes: a
+    task wrench (Borst, Fischer and Hirzinger 2004), where epsilon asks for all at once.
+
+    Parameters
+    ----------
+    points, normals, friction, model, torsion, edges
+        As in `epsilon_quality`.
+    direction
+        Shape (3,), unit: of the force on the object.
+    origin
+        Shape (3,) [m]: a point that the force passes through.
+    """
+    W = _primitive_wrenches(
+        points, normals, friction, origin, None, model, torsion, edges
+    )  # (K, 6)
+    task = np.concatenate([np.asarray(direction, dtype=np.float64), np.zeros(3)])
+    solution = linprog(
+        c=np.append(np.zeros(len(W)), -1.0),
+        A_eq=np.vstack([np.column_stack([W.T, -task]), np.append(np.ones(len(W)), 0.0)]),
+        b_eq=np.append(np.zeros(6), 1.0),
+        bounds=(0.0, None),
+        method="highs",
+    )
+    # Infeasible: no squeeze at all is without a wrench of its own.
+    return float(solution.x[-1]) if solution.status == 0 else 0.0
+
+
 def _spans(wrenches: FloatArray) -> bool:
     """Return whether wrenches (K, 6) span all six dimensions, and about zero so does their hull."""
     flatness = _FLAT * np.sqrt(len(wrenches))

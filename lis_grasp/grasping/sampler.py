@@ -10,7 +10,7 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
-from lis_grasp.grasping.assessment import closes, epsilon_on
+from lis_grasp.grasping.assessment import closes, epsilon_on, weight_on
 from lis_grasp.grasping.collision import HandCollisionChecker
 from lis_grasp.grasping.contact_search import (
     ContactSets,
@@ -41,8 +41,9 @@ class ForceClosureSampler:
 
     Contact sets are drawn where the surface is flat enough for a pad and supported by touches; the
     palm's pose and the joints follow by inverse kinematics; FCL judges every link at the grasp, at
-    the opened posture, and along the approach; what is left is ranked by epsilon at half the
-    friction, about the mesh's centroid.
+    the opened posture, and along the approach; what is left is ranked by epsilon times the weight
+    that the grasp carries, both at half the friction: wrenches from anywhere, and the one that is
+    sure to come.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ class ForceClosureSampler:
                 rejected["no_force_closure"] += 1
                 continue
             grasps.append(grasp)
-        grasps.sort(key=lambda grasp: -grasp.quality["epsilon_robust"])
+        grasps.sort(key=_rank)
         if len(grasps) > count:
             rejected["outranked"] = len(grasps) - count
         counts = {reason: n for reason, n in sorted(rejected.items()) if n}
@@ -180,10 +181,13 @@ class ForceClosureSampler:
         points, normals = sets.points[b][used], sets.normals[b][used]
         if not closes(hand, points, normals, friction=self.friction):
             return None
-        epsilon, robust = (
-            epsilon_on(mesh, hand, points, normals, friction=share * self.friction)
-            for share in (1.0, _ROBUST_SHARE)
-        )
+        quality = {"pad_error": float(postures.position_error[b])}
+        for suffix, share in (("", 1.0), ("_robust", _ROBUST_SHARE)):
+            friction = share * self.friction
+            quality |= {
+                f"epsilon{suffix}": epsilon_on(mesh, hand, points, normals, friction=friction),
+                f"weight{suffix}": weight_on(mesh, hand, points, normals, friction=friction),
+            }
         forces = balanced_grip(
             points, normals, friction=self.friction, total=2.0 * hand.max_contact_force
         )
@@ -199,10 +203,15 @@ class ForceClosureSampler:
             contact_normals=normals,
             contact_fingers=tuple(f for f, on in zip(hand.fingers, used, strict=True) if on),
             contact_forces=forces,
-            quality={
-                "epsilon": epsilon,
-                "epsilon_robust": robust,
-                "pad_error": float(postures.position_error[b]),
-            },
+            quality=quality,
             accepted=f"force closure at friction {self.friction:g}, reached, free of collision",
         )
+
+
+def _rank(grasp: Grasp) -> float:
+    """Return what grasps are sorted by, the best first.
+
+    Epsilon alone prefers long levers between fingers, and lets an object turn under its own weight
+    about the line through them.
+    """
+    return -grasp.quality["epsilon_robust"] * grasp.quality["weight_robust"]
