@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.contact_merging import spacing_of
+from lis_grasp.surfaces.gaussian_process_regression import ROWS, GradientRegression
+from lis_grasp.surfaces.gaussian_process_selection import (
+    DEFAULT_LENGTHS,
+    LENGTH_FACTORS,
+    Criterion,
+    choose_length,
+    fit_with_noise,
+)
 from lis_grasp.surfaces.kernels import (
     KernelName,
     Matern52,
@@ -30,12 +36,11 @@ from lis_grasp.surfaces.queries import (
 
 FloatArray = npt.NDArray[np.float64]
 
-# Length of the RBF and Matern kernels, in units of the largest distance between two contacts.
-_LENGTH = 0.4
-
-# Length of the thin plate, in diagonals of the bounds. With gradient blocks its matrix is positive
-# definite only if the length exceeds the largest distance by about a third.
-_THIN_PLATE_LENGTH = 1.5
+_KERNELS: dict[KernelName, type[SquaredExponential] | type[Matern52] | type[ThinPlate]] = {
+    "rbf": SquaredExponential,
+    "matern52": Matern52,
+    "thin_plate": ThinPlate,
+}
 
 # Below this the gradient says nothing about where the surface is.
 _MIN_SLOPE = 0.1
@@ -73,9 +78,9 @@ class GaussianProcessImplicitSurface:
     mean
         Prior mean, scaled.
     amplitude
-        Factor of the prior standard deviation that makes the contacts most likely, see `variance`.
-    bounds
-        Shape (2, 3) [m].
+        Standard deviation of the prior, scaled, see `variance`.
+    margin
+        By how much bounds exceed the contacts' box [m].
     """
 
     points: FloatArray
@@ -85,21 +90,19 @@ class GaussianProcessImplicitSurface:
     scale: float
     mean: float
     amplitude: float
-    bounds: FloatArray
-    _nodes: FloatArray  # (N, 3) contacts, scaled
-    _value_weights: FloatArray  # (N,) part of (K + noise)^-1 (targets - mean) that meets values
-    _gradient_weights: FloatArray  # (N, 3) and the part that meets gradients
-    _cholesky: FloatArray  # (4N, 4N) lower
+    margin: float
+    _process: GradientRegression
 
     @classmethod
     def from_contacts(
         cls,
         contacts: Contacts,
         *,
-        kernel: KernelName = "rbf",
-        length: float | None = None,
-        position_noise: float | None = None,
-        normal_noise: float = 0.1,
+        kernel: KernelName = "matern52",
+        length: float | Criterion | None = None,
+        position_noise: float = 0.0,
+        normal_noise: float = 0.0,
+        misfit: tuple[float, float] = (0.001, 0.1),
         prior_mean: float | None = None,
         margin: float | None = None,
     ) -> GaussianProcessImplicitSurface:
@@ -112,17 +115,20 @@ class GaussianProcessImplicitSurface:
         contacts
             Where the object was touched.
         kernel
-            "rbf" (eq. 6), "matern52" or "thin_plate" (eq. 2, mended).
+            "matern52", "rbf" (eq. 6) or "thin_plate" (eq. 2, mended).
         length
-            Of the kernel [m]; None takes 0.4 of the largest distance
-            between two contacts, and for the thin plate 1.5
-            diagonals of the bounds (its length is above the largest distance that may occur).
+            Of the kernel [m]. None takes 0.8 (Matern) or 0.4 (RBF) of the largest distance between
+            two contacts, or for the thin plate 1.5 diagonals of the bounds (its length is above
+            the largest distance that may occur). "likelihood" and "leave_one_out" choose it by
+            these contacts, see `choose_length`.
         position_noise
-            One standard deviation of contacts along their normals [m]; None takes 0.001 of
-            the largest distance between two contacts.
+            One standard deviation of the sensor's positions along the normals [m].
         normal_noise
-            One standard deviation of each component of the normals [rad]. Far less than the
-            default makes spurious sheets between contacts.
+            One standard deviation of each component of the sensor's normals [rad].
+        misfit
+            Noise of positions and of normals added to the sensor's for what no smooth f can
+            follow, in units of the prior's standard deviation (scaled, and so in radians for the
+            normals). Far less than the default makes spurious sheets between contacts.
         prior_mean
             f where nothing is known [m], above 0; None takes the largest distance
             between two contacts.
@@ -143,59 +149,97 @@ class GaussianProcessImplicitSurface:
         spacing = spacing_of(contacts)
         scale = float(pdist(contacts.points).max(initial=0.0)) or spacing
         margin = spacing if margin is None else require_range("margin", margin, 0.0, unit="m")
-        bounds = contacts.bounds + margin * np.array([[-1.0], [1.0]])
-        if length is None:
-            diagonal = float(np.linalg.norm(bounds[1] - bounds[0]))
-            length = _THIN_PLATE_LENGTH * diagonal if kernel == "thin_plate" else _LENGTH * scale
-        require_range("length", length, 0.0, unit="m", low_included=False)
-        position_noise = 1e-3 * scale if position_noise is None else position_noise
         require_range("position_noise", position_noise, 0.0, unit="m")
         require_range("normal_noise", normal_noise, 0.0, unit="rad")
+        for part in misfit:
+            require_range("misfit", part, 0.0)
         prior_mean = scale if prior_mean is None else prior_mean
         require_range("prior_mean", prior_mean, 0.0, unit="m", low_included=False)
 
         center = contacts.bounds.mean(axis=0)
-        nodes = (contacts.points - center) / scale
-        covariance = _radial_kernel(kernel, length / scale)
-        cholesky = _factorize(covariance, nodes, position_noise / scale, normal_noise)
-        residuals = np.concatenate(
-            [np.full(len(nodes), -prior_mean / scale), contacts.normals.T.reshape(-1)]
-        )
-        weights = cho_solve((cholesky, True), residuals)
+        nodes, targets = _scaled(contacts, center, scale, prior_mean / scale)
+
+        def fit(scaled_length: float) -> GradientRegression:
+            return fit_with_noise(
+                _KERNELS[kernel](scaled_length),
+                nodes,
+                targets,
+                sensor_noise=_variances(position_noise / scale, normal_noise),
+                misfit=_variances(*misfit),
+            )
+
+        if length is None or isinstance(length, str):
+            sides = np.ptp(contacts.points, axis=0) + 2.0 * margin
+            unit = np.linalg.norm(sides) / scale if kernel == "thin_plate" else 1.0
+            scaled_length = float(DEFAULT_LENGTHS[kernel] * unit)
+            if isinstance(length, str):
+                require_choice("length", length, get_args(Criterion))
+                scaled_length = choose_length(fit, length, scaled_length, LENGTH_FACTORS[kernel])
+        else:
+            require_range("length", length, 0.0, unit="m", low_included=False)
+            scaled_length = length / scale
+        process = fit(scaled_length)
         return cls(
             points=contacts.points,
             normals=contacts.normals,
-            kernel=covariance,
+            kernel=process.kernel,
             center=center,
             scale=scale,
             mean=prior_mean / scale,
-            amplitude=float(np.sqrt(residuals @ weights / len(residuals))),
-            bounds=bounds,
-            _nodes=nodes,
-            _value_weights=weights[: len(nodes)],
-            _gradient_weights=weights[len(nodes) :].reshape(3, -1).T,
-            _cholesky=cholesky,
+            amplitude=process.leave_one_out_amplitude(),
+            margin=margin,
+            _process=process,
         )
+
+    def with_contacts(self, new: Contacts) -> GaussianProcessImplicitSurface:
+        """Return the estimate from the new contacts too, with all options as they were chosen.
+
+        Kernel, noise, prior mean, amplitude and scaled coordinates stay; time grows with the square
+        of the number of contacts, for each new one. When the object has turned out to be far larger
+        than what was touched at first, estimate anew.
+
+        Raises
+        ------
+        EstimationError
+            If the equations become singular: a new contact at the place of another, without
+            misfit, or farther from the others than a thin plate's length allows.
+        """
+        process = self._process.extended(*_scaled(new, self.center, self.scale, self.mean))
+        return replace(
+            self,
+            points=np.vstack([self.points, new.points]),
+            normals=np.vstack([self.normals, new.normals]),
+            _process=process,
+        )
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Lowest and highest corner of the box in which the estimate is meant, shape (2, 3) [m]."""
+        corners = np.array([self.points.min(axis=0), self.points.max(axis=0)])
+        return corners + self.margin * np.array([[-1.0], [1.0]])
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return the posterior mean of f at points of shape (..., 3) [m], shape (...) [m]."""
         rows, shape = flat_points(points)
         scaled = (rows - self.center) / self.scale
-        values = map_rows(self._mean_at, scaled, max(1, _CHUNK // len(self._nodes)))
-        return self.scale * values.reshape(shape)
+        values = map_rows(self._process.mean, scaled, max(1, _CHUNK // len(self.points)))
+        return self.scale * (self.mean + values).reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
         rows, shape = flat_points(points)
         scaled = (rows - self.center) / self.scale
-        gradients = map_rows(self._gradient_at, scaled, max(1, _CHUNK // len(self._nodes)))
+        count = max(1, _CHUNK // len(self.points))
+        gradients = map_rows(self._process.mean_gradient, scaled, count)
         return gradients.reshape(*shape, 3)
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
         The posterior standard deviation of f over the length of its gradient: to first order, how
-        far the zero moves. Capped by the diagonal of the bounds.
+        far the zero moves. Capped by the diagonal of the bounds. Over the objects of
+        `shapes` as a whole the truth lies within one deviation about as often as it should, on
+        the middle of faces more often, beside edges, which no smooth f can follow, less.
         """
         rows, shape = flat_points(points)
         deviation = np.sqrt(self.variance(rows))
@@ -203,97 +247,52 @@ class GaussianProcessImplicitSurface:
         limit = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
         return np.minimum(deviation / slope, limit).reshape(shape)
 
+    def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
+        """Return what all other contacts foretell at each contact: f (N,) [m], gradient (N, 3).
+
+        That of the process refitted without the contact, with all else as it is: kernel, noise,
+        prior mean, center and scale (closed form, see `GradientRegression.leave_one_out`).
+        """
+        means, _ = self._process.leave_one_out()
+        return self.scale * (self.mean + means[:, 0]), means[:, 1:]
+
+    def log_marginal_likelihood(self) -> float:
+        """Return the logarithm of how likely the contacts are (in scaled units).
+
+        Rasmussen and Williams 2006, eq. 5.8, at the amplitude that maximises it. Comparable between
+        options with the same contacts.
+        """
+        return self._process.log_marginal_likelihood()
+
+    def leave_one_out_log_density(self) -> float:
+        """Return the sum of the log densities of each contact, foretold by all others.
+
+        Rasmussen and Williams 2006, eq. 5.11, in scaled units, at the amplitude that maximises it.
+        Comparable between options with the same contacts.
+        """
+        return self._process.leave_one_out_log_density()
+
     def variance(self, points: npt.ArrayLike) -> FloatArray:
         """Return the posterior variance of f, shape (...) [m^2].
 
         k(x, x) - k_*^T (K + noise)^-1 k_* (Rasmussen and Williams 2006, eq. 2.26), times the
-        amplitude that makes the contacts most likely, residuals^T (K + noise)^-1 residuals / 4N
-        (their eq. 5.8 solved for a common factor), which the mean does not depend on.
+        amplitude's square: that of the prior, chosen so that contacts are as far from what all
+        others foretell as they should be (`GradientRegression.leave_one_out_amplitude`).
         """
         rows, shape = flat_points(points)
         scaled = (rows - self.center) / self.scale
-        variances = map_rows(self._variance_at, scaled, max(1, _CHUNK // len(self._cholesky)))
+        count = max(1, _CHUNK // (ROWS * len(self.points)))
+        variances = map_rows(self._process.variance, scaled, count)
         return (self.amplitude * self.scale) ** 2 * variances.reshape(shape)
 
-    def _mean_at(self, queries: FloatArray) -> FloatArray:
-        r = _distances(queries, self._nodes)  # (P, N)
-        slopes = queries @ self._gradient_weights.T  # (P, N): d . gamma
-        slopes -= np.einsum("nk,nk->n", self._nodes, self._gradient_weights)
-        values = self.kernel.value(r) @ self._value_weights
-        return self.mean + values + np.einsum("pn,pn->p", self.kernel.first(r), slopes)
 
-    def _gradient_at(self, queries: FloatArray) -> FloatArray:
-        # A sum over contacts of factors times d = x - x_i is x sum(factors) - factors @ x_i.
-        r = _distances(queries, self._nodes)
-        slopes = queries @ self._gradient_weights.T
-        slopes -= np.einsum("nk,nk->n", self._nodes, self._gradient_weights)
-        first = self.kernel.first(r)
-        factors = first * self._value_weights + self.kernel.second(r) * slopes  # (P, N)
-        pulls = queries * factors.sum(axis=1)[:, None] - factors @ self._nodes
-        return first @ self._gradient_weights - pulls
-
-    def _variance_at(self, queries: FloatArray) -> FloatArray:
-        cross = _cross_covariance(self.kernel, queries, self._nodes)  # (P, 4N)
-        solved = solve_triangular(self._cholesky, cross.T, lower=True)
-        prior = self.kernel.value(np.zeros(1))[0]
-        return np.clip(prior - np.einsum("np,np->p", solved, solved), 0.0, prior)
+def _scaled(
+    contacts: Contacts, center: FloatArray, scale: float, mean: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return contacts in scaled coordinates, (N, 3), and what is told there: f - mean, grad f."""
+    values = np.full((len(contacts), 1), -mean)
+    return (contacts.points - center) / scale, np.hstack([values, contacts.normals])
 
 
-def _radial_kernel(name: KernelName, length: float) -> RadialKernel:
-    kinds: dict[str, type[SquaredExponential] | type[Matern52] | type[ThinPlate]] = {
-        "rbf": SquaredExponential,
-        "matern52": Matern52,
-        "thin_plate": ThinPlate,
-    }
-    return kinds[name](length)
-
-
-def _distances(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return distances between rows, shape (P, N)."""
-    squares = np.sum(first**2, axis=1)[:, None] + np.sum(second**2, axis=1) - 2.0 * first @ second.T
-    return np.sqrt(np.maximum(squares, 0.0))
-
-
-def _cross_covariance(kernel: RadialKernel, queries: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Return the covariance of f at queries with all values, then all x, y, z slopes: (P, 4N)."""
-    r = _distances(queries, nodes)
-    first = kernel.first(r)
-    blocks = [kernel.value(r)]
-    blocks += [first * (queries[:, k, None] - nodes[:, k]) for k in range(3)]
-    return np.concatenate(blocks, axis=1)
-
-
-def _covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
-    """Return the covariance of all values, then all x, y, z slopes, with each other: (4N, 4N)."""
-    count = len(nodes)
-    offsets = nodes[:, None, :] - nodes  # (N, N, 3)
-    r = np.linalg.norm(offsets, axis=2)
-    value, first, second = kernel.value(r), kernel.first(r), kernel.second(r)
-    matrix = np.empty((4 * count, 4 * count))
-    blocks = matrix.reshape(4, count, 4, count)
-    blocks[0, :, 0, :] = value
-    for a in range(3):
-        blocks[0, :, a + 1, :] = first * offsets[:, :, a]
-        blocks[a + 1, :, 0, :] = -first * offsets[:, :, a]
-        for b in range(3):
-            blocks[a + 1, :, b + 1, :] = (a == b) * first - second * offsets[:, :, a] * offsets[
-                :, :, b
-            ]
-    return matrix
-
-
-def _factorize(
-    kernel: RadialKernel, nodes: FloatArray, value_noise: float, gradient_noise: float
-) -> FloatArray:
-    """Return the lower Cholesky factor of K + noise, with noise on every diagonal entry."""
-    matrix = _covariance(kernel, nodes)
-    noise = np.repeat([value_noise**2, gradient_noise**2], [len(nodes), 3 * len(nodes)])
-    matrix[np.diag_indices_from(matrix)] += noise
-    try:
-        factor, _ = cho_factor(matrix, lower=True, overwrite_a=True)
-    except LinAlgError as error:
-        raise EstimationError(
-            f"the Gaussian process' equations are singular ({error}): raise position_noise or"
-            " normal_noise, or remove contacts at the same place"
-        ) from None
-    return np.tril(factor)
+def _variances(value_deviation: float, gradient_deviation: float) -> FloatArray:
+    return np.array([value_deviation, *[gradient_deviation] * 3]) ** 2
