@@ -120,10 +120,11 @@ class BlendedImplicitSurface:
         mean = KernelMean.of(merged.points, _SIGMA * spacing)
         if not _LEAST_CONTACTS <= len(merged) <= _MOST_CONTACTS:
             return cls(sharp(merged), None, np.zeros(len(merged)), mean)
-        floor = _ERROR_FLOOR * spacing
-        log_ratios = np.log(cross_validation_errors(smooth, merged, spacing) + floor)
-        log_ratios -= np.log(cross_validation_errors(sharp, merged, spacing) + floor)
-        return cls(sharp(merged), smooth(merged), log_ratios, mean)
+        folds = _folds(merged)
+        whole = smooth(merged)
+        foretold = _foretell_folds(sharp, merged, folds), whole.leave_groups_out(folds)
+        of_sharp, of_smooth = (_log_errors(*f, merged, spacing) for f in foretold)
+        return cls(sharp(merged), whole, of_smooth - of_sharp, mean)
 
     @property
     def bounds(self) -> FloatArray:
@@ -200,24 +201,40 @@ class BlendedImplicitSurface:
         return weights, (6.0 * t * (1.0 - t) / np.log(_WORSE))[:, None] * slopes
 
 
-def cross_validation_errors(estimate: Estimator, contacts: Contacts, spacing: float) -> FloatArray:
-    """Return how badly each contact is foretold from others, shape (N,) [m].
+def _folds(contacts: Contacts) -> IndexArray:
+    """Return which contacts are left out together, shape (N,): every fourth, from the centroid out.
 
-    Its distance from the surface, at most one spacing, plus a quarter spacing times the length by
-    which the unit normals differ. Every fourth contact is left out at a time, in order of distance
-    from the centroid: which are left out together does not depend on order or frame.
+    In order of distance from the centroid the choice depends on neither order nor frame.
     """
     remoteness = np.linalg.norm(contacts.points - contacts.points.mean(axis=0), axis=1)
     rank = np.empty(len(contacts), dtype=np.intp)
     rank[np.argsort(remoteness, kind="stable")] = np.arange(len(contacts))
-    errors = np.empty(len(contacts))
+    return rank % _FOLDS
+
+
+def _foretell_folds(
+    estimate: Estimator, contacts: Contacts, folds: IndexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return f, shape (N,), and gradient, (N, 3), at contacts, estimated without their fold."""
+    values, gradients = np.empty(len(contacts)), np.empty((len(contacts), 3))
     for fold in range(_FOLDS):
-        left_out = rank % _FOLDS == fold
+        left_out = folds == fold
         surface = estimate(contacts.subset(~left_out))
-        points, normals = contacts.points[left_out], contacts.normals[left_out]
-        gradients = surface.gradient(points)
-        slopes = np.linalg.norm(gradients, axis=1)
-        distances = np.abs(surface.evaluate(points)) / np.maximum(slopes, 0.3)
-        tilts = np.linalg.norm(gradients / np.maximum(slopes, 1e-9)[:, None] - normals, axis=1)
-        errors[left_out] = np.minimum(distances, spacing) + _NORMAL_ERROR * spacing * tilts
-    return errors
+        values[left_out] = surface.evaluate(contacts.points[left_out])
+        gradients[left_out] = surface.gradient(contacts.points[left_out])
+    return values, gradients
+
+
+def _log_errors(
+    values: FloatArray, gradients: FloatArray, contacts: Contacts, spacing: float
+) -> FloatArray:
+    """Return the logarithm of how badly each contact was foretold, shape (N,), in spacings.
+
+    The contact's distance from the surface, at most one spacing, plus a quarter spacing times the
+    length by which the unit normals differ.
+    """
+    slopes = np.linalg.norm(gradients, axis=1)
+    distances = np.abs(values) / np.maximum(slopes, 0.3) / spacing
+    units = gradients / np.maximum(slopes, 1e-9)[:, None]
+    tilts = np.linalg.norm(units - contacts.normals, axis=1)
+    return np.log(np.minimum(distances, 1.0) + _NORMAL_ERROR * tilts + _ERROR_FLOOR)

@@ -256,6 +256,14 @@ class GaussianProcessImplicitSurface:
         means, _ = self._process.leave_one_out()
         return self.scale * (self.mean + means[:, 0]), means[:, 1:]
 
+    def leave_groups_out(self, groups: npt.NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return what all other groups foretell at each contact: f (N,) [m], gradient (N, 3).
+
+        As `leave_one_out`, for contacts left out together: those of one number in `groups`, (N,).
+        """
+        means = self._process.leave_groups_out(groups)
+        return self.scale * (self.mean + means[:, 0]), means[:, 1:]
+
     def log_marginal_likelihood(self) -> float:
         """Return the logarithm of how likely the contacts are (in scaled units).
 

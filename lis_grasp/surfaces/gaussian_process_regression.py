@@ -12,6 +12,7 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.kernels import RadialKernel
 
 FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
 
 # Value, slopes along x, y and z.
 ROWS = 4
@@ -123,6 +124,22 @@ class GradientRegression:
         solved = solve_triangular(self.cholesky, cross.T, lower=True, check_finite=False)
         prior = self.kernel.value(np.zeros(1))[0]
         return np.clip(prior - np.einsum("np,np->p", solved, solved), 0.0, prior)
+
+    def leave_groups_out(self, groups: IndexArray) -> FloatArray:
+        """Return what the nodes of all other groups foretell at each, means of shape (N, 4).
+
+        As `leave_one_out`, with blocks of all rows of a group; `groups` is of shape (N,).
+        """
+        inverse = solve_triangular(
+            self.cholesky, np.eye(len(self.cholesky)), lower=True, check_finite=False
+        )
+        means = np.empty_like(self.targets)
+        for group in np.unique(groups):
+            members = np.flatnonzero(groups == group)
+            columns = inverse[:, (ROWS * members[:, None] + np.arange(ROWS)).ravel()]
+            shifts = np.linalg.solve(columns.T @ columns, self.weights[members].ravel())
+            means[members] = self.targets[members] - shifts.reshape(-1, ROWS)
+        return means
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
         """Return what all other nodes foretell at each: means (N, 4), covariances (N, 4, 4).
