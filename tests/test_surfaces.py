@@ -8,7 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
-from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
+from lis_grasp.surfaces import (
+    ESTIMATORS,
+    BlendedImplicitSurface,
+    ImplicitSurface,
+    PatchImplicitSurface,
+)
 from lis_grasp.surfaces.contact_merging import merge_duplicates
 
 every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))
@@ -171,6 +176,43 @@ def test_uncertainty_is_small_at_contacts_and_larger_between_them(name: str) -> 
     top = np.array([0.0, 0.0, 0.05])
     assert surface.uncertainty(contacts.points).max() < 0.1 * contacts.spacing
     assert untouched.uncertainty(top) > surface.uncertainty(contacts.points).max()
+
+
+@every_estimator
+def test_contacts_can_be_added_and_the_surface_goes_through_them(name: str) -> None:
+    contacts = touched_cylinder()
+    first, rest = contacts.subset(slice(0, 30)), contacts.subset(slice(30, None))
+    surface = ESTIMATORS[name](first)
+    for i in range(len(rest)):
+        surface = surface.with_contacts(rest.subset([i]))  # type: ignore[attr-defined]
+    distances = surface.evaluate(rest.points) / np.linalg.norm(
+        surface.gradient(rest.points), axis=1
+    )
+    assert np.abs(distances).max() < 0.1 * contacts.spacing
+    assert (surface.bounds[0] <= contacts.points.min(axis=0)).all()
+    assert (surface.bounds[1] >= contacts.points.max(axis=0)).all()
+
+
+@pytest.mark.parametrize("name", ["lis", "patch"])
+def test_contacts_added_equal_an_estimate_from_all(name: str) -> None:
+    contacts = touched_cylinder()
+    grown = ESTIMATORS[name](contacts.subset(slice(0, 20))).with_contacts(  # type: ignore[attr-defined]
+        contacts.subset(slice(20, None))
+    )
+    np.testing.assert_array_equal(
+        grown.evaluate(queries()), ESTIMATORS[name](contacts).evaluate(queries())
+    )
+
+
+def test_contacts_added_to_a_blend_keep_what_was_foretold_of_the_others() -> None:
+    contacts = touched_cylinder()
+    before = BlendedImplicitSurface.from_contacts(contacts.subset(slice(0, 30)))
+    grown = before.with_contacts(contacts.subset(slice(30, None)))
+    np.testing.assert_array_equal(grown.log_ratios[:30], before.log_ratios)
+    assert len(grown.log_ratios) == len(contacts)
+    # Its sharp half is that of an estimate from all contacts.
+    sharp = PatchImplicitSurface.from_contacts(contacts)
+    np.testing.assert_array_equal(grown.sharp.evaluate(queries()), sharp.evaluate(queries()))
 
 
 @every_estimator

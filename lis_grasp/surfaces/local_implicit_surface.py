@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, get_args
 
 import numpy as np
@@ -71,6 +73,8 @@ class LocalImplicitSurface:
         One standard deviation of a contact's position along its normal [m] and of its normal [rad].
     bounds
         Shape (2, 3) [m].
+    remake
+        `from_contacts` with the options that this surface was made with.
 
     References
     ----------
@@ -87,6 +91,7 @@ class LocalImplicitSurface:
     position_noise: float
     normal_noise: float
     bounds: FloatArray
+    remake: Callable[[Contacts], LocalImplicitSurface]
 
     @classmethod
     def from_contacts(
@@ -129,6 +134,15 @@ class LocalImplicitSurface:
             If an option is outside its range or set.
         """
         require_contacts(contacts)
+        remake = partial(
+            cls.from_contacts,
+            sigma=sigma,
+            weights=weights,
+            beta=beta,
+            position_noise=position_noise,
+            normal_noise=normal_noise,
+            margin=margin,
+        )
         merged = merge_duplicates(contacts)
         spacing = spacing_of(merged)
         if sigma is None:
@@ -154,7 +168,12 @@ class LocalImplicitSurface:
             position_noise=require_range("position_noise", position_noise, 0.0, unit="m"),
             normal_noise=require_range("normal_noise", normal_noise, 0.0, unit="rad"),
             bounds=merged.bounds + margin * np.array([[-1.0], [1.0]]),
+            remake=remake,
         )
+
+    def with_contacts(self, new: Contacts) -> LocalImplicitSurface:
+        """Return the estimate from the new contacts too: made anew, which takes milliseconds."""
+        return self.remake(Contacts(self.points, self.normals).append(new))
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""

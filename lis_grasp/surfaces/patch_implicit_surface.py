@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -98,8 +99,8 @@ class PatchImplicitSurface:
 
     Parameters
     ----------
-    points
-        Shape (N, 3) [m], contacts without duplicates, in O.
+    points, normals
+        Shape (N, 3) [m] and (N, 3), contacts without duplicates, in O.
     patches
         The smooth pieces.
     formulas
@@ -112,15 +113,19 @@ class PatchImplicitSurface:
         Of the contacts [m].
     bounds
         Shape (2, 3) [m].
+    remake
+        `from_contacts` with the options that this surface was made with.
     """
 
     points: FloatArray
+    normals: FloatArray
     patches: tuple[Patch, ...]
     formulas: tuple[Formula, ...]
     formula_of: IndexArray
     mean: KernelMean
     spacing: float
     bounds: FloatArray
+    remake: Callable[[Contacts], PatchImplicitSurface]
 
     @classmethod
     def from_contacts(
@@ -153,6 +158,12 @@ class PatchImplicitSurface:
             If an option is outside its range.
         """
         require_contacts(contacts)
+        remake = partial(
+            cls.from_contacts,
+            position_noise=position_noise,
+            normal_noise=normal_noise,
+            margin=margin,
+        )
         merged = merge_duplicates(contacts)
         points, normals, spacing = merged.points, merged.normals, spacing_of(merged)
         margin = spacing if margin is None else require_range("margin", margin, 0.0, unit="m")
@@ -184,13 +195,19 @@ class PatchImplicitSurface:
         sigma = _SIGMA * spacing
         return cls(
             points=points,
+            normals=normals,
             patches=patches,
             formulas=tuple(distinct),
             formula_of=np.array([number[formula] for formula in formulas]),
             mean=KernelMean.of(points, sigma, density_weights(points, sigma)),
             spacing=spacing,
             bounds=merged.bounds + margin * np.array([[-1.0], [1.0]]),
+            remake=remake,
         )
+
+    def with_contacts(self, new: Contacts) -> PatchImplicitSurface:
+        """Return the estimate from the new contacts too: made anew, which takes milliseconds."""
+        return self.remake(Contacts(self.points, self.normals).append(new))
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
