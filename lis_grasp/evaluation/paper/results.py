@@ -1,0 +1,131 @@
+"""Results of trials, one JSON line each, kept as they come and taken up again."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+import lis_grasp
+from lis_grasp.evaluation.paper.trials import Trial, run_trial
+from lis_grasp.exceptions import InvalidFileError
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ResultsFile:
+    """Rows of finished trials in a file that only ever grows: one JSON object a line.
+
+    The first line names the version that made it. A last line that was torn by an interruption is
+    dropped on reading and written again.
+
+    Parameters
+    ----------
+    path
+        Of the file; need not exist.
+    """
+
+    path: Path
+
+    def read(self) -> list[Row]:
+        """Return the rows so far.
+
+        Raises
+        ------
+        InvalidFileError
+            If the file is of another version, or no file of results.
+        """
+        try:
+            lines = self.path.read_text(encoding="utf-8").splitlines(keepends=True)
+        except FileNotFoundError:
+            return []
+        except (OSError, UnicodeDecodeError) as error:
+            raise InvalidFileError(f"cannot read {self.path}: {error}") from None
+        whole = [line for line in lines if line.endswith("\n")]
+        try:
+            content = [json.loads(line) for line in whole]
+        except json.JSONDecodeError as error:
+            raise InvalidFileError(f"{self.path} is no file of results: {error}") from None
+        if not content:
+            return []
+        if content[0] != _header():
+            raise InvalidFileError(
+                f"{self.path} must be of lis_grasp {lis_grasp.__version__}; it says {content[0]}:"
+                " write to another folder, or remove it"
+            )
+        return content[1:]
+
+    def append(self, rows: Sequence[Row]) -> None:
+        """Add rows, on the disk when this returns."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a+b") as file:
+                file.seek(0)
+                end = file.read().rfind(b"\n") + 1
+                file.truncate(end)  # drops a torn line
+                lines = [*([] if end else [_header()]), *rows]
+                file.write(b"".join(json.dumps(x, allow_nan=False).encode() + b"\n" for x in lines))
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise InvalidFileError(f"cannot write {self.path}: {error.strerror}") from None
+
+
+def run_trials(
+    file: ResultsFile, trials: Sequence[Trial], contenders: Sequence[str], *, jobs: int
+) -> Iterator[tuple[int, int]]:
+    """Run what of the trials is not in the file yet; yield the trials done and all, after each.
+
+    Rows are the same whatever the number of jobs, their order in the file is not.
+
+    Parameters
+    ----------
+    file
+        Where rows are kept.
+    trials
+        To run.
+    contenders
+        Names of estimators; a trial that lacks some of them runs for these.
+    jobs
+        Processes.
+    """
+    known = {(r["experiment"], r["object"], r["seed"], r["estimator"]) for r in file.read()}
+    missing: list[tuple[Trial, list[str]]] = []
+    for trial in trials:
+        key = (trial.experiment, trial.object, trial.seed)
+        names = [name for name in contenders if (*key, name) not in known]
+        if names:
+            missing.append((trial, names))
+    done = len(trials) - len(missing)
+    yield done, len(trials)
+    if not missing:
+        return
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        pending = {pool.submit(_run, trial, names) for trial, names in missing}
+        try:
+            while pending:
+                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    file.append(future.result())
+                    done += 1
+                    yield done, len(trials)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _run(trial: Trial, contenders: Sequence[str]) -> list[Row]:
+    # One thread a process: as fast with all cores busy, and sums in the same order everywhere.
+    with threadpool_limits(1):
+        return run_trial(trial, contenders)
+
+
+def _header() -> Row:
+    return {"results": "paper", "version": lis_grasp.__version__}
