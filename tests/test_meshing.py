@@ -276,5 +276,17 @@ def test_a_resolution_that_is_no_cell_size_is_refused(resolution: float) -> None
         extract_mesh(Analytic(sphere(0.1), BOUNDS), resolution=resolution)
 
 
+@pytest.mark.parametrize("name", ["lis", "patch"])
+@pytest.mark.parametrize("cell", [0.002, 0.0023, 0.005])
+def test_a_cube_from_six_contacts_has_its_edges_whatever_the_grid(name: str, cell: float) -> None:
+    # Cells that divide the cube would have nodes on its faces; LIS has a kink at its zero, slopes
+    # of 0.02 and 1.98, where a root is hard to find, and is itself 0.2 mm off beside its edges.
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    mesh = extract_mesh(ESTIMATORS[name](Contacts(HALF * axes, axes)), resolution=2.0 * cell)
+    require_closed(mesh)
+    distances, _ = distances_to_mesh(cube_edges(np.eye(3), np.zeros(3)), mesh)
+    assert np.sqrt(np.mean(distances**2)) < (2e-4 if name == "lis" else 1e-5)
+
+
 def test_cells_larger_than_the_bounds_still_close() -> None:
     require_closed(extract_mesh(Analytic(sphere(0.1), BOUNDS), resolution=0.5))

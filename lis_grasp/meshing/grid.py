@@ -10,6 +10,11 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
+# Parts of a cell by which the grid is shifted: multiples of the golden ratio, no simple fractions.
+_SHIFT = np.array([0.1459, 0.0902, 0.0557])
+# Boxes of fewer cells are not: a single node inside should be in the middle.
+_MANY = 4.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
@@ -38,12 +43,14 @@ class Grid:
     def cover(cls, bounds: FloatArray, cell: float, *, multiple: int) -> Grid:
         """Lay a grid over `bounds`, its number of cells a multiple of `multiple` each way.
 
-        The sides of the box keep at least a quarter of a cell from every node: bounds that lie on
-        faces of the object would otherwise put nodes there, neither inside nor outside.
+        The sides of the box keep at least a tenth of a cell from every node: bounds that lie on
+        faces of the object would otherwise put nodes there, neither inside nor outside. For the
+        same reason the grid is shifted by odd parts of a cell: faces like to lie at round places.
         """
         length = (bounds[1] - bounds[0]) / cell  # (3,) in cells
         excess = length % 1.0
         margin = np.where(excess < 0.5, 0.5 - 0.5 * excess, 1.0 - 0.5 * excess)
+        margin += np.where(length > _MANY, _SHIFT, 0.0)
         cells = multiple * np.ceil((length + margin + 0.25) / multiple).astype(int)
         nodes = (int(cells[0]) + 1, int(cells[1]) + 1, int(cells[2]) + 1)
         return cls(bounds[0] - margin * cell, cell, nodes, bounds)

@@ -22,8 +22,9 @@ _ASIDE = 1e-3
 # This part of the change of f over an edge is zero.
 _NEGLIGIBLE = 1e-9
 
-# Steps of root finding: a smooth function needs one to three, a jump is found to a few 1/1000.
-_STEPS = 12
+# Steps of root finding: a smooth function needs one to three, one with a kink at its zero (LIS: its
+# slopes there differ by a factor of a hundred) a dozen; what takes more is a jump.
+_STEPS = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ from lis_grasp.surfaces import (
     LocalImplicitSurface,
     PatchImplicitSurface,
 )
+from lis_grasp.surfaces.baselines import BASELINES
 from lis_grasp.surfaces.kernels import KernelName
 from lis_grasp.surfaces.local_implicit_surface import Beta
 
@@ -88,6 +89,4 @@ def contender(name: str) -> Contender:
     """Return an estimator of this package, or one of the baselines, by its name."""
     if name in OURS:
         return OURS[name]
-    from lis_grasp.surfaces.baselines import BASELINES
-
     return lambda contacts, noise: BASELINES[name](contacts)

@@ -15,7 +15,7 @@ from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.paper.contenders import Noise, contender
-from lis_grasp.evaluation.paper.surface_walk import walk_surface
+from lis_grasp.evaluation.paper.surface_walk import SurfaceWalk, walk_surface
 from lis_grasp.evaluation.paper.wedge import NOISE_LEVELS, touch_wedge, wedge
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
@@ -61,6 +61,13 @@ class Trial:
     seed: int
 
 
+def explored(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
+    """Return an object at the paper's size, and the walk over it that trials of a seed share."""
+    shape = shapes.build(name, shapes.PAPER_SIZE)
+    index = shapes.NAMES.index(name)
+    return shape, walk_surface(shape, rng=np.random.default_rng([_WALK, index, seed]))
+
+
 def trials(experiments: Sequence[Experiment], seeds: int) -> list[Trial]:
     """Return every trial of some experiments, seed by seed, so that an early stop is balanced."""
     return [
@@ -100,9 +107,7 @@ def _setting(trial: Trial) -> tuple[Shape, Contacts, Noise]:
     """Return the true object, the contacts as they would be without noise, and the noise."""
     if trial.experiment == "wedge":
         return wedge(), touch_wedge(), NOISE_LEVELS[int(trial.object)]
-    shape = shapes.build(trial.object, shapes.PAPER_SIZE)
-    index = shapes.NAMES.index(trial.object)
-    walk = walk_surface(shape, rng=np.random.default_rng([_WALK, index, trial.seed]))
+    shape, walk = explored(trial.object, trial.seed)
     if trial.experiment == "half":
         return shape, walk.until(0.5), Noise()
     if trial.experiment == "few":

@@ -1,0 +1,96 @@
+"""`lis-grasp paper`: every figure and table of the paper again, in one report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any, get_args
+
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.evaluation.paper.contenders import OURS
+from lis_grasp.evaluation.paper.results import ResultsFile, run_trials
+from lis_grasp.evaluation.paper.trials import Experiment, trials
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.output_files import write_text
+from lis_grasp.pipeline import RunConfig
+from lis_grasp.surfaces.baselines import BASELINES
+
+_OUTPUT = Path("results/paper")
+_SEEDS, _QUICK_SEEDS = 10, 2
+_QUICK_CONTENDERS = ("lis", "lis_printed", "gpis", "blend")
+_CONTENDERS = (*OURS, "hermite_rbf", "offset_rbf")
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser(
+        "paper", help="every figure and table of the paper again, in one report.html"
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help=f"{_QUICK_SEEDS} seeds and {len(_QUICK_CONTENDERS)} estimators: about two minutes",
+    )
+    parser.add_argument(
+        "--seeds", type=int, metavar="N", help=f"seeds of every experiment (default: {_SEEDS})"
+    )
+    parser.add_argument(
+        "--estimators",
+        nargs="+",
+        choices=(*OURS, *BASELINES),
+        metavar="NAME",
+        help=f"estimators to compare (default: {', '.join(_CONTENDERS)}; also"
+        f" {', '.join(name for name in BASELINES if name not in _CONTENDERS)}, which need"
+        " lis-grasp[baselines])",
+    )
+    parser.add_argument(
+        "--jobs", type=int, metavar="N", help="processes (default: the machine's cores)"
+    )
+    opt.add_output(parser, str(_OUTPUT))
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Run what trials are missing, draw the figures, write the report."""
+    from lis_grasp.paper_report import write_report
+    from lis_grasp.paper_report.pictures import draw_pictures
+    from lis_grasp.paper_report.tables import rows_as_csv
+
+    seeds = options.seeds or (_QUICK_SEEDS if options.quick else _SEEDS)
+    jobs = options.jobs or os.cpu_count() or 1
+    for name, value in (("seeds", seeds), ("jobs", jobs)):
+        if value < 1:
+            raise InvalidOptionError(f"--{name} must be at least 1; {value} came")
+    output = options.output or _OUTPUT
+    names = tuple(options.estimators or (_QUICK_CONTENDERS if options.quick else _CONTENDERS))
+    for needed in ("lis", "gpis", RunConfig().estimator):
+        if needed not in names:
+            raise InvalidOptionError(f"the report compares with '{needed}': add it to --estimators")
+    file = ResultsFile(output / "results.jsonl")
+    wanted = trials(get_args(Experiment), seeds)
+    with Stage("Running the experiments") as stage:
+        for done, total in run_trials(file, wanted, names, jobs=jobs):
+            stage.count(done, total)
+        stage.result = f"{len(wanted)} trials of {len(names)} estimators"
+    keys = {(t.experiment, t.object, t.seed) for t in wanted}
+    rows = [
+        row
+        for row in file.read()
+        if (row["experiment"], row["object"], row["seed"]) in keys and row["estimator"] in names
+    ]
+    rows.sort(key=lambda r: (r["experiment"], r["object"], r["seed"], names.index(r["estimator"])))
+    command = "lis-grasp paper" + (" --quick" if options.quick else "")
+    if options.seeds:
+        command += f" --seeds {seeds}"
+    if options.estimators:
+        command += f" --estimators {' '.join(names)}"
+    with Stage("Drawing the figures") as stage:
+        pictures = list(draw_pictures(rows, progress=stage.count))
+        stage.result = f"{len(pictures)} figures"
+    report = output / "report.html"
+    write_report(report, rows, pictures, command=command, estimator=RunConfig().estimator)
+    write_text(output / "trials.csv", rows_as_csv(rows))
+    say(f"wrote {report}, {output / 'trials.csv'}")
+    say(f"next: open {report} in a browser")
