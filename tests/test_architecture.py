@@ -24,6 +24,7 @@ LAYERS = [
     ["evaluation"],
     ["pipeline"],
     ["visualization", "reporting", "scene_files"],
+    ["paper_report"],
     ["cli"],
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -58,8 +58,9 @@ def execute(options: argparse.Namespace) -> None:
     from lis_grasp.paper_report.pictures import draw_pictures
     from lis_grasp.paper_report.tables import rows_as_csv
 
-    seeds = options.seeds or (_QUICK_SEEDS if options.quick else _SEEDS)
-    jobs = options.jobs or os.cpu_count() or 1
+    default = _QUICK_SEEDS if options.quick else _SEEDS
+    seeds = default if options.seeds is None else options.seeds
+    jobs = os.cpu_count() or 1 if options.jobs is None else options.jobs
     for name, value in (("seeds", seeds), ("jobs", jobs)):
         if value < 1:
             raise InvalidOptionError(f"--{name} must be at least 1; {value} came")

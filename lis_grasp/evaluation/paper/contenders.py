@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class Noise:
         """Whether there is noise."""
         return self.position > 0.0 or self.normal > 0.0
 
-    def told(self) -> dict[str, float]:
+    def told(self) -> dict[str, Any]:
         """Return the options that tell an estimator of noise; none where there is none.
 
         Without noise every estimator keeps its own small default, which conditions its equations.
