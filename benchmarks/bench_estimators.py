@@ -16,13 +16,15 @@ import argparse
 import time
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lis_grasp import Contacts, extract_mesh, shapes
 from lis_grasp.evaluation.surface_samples import sample_mesh
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import LisGraspError
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.surfaces.baselines import BASELINES
 
@@ -47,6 +49,41 @@ def best_time(function: Callable[[], object], budget: float = 0.5) -> float:
     return least
 
 
+@dataclass(frozen=True)
+class Costs:
+    fit: float
+    one_more: float
+    field: float
+    mesh: float
+    memory: int
+
+
+def measure(make: Callable[[Contacts], Any], count: int) -> Costs:
+    contacts = even_contacts(count)
+    rng = np.random.default_rng(0)
+    aside = contacts.spacing * rng.uniform(-1.0, 1.0, (QUERIES, 3))
+    queries = contacts.points[rng.integers(count, size=QUERIES)] + aside
+    surface = make(contacts)
+    tracemalloc.start()
+    make(contacts)
+    memory = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    fit = best_time(lambda: make(contacts))
+    before, last = make(contacts.subset(slice(0, -1))), contacts.subset(slice(count - 1, None))
+    grows = hasattr(before, "with_contacts")
+    return Costs(
+        fit=fit,
+        one_more=best_time(lambda: before.with_contacts(last)) if grows else fit,
+        field=best_time(lambda: surface.evaluate(queries)) / QUERIES,
+        mesh=best_time(lambda: extract_mesh(surface, resolution=0.2 / 64), budget=0.1),
+        memory=memory,
+    )
+
+
+def exponent(sizes: list[int], times: list[float]) -> float:
+    return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
@@ -57,47 +94,29 @@ def main() -> None:
     arguments = parser.parse_args()
     print("estimator        N   fit [ms]  one more [ms]  field [us/point]  mesh [s]  memory [MB]")
     for name in arguments.estimators:
-        make = {**ESTIMATORS, **BASELINES}[name]
-        table: list[tuple[int, float, float, float]] = []
+        sizes: list[int] = []
+        costs: list[Costs] = []
         for count in arguments.sizes:
-            contacts = even_contacts(count)
-            rng = np.random.default_rng(0)
-            chosen = rng.integers(count, size=QUERIES)
-            queries = contacts.points[chosen] + contacts.spacing * rng.uniform(
-                -1.0, 1.0, (QUERIES, 3)
-            )
             try:
-                surface = make(contacts)
-            except InvalidOptionError as error:
-                print(f"{name:12s} {error}")
+                c = measure({**ESTIMATORS, **BASELINES}[name], count)
+            except LisGraspError as error:
+                print(f"{name:12s} {count:5d} {error}", flush=True)
                 break
-            tracemalloc.start()
-            make(contacts)
-            memory = tracemalloc.get_traced_memory()[1]
-            tracemalloc.stop()
-            fit = best_time(lambda: make(contacts))
-            most, last = contacts.subset(slice(0, -1)), contacts.subset(slice(count - 1, None))
-            before = make(most)
-            if hasattr(before, "with_contacts"):
-                more = best_time(lambda: before.with_contacts(last))
-            else:
-                more = fit
-            field = best_time(lambda: surface.evaluate(queries)) / QUERIES
-            mesh = best_time(lambda: extract_mesh(surface, resolution=0.2 / 64), budget=0.1)
-            table.append((count, fit, more, field))
+            sizes.append(count)
+            costs.append(c)
             print(
-                f"{name:12s} {count:5d} {1e3 * fit:10.1f} {1e3 * more:14.1f} {1e6 * field:17.2f}"
-                f" {mesh:9.2f} {memory / 2**20:12.1f}",
+                f"{name:12s} {count:5d} {1e3 * c.fit:10.1f} {1e3 * c.one_more:14.1f}"
+                f" {1e6 * c.field:17.2f} {c.mesh:9.2f} {c.memory / 2**20:12.1f}",
                 flush=True,
             )
-            if fit > arguments.limit:
+            if c.fit > arguments.limit:
                 break
-        if len(table) > 2:
-            logs = np.log(np.array(table))
-            slopes = [np.polyfit(logs[:, 0], logs[:, k], 1)[0] for k in (1, 2, 3)]
+        if len(sizes) > 2:
             print(
-                f"{name:12s} grows as N^{slopes[0]:.2f} (fit), N^{slopes[1]:.2f} (one more),"
-                f" N^{slopes[2]:.2f} (field)",
+                f"{name:12s} grows as N^{exponent(sizes, [c.fit for c in costs]):.2f} (fit),"
+                f" N^{exponent(sizes, [c.one_more for c in costs]):.2f} (one more),"
+                f" N^{exponent(sizes, [c.field for c in costs]):.2f} (field),"
+                f" N^{exponent(sizes, [float(c.memory) for c in costs]):.2f} (memory)",
                 flush=True,
             )
 
