@@ -4,9 +4,9 @@
     pip install lis-grasp[baselines]      # for offset_gp (scikit-learn) and poisson (MeshLab)
 
 Contacts are spread evenly over the mallet at 0.20 m. Times are the best of several runs on one
-thread; the field is asked at 20 000 points within a spacing of the surface, the mesh has cells of
+thread; the field is asked at 200 000 points within a spacing of the surface, the mesh has cells of
 1/64 of the object, memory is what fitting holds at its peak (tracemalloc, NumPy's arrays). An
-estimator whose fit took more than the limit is not tried with more contacts. Last, the exponent k of
+estimator whose fit took more than the limit is not tried with more contacts. Last, the k of
 time ~ N^k between the smallest and the largest N, by least squares on logarithms.
 """
 
@@ -29,7 +29,7 @@ from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.surfaces.baselines import BASELINES
 
 SIZES = (50, 100, 200, 500, 1000, 2000, 5000)
-QUERIES = 20_000
+QUERIES = 200_000
 
 
 def even_contacts(count: int) -> Contacts:
@@ -39,7 +39,7 @@ def even_contacts(count: int) -> Contacts:
 
 
 def best_time(function: Callable[[], object], budget: float = 0.5) -> float:
-    """Return the least time of a call [s], of as many calls as fit into the budget, one at least."""
+    """Return the least time of a call [s], of as many as fit into the budget, one at least."""
     least, spent = np.inf, 0.0
     while spent < budget:
         start = time.perf_counter()

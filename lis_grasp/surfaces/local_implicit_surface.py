@@ -39,7 +39,8 @@ _SIGMA = 0.2
 # twice as much. Half explored, 63 % and 86 % do.
 _EXTRAPOLATION_ERROR = 0.27
 
-_BLOCK = 2048
+# Points evaluated at once: so many, in a box no larger than this many spacings.
+_BLOCK, _BLOCK_EXTENT = 2048, 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +179,9 @@ class LocalImplicitSurface:
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
         rows, shape = flat_points(points)
-        values = map_blocks(lambda x: self._superpose(x, with_gradient=False)[0], rows, _BLOCK)
+        values = map_blocks(
+            lambda x: self._superpose(x, with_gradient=False)[0], rows, *self._blocks
+        )
         return values.reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
@@ -189,7 +192,7 @@ class LocalImplicitSurface:
         """
         rows, shape = flat_points(points)
         gradients = map_blocks(
-            lambda x: self._superpose(x, with_gradient=True)[1], rows, _BLOCK, (3,)
+            lambda x: self._superpose(x, with_gradient=True)[1], rows, *self._blocks, (3,)
         )
         return gradients.reshape(*shape, 3)
 
@@ -206,6 +209,10 @@ class LocalImplicitSurface:
         return np.sqrt(
             self.position_noise**2 + (self.normal_noise * distance) ** 2 + shape_error**2
         ).reshape(shape)
+
+    @property
+    def _blocks(self) -> tuple[int, float]:
+        return _BLOCK, _BLOCK_EXTENT * self.spacing
 
     def _superpose(
         self, points: FloatArray, *, with_gradient: bool

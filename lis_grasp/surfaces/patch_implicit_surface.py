@@ -40,7 +40,8 @@ _NORMAL_NOISE = 0.05  # [rad]
 # standard deviations.
 _CORRELATION = 0.4
 
-_BLOCK = 2048
+# Points evaluated at once: so many, in a box no larger than this many spacings.
+_BLOCK, _BLOCK_EXTENT = 2048, 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,7 +213,9 @@ class PatchImplicitSurface:
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
         rows, shape = flat_points(points)
-        values = map_blocks(lambda x: self._superpose(x, with_gradient=False)[0], rows, _BLOCK)
+        values = map_blocks(
+            lambda x: self._superpose(x, with_gradient=False)[0], rows, *self._blocks
+        )
         return values.reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
@@ -222,7 +225,7 @@ class PatchImplicitSurface:
         """
         rows, shape = flat_points(points)
         gradients = map_blocks(
-            lambda x: self._superpose(x, with_gradient=True)[1], rows, _BLOCK, (3,)
+            lambda x: self._superpose(x, with_gradient=True)[1], rows, *self._blocks, (3,)
         )
         return gradients.reshape(*shape, 3)
 
@@ -234,7 +237,11 @@ class PatchImplicitSurface:
         the curvature. Whether the edges were read rightly is not in it.
         """
         rows, shape = flat_points(points)
-        return np.sqrt(map_blocks(self._variance, rows, _BLOCK)).reshape(shape)
+        return np.sqrt(map_blocks(self._variance, rows, *self._blocks)).reshape(shape)
+
+    @property
+    def _blocks(self) -> tuple[int, float]:
+        return _BLOCK, _BLOCK_EXTENT * self.spacing
 
     def _superpose(
         self, points: FloatArray, *, with_gradient: bool

@@ -13,6 +13,9 @@ from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
+# Smaller blocks cost more by their number than they save.
+_SMALL_BLOCK = 256
+
 
 def flat_points(points: npt.ArrayLike) -> tuple[FloatArray, tuple[int, ...]]:
     """Return query points as rows, shape (P, 3), and the shape (...) that results go back to."""
@@ -35,17 +38,24 @@ def map_rows(
     return np.concatenate([function(rows[i : i + count]) for i in range(0, len(rows), count)])
 
 
-def compact_blocks(points: FloatArray, count: int) -> Iterator[IndexArray]:
-    """Yield index sets of at most `count` points that lie close together (recursive bisection)."""
+def compact_blocks(
+    points: FloatArray, count: int, *, extent: float = np.inf
+) -> Iterator[IndexArray]:
+    """Yield index sets of at most `count` points that lie close together (recursive bisection).
+
+    Blocks of more than 256 points are also split until they are no larger than `extent` [m]: what
+    a block costs grows with the contacts that it sees.
+    """
     pending = [np.arange(len(points))]
     while pending:
         index = pending.pop()
-        if len(index) <= count:
+        chosen = points[index]
+        spans = np.ptp(chosen, axis=0) if len(index) > _SMALL_BLOCK else np.zeros(3)
+        axis = int(np.argmax(spans))
+        if len(index) <= count and spans[axis] <= extent:
             if len(index):
                 yield index
             continue
-        chosen = points[index]
-        axis = int(np.argmax(np.ptp(chosen, axis=0)))
         half = len(index) // 2
         order = np.argpartition(chosen[:, axis], half)
         pending += [index[order[half:]], index[order[:half]]]
@@ -55,14 +65,15 @@ def map_blocks(
     function: Callable[[FloatArray], FloatArray],
     rows: FloatArray,
     count: int,
+    extent: float,
     width: tuple[int, ...] = (),
 ) -> FloatArray:
-    """Apply a row-wise function to at most `count` points at a time that lie close together.
+    """Apply a row-wise function to the points of one compact block after the other.
 
     Returns what it gives for all rows, in their order, shape (len(rows), *width).
     """
     results = np.empty((len(rows), *width))
-    for index in compact_blocks(rows, count):
+    for index in compact_blocks(rows, count, extent=extent):
         results[index] = function(rows[index])
     return results
 
