@@ -23,7 +23,7 @@ from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.shapes import Shape
-from lis_grasp.surfaces import LocalImplicitSurface
+from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
 from lis_grasp.visualization.figures import (
     CHART_CAPTIONS,
     FIGURES,
@@ -62,6 +62,7 @@ from lis_grasp.visualization.figures.palette import (
     estimator_label,
     rgba,
 )
+from lis_grasp.visualization.figures.patch_map import _owners, _patch_of, patch_map
 from lis_grasp.visualization.figures.potential_fields import draw_field, planar_contacts
 from lis_grasp.visualization.figures.solids import two_tone_patches
 
@@ -483,3 +484,16 @@ def test_matplotlib_is_loaded_for_figures_only_and_pyplot_never() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_at_a_contact_the_map_shows_the_contact_s_own_patch() -> None:
+    contacts = explored_object("box", 0).walk.contacts
+    surface = PatchImplicitSurface.from_contacts(contacts)
+    patch_of = _patch_of(surface)
+    assert len(np.unique(patch_of)) == 6
+    # A box: contacts share a patch if they share a normal.
+    same_normal = contacts.normals @ contacts.normals.T > 0.99
+    assert_array_equal(patch_of[:, None] == patch_of, same_normal)
+    owners = _owners(surface, surface.points)
+    assert_array_equal(patch_of[owners], patch_of)
+    assert png_of(patch_map(names=("box",)), dots_per_inch=50)[:4] == b"\x89PNG"

@@ -21,6 +21,7 @@ from lis_grasp.visualization.figures.evaluation_run import figure_8, figure_11
 from lis_grasp.visualization.figures.explored_region import figure_7
 from lis_grasp.visualization.figures.object_set import figure_6
 from lis_grasp.visualization.figures.orthogonal_normals import figure_1
+from lis_grasp.visualization.figures.patch_map import patch_map
 from lis_grasp.visualization.figures.style import png_of
 
 
@@ -150,5 +151,6 @@ __all__ = [
     "figure_7",
     "figure_8",
     "figure_11",
+    "patch_map",
     "png_of",
 ]
