@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,13 +14,13 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import STEP_FRACTION
+from lis_grasp.exploration import STEP_FRACTION, SensingProber, TactileSensor
 from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes import Shape
-from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
+from lis_grasp.surfaces import ESTIMATORS, Estimator, ImplicitSurface
 
 if TYPE_CHECKING:
     from lis_grasp.exploration import Exploration, Prober
@@ -29,7 +30,7 @@ PROBERS = ("dynamic", "kinematic")
 """What can carry out touches."""
 
 # One independent random stream a stage, so that a stage run alone repeats what it did in a row.
-_TOUCH_STREAM, _GRASP_STREAM = 1, 2
+_TOUCH_STREAM, _GRASP_STREAM, _SENSOR_STREAM = 1, 2, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,9 @@ class RunConfig:
         Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`.
     prober
         "dynamic": the hand touches in Drake; "kinematic": by geometry alone, some times faster.
+    position_noise, normal_noise
+        Of the tactile sensor: one standard deviation of positions along each axis [m], of each
+        component of normals [rad]. The estimator is told.
     touches
         Contacts to make before grasping.
     seed
@@ -68,6 +72,8 @@ class RunConfig:
     hand: str = "allegro"
     estimator: str = "blend"
     prober: str = "dynamic"
+    position_noise: float = 0.0
+    normal_noise: float = 0.0
     touches: int = 40
     seed: int = 0
     mass: float = 0.2
@@ -85,10 +91,15 @@ class RunConfig:
                 raise InvalidOptionError(f"{name} must be at least 1; it is {getattr(self, name)}")
         if self.seed < 0:
             raise InvalidOptionError(f"seed must not be negative; it is {self.seed}")
+        self.sensor()
         for name in ("mass", "friction"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidOptionError(f"{name} must be a positive number; it is {value}")
+
+    def sensor(self) -> TactileSensor:
+        """Return the tactile sensor that the hand touches with."""
+        return TactileSensor(position_noise=self.position_noise, normal_noise=self.normal_noise)
 
     def facts(self) -> dict[str, Any]:
         """Return the configuration as plain values, for file headers and reports."""
@@ -124,22 +135,28 @@ def touch(
     touches: int,
     seed: int,
     prober: str = "dynamic",
+    sensor: TactileSensor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Exploration:
     """Explore the object by touch: the hand's fingertips, the paper's choice of targets.
 
     The object is held fixed. What the robot is told of it beforehand is where it is and how large:
-    the centre of its bounding box and its largest extent; every contact is felt.
+    the centre of its bounding box and its largest extent; every contact is felt, through `sensor`
+    if there is one.
     """
     from lis_grasp.exploration import FrontierPolicy, explore
 
     policy = FrontierPolicy(
         step=STEP_FRACTION * shape.size, center=shape.mesh.bounds.mean(axis=0), size=shape.size
     )
+    hands_on = _make_prober(prober, hand, shape)
+    if sensor is not None:
+        rng = np.random.default_rng([seed, _SENSOR_STREAM])
+        hands_on = SensingProber(hands_on, sensor, rng)
     return explore(
-        _make_prober(prober, hand, shape),
+        hands_on,
         policy,
-        ESTIMATORS[estimator],
+        _told(estimator, sensor),
         touches=touches,
         rng=np.random.default_rng([seed, _TOUCH_STREAM]),
         progress=progress,
@@ -156,9 +173,19 @@ def _make_prober(name: str, hand: Hand, shape: Shape) -> Prober:
     return DynamicProber(hand, shape.mesh)
 
 
-def estimate(contacts: Contacts, estimator: str) -> tuple[ImplicitSurface, trimesh.Trimesh]:
-    """Estimate the surface from contacts, and mesh it."""
-    surface = ESTIMATORS[estimator](contacts)
+def _told(estimator: str, sensor: TactileSensor | None) -> Estimator:
+    """Return an estimator that is told the sensor's noise, where there is any."""
+    noise = (sensor.position_noise, sensor.normal_noise) if sensor is not None else (0.0, 0.0)
+    if not any(noise):
+        return ESTIMATORS[estimator]
+    return partial(ESTIMATORS[estimator], position_noise=noise[0], normal_noise=noise[1])
+
+
+def estimate(
+    contacts: Contacts, estimator: str, sensor: TactileSensor | None = None
+) -> tuple[ImplicitSurface, trimesh.Trimesh]:
+    """Estimate the surface from contacts of a sensor, and mesh it."""
+    surface = _told(estimator, sensor)(contacts)
     return surface, extract_mesh(surface)
 
 

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lis_grasp import provenance, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.mesh_files import load_surface
 
 CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
@@ -117,3 +119,21 @@ def test_stages_run_alone_repeat_the_run_byte_for_byte(estimator: str, tmp_path:
         lifts = json.loads((alone / "lifts.json").read_text())["lifts"]
         assert lifts[0]["held"] == report["lift"]["held"]
         assert lifts[0]["slip"] == report["lift"]["slip"]
+
+
+def test_a_noisy_sensor_s_contacts_are_recorded_as_such_and_the_estimate_is_told(
+    tmp_path: Path,
+) -> None:
+    options = ["--prober", "kinematic", "--touches", "12", "--position-noise", "0.002"]
+    assert main(["explore", "box", *options, "--output", str(tmp_path)]) == 0
+    path = tmp_path / "contacts.ply"
+    assert provenance.read(path)["position_noise"] == 0.002
+    box = shapes.build("box")
+    noisy = Contacts.load(path)
+    off = distances_to_mesh(noisy.points, box.mesh)[0]
+    assert 0.0005 < np.sqrt(np.mean(off**2)) < 0.004  # 2 mm, of which one component is seen
+    assert main(["estimate", str(path)]) == 0
+    surface = tmp_path / "surface.ply"
+    told = load_surface(surface).vertex_attributes["uncertainty"]
+    assert main(["estimate", str(path), "--position-noise", "0.004"]) == 0
+    assert np.median(load_surface(surface).vertex_attributes["uncertainty"]) > np.median(told)

@@ -19,6 +19,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_hand(parser)
     opt.add_estimator(parser)
     opt.add_prober(parser)
+    opt.add_noise(parser)
     opt.add_touches(parser)
     opt.add_seed(parser)
     opt.add_output(parser, "results/<run>")
@@ -41,6 +42,7 @@ def execute(options: argparse.Namespace) -> None:
             touches=config.touches,
             seed=config.seed,
             prober=config.prober,
+            sensor=config.sensor(),
             progress=stage.count,
         )
         stage.result = exploration.summary()
@@ -53,6 +55,6 @@ def execute(options: argparse.Namespace) -> None:
 
 def explored_header(config: pipeline.RunConfig, shape: pipeline.Shape) -> str:
     """Return the header of contacts: the configuration, and the height the object stands at."""
-    touched = ("object", "size", "units", "hand", "estimator", "prober", "touches", "seed")
-    facts = {name: value for name, value in config.facts().items() if name in touched}
+    later = ("mass", "friction", "grasps")
+    facts = {name: value for name, value in config.facts().items() if name not in later}
     return provenance.describe(**facts, support_height=pipeline.support_height(shape))

@@ -59,6 +59,22 @@ def add_prober(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_noise(parser: argparse.ArgumentParser) -> None:
+    """Add the noise of the tactile sensor, which estimators are told of."""
+    parser.add_argument(
+        "--position-noise",
+        type=float,
+        metavar="METRES",
+        help="standard deviation of contacts' positions (default: none)",
+    )
+    parser.add_argument(
+        "--normal-noise",
+        type=float,
+        metavar="RADIANS",
+        help="standard deviation of contacts' normals (default: none)",
+    )
+
+
 def add_touches(parser: argparse.ArgumentParser) -> None:
     """Add the number of touches."""
     parser.add_argument(

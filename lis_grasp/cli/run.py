@@ -29,6 +29,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_hand(parser)
     opt.add_estimator(parser)
     opt.add_prober(parser)
+    opt.add_noise(parser)
     opt.add_touches(parser)
     opt.add_grasps(parser)
     opt.add_physics(parser)
@@ -56,6 +57,7 @@ def execute(options: argparse.Namespace) -> None:
             touches=config.touches,
             seed=config.seed,
             prober=config.prober,
+            sensor=config.sensor(),
             progress=stage.count,
         )
         stage.result = exploration.summary()
@@ -67,7 +69,7 @@ def execute(options: argparse.Namespace) -> None:
     recorded = provenance.read(output / "contacts.ply")
     title = f"Estimating the surface ({config.estimator})"
     with Stage(title) as stage, watch.measure("estimate"):
-        _, mesh = pipeline.estimate(contacts, config.estimator)
+        _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
         with whole_file(output / "surface.ply") as temporary:
             header = provenance.merge(recorded, estimator=config.estimator)
             save_surface(mesh, temporary, header=header)

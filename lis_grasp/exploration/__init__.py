@@ -4,6 +4,7 @@ from lis_grasp.exploration.explore import Exploration, explore
 from lis_grasp.exploration.frontier import STEP_FRACTION, FrontierPolicy
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.probe import Probe, ProbeOutcome, Prober, ProbeStatus
+from lis_grasp.exploration.tactile_sensor import SensingProber, TactileSensor
 
 __all__ = [
     "STEP_FRACTION",
@@ -14,5 +15,7 @@ __all__ = [
     "ProbeOutcome",
     "ProbeStatus",
     "Prober",
+    "SensingProber",
+    "TactileSensor",
     "explore",
 ]

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 
-Estimator = Callable[[Contacts], ImplicitSurface]
+Estimator = Callable[..., ImplicitSurface]
+"""Makes a surface from `Contacts`; keywords tell the sensor's noise and choose options."""
 
 ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
     {

@@ -1,0 +1,109 @@
+"""What a sensor reports of touches, against the statistics it states."""
+
+import numpy as np
+import pytest
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import Probe, ProbeOutcome, SensingProber, TactileSensor
+
+COUNT = 20_000
+UP = np.array([0.0, 0.0, 1.0])
+PLANE = Contacts(np.zeros((COUNT, 3)), np.tile(UP, (COUNT, 1)), forces=np.linspace(0, 1, COUNT))
+
+
+def sense(sensor: TactileSensor, seed: int = 0) -> Contacts:
+    return sensor.sense(PLANE, rng=np.random.default_rng(seed))
+
+
+def test_a_perfect_sensor_reports_what_there_is() -> None:
+    reported = sense(TactileSensor())
+    np.testing.assert_array_equal(reported.points, PLANE.points)
+    np.testing.assert_array_equal(reported.normals, PLANE.normals)
+
+
+def test_noise_is_as_large_as_it_is_said_to_be() -> None:
+    reported = sense(TactileSensor(position_noise=0.002, normal_noise=0.05))
+    # 60 000 and 40 000 draws: known to 0.3 and 0.35 %; three times that. tan is 0.1 % above.
+    assert reported.points.std() == pytest.approx(0.002, rel=0.01)
+    tilts = reported.normals[:, :2] / reported.normals[:, 2:]
+    assert tilts.std() == pytest.approx(0.05, rel=0.012)
+
+
+def test_taxels_move_contacts_along_the_surface_within_half_a_pitch() -> None:
+    reported = sense(TactileSensor(taxel_pitch=0.004))
+    np.testing.assert_array_equal(reported.points[:, 2], 0.0)
+    assert np.abs(reported.points).max() <= 0.002
+    # The deviation of an even spread over a pitch.
+    assert reported.points[:, :2].std() == pytest.approx(0.004 / np.sqrt(12.0), rel=0.01)
+
+
+def test_weak_touches_are_not_felt_and_some_are_missed() -> None:
+    assert len(sense(TactileSensor(force_threshold=0.25))) == COUNT * 3 // 4
+    share = len(sense(TactileSensor(miss_rate=0.3))) / COUNT
+    # A share of 0.7 of 20 000 is known to 0.3 %.
+    assert share == pytest.approx(0.7, abs=0.01)
+    unknown = Contacts(PLANE.points, PLANE.normals)
+    sensor = TactileSensor(force_threshold=10.0)
+    assert len(sensor.sense(unknown, rng=np.random.default_rng(0))) == COUNT
+
+
+def test_the_same_draws_give_the_same_report() -> None:
+    sensor = TactileSensor(position_noise=0.001, normal_noise=0.02, miss_rate=0.1)
+    np.testing.assert_array_equal(sense(sensor, 3).points, sense(sensor, 3).points)
+    assert not np.array_equal(sense(sensor, 3).points, sense(sensor, 4).points)
+
+
+class Scripted:
+    """Gives the same outcome to every probe."""
+
+    def __init__(self, outcome: ProbeOutcome) -> None:
+        self.outcome = outcome
+
+    def probe(self, probe: Probe) -> ProbeOutcome:
+        return self.outcome
+
+
+PROBE = Probe([0.0, 0.0, 0.0], -UP, 0.03, 0.02)
+FREE = np.array([[0.0, 0.0, 0.03], [0.0, 0.0, 0.02]])
+TOUCHED = ProbeOutcome(PROBE, "touched", Contacts([[0.0, 0.0, 0.0]], [UP]), FREE)
+MISSED = ProbeOutcome(PROBE, "missed", free_points=FREE)
+
+
+def report(outcome: ProbeOutcome, sensor: TactileSensor) -> ProbeOutcome:
+    return SensingProber(Scripted(outcome), sensor, np.random.default_rng(0)).probe(PROBE)
+
+
+def test_a_touch_that_is_not_felt_is_no_free_way() -> None:
+    outcome = report(TOUCHED, TactileSensor(miss_rate=1.0))
+    assert outcome.status == "blocked"
+    assert not len(outcome.contacts)
+    np.testing.assert_array_equal(outcome.free_points, FREE)  # up to there it was free
+
+
+def test_a_false_touch_lies_on_the_way_and_faces_the_finger() -> None:
+    outcome = report(MISSED, TactileSensor(false_rate=1.0))
+    assert outcome.status == "touched"
+    np.testing.assert_array_equal(outcome.contacts.normals, [UP])
+    x, y, z = outcome.contacts.points[0]
+    assert x == y == 0.0
+    assert -0.02 <= z <= 0.03
+    assert report(MISSED, TactileSensor()).status == "missed"
+
+
+def test_what_cannot_be_reached_is_not_sensed() -> None:
+    blocked = ProbeOutcome(PROBE, "blocked")
+    assert report(blocked, TactileSensor(false_rate=1.0)) is blocked
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"position_noise": -1e-3}, "position_noise must be at least 0"),
+        ({"taxel_pitch": float("nan")}, "taxel_pitch must be at least 0"),
+        ({"miss_rate": 1.5}, "miss_rate must be from 0 to 1"),
+    ],
+)
+def test_what_no_sensor_has_is_refused(options: dict[str, float], message: str) -> None:
+    with pytest.raises(InvalidOptionError, match=message):
+        TactileSensor(**options)
