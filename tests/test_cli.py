@@ -134,6 +134,7 @@ def test_a_noisy_sensor_s_contacts_are_recorded_as_such_and_the_estimate_is_told
     assert 0.0005 < np.sqrt(np.mean(off**2)) < 0.004  # 2 mm, of which one component is seen
     assert main(["estimate", str(path)]) == 0
     surface = tmp_path / "surface.ply"
-    told = load_surface(surface).vertex_attributes["uncertainty"]
+    told = load_surface(surface).vertex_attributes["uncertainty"].min()
     assert main(["estimate", str(path), "--position-noise", "0.004"]) == 0
-    assert np.median(load_surface(surface).vertex_attributes["uncertainty"]) > np.median(told)
+    # Near contacts, where noise is all there is.
+    assert load_surface(surface).vertex_attributes["uncertainty"].min() > 1.2 * told
