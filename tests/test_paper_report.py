@@ -9,7 +9,8 @@ import pytest
 
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
-from lis_grasp.paper_report.claims import our_claims, paper_claims
+from lis_grasp.evaluation.paper.exactness import cube_edge_error
+from lis_grasp.paper_report.claims import exact_claims, our_claims, paper_claims
 from lis_grasp.paper_report.page import Picture, write_report
 from lis_grasp.paper_report.tables import measures_table, objects_table, rows_as_csv
 
@@ -68,6 +69,13 @@ def test_our_claims_are_met_or_missed_by_the_numbers() -> None:
     assert (
         verdicts(our_claims(rows_of(), "lis"))["fully explored, truth to estimate"][1] == "missed"
     )
+
+
+def test_what_should_be_exact_is() -> None:
+    assert [claim.verdict for claim in exact_claims("blend")] == ["met", "met"]
+    # GPIS makes a ball of the cube: its edges are sqrt(2) - 1 of half a side away and more.
+    assert exact_claims("gpis")[0].verdict == "missed"
+    assert cube_edge_error("gpis") > 0.4 * 0.05
 
 
 def test_tables_hold_means_over_objects_and_seeds() -> None:
