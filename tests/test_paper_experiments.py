@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import multiprocessing
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +19,7 @@ from lis_grasp.evaluation.paper.results import ResultsFile, run_trials
 from lis_grasp.evaluation.paper.summary import tabulate
 from lis_grasp.evaluation.paper.trials import Trial, run_trial, trials
 from lis_grasp.evaluation.paper.wedge import NOISE_LEVELS, touch_wedge, wedge
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import EstimationError, InvalidFileError
 from lis_grasp.surfaces import PatchImplicitSurface
 
 WEDGE = [Trial("wedge", "0", 0), Trial("wedge", "2", 0), Trial("wedge", "2", 1)]
@@ -109,6 +112,20 @@ def test_an_interrupted_run_goes_on_and_ends_with_the_rows_of_an_undisturbed_one
     assert as_lines(broken.path) == as_lines(whole.path)
     # Nothing left to do.
     assert list(run_trials(broken, WEDGE, names, jobs=2)) == [(3, 3)]
+
+
+@pytest.mark.slow
+def test_a_killed_process_is_reported_and_nothing_finished_is_lost(
+    tmp_path: Path,
+) -> None:
+    file = ResultsFile(tmp_path / "results.jsonl")
+    with pytest.raises(EstimationError, match="run the command again to go on"):
+        for done, _ in run_trials(file, WEDGE, ["lis"], jobs=1):
+            if done == 1:
+                for child in multiprocessing.active_children():
+                    os.kill(child.pid, signal.SIGKILL)
+    assert len(file.read()) >= 1
+    assert list(run_trials(file, WEDGE, ["lis"], jobs=1))[-1] == (3, 3)
 
 
 def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -15,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 import lis_grasp
 from lis_grasp.evaluation.paper.trials import Trial, run_trial
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import EstimationError, InvalidFileError
 
 Row = dict[str, Any]
 
@@ -96,6 +98,13 @@ def run_trials(
         Names of estimators; a trial that lacks some of them runs for these.
     jobs
         Processes.
+
+    Raises
+    ------
+    InvalidFileError
+        If the file is of another version, or cannot be written.
+    EstimationError
+        If a process was killed; what is finished is in the file.
     """
     known = {(r["experiment"], r["object"], r["seed"], r["estimator"]) for r in file.read()}
     missing: list[tuple[Trial, list[str]]] = []
@@ -108,7 +117,9 @@ def run_trials(
     yield done, len(trials)
     if not missing:
         return
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(
+        jobs, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_the_parent
+    ) as pool:
         pending = {pool.submit(_run, trial, names) for trial, names in missing}
         try:
             while pending:
@@ -117,8 +128,17 @@ def run_trials(
                     file.append(future.result())
                     done += 1
                     yield done, len(trials)
+        except BrokenProcessPool:
+            raise EstimationError(
+                f"a process of the experiments was killed, after {done} of {len(trials)} trials:"
+                " run the command again to go on, with fewer --jobs if memory ran out"
+            ) from None
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _run(trial: Trial, contenders: Sequence[str]) -> list[Row]:
