@@ -12,12 +12,12 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.contact_merging import merge_duplicates, spacing_of
 from lis_grasp.surfaces.contact_weights import density_weights
-from lis_grasp.surfaces.kernel_mean import LEAST_SHARE, KernelMean
+from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.local_quadrics import LocalQuadrics
+from lis_grasp.surfaces.patch import Patch, values_of_patches
 from lis_grasp.surfaces.patch_relations import Formula, Piece, compose_formulas
 from lis_grasp.surfaces.patches import REACH, ContactPairs, find_patches
 from lis_grasp.surfaces.queries import (
-    compact_blocks,
     flat_points,
     map_blocks,
     require_contacts,
@@ -35,53 +35,8 @@ _SIGMA = 0.2
 _POSITION_NOISE = 0.01  # in spacings
 _NORMAL_NOISE = 0.05  # [rad]
 
-# Correlation of the errors of neighbours' quadrics, which see much the same contacts: measured on
-# eight solids touched with noise, where 71 and 94 % of the surface lie within one and 1.96
-# standard deviations.
-_CORRELATION = 0.4
-
 # Points evaluated at once: so many, in a box no larger than this many spacings.
 _BLOCK, _BLOCK_EXTENT = 2048, 4.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Patch:
-    """A smooth piece of the surface: the kernel-weighted mean of its contacts' quadrics.
-
-    Parameters
-    ----------
-    members
-        Shape (M,), its contacts.
-    quadrics
-        Of all contacts.
-    mean
-        Over the members.
-    """
-
-    members: IndexArray
-    quadrics: LocalQuadrics
-    mean: KernelMean
-
-    def evaluate(self, points: FloatArray, *, with_gradient: bool) -> tuple[FloatArray, FloatArray]:
-        """Return the patch's function, shape (P,) [m], and gradient, (P, 3), at points near by."""
-
-        def local(node: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
-            member = self.members[node]
-            return self.quadrics.evaluate(member, points[seen], with_gradient=with_gradient)
-
-        near, shares = self.mean.shares(points)
-        return self.mean.superpose(points, near, shares, local, with_gradient=with_gradient)
-
-    def variance(self, points: FloatArray) -> FloatArray:
-        """Return the variance of the patch, shape (P,) [m^2]: that of a mean of quadrics."""
-
-        def local(node: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
-            return self.quadrics.variance(self.members[node], points[seen]), points
-
-        near, shares = self.mean.shares(points)
-        mean, _ = self.mean.superpose(points, near, shares, local, with_gradient=False)
-        alone = np.sum(shares**2, axis=0)  # 1 where a single quadric counts
-        return mean * (_CORRELATION + (1.0 - _CORRELATION) * alone)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,10 +141,10 @@ class PatchImplicitSurface:
             normal_noise=normal_noise,
         )
         patches = tuple(
-            _patch(np.flatnonzero(patch_of == p), quadrics, _PATCH_SIGMA * spacing)
+            Patch.of(np.flatnonzero(patch_of == p), quadrics, _PATCH_SIGMA * spacing)
             for p in range(patch_of.max() + 1)
         )
-        values = _values_at(points, patches, quadrics)
+        values = values_of_patches(points, patches, quadrics)
         formulas = compose_formulas(pairs, patch_of, values, spacing)
         distinct = sorted(set(formulas))
         number = {formula: k for k, formula in enumerate(distinct)}
@@ -279,30 +234,6 @@ class PatchImplicitSurface:
         involved = sorted({p for k in used for piece in self.formulas[k] for p in piece})
         patches = {p: ask(self.patches[p]) for p in involved}
         return {k: _apply(self.formulas[k], patches) for k in used}
-
-
-def _patch(members: IndexArray, quadrics: LocalQuadrics, sigma: float) -> Patch:
-    return Patch(members, quadrics, KernelMean.of(quadrics.points[members], sigma))
-
-
-def _values_at(
-    points: FloatArray, patches: tuple[Patch, ...], quadrics: LocalQuadrics
-) -> FloatArray:
-    """Return the function of each of K patches at points, shape (P, K) [m]."""
-    values = np.empty((len(points), len(patches)))
-    for index in compact_blocks(points, _BLOCK):
-        nodes, cells, weights = [], [], []
-        for k, patch in enumerate(patches):
-            near, shares = patch.mean.shares(points[index])
-            node, row = np.nonzero(shares > LEAST_SHARE)
-            nodes.append(patch.members[near[node]])
-            cells.append(row * len(patches) + k)
-            weights.append(shares[node, row])
-        cell = np.concatenate(cells)
-        terms = quadrics.values(np.concatenate(nodes), points[index][cell // len(patches)])
-        terms *= np.concatenate(weights)
-        values[index] = np.bincount(cell, terms, len(index) * len(patches)).reshape(len(index), -1)
-    return values
 
 
 def _apply(
