@@ -324,3 +324,11 @@ def test_noise_moves_a_plane_s_estimate_by_its_uncertainty() -> None:
 def test_an_option_out_of_range_is_refused(options: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidOptionError, match=message):
         PatchImplicitSurface.from_contacts(touched_sphere(0.05, 0.04), **options)
+
+
+def test_value_and_gradient_in_one_go_are_those_asked_for_apart() -> None:
+    surface = PatchImplicitSurface.from_contacts(touched_box(np.array([0.06, 0.045, 0.08]), 0.04))
+    queries = np.random.default_rng(1).uniform(-0.09, 0.09, (700, 3))
+    values, gradients = surface.value_and_gradient(queries)
+    np.testing.assert_array_equal(values, surface.evaluate(queries))
+    np.testing.assert_array_equal(gradients, surface.gradient(queries))

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.contact_merging import merge_duplicates, spacing_of
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
-from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import compact_blocks, flat_points, require_contacts
@@ -21,7 +20,7 @@ from lis_grasp.surfaces.queries import compact_blocks, flat_points, require_cont
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
-Estimator = Callable[[Contacts], ImplicitSurface]
+Estimator = Callable[[Contacts], PatchImplicitSurface]
 Function = Callable[[FloatArray], FloatArray]
 
 # Groups of contacts that are foretold from all others.
@@ -260,8 +259,9 @@ def _foretell_folds(
     for fold in range(_FOLDS):
         left_out = folds == fold
         surface = estimate(contacts.subset(~left_out))
-        values[left_out] = surface.evaluate(contacts.points[left_out])
-        gradients[left_out] = surface.gradient(contacts.points[left_out])
+        values[left_out], gradients[left_out] = surface.value_and_gradient(
+            contacts.points[left_out]
+        )
     return values, gradients
 
 

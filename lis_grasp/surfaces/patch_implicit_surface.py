@@ -184,6 +184,16 @@ class PatchImplicitSurface:
         )
         return gradients.reshape(*shape, 3)
 
+    def value_and_gradient(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return f at points of shape (P, 3) [m] and its gradient, (P,) and (P, 3), in one go."""
+
+        def both(rows: FloatArray) -> FloatArray:
+            values, gradients = self._superpose(rows, with_gradient=True)
+            return np.column_stack([values, gradients])
+
+        answers = map_blocks(both, points, *self._blocks, (4,))
+        return answers[:, 0], answers[:, 1:]
+
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
