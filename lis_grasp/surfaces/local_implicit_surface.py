@@ -40,7 +40,7 @@ _SIGMA = 0.2
 _EXTRAPOLATION_ERROR = 0.27
 
 # Points evaluated at once: so many, in a box no larger than this many spacings.
-_BLOCK, _BLOCK_EXTENT = 2048, 4.0
+_BLOCK, _BLOCK_EXTENT = 4096, 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

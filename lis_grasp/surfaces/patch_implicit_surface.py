@@ -36,7 +36,7 @@ _POSITION_NOISE = 0.01  # in spacings
 _NORMAL_NOISE = 0.05  # [rad]
 
 # Points evaluated at once: so many, in a box no larger than this many spacings.
-_BLOCK, _BLOCK_EXTENT = 2048, 4.0
+_BLOCK, _BLOCK_EXTENT = 4096, 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
