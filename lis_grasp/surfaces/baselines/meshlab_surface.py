@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidContactsError, InvalidOptionError
@@ -36,16 +36,17 @@ _LEAST_CONTACTS = 6
 class MeshLabSurface:
     """The mesh that a filter of MeshLab makes of contacts, as an implicit surface.
 
-    f is the distance from the tangent plane of the nearest vertex (Hoppe et al. 1992): on meshes
-    finer than the grid they are contoured with, as good as the distance from the mesh.
+    f is the distance from the mesh, negative where the mesh winds round a point by more than half
+    (Jacobson et al. 2013): these meshes are open wherever contacts end, and have sheets that bound
+    nothing, which the winding number ignores.
 
-    Made by `poisson`, `rimls` or `apss`, which need the package pymeshlab.
+    Made by `poisson`, `rimls` or `apss`, which need the packages pymeshlab and libigl.
     """
 
     support: Support
     vertices: FloatArray
-    normals: FloatArray
-    _tree: cKDTree
+    faces: npt.NDArray[np.int64]
+    _igl: ModuleType
 
     @classmethod
     def poisson(cls, contacts: Contacts) -> MeshLabSurface:
@@ -81,10 +82,11 @@ class MeshLabSurface:
     @classmethod
     def _filtered(cls, contacts: Contacts, name: str, **options: Any) -> MeshLabSurface:
         try:
+            import igl
             import pymeshlab
-        except ImportError:
+        except ImportError as error:
             raise InvalidOptionError(
-                "this estimator needs pymeshlab, which is not installed: pip install"
+                f"this estimator needs {error.name}, which is not installed: pip install"
                 " 'lis-grasp[baselines]'"
             ) from None
         support = Support.of(contacts)
@@ -104,15 +106,13 @@ class MeshLabSurface:
             raise EstimationError(f"MeshLab's {name} failed: {error}: try more contacts") from None
         made = scene.current_mesh()
         mesh = trimesh.Trimesh(made.vertex_matrix(), made.face_matrix(), process=False)
-        sound = np.isfinite(mesh.vertices).all(axis=1) & (
-            np.linalg.norm(mesh.vertex_normals, axis=1) > 0.5
-        )
-        if not len(mesh.faces) or not sound.any():
+        sound = np.isfinite(mesh.triangles).all(axis=(1, 2)) & (mesh.area_faces > 0.0)
+        if not sound.any():
             raise EstimationError(
                 f"MeshLab's {name} found no surface: contacts are too few or too far apart for it"
             )
-        vertices = np.array(mesh.vertices)[sound]
-        return cls(support, vertices, np.array(mesh.vertex_normals)[sound], cKDTree(vertices))
+        faces = np.array(mesh.faces[sound], dtype=np.int64)
+        return cls(support, np.nan_to_num(np.array(mesh.vertices)), faces, igl)
 
     @property
     def bounds(self) -> FloatArray:
@@ -122,14 +122,20 @@ class MeshLabSurface:
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...) [m]."""
         rows, shape = flat_points(points)
-        nearest = self._tree.query(rows)[1]
-        heights = np.einsum("pk,pk->p", rows - self.vertices[nearest], self.normals[nearest])
-        return np.asarray(heights).reshape(shape)
+        return np.asarray(self._nearest(rows)[0]).reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
-        """Return the gradient of f at points (..., 3), same shape: the nearest vertex' normal."""
+        """Return the gradient of f at points (..., 3), same shape: from or to the nearest point."""
         rows, shape = flat_points(points)
-        return self.normals[self._tree.query(rows)[1]].reshape(*shape, 3)
+        distances, faces, nearest = self._nearest(rows)
+        corners = self.vertices[self.faces[faces]]  # (P, 3, 3)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        away = np.sign(distances)[:, None] * (rows - nearest)
+        # On the mesh itself that direction is rounding, and the triangle's normal is right.
+        on_it = np.abs(distances) < 1e-6 * float(np.ptp(self.bounds, axis=0).max())
+        chosen = np.where(on_it[:, None], normals, away)
+        chosen /= np.linalg.norm(chosen, axis=1, keepdims=True)
+        return np.asarray(chosen).reshape(*shape, 3)
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface, shape (...) [m]: measured beforehand.
@@ -137,3 +143,13 @@ class MeshLabSurface:
         It grows with the square of the distance to the nearest contact.
         """
         return self.support.uncertainty(points, _ERROR)
+
+    def _nearest(self, rows: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
+        """Return signed distances (P,), nearest triangles (P,) and nearest points (P, 3)."""
+        if not len(rows):
+            return np.empty(0), np.empty(0, dtype=np.int64), np.empty((0, 3))
+        kind = self._igl.SignedDistanceType.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+        distances, faces, nearest, _ = self._igl.signed_distance(
+            np.ascontiguousarray(rows), self.vertices, self.faces, sign_type=kind
+        )
+        return np.atleast_1d(distances), np.atleast_1d(faces), np.atleast_2d(nearest)
