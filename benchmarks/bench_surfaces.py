@@ -15,7 +15,7 @@ import numpy as np
 
 from lis_grasp import Hand, extract_mesh, shapes, surface_error
 from lis_grasp.exploration import STEP_FRACTION
-from lis_grasp.pipeline import touch
+from lis_grasp.pipeline import RunConfig, touch
 from lis_grasp.surfaces import ESTIMATORS
 
 MEASURES = ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
@@ -35,9 +35,13 @@ def main() -> None:
         shape = shapes.build(shape_name, size=shapes.PAPER_SIZE)
         errors: dict[str, list[list[float]]] = {name: [] for name in ESTIMATORS}
         for seed in range(arguments.seeds):
-            contacts = touch(
-                shape, hand, estimator=arguments.explorer, touches=arguments.touches, seed=seed
-            ).contacts
+            config = RunConfig(
+                object=shape_name,
+                estimator=arguments.explorer,
+                touches=arguments.touches,
+                seed=seed,
+            )
+            contacts = touch(shape, hand, config).contacts
             for name, estimator in ESTIMATORS.items():
                 mesh = extract_mesh(estimator(contacts))
                 error = surface_error(

@@ -14,7 +14,21 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import STEP_FRACTION, SensingProber, TactileSensor
+from lis_grasp.exploration import (
+    POLICIES,
+    STEP_FRACTION,
+    Certain,
+    Covered,
+    Exploration,
+    Prober,
+    StopRule,
+    TactileSensor,
+    TargetPolicy,
+    TimeSpent,
+    TouchLog,
+    Workspace,
+    explore,
+)
 from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.sampler import ForceClosureSampler
@@ -23,14 +37,13 @@ from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, Estimator, ImplicitSurface
 
 if TYPE_CHECKING:
-    from lis_grasp.exploration import Exploration, Prober
     from lis_grasp.simulation.lift import LiftOutcome
 
 PROBERS = ("dynamic", "kinematic")
 """What can carry out touches."""
 
 # One independent random stream a stage, so that a stage run alone repeats what it did in a row.
-_TOUCH_STREAM, _GRASP_STREAM, _SENSOR_STREAM = 1, 2, 3
+_TOUCH_STREAM, _GRASP_STREAM = 1, 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +64,11 @@ class RunConfig:
         Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`.
     prober
         "dynamic": the hand touches in Drake; "kinematic": by geometry alone, some times faster.
+    policy
+        What chooses the next touch, a key of `lis_grasp.exploration.POLICIES`.
+    until_coverage, until_uncertainty, max_seconds
+        End the touching early: when this share of the estimate is within a step of a contact, when
+        nearly all of it is known to this standard deviation [m], after this time of the robot [s].
     position_noise, normal_noise
         Of the tactile sensor: one standard deviation of positions along each axis [m], of each
         component of normals [rad]. The estimator is told.
@@ -72,6 +90,10 @@ class RunConfig:
     hand: str = "allegro"
     estimator: str = "blend"
     prober: str = "dynamic"
+    policy: str = "frontier"
+    until_coverage: float | None = None
+    until_uncertainty: float | None = None
+    max_seconds: float | None = None
     position_noise: float = 0.0
     normal_noise: float = 0.0
     touches: int = 40
@@ -81,7 +103,11 @@ class RunConfig:
     grasps: int = 10
 
     def __post_init__(self) -> None:
-        for name, choices in (("estimator", tuple(ESTIMATORS)), ("prober", PROBERS)):
+        for name, choices in (
+            ("estimator", tuple(ESTIMATORS)),
+            ("prober", PROBERS),
+            ("policy", tuple(POLICIES)),
+        ):
             if getattr(self, name) not in choices:
                 raise InvalidOptionError(
                     f"{name} must be one of {', '.join(choices)}; it is '{getattr(self, name)}'"
@@ -92,6 +118,7 @@ class RunConfig:
         if self.seed < 0:
             raise InvalidOptionError(f"seed must not be negative; it is {self.seed}")
         self.sensor()
+        self.stop_rules(Workspace(1.0, np.zeros(3), 1.0))  # refused here, before any work
         for name in ("mass", "friction"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
@@ -100,6 +127,17 @@ class RunConfig:
     def sensor(self) -> TactileSensor:
         """Return the tactile sensor that the hand touches with."""
         return TactileSensor(position_noise=self.position_noise, normal_noise=self.normal_noise)
+
+    def stop_rules(self, space: Workspace) -> list[StopRule]:
+        """Return what ends the touching early in a workspace."""
+        rules: list[StopRule] = []
+        if self.until_coverage is not None:
+            rules.append(Covered(self.until_coverage, space))
+        if self.until_uncertainty is not None:
+            rules.append(Certain(self.until_uncertainty, space))
+        if self.max_seconds is not None:
+            rules.append(TimeSpent(self.max_seconds))
+        return rules
 
     def facts(self) -> dict[str, Any]:
         """Return the configuration as plain values, for file headers and reports."""
@@ -130,37 +168,33 @@ def support_height(shape: Shape) -> float:
 def touch(
     shape: Shape,
     hand: Hand,
+    config: RunConfig,
     *,
-    estimator: str,
-    touches: int,
-    seed: int,
-    prober: str = "dynamic",
-    sensor: TactileSensor | None = None,
+    log: TouchLog | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Exploration:
-    """Explore the object by touch: the hand's fingertips, the paper's choice of targets.
+    """Explore the object by touch, as the configuration says; go on from an interrupted log.
 
     The object is held fixed. What the robot is told of it beforehand is where it is and how large:
-    the centre of its bounding box and its largest extent; every contact is felt, through `sensor`
-    if there is one.
+    the centre of its bounding box and its largest extent; every contact is felt.
     """
-    from lis_grasp.exploration import FrontierPolicy, explore
-
-    policy = FrontierPolicy(
-        step=STEP_FRACTION * shape.size, center=shape.mesh.bounds.mean(axis=0), size=shape.size
-    )
-    hands_on = _make_prober(prober, hand, shape)
-    if sensor is not None:
-        rng = np.random.default_rng([seed, _SENSOR_STREAM])
-        hands_on = SensingProber(hands_on, sensor, rng)
-    return explore(
-        hands_on,
-        policy,
-        _told(estimator, sensor),
-        touches=touches,
-        rng=np.random.default_rng([seed, _TOUCH_STREAM]),
+    space = Workspace(STEP_FRACTION * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
+    recorded = log.resume() if log is not None else ()
+    exploration = explore(
+        _make_prober(config.prober, hand, shape),
+        TargetPolicy(space, POLICIES[config.policy]),
+        _told(config.estimator, config.sensor()),
+        touches=config.touches,
+        rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
+        sensor=config.sensor(),
+        stop=config.stop_rules(space),
+        recorded=recorded,
+        record=log.append if log is not None else None,
         progress=progress,
     )
+    if log is not None:
+        log.end(exploration.ended)
+    return exploration
 
 
 def _make_prober(name: str, hand: Hand, shape: Shape) -> Prober:

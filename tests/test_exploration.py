@@ -13,9 +13,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
     Exploration,
-    FrontierPolicy,
     Probe,
     ProbeOutcome,
+    TargetPolicy,
+    Workspace,
     explore,
 )
 from lis_grasp.exploration.zero_set import sample_zero_set
@@ -70,10 +71,9 @@ class NeverProber:
         return ProbeOutcome(probe, self.status)  # type: ignore[arg-type]
 
 
-def policy_for(shape: Shape) -> FrontierPolicy:
-    return FrontierPolicy(
-        step=STEP_SHARE * shape.size, center=shape.mesh.bounds.mean(axis=0), size=shape.size
-    )
+def policy_for(shape: Shape) -> TargetPolicy:
+    center = shape.mesh.bounds.mean(axis=0)
+    return TargetPolicy(Workspace(STEP_SHARE * shape.size, center, shape.size))
 
 
 def explored(
@@ -303,11 +303,11 @@ def test_exploring_for_nothing_is_refused(options: dict) -> None:
         ({"center": [0, 0, np.inf]}, "center must be 3 finite numbers"),
     ],
 )
-def test_a_policy_without_measure_is_refused(change: dict, message: str) -> None:
+def test_a_workspace_without_measure_is_refused(change: dict, message: str) -> None:
     valid = {"step": 0.03, "center": [0, 0, 0], "size": 0.12}
-    FrontierPolicy(**valid)  # type: ignore[arg-type]
+    Workspace(**valid)  # type: ignore[arg-type]
     with pytest.raises(InvalidOptionError, match=message):
-        FrontierPolicy(**(valid | change))  # type: ignore[arg-type]
+        Workspace(**(valid | change))  # type: ignore[arg-type]
 
 
 def test_the_first_probes_come_from_all_six_sides_to_the_middle() -> None:
@@ -324,7 +324,7 @@ def test_the_first_probes_come_from_all_six_sides_to_the_middle() -> None:
 def test_then_targets_lie_on_the_estimate_a_step_from_the_nearest_contact() -> None:
     step, radius = 0.03, 0.06
     ball = Ball(radius)
-    policy = FrontierPolicy(step=step, center=np.zeros(3), size=2.0 * radius)
+    policy = TargetPolicy(Workspace(step=step, center=np.zeros(3), size=2.0 * radius))
     axes = np.vstack([np.eye(3), -np.eye(3)])
     outcomes = [
         ProbeOutcome(Probe(np.zeros(3), -n, 0.1, 0.0), "touched", Contacts([radius * n], [n]))
@@ -354,7 +354,7 @@ def test_when_all_is_within_a_step_the_largest_gap_is_filled() -> None:
         ProbeOutcome(Probe(2 * radius * n, -n, 0.1, 0.1), "touched", Contacts([radius * n], [n]))
         for n in normals
     ]
-    policy = FrontierPolicy(step=0.03, center=np.zeros(3), size=2.0 * radius)
+    policy = TargetPolicy(Workspace(step=0.03, center=np.zeros(3), size=2.0 * radius))
     probe = policy.next_probe(
         Contacts(radius * normals, normals),
         Ball(radius),
@@ -428,7 +428,7 @@ def test_an_object_ten_times_as_large_and_elsewhere_is_explored_alike() -> None:
     for mesh, factor, center in ((shape.mesh, 1.0, np.zeros(3)), (moved, 10.0, offset)):
         exploration = explore(
             RayProber(mesh),
-            FrontierPolicy(step=0.025 * factor, center=center, size=0.1 * factor),
+            TargetPolicy(Workspace(step=0.025 * factor, center=center, size=0.1 * factor)),
             lambda contacts, factor=factor, center=center: Ball(0.045 * factor, center),
             touches=25,
             rng=np.random.default_rng(0),
@@ -441,7 +441,7 @@ def test_an_object_ten_times_as_large_and_elsewhere_is_explored_alike() -> None:
 def test_a_finger_that_never_feels_anything_stops_in_the_end(status: str) -> None:
     exploration = explore(
         NeverProber(status),
-        FrontierPolicy(step=0.03, center=np.zeros(3), size=0.12),
+        TargetPolicy(Workspace(step=0.03, center=np.zeros(3), size=0.12)),
         ESTIMATORS["lis"],
         touches=5,
         rng=np.random.default_rng(0),

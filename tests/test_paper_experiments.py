@@ -140,7 +140,7 @@ def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("nonsense\n", "is no file of results"),
+        ("nonsense\n", "one JSON object a line"),
         ('{"results": "paper", "version": "0.0.0"}\n', "must be of lis_grasp"),
     ],
 )

@@ -5,7 +5,7 @@ import pytest
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Probe, ProbeOutcome, SensingProber, TactileSensor
+from lis_grasp.exploration import Probe, ProbeOutcome, TactileSensor
 
 COUNT = 20_000
 UP = np.array([0.0, 0.0, 1.0])
@@ -54,16 +54,6 @@ def test_the_same_draws_give_the_same_report() -> None:
     assert not np.array_equal(sense(sensor, 3).points, sense(sensor, 4).points)
 
 
-class Scripted:
-    """Gives the same outcome to every probe."""
-
-    def __init__(self, outcome: ProbeOutcome) -> None:
-        self.outcome = outcome
-
-    def probe(self, probe: Probe) -> ProbeOutcome:
-        return self.outcome
-
-
 PROBE = Probe([0.0, 0.0, 0.0], -UP, 0.03, 0.02)
 FREE = np.array([[0.0, 0.0, 0.03], [0.0, 0.0, 0.02]])
 TOUCHED = ProbeOutcome(PROBE, "touched", Contacts([[0.0, 0.0, 0.0]], [UP]), FREE)
@@ -71,7 +61,7 @@ MISSED = ProbeOutcome(PROBE, "missed", free_points=FREE)
 
 
 def report(outcome: ProbeOutcome, sensor: TactileSensor) -> ProbeOutcome:
-    return SensingProber(Scripted(outcome), sensor, np.random.default_rng(0)).probe(PROBE)
+    return sensor.report(outcome, rng=np.random.default_rng(0))
 
 
 def test_a_touch_that_is_not_felt_is_no_free_way() -> None:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from lis_grasp import pipeline, provenance
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
+from lis_grasp.exploration import Exploration, TouchLog
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.output_files import whole_file
+
+LOG = "touches.jsonl"
 
 
 def add_parser(verbs: Any) -> None:
@@ -19,6 +23,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_hand(parser)
     opt.add_estimator(parser)
     opt.add_prober(parser)
+    opt.add_policy(parser)
     opt.add_noise(parser)
     opt.add_touches(parser)
     opt.add_seed(parser)
@@ -34,23 +39,27 @@ def execute(options: argparse.Namespace) -> None:
     for repair in shape.repairs:
         say(f"repaired: {repair}")
     hand = Hand.load(config.hand)
-    with Stage(f"Touching {shape.name} with {hand.name}") as stage:
-        exploration = pipeline.touch(
-            shape,
-            hand,
-            estimator=config.estimator,
-            touches=config.touches,
-            seed=config.seed,
-            prober=config.prober,
-            sensor=config.sensor(),
-            progress=stage.count,
-        )
-        stage.result = exploration.summary()
+    exploration = touch_with_log(config, shape, hand, output)
     path = output / "contacts.ply"
     with whole_file(path) as temporary:
         exploration.contacts.save(temporary, header=explored_header(config, shape))
-    say(f"wrote {path} ({len(exploration.contacts)} contacts)")
+    say(f"ended: {exploration.ended}")
+    say(f"wrote {path} ({len(exploration.contacts)} contacts), {output / LOG}")
     say(f"next: lis-grasp estimate {path}")
+
+
+def touch_with_log(
+    config: pipeline.RunConfig, shape: pipeline.Shape, hand: Hand, output: Path
+) -> Exploration:
+    """Touch, with a log in the folder of results; go on where an interrupted log ends."""
+    log = TouchLog(output / LOG, provenance.parse(explored_header(config, shape)))
+    known = len(log.resume())
+    if known:
+        say(f"going on from {known} probes in {log.path}")
+    with Stage(f"Touching {shape.name} with {hand.name}") as stage:
+        exploration = pipeline.touch(shape, hand, config, log=log, progress=stage.count)
+        stage.result = exploration.summary()
+    return exploration
 
 
 def explored_header(config: pipeline.RunConfig, shape: pipeline.Shape) -> str:

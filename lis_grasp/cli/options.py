@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from lis_grasp.exploration import POLICIES
 from lis_grasp.pipeline import PROBERS, RunConfig
 from lis_grasp.shapes import NAMES, UNITS, Shape, find
 from lis_grasp.surfaces import ESTIMATORS
@@ -56,6 +57,30 @@ def add_prober(parser: argparse.ArgumentParser) -> None:
         choices=PROBERS,
         help="touch in Drake's dynamics, or by geometry alone, some times faster (default:"
         f" {_DEFAULTS.prober})",
+    )
+
+
+def add_policy(parser: argparse.ArgumentParser) -> None:
+    """Add what chooses the next touch, and when there are enough."""
+    parser.add_argument(
+        "--policy",
+        choices=list(POLICIES),
+        help=f"what chooses the next touch (default: {_DEFAULTS.policy})",
+    )
+    parser.add_argument(
+        "--until-coverage",
+        type=float,
+        metavar="SHARE",
+        help="stop when this share of the estimate is within a step of a contact",
+    )
+    parser.add_argument(
+        "--until-uncertainty",
+        type=float,
+        metavar="METRES",
+        help="stop when nearly all of the estimate is known to this standard deviation",
+    )
+    parser.add_argument(
+        "--max-seconds", type=float, metavar="S", help="stop after this time of the robot"
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from lis_grasp import pipeline, provenance
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.explore import explored_header
+from lis_grasp.cli.explore import explored_header, touch_with_log
 from lis_grasp.cli.grasp import grasp_header, say_search
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.contacts import Contacts
@@ -29,6 +29,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_hand(parser)
     opt.add_estimator(parser)
     opt.add_prober(parser)
+    opt.add_policy(parser)
     opt.add_noise(parser)
     opt.add_touches(parser)
     opt.add_grasps(parser)
@@ -49,18 +50,8 @@ def execute(options: argparse.Namespace) -> None:
     for repair in shape.repairs:
         say(f"repaired: {repair}")
 
-    with Stage(f"Touching {shape.name} with {hand.name}") as stage, watch.measure("touch"):
-        exploration = pipeline.touch(
-            shape,
-            hand,
-            estimator=config.estimator,
-            touches=config.touches,
-            seed=config.seed,
-            prober=config.prober,
-            sensor=config.sensor(),
-            progress=stage.count,
-        )
-        stage.result = exploration.summary()
+    with watch.measure("touch"):
+        exploration = touch_with_log(config, shape, hand, output)
         # Later stages take what the files hold, so that each repeats exactly when run alone.
         with whole_file(output / "contacts.ply") as temporary:
             exploration.contacts.save(temporary, header=explored_header(config, shape))

@@ -1,21 +1,30 @@
 """Exploration: what to touch next, given what was touched before."""
 
 from lis_grasp.exploration.explore import Exploration, explore
-from lis_grasp.exploration.frontier import STEP_FRACTION, FrontierPolicy
-from lis_grasp.exploration.policy import Policy
+from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy
 from lis_grasp.exploration.probe import Probe, ProbeOutcome, Prober, ProbeStatus
-from lis_grasp.exploration.tactile_sensor import SensingProber, TactileSensor
+from lis_grasp.exploration.stopping import Certain, Covered, StopRule, TimeSpent
+from lis_grasp.exploration.tactile_sensor import TactileSensor
+from lis_grasp.exploration.touch_log import TouchLog, load_outcomes
+from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
 
 __all__ = [
+    "POLICIES",
     "STEP_FRACTION",
+    "Certain",
+    "Covered",
     "Exploration",
-    "FrontierPolicy",
     "Policy",
     "Probe",
     "ProbeOutcome",
     "ProbeStatus",
     "Prober",
-    "SensingProber",
+    "StopRule",
     "TactileSensor",
+    "TargetPolicy",
+    "TimeSpent",
+    "TouchLog",
+    "Workspace",
     "explore",
+    "load_outcomes",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
+from lis_grasp.exploration.stopping import StopRule
+from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.surfaces import ImplicitSurface
 
 # Two contacts closer than this are one contact felt twice [m].
@@ -30,10 +32,30 @@ class Exploration:
         What was felt, in O, without duplicates, and every place found free.
     outcomes
         Every probe and what came of it, in order.
+    ended
+        Why it came to its end.
     """
 
     contacts: Contacts
     outcomes: tuple[ProbeOutcome, ...]
+    ended: str = ""
+
+    @classmethod
+    def replay(cls, outcomes: Sequence[ProbeOutcome], *, touches: int | None = None) -> Exploration:
+        """Return the exploration that a log tells of: the same contacts, without a hand.
+
+        Parameters
+        ----------
+        outcomes
+            Every probe and what came of it, in order.
+        touches
+            Contacts to keep at the most; None for all.
+        """
+        contacts, clock = Contacts.empty(), 0.0
+        for outcome in outcomes:
+            contacts = _with_outcome(contacts, outcome, clock, touches)
+            clock += outcome.duration
+        return cls(contacts, tuple(outcomes), "replayed")
 
     @property
     def touched(self) -> int:
@@ -73,13 +95,20 @@ def explore(
     *,
     touches: int,
     rng: np.random.Generator,
+    sensor: TactileSensor | None = None,
+    stop: Sequence[StopRule] = (),
     max_probes: int | None = None,
+    recorded: Sequence[ProbeOutcome] = (),
+    record: Callable[[ProbeOutcome], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Exploration:
     """Touch an object again and again, each time where the surface estimated so far suggests.
 
-    Ends with `touches` contacts, or when the policy knows no further probe, or when `max_probes`
-    are made: fewer contacts than asked for are a result, not an error.
+    Ends with `touches` contacts, or when a rule says stop, or when the policy knows no further
+    probe, or when `max_probes` are made: fewer contacts than asked for are a result, not an error.
+
+    Every probe draws from a generator of its own, so an exploration that goes on from its recorded
+    outcomes makes the same probes as one that was never interrupted.
 
     Parameters
     ----------
@@ -92,9 +121,17 @@ def explore(
     touches
         Contacts to make.
     rng
-        Given to the policy.
+        For every draw of policy and sensor.
+    sensor
+        Reports what the prober meets; None for one that reports it as it is.
+    stop
+        Rules that end the exploration early, asked after every probe once there is an estimate.
     max_probes
         Probes to make at the most; None for a number that leaves room for misses.
+    recorded
+        Outcomes of an interrupted exploration, to go on from.
+    record
+        Called with every new outcome, before anything else is made of it.
     progress
         Called after every probe with the contacts made and those wanted.
 
@@ -108,23 +145,67 @@ def explore(
     for name, value in (("touches", touches), ("max_probes", max_probes)):
         if value < 1:
             raise InvalidOptionError(f"{name} must be at least 1; it is {value}")
-    contacts, surface = Contacts.empty(), None
-    outcomes: list[ProbeOutcome] = []
-    while len(contacts) < touches and len(outcomes) < max_probes:
-        probe = policy.next_probe(contacts, surface, outcomes=outcomes, rng=rng)
+    rng.spawn(len(recorded))  # used up already
+    outcomes = list(recorded)
+    contacts = Exploration.replay(outcomes, touches=touches).contacts
+    clock = sum(outcome.duration for outcome in outcomes)
+    surface = estimate(contacts) if len(contacts) else None
+    while True:
+        ended = _reason_to_end(contacts, surface, outcomes, touches, max_probes, stop)
+        if ended:
+            return Exploration(contacts, tuple(outcomes), ended)
+        draws = rng.spawn(1)[0]
+        probe = policy.next_probe(contacts, surface, outcomes=outcomes, rng=draws)
         if probe is None:
-            break
+            return Exploration(contacts, tuple(outcomes), "nothing is left that is worth a touch")
         outcome = prober.probe(probe)
+        if sensor is not None:
+            outcome = sensor.report(outcome, rng=draws)
+        if record is not None:
+            record(outcome)
         outcomes.append(outcome)
-        new = _new_contacts(contacts, outcome)[: touches - len(contacts)]
-        # What was free is told by the outcome; a prober may have it in its contacts as well.
-        felt = replace(outcome.contacts.subset(new), free_points=outcome.free_points)
-        contacts = contacts.append(felt)
-        if len(new):
+        before = len(contacts)
+        contacts = _with_outcome(contacts, outcome, clock, touches)
+        clock += outcome.duration
+        if len(contacts) > before:
             surface = estimate(contacts)
         if progress is not None:
             progress(len(contacts), touches)
-    return Exploration(contacts, tuple(outcomes))
+
+
+def _reason_to_end(
+    contacts: Contacts,
+    surface: ImplicitSurface | None,
+    outcomes: Sequence[ProbeOutcome],
+    touches: int,
+    max_probes: int,
+    stop: Sequence[StopRule],
+) -> str | None:
+    if len(contacts) >= touches:
+        return f"{_count(len(contacts), 'contact')} made"
+    if len(outcomes) >= max_probes:
+        return f"{_count(len(outcomes), 'probe')} made"
+    if surface is not None:
+        for rule in stop:
+            reason = rule.reason_to_stop(contacts, surface, outcomes)
+            if reason:
+                return reason
+    return None
+
+
+def _with_outcome(
+    contacts: Contacts, outcome: ProbeOutcome, clock: float, touches: int | None
+) -> Contacts:
+    """Return the contacts and what an outcome adds to them, `clock` seconds after the first."""
+    room = None if touches is None else touches - len(contacts)
+    new = outcome.contacts.subset(_new_contacts(contacts, outcome)[:room])
+    # What was free is told by the outcome; a prober may have it in its contacts as well.
+    felt = replace(
+        new,
+        free_points=outcome.free_points,
+        times=None if new.times is None else new.times + clock,
+    )
+    return contacts.append(felt)
 
 
 def _new_contacts(known: Contacts, outcome: ProbeOutcome) -> npt.NDArray[np.intp]:

@@ -1,14 +1,19 @@
-"""The role of whatever chooses what to touch next."""
+"""The role of whatever chooses what to touch next, and the policies that aim at the estimate."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration import aiming, choices
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.targets import Targets
+from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 
 
@@ -16,7 +21,7 @@ class Policy(Protocol):
     """Chooses the next probe from everything known; keeps no state of its own.
 
     Equal knowledge and an equal generator give an equal probe, so that an exploration can be
-    repeated, or taken up again from its record.
+    repeated, or taken up again from its log.
     """
 
     def next_probe(
@@ -41,3 +46,60 @@ class Policy(Protocol):
             Decides between what is equally good.
         """
         ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetPolicy:
+    """Touch next at a point of the estimated surface, chosen by one of `choices`.
+
+    First come the six probes along the axes to the object's middle. Then the chosen target is
+    approached against the estimated outward normal, and after a miss aslant, from beyond the edge
+    that the missed probe must have crossed. A hollow that the estimate bridges, although a tip was
+    in it, is touched from within. Targets probed before, and places that a tip passed through, are
+    not tried again. When the estimate offers nothing, a straight pass through the object's known
+    box is drawn. All this is the same for every choice, so that choices can be compared.
+
+    Parameters
+    ----------
+    space
+        What is known of the object beforehand.
+    choose
+        Says which target is next.
+    """
+
+    space: Workspace
+    choose: choices.Choice = choices.frontier
+
+    def next_probe(
+        self,
+        contacts: Contacts,
+        surface: ImplicitSurface | None,
+        *,
+        outcomes: Sequence[ProbeOutcome],
+        rng: np.random.Generator,
+    ) -> Probe:
+        """Return the next probe; see `Policy`. There always is one."""
+        space = self.space
+        if len(outcomes) < len(aiming.AXES):
+            return aiming.opening(space, outcomes, rng)
+        if surface is None or not len(contacts):
+            return aiming.across(space, rng)
+        sideways = aiming.from_within(space, contacts, surface, outcomes, rng)
+        if sideways is not None:
+            return sideways
+        targets = Targets.find(space, contacts, surface, outcomes, rng=rng)
+        chosen = self.choose(targets, space, contacts, surface, rng=rng)
+        if chosen is None:
+            return aiming.across(space, rng)
+        target, normal = targets.points[chosen], targets.normals[chosen]
+        return aiming.onto(target, normal, space, contacts, surface, outcomes)
+
+
+POLICIES: Mapping[str, choices.Choice] = MappingProxyType(
+    {
+        "frontier": choices.frontier,
+        "random": choices.anywhere,
+        "uncertainty": choices.most_uncertain,
+    }
+)
+"""Choices by the names that the command line knows."""

@@ -15,6 +15,9 @@ FloatArray = npt.NDArray[np.float64]
 
 ProbeStatus = Literal["touched", "missed", "blocked"]
 
+# Normalising rounds a length by no more than this.
+_ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Probe:
@@ -52,7 +55,9 @@ class Probe:
         if length == 0.0:
             raise InvalidOptionError("a probe's direction must not be zero; give the way it moves")
         object.__setattr__(self, "target", _read_only(target))
-        object.__setattr__(self, "direction", _read_only(direction / length))
+        # A unit direction stays as it is to the last bit, so that files survive.
+        unit = direction if abs(length - 1.0) < _ROUNDING else direction / length
+        object.__setattr__(self, "direction", _read_only(unit))
         for name in ("standoff", "overshoot"):
             value = float(getattr(self, name))
             if not (np.isfinite(value) and value >= 0.0):
@@ -93,7 +98,10 @@ class ProbeOutcome:
     free_points
         Shape (K, 3) [m], in O: places that the hand passed through and felt nothing.
     duration
-        Time that the attempt took [s]: simulated, or on a robot's clock.
+        Time that the attempt took [s]: simulated, or on a robot's clock. Times of contacts count
+        from its beginning.
+    reason
+        Why a motion was blocked; empty otherwise.
 
     Raises
     ------
@@ -106,6 +114,7 @@ class ProbeOutcome:
     contacts: Contacts = field(default_factory=Contacts.empty)
     free_points: FloatArray = field(default_factory=_no_points)
     duration: float = 0.0
+    reason: str = ""
 
     def __post_init__(self) -> None:
         if self.status not in get_args(ProbeStatus):

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration.probe import Probe, ProbeOutcome, Prober, ProbeStatus
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -72,47 +72,30 @@ class TactileSensor:
         grain = self.taxel_pitch * rng.uniform(-0.5, 0.5, size=chosen.points.shape)
         return replace(chosen, points=points + _across(grain, chosen.normals), normals=normals)
 
-    def imagine(self, probe: Probe, *, rng: np.random.Generator) -> Contacts:
+    def report(self, outcome: ProbeOutcome, *, rng: np.random.Generator) -> ProbeOutcome:
+        """Return what is reported of a probe: what it met, or what it did not meet."""
+        if outcome.status == "blocked":
+            return outcome
+        if outcome.status == "touched":
+            reported = self.sense(outcome.contacts, rng=rng)
+        else:
+            reported = self._imagine(outcome.probe, rng)
+        if len(reported):
+            return replace(outcome, status="touched", contacts=reported)
+        if outcome.status == "missed":
+            return outcome
+        # A hand that stopped at something it did not feel knows of no contact, nor that the rest of
+        # its way is free.
+        return replace(
+            outcome, status="blocked", contacts=reported, reason="stopped without feeling why"
+        )
+
+    def _imagine(self, probe: Probe, rng: np.random.Generator) -> Contacts:
         """Return what is reported of a probe that met nothing: mostly nothing."""
         if rng.random() >= self.false_rate:
             return Contacts.empty()
         way = rng.uniform(-probe.standoff, probe.overshoot)
         return Contacts((probe.target + way * probe.direction)[None], -probe.direction[None])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SensingProber:
-    """A prober whose contacts are reported by a sensor.
-
-    Parameters
-    ----------
-    prober
-        Carries out the probes.
-    sensor
-        Reports what they meet.
-    rng
-        For every draw of the sensor.
-    """
-
-    prober: Prober
-    sensor: TactileSensor
-    rng: np.random.Generator
-
-    def probe(self, probe: Probe) -> ProbeOutcome:
-        """Carry out one probe and report what the sensor says; see `Prober`."""
-        outcome = self.prober.probe(probe)
-        if outcome.status == "blocked":
-            return outcome
-        if outcome.status == "touched":
-            reported = self.sensor.sense(outcome.contacts, rng=self.rng)
-        else:
-            reported = self.sensor.imagine(probe, rng=self.rng)
-        if len(reported):
-            return replace(outcome, status="touched", contacts=reported)
-        # A hand that stopped at something it did not feel knows of no contact, nor that the rest of
-        # its way is free.
-        status: ProbeStatus = "blocked" if outcome.status == "touched" else "missed"
-        return replace(outcome, status=status, contacts=reported)
 
 
 def _across(vectors: FloatArray, normals: FloatArray) -> FloatArray:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lis_grasp.evaluation.paper.exactness import cube_edge_error, meshing_loss
-from lis_grasp.evaluation.paper.results import Row
 from lis_grasp.evaluation.paper.summary import Table, tabulate
 from lis_grasp.evaluation.paper.wedge import NOISE_LEVELS
+from lis_grasp.json_lines import Row
 
 # Cells of the meshes whose loss at edges is measured [m].
 _COARSE = 0.008

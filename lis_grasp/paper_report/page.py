@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 
 import lis_grasp
-from lis_grasp.evaluation.paper.results import Row
+from lis_grasp.json_lines import Row
 from lis_grasp.output_files import write_text
 from lis_grasp.paper_report.claims import exact_claims, our_claims, paper_claims
 from lis_grasp.paper_report.tables import (

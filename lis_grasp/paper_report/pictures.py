@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from lis_grasp.evaluation.paper.results import Row
 from lis_grasp.evaluation.paper.summary import Table, tabulate
 from lis_grasp.evaluation.paper.wedge import NOISE_LEVELS
+from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture
 from lis_grasp.visualization.figures import (
     CHART_CAPTIONS,

@@ -9,8 +9,8 @@ from html import escape
 
 import numpy as np
 
-from lis_grasp.evaluation.paper.results import Row
 from lis_grasp.evaluation.paper.summary import tabulate
+from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.claims import Claim
 from lis_grasp.visualization.figures.palette import estimator_label
 

@@ -12,6 +12,7 @@ from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.grasping.collision import HandCollisionChecker, NearestLink
 from lis_grasp.grasping.hand import Hand, ProbePosture
 from lis_grasp.simulation.probe_motion import (
+    NO_FREE_START,
     free_points,
     hand_at_start,
     object_at_start,
@@ -66,16 +67,14 @@ class KinematicProber:
             )
             for posture in postures
         ]
-        self._clock = 0.0
 
     def probe(self, probe: Probe) -> ProbeOutcome:
         """Carry out one probe; see `Prober`."""
         posture = self._find_free_start(probe)
         if posture is None:
-            return ProbeOutcome(probe, "blocked")
+            return ProbeOutcome(probe, "blocked", reason=NO_FREE_START)
         met, travelled = self._advance(probe)
         duration = travelled / _SPEED
-        self._clock += duration
         passed = free_points(probe, posture, travelled)
         if met is None:
             return ProbeOutcome(probe, "missed", free_points=passed, duration=duration)
@@ -83,7 +82,7 @@ class KinematicProber:
             points=met.point[None],
             normals=np.array(self._mesh.face_normals[met.face])[None],
             fingers=(met.link,),
-            times=np.array([self._clock]),
+            times=np.array([duration]),
             free_points=passed,
         )
         return ProbeOutcome(probe, "touched", contacts, passed, duration)

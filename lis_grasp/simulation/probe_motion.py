@@ -16,6 +16,8 @@ FloatArray = npt.NDArray[np.float64]
 # Rolls about the direction of motion that are tried to find a start that is free of the object.
 _ROLLS = 8
 
+NO_FREE_START = "no finger and turn of the hand is free at the start"
+
 FREE_POINT_SPACING = 0.01
 """Distance between places that a tip is recorded to have passed [m]."""
 

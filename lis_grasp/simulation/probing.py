@@ -12,6 +12,7 @@ from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.grasping.hand import Hand, ProbePosture
 from lis_grasp.simulation.patches import Patch
 from lis_grasp.simulation.probe_motion import (
+    NO_FREE_START,
     free_points,
     hand_at_start,
     object_at_start,
@@ -44,8 +45,7 @@ class DynamicProber:
     the force's direction, which friction tilts; a patch across an edge counts as two contacts. Each
     is tagged with the link that touched.
 
-    An outcome depends on nothing but the probe, except for the times of its contacts, which count
-    on from one probe to the next.
+    An outcome depends on nothing but the probe.
 
     Parameters
     ----------
@@ -70,7 +70,6 @@ class DynamicProber:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
         self._hand = hand
         self._scene = ProbingScene(hand, mesh)
-        self._clock = 0.0
 
     def probe(self, probe: Probe) -> ProbeOutcome:
         """Carry out one probe; see `Prober`.
@@ -82,14 +81,13 @@ class DynamicProber:
         """
         posture = self._find_free_start(probe)
         if posture is None:
-            return ProbeOutcome(probe, "blocked")
+            return ProbeOutcome(probe, "blocked", reason=NO_FREE_START)
         patches, travelled = self._advance(probe.standoff + probe.overshoot)
         duration = travelled / _SPEED
-        self._clock += duration
         passed = free_points(probe, posture, travelled)
         if not patches:
             return ProbeOutcome(probe, "missed", free_points=passed, duration=duration)
-        contacts = self._contacts(patches, passed)
+        contacts = self._contacts(patches, passed, duration)
         return ProbeOutcome(probe, "touched", contacts, passed, duration)
 
     def _find_free_start(self, probe: Probe) -> ProbePosture | None:
@@ -125,7 +123,7 @@ class DynamicProber:
                 return felt, start + n * step
         return [], length
 
-    def _contacts(self, patches: list[Patch], passed: FloatArray) -> Contacts:
+    def _contacts(self, patches: list[Patch], passed: FloatArray, duration: float) -> Contacts:
         X_WO = self._scene.X_WO
         R_WO, p_WO = X_WO[:3, :3], X_WO[:3, 3]
         return Contacts(
@@ -133,6 +131,6 @@ class DynamicProber:
             normals=np.array([R_WO.T @ patch.normal for patch in patches]),
             forces=np.array([patch.force for patch in patches]),
             fingers=tuple(patch.link for patch in patches),
-            times=np.full(len(patches), self._clock),
+            times=np.full(len(patches), duration),
             free_points=passed,
         )

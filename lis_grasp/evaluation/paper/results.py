@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
@@ -11,23 +9,18 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 import lis_grasp
 from lis_grasp.evaluation.paper.trials import Trial, run_trial
 from lis_grasp.exceptions import EstimationError, InvalidFileError
-
-Row = dict[str, Any]
+from lis_grasp.json_lines import Row, append_lines, read_lines
 
 
 @dataclass(frozen=True, slots=True)
 class ResultsFile:
-    """Rows of finished trials in a file that only ever grows: one JSON object a line.
-
-    The first line names the version that made it. A last line that was torn by an interruption is
-    dropped on reading and written again.
+    """Rows of finished trials in a file that only ever grows; its header names the version.
 
     Parameters
     ----------
@@ -45,40 +38,17 @@ class ResultsFile:
         InvalidFileError
             If the file is of another version, or no file of results.
         """
-        try:
-            lines = self.path.read_text(encoding="utf-8").splitlines(keepends=True)
-        except FileNotFoundError:
-            return []
-        except (OSError, UnicodeDecodeError) as error:
-            raise InvalidFileError(f"cannot read {self.path}: {error}") from None
-        whole = [line for line in lines if line.endswith("\n")]
-        try:
-            content = [json.loads(line) for line in whole]
-        except json.JSONDecodeError as error:
-            raise InvalidFileError(f"{self.path} is no file of results: {error}") from None
-        if not content:
-            return []
-        if content[0] != _header():
+        header, rows = read_lines(self.path)
+        if header and header != _header():
             raise InvalidFileError(
-                f"{self.path} must be of lis_grasp {lis_grasp.__version__}; it says {content[0]}:"
+                f"{self.path} must be of lis_grasp {lis_grasp.__version__}; it says {header}:"
                 " write to another folder, or remove it"
             )
-        return content[1:]
+        return rows
 
     def append(self, rows: Sequence[Row]) -> None:
         """Add rows, on the disk when this returns."""
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with self.path.open("a+b") as file:
-                file.seek(0)
-                end = file.read().rfind(b"\n") + 1
-                file.truncate(end)  # drops a torn line
-                lines = [*([] if end else [_header()]), *rows]
-                file.write(b"".join(json.dumps(x, allow_nan=False).encode() + b"\n" for x in lines))
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise InvalidFileError(f"cannot write {self.path}: {error.strerror}") from None
+        append_lines(self.path, _header(), rows)
 
 
 def run_trials(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.evaluation.paper.results import Row
+from lis_grasp.json_lines import Row
 
 FloatArray = npt.NDArray[np.float64]
 

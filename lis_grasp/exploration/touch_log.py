@@ -1,0 +1,142 @@
+"""The log of an exploration: every probe and what came of it, as it happens, to go on from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidContactsError, InvalidFileError, InvalidOptionError
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.json_lines import Row, append_lines, read_lines
+
+_END = "ended"
+
+
+@dataclass(frozen=True, slots=True)
+class TouchLog:
+    """A file of probes and their outcomes, one JSON object a line, after a header.
+
+    Lengths in metres, times in seconds, everything in the object frame O; numbers survive to the
+    last bit. `Exploration.replay` makes the same contacts out of the outcomes, without a hand.
+
+    Parameters
+    ----------
+    path
+        Of the file; need not exist.
+    facts
+        What the exploration is of: its configuration, as plain values. Written as the header.
+    """
+
+    path: Path
+    facts: Mapping[str, Any]
+
+    def resume(self) -> tuple[ProbeOutcome, ...]:
+        """Return what an interrupted exploration of the same facts has left; else begin anew.
+
+        An exploration that came to its end, or one of other facts, is not gone on with: its file
+        is removed.
+
+        Raises
+        ------
+        InvalidFileError
+            If the file is there and is no log of touches.
+        """
+        header, rows = read_lines(self.path)
+        if header and "touch_log" not in header:
+            raise InvalidFileError(
+                f"{self.path} must be a log of touches, to go on with or to replace; it is"
+                " something else: write to another folder"
+            )
+        if header != self._header() or any(_END in row for row in rows):
+            self.path.unlink(missing_ok=True)
+            return ()
+        return _outcomes(self.path, rows)
+
+    def append(self, outcome: ProbeOutcome) -> None:
+        """Add an outcome, on the disk when this returns."""
+        append_lines(self.path, self._header(), [_row(outcome)])
+
+    def end(self, reason: str) -> None:
+        """Say that the exploration has come to its end, and why."""
+        append_lines(self.path, self._header(), [{_END: reason}])
+
+    def _header(self) -> Row:
+        return {"touch_log": 1, **self.facts}
+
+
+def load_outcomes(path: Path) -> tuple[ProbeOutcome, ...]:
+    """Read every outcome of a log, ended or not.
+
+    Raises
+    ------
+    InvalidFileError
+        If the file is missing, or no log of touches.
+    """
+    header, rows = read_lines(path)
+    if "touch_log" not in header:
+        raise InvalidFileError(
+            f"{path} must be a log of touches, as `lis-grasp explore` writes it; it is"
+            f" {'something else' if header else 'missing or empty'}"
+        )
+    return _outcomes(path, [row for row in rows if _END not in row])
+
+
+def _row(outcome: ProbeOutcome) -> Row:
+    probe, contacts = outcome.probe, outcome.contacts
+    return {
+        "target": probe.target.tolist(),
+        "direction": probe.direction.tolist(),
+        "standoff": probe.standoff,
+        "overshoot": probe.overshoot,
+        "status": outcome.status,
+        "reason": outcome.reason,
+        "duration": outcome.duration,
+        "points": contacts.points.tolist(),
+        "normals": contacts.normals.tolist(),
+        "forces": _list(contacts.forces),
+        "fingers": list(contacts.fingers),
+        "times": _list(contacts.times),
+        "free_points": outcome.free_points.tolist(),
+    }
+
+
+def _outcomes(path: Path, rows: list[Row]) -> tuple[ProbeOutcome, ...]:
+    outcomes = []
+    for number, row in enumerate(rows, start=2):
+        try:
+            outcomes.append(_outcome(row))
+        except (KeyError, TypeError, ValueError, InvalidContactsError, InvalidOptionError) as error:
+            raise InvalidFileError(f"{path}, line {number}, is no probe: {error}") from None
+    return tuple(outcomes)
+
+
+def _outcome(row: Row) -> ProbeOutcome:
+    contacts = Contacts(
+        _rows(row["points"]),
+        _rows(row["normals"]),
+        forces=row["forces"],
+        fingers=tuple(row["fingers"]),
+        times=row["times"],
+    )
+    return ProbeOutcome(
+        Probe(row["target"], row["direction"], row["standoff"], row["overshoot"]),
+        row["status"],
+        contacts,
+        _rows(row["free_points"]),
+        row["duration"],
+        row["reason"],
+    )
+
+
+def _rows(values: list[list[float]]) -> npt.NDArray[np.float64]:
+    return np.array(values, dtype=np.float64).reshape(-1, 3)  # an empty list has no columns
+
+
+def _list(values: npt.NDArray[np.float64] | None) -> list[float] | None:
+    return None if values is None else values.tolist()
