@@ -182,7 +182,7 @@ def touch(
     recorded = log.resume() if log is not None else ()
     exploration = explore(
         _make_prober(config.prober, hand, shape),
-        TargetPolicy(space, POLICIES[config.policy]),
+        make_policy(config, space),
         _told(config.estimator, config.sensor()),
         touches=config.touches,
         rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
@@ -195,6 +195,13 @@ def touch(
     if log is not None:
         log.end(exploration.ended)
     return exploration
+
+
+def make_policy(config: RunConfig, space: Workspace) -> TargetPolicy:
+    """Return the policy that a configuration names, for one workspace."""
+    kind = POLICIES[config.policy]
+    guess = _told("gpis", config.sensor()) if kind.guesses else None
+    return TargetPolicy(space, kind.choose, guess)
 
 
 def _make_prober(name: str, hand: Hand, shape: Shape) -> Prober:

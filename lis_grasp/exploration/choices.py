@@ -66,6 +66,23 @@ def frontier(
     return None
 
 
+def spread(
+    targets: Targets,
+    space: Workspace,
+    contacts: Contacts,
+    surface: ImplicitSurface,
+    *,
+    rng: np.random.Generator,
+) -> int | None:
+    """Choose the place farthest from any contact on its side.
+
+    Farthest-first traversal: no placing of as few touches leaves gaps of less than half the size
+    (Gonzalez 1985).
+    """
+    new = np.flatnonzero(targets.new)
+    return int(new[np.argmax(targets.nearest[new])]) if len(new) else None
+
+
 def anywhere(
     targets: Targets,
     space: Workspace,

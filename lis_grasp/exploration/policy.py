@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Protocol
@@ -65,10 +65,15 @@ class TargetPolicy:
         What is known of the object beforehand.
     choose
         Says which target is next.
+    guess
+        Estimates the surface that targets are sought on, from at least one contact; None takes
+        the exploration's own estimate. A Gaussian process closes what was not touched yet more
+        cautiously than an estimate that is made of what was touched goes on.
     """
 
     space: Workspace
     choose: choices.Choice = choices.frontier
+    guess: Callable[[Contacts], ImplicitSurface] | None = None
 
     def next_probe(
         self,
@@ -84,6 +89,8 @@ class TargetPolicy:
             return aiming.opening(space, outcomes, rng)
         if surface is None or not len(contacts):
             return aiming.across(space, rng)
+        if self.guess is not None:
+            surface = self.guess(contacts)
         sideways = aiming.from_within(space, contacts, surface, outcomes, rng)
         if sideways is not None:
             return sideways
@@ -95,11 +102,28 @@ class TargetPolicy:
         return aiming.onto(target, normal, space, contacts, surface, outcomes)
 
 
-POLICIES: Mapping[str, choices.Choice] = MappingProxyType(
+@dataclass(frozen=True, slots=True)
+class PolicyKind:
+    """A policy that the command line knows.
+
+    Parameters
+    ----------
+    choose
+        Says which target is next.
+    guesses
+        Whether targets are sought on a Gaussian process' surface, not on the estimate in use.
+    """
+
+    choose: choices.Choice
+    guesses: bool = False
+
+
+POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
     {
-        "frontier": choices.frontier,
-        "random": choices.anywhere,
-        "uncertainty": choices.most_uncertain,
+        "spread": PolicyKind(choices.spread, guesses=True),
+        "frontier": PolicyKind(choices.frontier),
+        "uncertainty": PolicyKind(choices.most_uncertain),
+        "random": PolicyKind(choices.anywhere),
     }
 )
-"""Choices by the names that the command line knows."""
+"""Policies by name: ours, the paper's, the greatest uncertainty of the estimate, and chance."""

@@ -1,0 +1,217 @@
+"""Coverage and edge error against touches and probes, for every policy: objects x seeds, a plot.
+
+    python benchmarks/bench_policies.py --seeds 10
+
+The Allegro-size hand touches each object of 0.20 m by geometry alone (the kinematic prober). The
+reachable surface is what a ball of the fingertip's radius can touch; it counts as covered within a
+step (50 mm) of a contact. Edge errors are those of the `blend` surface of the first contacts, over
+all sharp edges of the object, touched or not, so that policies are judged by where they touch and
+by nothing else. `uncertainty` follows a Gaussian process, the usual rule; `spread` and `frontier`
+serve `blend`.
+
+Goes on where it was when run again with the same folder. Intervals: 95 %, bootstrap over seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from lis_grasp import Hand, extract_mesh, shapes
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
+from lis_grasp.exploration import Exploration, Workspace, explore
+from lis_grasp.json_lines import append_lines, read_lines
+from lis_grasp.pipeline import RunConfig, make_policy
+from lis_grasp.shapes import Shape
+from lis_grasp.simulation.kinematic_probing import KinematicProber
+from lis_grasp.surfaces import ESTIMATORS
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+TIP_RADIUS = 0.012
+POLICIES = {"spread": "blend", "frontier": "blend", "uncertainty": "gpis", "random": "blend"}
+EDGE_COUNTS = range(6, 41, 2)
+COVERED, EDGE_GOAL = 0.9, 0.002
+
+Row = dict
+
+
+def reachable_points(shape: Shape) -> np.ndarray:
+    points, faces = sample_mesh(shape.mesh, 3000)
+    centers = points + TIP_RADIUS * shape.mesh.face_normals[faces]
+    free, _ = distances_to_mesh(centers, shape.mesh)
+    return points[free > 0.98 * TIP_RADIUS]
+
+
+def edge_error(shape: Shape, contacts: Contacts) -> float:
+    mesh = extract_mesh(ESTIMATORS["blend"](contacts), resolution=shape.size / 40)
+    off, _ = distances_to_mesh(sample_segments(shape.edges, 800), mesh)
+    return float(np.sqrt(np.mean(off**2)))
+
+
+def run(name: str, policy: str, seed: int, touches: int) -> Row:
+    shape = shapes.build(name, shapes.PAPER_SIZE)
+    config = RunConfig(object=name, policy=policy, estimator=POLICIES[policy])
+    space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
+    with threadpool_limits(1):
+        exploration = explore(
+            KinematicProber(Hand.load("allegro"), shape.mesh),
+            make_policy(config, space),
+            ESTIMATORS[config.estimator],
+            touches=touches,
+            rng=np.random.default_rng(seed),
+        )
+        contacts = exploration.contacts
+        apart = np.linalg.norm(reachable_points(shape)[:, None] - contacts.points, axis=-1)
+        nearest = np.minimum.accumulate(apart, axis=1)  # (P, N)
+        edges = {}
+        if len(shape.edges):
+            for k in EDGE_COUNTS:
+                if k <= len(contacts):
+                    edges[str(k)] = edge_error(shape, contacts.subset(slice(0, k)))
+    return {
+        "object": name,
+        "policy": policy,
+        "seed": seed,
+        "touches": touches,
+        "coverage": np.mean(nearest < space.step, axis=0).tolist(),
+        "probes": _probes_at_contacts(exploration),
+        "edges": edges,
+    }
+
+
+def _probes_at_contacts(exploration: Exploration) -> list[int]:
+    """Return how many probes it took to each contact."""
+    counts = [
+        len(Exploration.replay(exploration.outcomes[:k]).contacts)
+        for k in range(1, len(exploration.outcomes) + 1)
+    ]
+    wanted = np.arange(1, len(exploration.contacts) + 1)
+    return (np.searchsorted(counts, wanted) + 1).tolist()
+
+
+def touches_to_cover(row: Row, *, probes: bool) -> int:
+    """Return touches (or probes) to 90 % coverage; one more than were made where that failed."""
+    reached = np.flatnonzero(np.array(row["coverage"]) >= COVERED)
+    if not len(reached):
+        return (row["probes"][-1] if probes else row["touches"]) + 1
+    return row["probes"][reached[0]] if probes else int(reached[0]) + 1
+
+
+def touches_to_edges(row: Row) -> int:
+    """Return touches until the error of all edges is 2 mm; two more than tried where it fails."""
+    good = [int(k) for k, error in row["edges"].items() if error <= EDGE_GOAL]
+    return min(good, default=EDGE_COUNTS[-1] + 2)
+
+
+def interval(values: np.ndarray) -> tuple[float, float, float]:
+    """Return the mean of (objects, seeds), and its 95 % interval over seeds."""
+    rng = np.random.default_rng(0)
+    drawn = rng.integers(values.shape[1], size=(2000, values.shape[1]))
+    low, high = np.quantile(values[:, drawn].mean(axis=(0, 2)), [0.025, 0.975])
+    return float(values.mean()), float(low), float(high)
+
+
+def by_object(rows: list[Row], policy: str, measure) -> np.ndarray:
+    mine = [row for row in rows if row["policy"] == policy]
+    names = list(dict.fromkeys(row["object"] for row in mine))
+    return np.array([[measure(r) for r in mine if r["object"] == name] for name in names], float)
+
+
+def tell(rows: list[Row]) -> None:
+    edged = [row for row in rows if row["edges"]]
+    print(
+        f"{'policy':12s} {'touches to 90 %':>22s} {'probes to 90 %':>22s} {'touches to 2 mm':>22s}"
+    )
+    for policy in POLICIES:
+        values = [
+            by_object(rows, policy, lambda row: touches_to_cover(row, probes=False)),
+            by_object(rows, policy, lambda row: touches_to_cover(row, probes=True)),
+            by_object(edged, policy, touches_to_edges),
+        ]
+        cells = ["{:.1f} ({:.1f} to {:.1f})".format(*interval(v)) for v in values]
+        print(f"{policy:12s}" + "".join(f"{cell:>23s}" for cell in cells))
+    for reference in ("random", "uncertainty"):
+        shares = []
+        for rows_, measure in (
+            (rows, lambda row: touches_to_cover(row, probes=False)),
+            (rows, lambda row: touches_to_cover(row, probes=True)),
+            (edged, touches_to_edges),
+        ):
+            mine, theirs = (by_object(rows_, p, measure) for p in ("spread", reference))
+            shares.append(100.0 * (1.0 - mine.mean() / theirs.mean()))
+        print(f"spread against {reference}: " + ", ".join(f"{s:.0f} % fewer" for s in shares))
+    print("\nper object, touches to 90 % | touches to 2 mm (mean over seeds)")
+    for name in dict.fromkeys(row["object"] for row in rows):
+        cells = []
+        for policy in POLICIES:
+            mine = [r for r in rows if r["object"] == name and r["policy"] == policy]
+            cover = np.mean([touches_to_cover(r, probes=False) for r in mine])
+            edge = (
+                f"{np.mean([touches_to_edges(r) for r in mine]):.0f}" if mine[0]["edges"] else "-"
+            )
+            cells.append(f"{policy} {cover:.0f} | {edge}")
+        print(f"{name:16s} " + "   ".join(cells))
+
+
+def plot(rows: list[Row], path: Path) -> None:
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
+    touches = min(len(row["coverage"]) for row in rows)
+    counts = np.arange(1, touches + 1)
+    edged = [row for row in rows if row["edges"]]
+    for policy in POLICIES:
+        covered = by_object(rows, policy, lambda row: row["coverage"][:touches])
+        edges = by_object(
+            edged, policy, lambda row: [1e3 * row["edges"].get(str(k), np.nan) for k in EDGE_COUNTS]
+        )
+        for axes, x, values in (
+            (left, counts, 100.0 * covered),
+            (right, np.array(EDGE_COUNTS), edges),
+        ):
+            bands = np.array([interval(values[:, :, k]) for k in range(len(x))])
+            (line,) = axes.plot(x, bands[:, 0], label=policy)
+            axes.fill_between(x, bands[:, 1], bands[:, 2], color=line.get_color(), alpha=0.2)
+    left.axhline(100.0 * COVERED, color="0.6", linewidth=0.8)
+    right.axhline(1e3 * EDGE_GOAL, color="0.6", linewidth=0.8)
+    left.set(xlabel="touches", ylabel="reachable surface covered [%]", xlim=(1, touches))
+    right.set(xlabel="touches", ylabel="edge error [mm]", yscale="log")
+    left.legend(frameon=False)
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--touches", type=int, default=40)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--output", type=Path, default=Path("results/policies"))
+    arguments = parser.parse_args()
+    file, header = arguments.output / "rows.jsonl", {"policies": arguments.touches}
+    _, rows = read_lines(file)
+    done = {(row["object"], row["policy"], row["seed"]) for row in rows}
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    jobs = [(n, p, s) for s in seeds for n in shapes.NAMES for p in POLICIES]
+    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(run, *job, arguments.touches) for job in jobs if job not in done]
+        for future in futures:
+            rows.append(future.result())
+            append_lines(file, header, [rows[-1]])
+    order = {job: k for k, job in enumerate(jobs)}
+    rows.sort(key=lambda row: order[row["object"], row["policy"], row["seed"]])
+    tell(rows)
+    plot(rows, arguments.output / "policies.png")
+    print(f"\nwrote {file}, {arguments.output / 'policies.png'}")
+
+
+if __name__ == "__main__":
+    main()
