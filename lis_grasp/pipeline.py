@@ -186,6 +186,7 @@ def touch(
         _told(config.estimator, config.sensor()),
         touches=config.touches,
         rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
+        space=space,
         sensor=config.sensor(),
         stop=config.stop_rules(space),
         recorded=recorded,

@@ -35,7 +35,7 @@ class RayProber:
     mesh: trimesh.Trimesh
     probes: list[Probe] = field(default_factory=list)
 
-    def probe(self, probe: Probe) -> ProbeOutcome:
+    def probe(self, probe: Probe, known: object = None) -> ProbeOutcome:
         self.probes.append(probe)
         triangles = np.asarray(self.mesh.triangles)
         e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
@@ -67,7 +67,7 @@ class NeverProber:
     def __init__(self, status: str) -> None:
         self.status = status
 
-    def probe(self, probe: Probe) -> ProbeOutcome:
+    def probe(self, probe: Probe, known: object = None) -> ProbeOutcome:
         return ProbeOutcome(probe, self.status)  # type: ignore[arg-type]
 
 
@@ -223,7 +223,7 @@ class Scripted:
         self.seen.append((len(contacts), surface is None, len(outcomes)))
         return Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1) if self.answers else None
 
-    def probe(self, probe: Probe) -> ProbeOutcome:
+    def probe(self, probe: Probe, known: object = None) -> ProbeOutcome:
         contacts = self.answers.pop(0)
         free = np.full((2, 3), float(len(self.answers)))
         status = "touched" if len(contacts) else "missed"

@@ -10,10 +10,12 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.tactile_sensor import TactileSensor
+from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 
 # Two contacts closer than this are one contact felt twice [m].
@@ -95,6 +97,7 @@ def explore(
     *,
     touches: int,
     rng: np.random.Generator,
+    space: Workspace | None = None,
     sensor: TactileSensor | None = None,
     stop: Sequence[StopRule] = (),
     max_probes: int | None = None,
@@ -122,6 +125,9 @@ def explore(
         Contacts to make.
     rng
         For every draw of policy and sensor.
+    space
+        Where the object is; the hand comes in from outside of it, past what is known. None leaves
+        it to the prober how it gets to where a probe starts.
     sensor
         Reports what the prober meets; None for one that reports it as it is.
     stop
@@ -158,7 +164,8 @@ def explore(
         probe = policy.next_probe(contacts, surface, outcomes=outcomes, rng=draws)
         if probe is None:
             return Exploration(contacts, tuple(outcomes), "nothing is left that is worth a touch")
-        outcome = prober.probe(probe)
+        known = None if space is None else KnownShape(space, contacts, surface)
+        outcome = prober.probe(probe, known)
         if sensor is not None:
             outcome = sensor.report(outcome, rng=draws)
         if record is not None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+
+if TYPE_CHECKING:
+    from lis_grasp.exploration.known_shape import KnownShape
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -49,15 +52,8 @@ class Probe:
     overshoot: float
 
     def __post_init__(self) -> None:
-        target = _vector("target", self.target)
-        direction = _vector("direction", self.direction)
-        length = float(np.linalg.norm(direction))
-        if length == 0.0:
-            raise InvalidOptionError("a probe's direction must not be zero; give the way it moves")
-        object.__setattr__(self, "target", _read_only(target))
-        # A unit direction stays as it is to the last bit, so that files survive.
-        unit = direction if abs(length - 1.0) < _ROUNDING else direction / length
-        object.__setattr__(self, "direction", _read_only(unit))
+        object.__setattr__(self, "target", _read_only(_vector("target", self.target)))
+        object.__setattr__(self, "direction", _unit("direction", self.direction))
         for name in ("standoff", "overshoot"):
             value = float(getattr(self, name))
             if not (np.isfinite(value) and value >= 0.0):
@@ -141,8 +137,17 @@ class Prober(Protocol):
     object frame O. A probe that cannot be carried out is an outcome (``"blocked"``), no exception.
     """
 
-    def probe(self, probe: Probe) -> ProbeOutcome:
-        """Carry out one probe and report what was felt."""
+    def probe(self, probe: Probe, known: KnownShape | None = None) -> ProbeOutcome:
+        """Carry out one probe and report what was felt.
+
+        Parameters
+        ----------
+        probe
+            The attempt.
+        known
+            What the hand keeps clear of on its way to where the probe starts; None where it is
+            there already.
+        """
         ...
 
 
@@ -153,6 +158,15 @@ def _vector(name: str, values: npt.ArrayLike) -> FloatArray:
             f"a probe's {name} must be 3 finite numbers; it is {array.tolist()}"
         )
     return array
+
+
+def _unit(name: str, values: npt.ArrayLike) -> FloatArray:
+    vector = _vector(name, values)
+    length = float(np.linalg.norm(vector))
+    if length == 0.0:
+        raise InvalidOptionError(f"a probe's {name} must not be zero; give the way it moves")
+    # A unit vector stays as it is to the last bit, so that files survive any number of rounds.
+    return _read_only(vector if abs(length - 1.0) < _ROUNDING else vector / length)
 
 
 def _read_only(array: FloatArray) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from pydrake.geometry import HydroelasticContactRepresentation
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import (
@@ -23,7 +22,6 @@ from lis_grasp.grasping.hand import Hand
 from lis_grasp.simulation.hand_plant import add_hand, ignore_self_collision
 from lis_grasp.simulation.object_plant import add_object
 from lis_grasp.simulation.patches import Patch, contact_patches, normal_force
-from lis_grasp.winding import any_inside
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -64,15 +62,12 @@ class ProbingScene:
             builder,
         )
         self._plant: MultibodyPlant = plant
-        self._mesh = mesh
         self._add_bodies(hand, mesh)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
         self._simulator = Simulator(builder.Build())
         self._root_context = self._simulator.get_mutable_context()
         self._context = plant.GetMyMutableContextFromRoot(self._root_context)
-        self._query_port = scene_graph.get_query_output_port()
-        self._scene_context = scene_graph.GetMyContextFromRoot(self._root_context)
         self._arm_port = plant.get_desired_state_input_port(self._arm)
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._results_port = plant.get_contact_results_output_port()
@@ -137,20 +132,6 @@ class ProbingScene:
         self._fingers_port.FixValue(context, np.concatenate([q, np.zeros_like(q)]))
         self._X_WO = X_WO
 
-    def is_free(self) -> bool:
-        """Tell whether every link is outside the object."""
-        return not self._touches() and not self._any_link_inside()
-
-    def clearance(self, point: FloatArray) -> float:
-        """Return the distance from a point (3,) of W to the object's surface [m]."""
-        _, distance, _ = trimesh.proximity.closest_point(self._mesh, self._in_object(point[None]))
-        return float(distance[0])
-
-    def touches_at(self, travelled: float) -> bool:
-        """Put the hand `travelled` [m] along its way, and tell whether a link touches there."""
-        self._slider.set_translation(self._context, travelled)
-        return self._touches()
-
     def start_motion(self, travelled: float, speed: float) -> None:
         """Put the hand `travelled` [m] along its way, moving at `speed` [m/s] without lag."""
         self._slider.set_translation(self._context, travelled)
@@ -187,21 +168,6 @@ class ProbingScene:
                 link_of_geometry=self._hand.link_of_geometry,
             )
         ]
-
-    def _touches(self) -> bool:
-        polygon = HydroelasticContactRepresentation.kPolygon
-        return bool(self._query_port.Eval(self._scene_context).ComputeContactSurfaces(polygon))
-
-    def _any_link_inside(self) -> bool:
-        """Tell whether a link's shape, whose surface touches nothing, is within the object."""
-        query = self._query_port.Eval(self._scene_context)
-        geometries = self._hand.link_of_geometry
-        centers = np.array([query.GetPoseInWorld(g).translation() for g in geometries])
-        return any_inside(self._mesh, self._in_object(centers))
-
-    def _in_object(self, points: FloatArray) -> FloatArray:
-        moved: FloatArray = (points - self._X_WO[:3, 3]) @ self._X_WO[:3, :3]
-        return moved
 
 
 def _rigid(X: FloatArray) -> RigidTransform:
