@@ -68,6 +68,7 @@ def run(name: str, policy: str, seed: int, touches: int) -> Row:
             make_policy(config, space),
             ESTIMATORS[config.estimator],
             touches=touches,
+            space=space,
             rng=np.random.default_rng(seed),
         )
         contacts = exploration.contacts

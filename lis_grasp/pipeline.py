@@ -90,7 +90,7 @@ class RunConfig:
     hand: str = "allegro"
     estimator: str = "blend"
     prober: str = "dynamic"
-    policy: str = "frontier"
+    policy: str = "spread"
     until_coverage: float | None = None
     until_uncertainty: float | None = None
     max_seconds: float | None = None
