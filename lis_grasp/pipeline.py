@@ -64,6 +64,8 @@ class RunConfig:
         Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`.
     prober
         "dynamic": the hand touches in Drake; "kinematic": by geometry alone, some times faster.
+    free
+        Whether the object stands on a table and may be pushed while it is touched; else it is held.
     policy
         What chooses the next touch, a key of `lis_grasp.exploration.POLICIES`.
     until_coverage, until_uncertainty, max_seconds
@@ -90,6 +92,7 @@ class RunConfig:
     hand: str = "allegro"
     estimator: str = "blend"
     prober: str = "dynamic"
+    free: bool = False
     policy: str = "spread"
     until_coverage: float | None = None
     until_uncertainty: float | None = None
@@ -115,6 +118,10 @@ class RunConfig:
         for name in ("touches", "grasps"):
             if getattr(self, name) < 1:
                 raise InvalidOptionError(f"{name} must be at least 1; it is {getattr(self, name)}")
+        if self.free and self.prober != "dynamic":
+            raise InvalidOptionError(
+                f"an object that stands free needs the dynamic prober; it is '{self.prober}'"
+            )
         if self.seed < 0:
             raise InvalidOptionError(f"seed must not be negative; it is {self.seed}")
         self.sensor()
@@ -175,13 +182,19 @@ def touch(
 ) -> Exploration:
     """Explore the object by touch, as the configuration says; go on from an interrupted log.
 
-    The object is held fixed. What the robot is told of it beforehand is where it is and how large:
-    the centre of its bounding box and its largest extent; every contact is felt.
+    The object is held, or stands free on a table. What the robot is told of it beforehand is where
+    it is and how large: the centre of its bounding box and its largest extent; every contact is
+    felt.
     """
-    space = Workspace(STEP_FRACTION * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
+    space = Workspace(
+        STEP_FRACTION * shape.size,
+        shape.mesh.bounds.mean(axis=0),
+        shape.size,
+        support_height(shape) if config.free else None,
+    )
     recorded = log.resume() if log is not None else ()
     exploration = explore(
-        _make_prober(config.prober, hand, shape),
+        _make_prober(config, hand, shape),
         make_policy(config, space),
         _told(config.estimator, config.sensor()),
         touches=config.touches,
@@ -205,14 +218,16 @@ def make_policy(config: RunConfig, space: Workspace) -> TargetPolicy:
     return TargetPolicy(space, kind.choose, guess)
 
 
-def _make_prober(name: str, hand: Hand, shape: Shape) -> Prober:
-    if name == "kinematic":
+def _make_prober(config: RunConfig, hand: Hand, shape: Shape) -> Prober:
+    if config.prober == "kinematic":
         from lis_grasp.simulation.kinematic_probing import KinematicProber
 
         return KinematicProber(hand, shape.mesh)
     from lis_grasp.simulation.probing import DynamicProber
+    from lis_grasp.simulation.probing_scene import FreeObject
 
-    return DynamicProber(hand, shape.mesh)
+    free = FreeObject(support_height(shape), config.mass, config.friction) if config.free else None
+    return DynamicProber(hand, shape.mesh, free=free)
 
 
 def _told(estimator: str, sensor: TactileSensor | None) -> Estimator:

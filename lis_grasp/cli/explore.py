@@ -23,6 +23,9 @@ def add_parser(verbs: Any) -> None:
     opt.add_hand(parser)
     opt.add_estimator(parser)
     opt.add_prober(parser)
+    opt.add_free(parser)
+    opt.add_physics(parser)
+    opt.add_friction(parser)
     opt.add_policy(parser)
     opt.add_noise(parser)
     opt.add_touches(parser)
@@ -64,6 +67,6 @@ def touch_with_log(
 
 def explored_header(config: pipeline.RunConfig, shape: pipeline.Shape) -> str:
     """Return the header of contacts: the configuration, and the height the object stands at."""
-    later = ("mass", "friction", "grasps")
+    later = ("grasps",) if config.free else ("mass", "friction", "grasps")
     facts = {name: value for name, value in config.facts().items() if name not in later}
     return provenance.describe(**facts, support_height=pipeline.support_height(shape))

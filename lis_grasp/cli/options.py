@@ -60,6 +60,16 @@ def add_prober(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_free(parser: argparse.ArgumentParser) -> None:
+    """Add the choice of an object that may move."""
+    parser.add_argument(
+        "--free",
+        action="store_true",
+        default=None,
+        help="the object stands on a table and may be pushed (default: it is held)",
+    )
+
+
 def add_policy(parser: argparse.ArgumentParser) -> None:
     """Add what chooses the next touch, and when there are enough."""
     parser.add_argument(

@@ -28,6 +28,9 @@ _OVERSHOOT = 1.5
 # After a miss the next probe comes in aslant, over the edge and back towards what is known.
 _SLANT = np.radians(40.0)
 
+# A start that would lie lower above a table than this is raised, in steps.
+_ABOVE_TABLE = 1.0
+
 
 def opening(space: Workspace, outcomes: Sequence[ProbeOutcome], rng: np.random.Generator) -> Probe:
     """Return a probe along an axis to the middle, from a side that had none."""
@@ -89,6 +92,10 @@ def onto(
     back = np.cos(slant) * normal  # the way back from the target, out of the object
     if length > 0.0:
         back = back + np.sin(slant) * away / length
+    if space.support_height is not None:  # not along the table, nor out of it, but from above
+        back = back / np.linalg.norm(back)
+        back[2] = max(back[2], _ABOVE_TABLE - (target[2] - space.support_height) / space.step)
+        back /= np.linalg.norm(back)
     # Start a step away, or halfway to whatever the estimate has in the way.
     distances = space.step * np.arange(0.2, 1.01, 0.1)
     inside = surface.evaluate(target + distances[:, None] * back) < 0.0

@@ -1,4 +1,4 @@
-"""What a hand has to go round: the estimate, as far as touches vouch for it."""
+"""What a hand has to go round: the estimate, as far as touches vouch for it, and the table."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class KnownShape:
         return 0.5 * float(np.sqrt(3.0)) * self.space.size
 
     def blocks(self, points: FloatArray, *, tip_radius: float) -> npt.NDArray[np.bool_]:
-        """Tell which points (P, 3) [m] are known to be inside of the object, shape (P,).
+        """Tell which points (P, 3) [m] are known to be in the object or the table, shape (P,).
 
         The estimate counts within half a step of a contact; farther away, and so behind a wall, it
         is a guess, and a guarded motion may find out. What a tip passed through is free, whatever
@@ -52,13 +52,14 @@ class KnownShape:
         tip_radius
             Of the tip that passed the contacts' free points with its centre [m].
         """
-        blocked = np.zeros(len(points), dtype=bool)
+        height = self.space.support_height
+        blocked = points[:, 2] < (-np.inf if height is None else height)
         if self.surface is None:
             return blocked
         near = np.flatnonzero(_within(self.contacts.points, points, 0.5 * self.space.step))
         near = near[~_within(self.contacts.free_points, points[near], tip_radius)]
         if len(near):
-            blocked[near] = self.surface.evaluate(points[near]) < 0.0
+            blocked[near] |= self.surface.evaluate(points[near]) < 0.0
         return blocked
 
 

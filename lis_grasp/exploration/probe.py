@@ -98,6 +98,8 @@ class ProbeOutcome:
         from its beginning.
     reason
         Why a motion was blocked; empty otherwise.
+    moved
+        By how much the touch moved the object, at its farthest point [m].
 
     Raises
     ------
@@ -111,6 +113,7 @@ class ProbeOutcome:
     free_points: FloatArray = field(default_factory=_no_points)
     duration: float = 0.0
     reason: str = ""
+    moved: float = 0.0
 
     def __post_init__(self) -> None:
         if self.status not in get_args(ProbeStatus):

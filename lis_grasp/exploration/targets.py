@@ -21,6 +21,8 @@ Mask = npt.NDArray[np.bool_]
 _SAME_TARGET = 0.4
 # Where a tip passed and felt nothing there is no surface, within this share of a step.
 _PASSED = 0.2
+# A surface that looks down more than this is not touched above a table (45 degrees).
+_FROM_BELOW = -float(np.sqrt(0.5))
 # A contact says nothing of a surface that faces away from it, as the far side of a thin wall does.
 _FACES_AWAY = -0.5
 
@@ -63,6 +65,9 @@ class Targets:
         nearest, second = gaps(points, normals, contacts)
         emptiness = _distance_to_passed(points, outcomes)
         new = emptiness > _PASSED * space.step
+        if space.support_height is not None:  # nothing comes in from below a table
+            new &= points[:, 2] > space.support_height + _PASSED * space.step
+            new &= normals[:, 2] > _FROM_BELOW
         new &= ~_tried(points, normals, np.minimum(nearest, space.step), outcomes)
         return cls(points, normals, nearest, second, emptiness, new)
 

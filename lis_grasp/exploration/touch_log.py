@@ -97,6 +97,7 @@ def _row(outcome: ProbeOutcome) -> Row:
         "status": outcome.status,
         "reason": outcome.reason,
         "duration": outcome.duration,
+        "moved": outcome.moved,
         "points": contacts.points.tolist(),
         "normals": contacts.normals.tolist(),
         "forces": _list(contacts.forces),
@@ -131,6 +132,7 @@ def _outcome(row: Row) -> ProbeOutcome:
         _rows(row["free_points"]),
         row["duration"],
         row["reason"],
+        row["moved"],
     )
 
 

@@ -32,6 +32,9 @@ class Workspace:
         Shape (3,) [m], in O: the middle of the object's box.
     size
         Largest extent of the object [m].
+    support_height
+        Height in O of the table that it stands on [m]; None for an object that is held, and can be
+        touched from below.
 
     Raises
     ------
@@ -42,6 +45,7 @@ class Workspace:
     step: float
     center: FloatArray
     size: float
+    support_height: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("step", "size"):

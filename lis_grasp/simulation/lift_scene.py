@@ -22,8 +22,8 @@ from lis_grasp.grasping.hand import Hand
 from lis_grasp.motion import OBJECT
 from lis_grasp.simulation.hand_plant import add_hand, add_wrist, ignore_self_collision
 from lis_grasp.simulation.lift_mesh import merge_flat_faces
-from lis_grasp.simulation.lift_table import add_table
 from lis_grasp.simulation.object_plant import add_object
+from lis_grasp.simulation.table import add_table
 
 FloatArray = npt.NDArray[np.float64]
 

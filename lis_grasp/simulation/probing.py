@@ -1,18 +1,20 @@
-"""Touch a fixed object with a hand's fingertip in Drake: guarded motion, and contacts out of it."""
+"""Touch an object with a hand's fingertip in Drake: guarded motion, and contacts out of it."""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.simulation.approach import rotation_to_x
 from lis_grasp.simulation.guarded_motion import SPEED, Course, GuardedMotion
 from lis_grasp.simulation.patches import Patch
-from lis_grasp.simulation.probing_scene import ProbingScene
+from lis_grasp.simulation.probing_scene import FreeObject, ProbingScene
+
+FloatArray = npt.NDArray[np.float64]
 
 # 0.2 mm a step of 2 ms: with the skin's stiffness, a touch passes the threshold by 1 N at the most.
 _FORCE_THRESHOLD = 0.2  # [N]
@@ -20,15 +22,19 @@ _FORCE_THRESHOLD = 0.2  # [N]
 _BEFORE = 0.002
 # A touch is felt within this much of the first contact; what is felt no sooner is a graze [m].
 _BEYOND = 0.01
+# An object that may move is touched slowly [m/s]; tilted by more than this afterwards, it has
+# toppled [rad].
+_GENTLE_SPEED, _TOPPLED = 0.03, np.deg2rad(5.0)
 
 GRAZED = "a link met the object and felt too little"
+TOPPLED = "the touch toppled the object"
 
 
 class DynamicProber:
     """Probes with the whole hand in Drake: every link can touch, and what touches first is felt.
 
     The hand rides on an arm along the probe's direction at 0.1 m/s, one finger stretched out in its
-    probe posture, the joints under PD control; the object is fixed. As long as nothing is near,
+    probe posture, the joints under PD control. As long as nothing is near,
     nothing acts on the hand: that part of the motion is exact without integration, and is skipped
     (`GuardedMotion`). From 2 mm before the first contact on, the motion is simulated, until a
     contact's normal force passes 0.2 N.
@@ -48,6 +54,10 @@ class DynamicProber:
         The true object in O [m], watertight.
     finger
         The leading finger; None takes, for each probe, the first one with an approach.
+    free
+        How the object stands on a table, where a touch may move it; None holds it. Its motion is
+        measured: contacts are told in the object's frame wherever it is, and the next probe finds
+        it again. A touch that topples it is not used.
 
     Raises
     ------
@@ -57,10 +67,19 @@ class DynamicProber:
         If the mesh is not watertight.
     """
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, *, finger: str | None = None) -> None:
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        finger: str | None = None,
+        free: FreeObject | None = None,
+    ) -> None:
         self._motion = GuardedMotion(hand, mesh, finger)
         self._hand = hand
-        self._scene = ProbingScene(hand, mesh)
+        self._scene = ProbingScene(hand, mesh, free)
+        self._free = free
+        self._hull = np.asarray(mesh.convex_hull.vertices)
 
     def probe(self, probe: Probe, known: KnownShape | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`.
@@ -76,39 +95,53 @@ class DynamicProber:
         passed, duration = course.free_points(probe), course.duration
         if course.met is None:
             return ProbeOutcome(probe, "missed", free_points=passed, duration=duration)
-        patches = self._feel(course)
-        if not patches:
+        patches, X_WO = self._feel(course)
+        moved, tilt = self._moved()
+        reason = TOPPLED if tilt > _TOPPLED else GRAZED if not patches else ""
+        if reason:
             return ProbeOutcome(
-                probe, "blocked", free_points=passed, duration=duration, reason=GRAZED
+                probe, "blocked", free_points=passed, duration=duration, reason=reason, moved=moved
             )
-        contacts = self._contacts(patches, course.until_contact)
-        return ProbeOutcome(probe, "touched", contacts, passed, duration)
+        contacts = _contacts(patches, X_WO, course.until_contact)
+        return ProbeOutcome(probe, "touched", contacts, passed, duration, moved=moved)
 
-    def _feel(self, course: Course) -> list[Patch]:
-        """Simulate the last of a course; return what is felt."""
+    def _feel(self, course: Course) -> tuple[list[Patch], FloatArray]:
+        """Simulate the last of a course; return what is felt, and the object's pose then."""
         scene, posture = self._scene, course.approach.posture
         palm_to_base = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
         X_OB = course.X_OH @ palm_to_base[self._hand.base_link]
-        X_WO = np.eye(4)
-        X_WO[:3, :3] = rotation_to_x(course.direction)  # the motion is along W's +x
-        scene.place(posture.joint_positions, X_WO @ X_OB, X_WO)
+        scene.place(posture.joint_positions, X_OB, course.direction)
+        speed = SPEED if self._free is None else _GENTLE_SPEED
         start = max(course.travelled - _BEFORE, 0.0)
-        scene.start_motion(start, SPEED)
-        step = SPEED * scene.time_step
+        scene.start_motion(start, speed)
+        step = speed * scene.time_step
         end = course.travelled + min(_BEYOND, course.left)
+        felt: list[Patch] = []
         for n in range(1, int(np.ceil((end - start) / step)) + 1):
-            scene.step(start + n * step, SPEED)
+            scene.step(start + n * step, speed)
             felt = scene.felt(_FORCE_THRESHOLD)
             if felt:
-                return felt
-        return []
+                break
+        X_WO = scene.X_WO
+        if self._free is not None:
+            scene.retreat(start + n * step, SPEED)
+        return felt, X_WO
 
-    def _contacts(self, patches: list[Patch], time: float) -> Contacts:
-        R_WO = self._scene.X_WO[:3, :3]
-        return Contacts(
-            points=np.array([patch.point for patch in patches]) @ R_WO,
-            normals=np.array([patch.normal for patch in patches]) @ R_WO,
-            forces=np.array([patch.force for patch in patches]),
-            fingers=tuple(patch.link for patch in patches),
-            times=np.full(len(patches), time),
-        )
+    def _moved(self) -> tuple[float, float]:
+        """Return by how much the touch has moved the object [m], and tilted it [rad]."""
+        X_WO = self._scene.X_WO
+        moved = self._hull @ X_WO[:3, :3].T + X_WO[:3, 3] - self._hull
+        tilt = float(np.arccos(np.clip(X_WO[2, 2], -1.0, 1.0)))
+        return float(np.linalg.norm(moved, axis=1).max()), tilt
+
+
+def _contacts(patches: list[Patch], X_WO: FloatArray, time: float) -> Contacts:
+    """Return what was felt, in O: wherever the touch had moved the object by then."""
+    points = np.array([patch.point for patch in patches])
+    return Contacts(
+        points=(points - X_WO[:3, 3]) @ X_WO[:3, :3],
+        normals=np.array([patch.normal for patch in patches]) @ X_WO[:3, :3],
+        forces=np.array([patch.force for patch in patches]),
+        fingers=tuple(patch.link for patch in patches),
+        times=np.full(len(patches), time),
+    )

@@ -1,10 +1,13 @@
-"""The scene of a probe in Drake: a fixed object, and a hand that rides on an arm along one line."""
+"""The scene of a probe in Drake: an object, held or free, and a hand that rides along one line."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import (
@@ -17,11 +20,14 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.exceptions import SimulationError
+from lis_grasp.exceptions import InvalidOptionError, SimulationError
 from lis_grasp.grasping.hand import Hand
+from lis_grasp.simulation.approach import rotation_to_x
 from lis_grasp.simulation.hand_plant import add_hand, ignore_self_collision
+from lis_grasp.simulation.lift_mesh import merge_flat_faces
 from lis_grasp.simulation.object_plant import add_object
 from lis_grasp.simulation.patches import Patch, contact_patches, normal_force
+from lis_grasp.simulation.table import add_table
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,12 +39,45 @@ _ARM_STIFFNESS, _ARM_DAMPING, _ARM_FORCE = 20_000.0, 600.0, 60.0  # [N/m], [N s/
 # Stiffness and damping of turning [N m/rad, N m s/rad] and of sliding joints [N/m, N s/m].
 _FINGER_GAINS = {"revolute": (5.0, 0.1), "prismatic": (5_000.0, 50.0)}
 
+# After a touch the hand goes back until the object is slower than this [m/s], within times [s].
+_STILL, _LEAST_SETTLING, _LONGEST_SETTLING = 5e-4, 0.03, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class FreeObject:
+    """How an object stands that may be pushed.
+
+    Parameters
+    ----------
+    support_height
+        Height of the table in O [m].
+    mass
+        [kg], of uniform density.
+    friction
+        Coulomb coefficient, of object on table and of hand on object.
+
+    Raises
+    ------
+    InvalidOptionError
+        If mass or friction is not above 0.
+    """
+
+    support_height: float
+    mass: float = 0.2
+    friction: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "friction"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise InvalidOptionError(f"{name} must be a positive number; it is {value}")
+
 
 class ProbingScene:
-    """A hand that moves along W's +x axis, and an object that does not move.
+    """A hand on a rail, and an object, in Drake; the world W is the object's frame O at rest.
 
-    Hand and object can be placed anew at any time: both hang on joints that are locked during the
-    motion, so that one plant serves every probe.
+    Rail, hand and object can be placed anew at any time: they hang on joints that are locked during
+    the motion, so that one plant serves every probe. Only an object that stands free is not locked.
 
     Parameters
     ----------
@@ -46,11 +85,13 @@ class ProbingScene:
         The hand.
     mesh
         The object in O [m], watertight.
+    free
+        How the object stands on a table; None holds it where it is.
     """
 
     time_step = _TIME_STEP
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh) -> None:
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, free: FreeObject | None = None) -> None:
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlant(
             MultibodyPlantConfig(
@@ -62,19 +103,26 @@ class ProbingScene:
             builder,
         )
         self._plant: MultibodyPlant = plant
-        self._add_bodies(hand, mesh)
+        self._free = free is not None
+        self._add_hand(hand, free.friction if free is not None else _FRICTION)
+        self._add_object(mesh, free)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
+        if free is not None:  # it is the plan of the hand's way that keeps clear of the table
+            scene_graph.collision_filter_manager().Apply(
+                CollisionFilterDeclaration().ExcludeBetween(
+                    GeometrySet(list(self._hand.link_of_geometry)), GeometrySet(self._table)
+                )
+            )
         self._simulator = Simulator(builder.Build())
         self._root_context = self._simulator.get_mutable_context()
         self._context = plant.GetMyMutableContextFromRoot(self._root_context)
         self._arm_port = plant.get_desired_state_input_port(self._arm)
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._results_port = plant.get_contact_results_output_port()
-        self._X_WO = np.eye(4)
         self._steps = 0
 
-    def _add_bodies(self, hand: Hand, mesh: trimesh.Trimesh) -> None:
+    def _add_hand(self, hand: Hand, friction: float) -> None:
         plant = self._plant
         moving = sorted((j for j in hand.joints if j.index >= 0), key=lambda joint: joint.index)
         gains = np.array([_FINGER_GAINS[joint.kind] for joint in moving])  # (J, 2)
@@ -83,54 +131,79 @@ class ProbingScene:
             hand,
             stiffness=gains[:, 0],
             damping=gains[:, 1],
-            friction=_FRICTION,
+            friction=friction,
             hydroelastic_modulus=_SKIN_MODULUS,
         )
         self._arm = plant.AddModelInstance("arm")
-        carriage = plant.AddRigidBody(
-            "carriage", self._arm, SpatialInertia(0.5, np.zeros(3), UnitInertia.SolidSphere(0.05))
+        rail, carriage = (
+            plant.AddRigidBody(
+                name, self._arm, SpatialInertia(0.5, np.zeros(3), UnitInertia.SolidSphere(0.05))
+            )
+            for name in ("rail", "carriage")
+        )
+        self._rail = plant.AddJoint(
+            QuaternionFloatingJoint("rail", plant.world_frame(), rail.body_frame())
         )
         self._slider = plant.AddJoint(
-            PrismaticJoint(
-                "slider", plant.world_frame(), carriage.body_frame(), np.array([1.0, 0.0, 0.0])
-            )
+            PrismaticJoint("slider", rail.body_frame(), carriage.body_frame(), np.eye(3)[0])
         )
         plant.AddJointActuator("slider", self._slider, _ARM_FORCE).set_controller_gains(
             PdControllerGains(p=_ARM_STIFFNESS, d=_ARM_DAMPING)
-        )
-        instance = plant.AddModelInstance("object")
-        body, self._object_geometry = add_object(
-            plant, mesh, mass=1.0, friction=_FRICTION, instance=instance
         )
         base = self._hand.bodies[hand.base_link]
         self._mount = plant.AddJoint(
             QuaternionFloatingJoint("mount", carriage.body_frame(), base.body_frame())
         )
+        plant.set_gravity_enabled(self._arm, False)
+
+    def _add_object(self, mesh: trimesh.Trimesh, free: FreeObject | None) -> None:
+        plant = self._plant
+        instance = plant.AddModelInstance("object")
+        body, self._object_geometry = add_object(
+            plant,
+            # The table's contact with large faces costs by their triangles.
+            mesh if free is None else merge_flat_faces(mesh),
+            mass=1.0 if free is None else free.mass,
+            friction=_FRICTION if free is None else free.friction,
+            instance=instance,
+        )
         self._fixture = plant.AddJoint(
             QuaternionFloatingJoint("fixture", plant.world_frame(), body.body_frame())
         )
-        for still in (self._arm, instance):
-            plant.set_gravity_enabled(still, False)
+        if free is None:
+            plant.set_gravity_enabled(instance, False)
+        else:
+            self._table = add_table(plant, free.support_height, free.friction)
 
     @property
     def X_WO(self) -> FloatArray:
-        """Pose of the object, shape (4, 4)."""
-        return self._X_WO
+        """Pose of the object now, shape (4, 4)."""
+        return np.asarray(self._fixture.GetPose(self._context).GetAsMatrix4())
 
-    def place(self, q: FloatArray, X_WB: FloatArray, X_WO: FloatArray) -> None:
-        """Put joints (J,), base link (4, 4) and object (4, 4) at the start of a motion, at rest."""
+    def place(self, q: FloatArray, X_OB: FloatArray, direction: FloatArray) -> None:
+        """Put joints (J,) and base link (4, 4) at the start of a motion along (3,), at rest."""
         plant, context = self._plant, self._context
-        for joint in (self._mount, self._fixture):
+        for joint in (self._rail, self._mount, self._fixture):
             joint.Unlock(context)
         plant.SetVelocities(context, np.zeros(plant.num_velocities()))
         self._hand.set_joint_positions(context, q)
         self._slider.set_translation(context, 0.0)
-        self._mount.SetPose(context, _rigid(X_WB))
-        self._fixture.SetPose(context, _rigid(X_WO))
-        for joint in (self._mount, self._fixture):
+        X_OR = np.eye(4)
+        X_OR[:3, :3] = rotation_to_x(direction).T
+        self._rail.SetPose(context, _rigid(X_OR))
+        self._mount.SetPose(context, _rigid(np.linalg.inv(X_OR) @ X_OB))
+        self._fixture.SetPose(context, RigidTransform())
+        for joint in (
+            (self._rail, self._mount)
+            if self._free
+            else (
+                self._rail,
+                self._mount,
+                self._fixture,
+            )
+        ):
             joint.Lock(context)
         self._fingers_port.FixValue(context, np.concatenate([q, np.zeros_like(q)]))
-        self._X_WO = X_WO
 
     def start_motion(self, travelled: float, speed: float) -> None:
         """Put the hand `travelled` [m] along its way, moving at `speed` [m/s] without lag."""
@@ -151,6 +224,19 @@ class ProbingScene:
         except RuntimeError as error:
             reason = str(error).splitlines()[0]
             raise SimulationError(f"the simulation of a touch failed: {reason}") from None
+
+    def retreat(self, travelled: float, speed: float) -> None:
+        """Go back from `travelled` [m] at `speed` [m/s] until the object stands still again."""
+        for n in range(1, round(_LONGEST_SETTLING / _TIME_STEP) + 1):
+            self.step(travelled - n * speed * _TIME_STEP, -speed)
+            if n * _TIME_STEP >= _LEAST_SETTLING and self._speed_of_object() < _STILL:
+                return
+
+    def _speed_of_object(self) -> float:
+        """Return its speed [m/s], and that of turning at a lever of 0.1 m."""
+        slide = self._fixture.get_translational_velocity(self._context)
+        turn = self._fixture.get_angular_velocity(self._context)
+        return float(max(np.linalg.norm(slide), 0.1 * np.linalg.norm(turn)))
 
     def felt(self, threshold: float) -> list[Patch]:
         """Return what touches with a normal force above `threshold` [N], in W."""

@@ -1,4 +1,4 @@
-"""The table that the object of a grasp trial stands on."""
+"""The table that an object stands on."""
 
 from __future__ import annotations
 
