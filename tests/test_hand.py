@@ -45,8 +45,10 @@ def drake_context(plant: Any, hand: Hand, X_OH: np.ndarray, q: np.ndarray) -> An
     X_OL = RigidTransform(X_OH @ np.linalg.inv(hand.X_LH))
     plant.SetFreeBodyPose(context, plant.GetBodyByName(hand.base_link), X_OL)
     positions = plant.GetPositions(context)
-    for joint_name, value in zip(hand.joint_names, q, strict=True):
-        positions[plant.GetJointByName(joint_name).position_start()] = value
+    for joint in hand.joints:
+        if joint.index >= 0:  # those that a transmission couples to others too
+            place = plant.GetJointByName(joint.name).position_start()
+            positions[place] = joint.multiplier * q[joint.index] + joint.offset
     plant.SetPositions(context, positions)
     return context
 
@@ -70,13 +72,18 @@ def test_pad_jacobian_agrees_with_drake(hand: Hand) -> None:
     context = drake_context(plant, hand, X_OH, q)
     jacobian = hand.pad_jacobian(X_OH, q)
     world = plant.world_frame()
-    columns = [plant.GetJointByName(name).velocity_start() for name in hand.joint_names]
+    shares = np.zeros((plant.num_velocities(), len(q)))  # of the actuated joints in all speeds
+    for joint in hand.joints:
+        if joint.index >= 0:
+            shares[plant.GetJointByName(joint.name).velocity_start(), joint.index] = (
+                joint.multiplier
+            )
     for f, pad in enumerate(hand.pads):
         frame = plant.GetBodyByName(pad.link).body_frame()
         expected = plant.CalcJacobianTranslationalVelocity(
             context, JacobianWrtVariable.kV, frame, pad.center_L, world, world
         )
-        np.testing.assert_allclose(jacobian[f, :, 6:], expected[:, columns], atol=1e-13)
+        np.testing.assert_allclose(jacobian[f, :, 6:], expected @ shares, atol=1e-13)
 
 
 def test_pad_jacobian_is_the_derivative_of_pad_centers(hand: Hand) -> None:
@@ -199,7 +206,7 @@ def self_collisions(hand: Hand, q: np.ndarray) -> set[tuple[str, str]]:
     return {pair for pair in touching if pair[0] != pair[1]} - hand.self_collision_exclusions
 
 
-@pytest.mark.parametrize(("name", "lead"), [("allegro", 0.08), ("wsg50", 0.05)])
+@pytest.mark.parametrize(("name", "lead"), [("allegro", 0.08), ("wsg50", 0.05), ("barrett", 0.09)])
 def test_the_leading_tip_is_ahead_of_everything_but_its_own_finger(name: str, lead: float) -> None:
     hand = Hand.load(name)
     assert set(hand.probe_postures) == set(hand.fingers)
@@ -323,7 +330,7 @@ def test_a_mesh_of_the_urdf_is_found_beside_it_and_scaled(tmp_path: Path) -> Non
 
 
 def test_what_is_no_hand_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidHandError, match="one of allegro, wsg50"):
+    with pytest.raises(InvalidHandError, match="one of allegro, wsg50, barrett"):
         Hand.load("shadow")
     broken = tmp_path / "broken.yaml"
     broken.write_text("name: [")
@@ -332,3 +339,29 @@ def test_what_is_no_hand_is_refused(tmp_path: Path) -> None:
     broken.write_text("just a text")
     with pytest.raises(InvalidHandError, match="must be a mapping"):
         Hand.load(broken)
+
+
+def test_barrett_has_the_published_dimensions_and_couplings() -> None:
+    hand = Hand.load("barrett")
+    assert hand.mass == pytest.approx(0.98, abs=1e-9)
+    assert hand.joint_names == ("spread", "finger_1", "finger_2", "finger_3")
+    joints = {joint.name: joint for joint in hand.joints}
+    assert np.linalg.norm(joints["finger_3_distal"].X_PJ[:3, 3]) == pytest.approx(0.070)
+    tip = hand.forward_kinematics(np.eye(4), np.zeros(4))
+    outer = np.linalg.inv(tip["finger_3_outer"]) @ tip["finger_3_tip"]
+    assert outer[0, 3] + hand.pads[2].radius == pytest.approx(0.058)
+    # 140 degrees of a finger's first joint are 48 of its second; the spread is even.
+    closed = np.radians([180.0, 140.0, 140.0, 140.0])
+    assert joints["finger_1_distal"].position(closed) == pytest.approx(np.radians(48.2), abs=1e-3)
+    left, right, _ = hand.pad_centers(np.eye(4), [0.7, 0.5, 0.5, 0.5])
+    # The URDF's right angles have six digits.
+    np.testing.assert_allclose(left * [-1.0, 1.0, 1.0], right, atol=2e-6)
+
+
+def test_a_mimic_joint_without_a_leader_is_refused(tmp_path: Path) -> None:
+    folder = model_path("hands/barrett")
+    for name in ("barrett.urdf", "barrett.yaml"):
+        text = (folder / name).read_text()
+        (tmp_path / name).write_text(text.replace('<mimic joint="spread"', '<mimic joint="palm"'))
+    with pytest.raises(InvalidHandError, match="mimics 'palm', which must be a movable joint"):
+        Hand.load(tmp_path / "barrett.yaml")

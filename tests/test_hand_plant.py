@@ -64,10 +64,11 @@ def test_the_mass_matrix_is_that_of_the_urdf_parsed_by_drake(hand: Hand) -> None
     contexts = [plant.CreateDefaultContext(), parsed.CreateDefaultContext()]
     added.set_joint_positions(contexts[0], q)
     positions = np.zeros(parsed.num_positions())
-    theirs = [parsed.GetJointByName(name).velocity_start() for name in hand.joint_names]
-    positions[theirs] = q
+    moving = [joint for joint in hand.joints if joint.index >= 0]
+    theirs = [parsed.GetJointByName(joint.name).velocity_start() for joint in moving]
+    positions[theirs] = [float(joint.position(q)) for joint in moving]
     parsed.SetPositions(contexts[1], positions)
-    ours = [joint.velocity_start() for joint in added.joints]
+    ours = [plant.GetJointByName(joint.name).velocity_start() for joint in moving]
     ours_M = plant.CalcMassMatrix(contexts[0])[np.ix_(ours, ours)]
     their_M = parsed.CalcMassMatrix(contexts[1])[np.ix_(theirs, theirs)]
     np.testing.assert_allclose(ours_M, their_M, atol=1e-12)  # kg m^2, of order 1e-3
@@ -191,3 +192,21 @@ def test_an_object_keeps_its_hole() -> None:
 
     assert links_in_contact(0.055) == set()
     assert "left_tip" in links_in_contact(0.04)  # the nose reaches 21 mm from the middle
+
+
+def test_a_coupled_joint_follows_its_leader_while_it_moves() -> None:
+    hand = Hand.load("barrett")
+    diagram, plant, _, added = fixed_hand(hand)
+    simulator = Simulator(diagram)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    added.set_joint_positions(context, np.zeros(4))
+    goal = np.array([0.6, 0.9, 0.3, 1.2])
+    port = plant.get_desired_state_input_port(added.instance)
+    port.FixValue(context, np.concatenate([goal, np.zeros(4)]))
+    for time in (0.05, 0.2, 3.0):
+        simulator.AdvanceTo(time)
+        q = np.array([joint.get_angle(context) for joint in added.joints])
+        for joint, follower in added.followers:
+            # Drake's constraint is a stiff spring: a thousandth of a radian at the start.
+            assert joint.get_angle(context) == pytest.approx(float(follower.position(q)), abs=2e-3)
+    np.testing.assert_allclose(q, goal, atol=2e-2)

@@ -19,7 +19,7 @@ GeometryKind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
 HandKind = Literal["multi_finger", "jaw"]
 
 # The hands that the package ships, by the name that `Hand.load` takes.
-HAND_NAMES = ("allegro", "wsg50")
+HAND_NAMES = ("allegro", "wsg50", "barrett")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,12 @@ class Joint:
     axis_J
         Shape (3,), unit, in the joint frame; zeros for a fixed joint.
     index
-        Place of the joint in `Hand.joint_names`, or -1 for a fixed joint.
+        Place of the joint in `Hand.joint_names`, or of the joint that it follows; -1 for a fixed
+        joint.
+    follows
+        Whether a transmission couples it to another joint (a URDF's ``mimic``): it has no motor.
+    multiplier, offset
+        Of a joint that follows: its position is ``multiplier * q[index] + offset``.
     """
 
     name: str
@@ -47,6 +52,18 @@ class Joint:
     X_PJ: FloatArray
     axis_J: FloatArray
     index: int
+    follows: bool = False
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def is_actuated(self) -> bool:
+        """Whether it is one of `Hand.joint_names`."""
+        return self.index >= 0 and not self.follows
+
+    def position(self, q: FloatArray) -> FloatArray:
+        """Return its position, shape (...), for those of the actuated joints, (..., J)."""
+        return np.asarray(self.multiplier * q[..., self.index] + self.offset)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,7 +265,8 @@ class Hand:
     def finger_joints(self, finger: str) -> tuple[int, ...]:
         """Return the indices of the joints that move a finger's pad, from the palm outwards."""
         pad = next(pad for pad in self.pads if pad.finger == finger)
-        return tuple(joint.index for joint in self._chain(pad.link) if joint.index >= 0)
+        moving = (joint.index for joint in self._chain(pad.link) if joint.index >= 0)
+        return tuple(dict.fromkeys(moving))
 
     def forward_kinematics(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> dict[str, FloatArray]:
         """Return the pose of every link, for any number of hand poses at once.
@@ -271,9 +289,9 @@ class Hand:
         for joint in self.joints:
             X_PC: FloatArray = joint.X_PJ
             if joint.kind == "revolute":
-                X_PC = joint.X_PJ @ _rotation(joint.axis_J, q[..., joint.index])
+                X_PC = joint.X_PJ @ _rotation(joint.axis_J, joint.position(q))
             elif joint.kind == "prismatic":
-                X_PC = joint.X_PJ @ _translation(joint.axis_J, q[..., joint.index])
+                X_PC = joint.X_PJ @ _translation(joint.axis_J, joint.position(q))
             poses[joint.child] = poses[joint.parent] @ X_PC
         return {link: poses[link] for link in self.links}
 
@@ -318,7 +336,7 @@ class Hand:
                 axis = X_OC[..., :3, :3] @ joint.axis_J  # (..., 3)
                 if joint.kind == "revolute":
                     axis = np.cross(axis, center - X_OC[..., :3, 3])
-                jacobian[..., f, :, 6 + joint.index] = axis
+                jacobian[..., f, :, 6 + joint.index] += joint.multiplier * axis
         return jacobian
 
     def _chain(self, link: str) -> tuple[Joint, ...]:

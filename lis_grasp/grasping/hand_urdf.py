@@ -53,12 +53,12 @@ def read_urdf(path: Path) -> UrdfModel:
     InvalidFileError
         If the file, or a mesh that it names, is missing or unreadable.
     InvalidHandError
-        If its tree cannot be used: a loop, several roots, mimic joints, missing limits or masses.
+        If its tree cannot be used: a loop, several roots, missing limits or masses.
     """
     robot = _parse(path)
     links = {link.name: link for link in robot.links}
     joints = _ordered_joints(robot, path.name)
-    movable = [joint for joint in robot.joints if joint.type != "fixed"]
+    movable = _actuated(robot)
     limits = [_limits(joint, path.name) for joint in movable]
     names = (joints[0].parent, *(joint.child for joint in joints))
     inertials = {name: _inertial(links[name]) for name in names}
@@ -120,14 +120,15 @@ def _ordered_joints(robot: Any, file: str) -> tuple[Joint, ...]:
                 f"{file}: joint '{joint.name}' is of type '{joint.type}'; a hand's joints must be"
                 f" {', '.join(_KINDS)}"
             )
-        if joint.mimic is not None:
-            raise InvalidHandError(
-                f"{file}: joint '{joint.name}' mimics '{joint.mimic.joint}'; mimic joints are not"
-                " supported: make it fixed, or a joint of its own"
-            )
         if joint.parent not in names or joint.child not in names:
             raise InvalidHandError(f"{file}: joint '{joint.name}' joins a link that is not there")
-    movable = [joint.name for joint in robot.joints if joint.type != "fixed"]
+    movable = [joint.name for joint in _actuated(robot)]
+    for joint in robot.joints:
+        if joint.mimic is not None and joint.mimic.joint not in movable:
+            raise InvalidHandError(
+                f"{file}: joint '{joint.name}' mimics '{joint.mimic.joint}', which must be a"
+                " movable joint that mimics no other"
+            )
     if not movable:
         raise InvalidHandError(f"{file}: a hand must have movable joints; there are none")
     ordered: list[Joint] = []
@@ -142,6 +143,11 @@ def _ordered_joints(robot: Any, file: str) -> tuple[Joint, ...]:
     return tuple(ordered)
 
 
+def _actuated(robot: Any) -> list[Any]:
+    """Return the movable joints that follow no other, in the file's order."""
+    return [joint for joint in robot.joints if joint.type != "fixed" and joint.mimic is None]
+
+
 def _joint(joint: Any, movable: list[str], file: str) -> Joint:
     kind = _KINDS[joint.type]
     axis = np.zeros(3)
@@ -151,6 +157,12 @@ def _joint(joint: Any, movable: list[str], file: str) -> Joint:
         if not (np.isfinite(length) and length > 0.0):
             raise InvalidHandError(f"{file}: joint '{joint.name}' must have a nonzero axis")
         axis = axis / length
+    mimic = joint.mimic
+    multiplier = 1.0 if mimic is None or mimic.multiplier is None else float(mimic.multiplier)
+    offset = 0.0 if mimic is None or mimic.offset is None else float(mimic.offset)
+    if not np.isfinite([multiplier, offset]).all():
+        raise InvalidHandError(f"{file}: joint '{joint.name}' must mimic by finite numbers")
+    leader = joint.name if mimic is None else mimic.joint
     return Joint(
         name=joint.name,
         kind=kind,
@@ -158,7 +170,10 @@ def _joint(joint: Any, movable: list[str], file: str) -> Joint:
         child=joint.child,
         X_PJ=_frozen(_origin(joint.origin)),
         axis_J=_frozen(axis),
-        index=movable.index(joint.name) if kind != "fixed" else -1,
+        index=movable.index(leader) if kind != "fixed" else -1,
+        follows=mimic is not None,
+        multiplier=multiplier,
+        offset=offset,
     )
 
 

@@ -137,8 +137,8 @@ class _Problem:
         self._half_angles = np.array([pad.half_angle for pad in hand.pads])
         self._least_cosine = np.cos(_PAD_SHARE * self._half_angles)  # (F,)
         self._start_X, self._start_q = X_OH, q
-        revolute = np.array([j.kind == "revolute" for j in hand.joints if j.index >= 0])
-        index = np.array([j.index for j in hand.joints if j.index >= 0])
+        revolute = np.array([j.kind == "revolute" for j in hand.joints if j.is_actuated])
+        index = np.array([j.index for j in hand.joints if j.is_actuated])
         units = np.empty(len(hand.joint_names))
         units[index] = np.where(revolute, _REVOLUTE_UNIT, _PRISMATIC_UNIT)
         serving = np.zeros((len(hand.pads), len(units)), dtype=bool)

@@ -40,6 +40,7 @@ from pydrake.multibody.tree import (
 )
 
 from lis_grasp.grasping.hand import Hand, Inertial, LinkGeometry
+from lis_grasp.grasping.hand import Joint as HandJoint
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -64,6 +65,8 @@ class HandInPlant:
         The actuated joints, in the order of `Hand.joint_names`.
     link_of_geometry
         Collision geometry -> name of the link that carries it.
+    followers
+        The joints that a transmission couples to actuated ones, and what they are in the hand.
     """
 
     hand: Hand
@@ -71,10 +74,12 @@ class HandInPlant:
     bodies: Mapping[str, RigidBody]
     joints: tuple[Joint, ...]
     link_of_geometry: Mapping[GeometryId, str]
+    followers: tuple[tuple[Joint, HandJoint], ...] = ()
 
     def set_joint_positions(self, plant_context: object, q: FloatArray) -> None:
-        """Put the joints at positions q, shape (J,), at rest."""
-        for joint, position in zip(self.joints, q, strict=True):
+        """Put the joints at positions q, shape (J,), and those that follow them, at rest."""
+        followed = [(joint, float(follower.position(q))) for joint, follower in self.followers]
+        for joint, position in [*zip(self.joints, q, strict=True), *followed]:
             if isinstance(joint, RevoluteJoint):
                 joint.set_angle(plant_context, position)
                 joint.set_angular_rate(plant_context, 0.0)
@@ -120,6 +125,7 @@ def add_hand(
         for link in hand.links
     }
     joints: dict[int, Joint] = {}
+    followers: list[tuple[Joint, HandJoint]] = []
     for joint in hand.joints:
         parent, child = bodies[joint.parent], bodies[joint.child]
         frame = plant.AddFrame(
@@ -131,6 +137,10 @@ def add_hand(
             plant.WeldFrames(frame, child.body_frame())
             continue
         kind = RevoluteJoint if joint.kind == "revolute" else PrismaticJoint
+        if joint.follows:
+            follower = kind(joint.name, frame, child.body_frame(), joint.axis_J)
+            followers.append((plant.AddJoint(follower), joint))
+            continue
         i = joint.index
         joints[i] = plant.AddJoint(
             kind(
@@ -146,6 +156,8 @@ def add_hand(
     for i in range(count):
         actuator = plant.AddJointActuator(joints[i].name(), joints[i], hand.effort_limits[i])
         actuator.set_controller_gains(PdControllerGains(p=stiffness[i], d=damping[i]))
+    for follower, joint in followers:
+        plant.AddCouplerConstraint(follower, joints[joint.index], joint.multiplier, joint.offset)
     link_of_geometry = {}
     for number, geometry in enumerate(hand.link_geometries):
         properties = _skin(geometry, friction, hydroelastic_modulus)
@@ -159,7 +171,7 @@ def add_hand(
         link_of_geometry[identity] = geometry.link
     plant.set_gravity_enabled(instance, False)
     ordered = tuple(joints[i] for i in range(count))
-    return HandInPlant(hand, instance, bodies, ordered, link_of_geometry)
+    return HandInPlant(hand, instance, bodies, ordered, link_of_geometry, tuple(followers))
 
 
 def ignore_self_collision(scene_graph: SceneGraph, added: HandInPlant) -> None:

@@ -225,7 +225,7 @@ class LiftTrial:
 
 
 def _full_effort_errors(hand: Hand) -> FloatArray:
-    turning = {joint.index: joint.kind == "revolute" for joint in hand.joints if joint.index >= 0}
+    turning = {joint.index: joint.kind == "revolute" for joint in hand.joints if joint.is_actuated}
     return np.array(
         [
             _FULL_EFFORT_ANGLE if turning[i] else _FULL_EFFORT_DISTANCE

@@ -124,7 +124,7 @@ class ProbingScene:
 
     def _add_hand(self, hand: Hand, friction: float) -> None:
         plant = self._plant
-        moving = sorted((j for j in hand.joints if j.index >= 0), key=lambda joint: joint.index)
+        moving = sorted((j for j in hand.joints if j.is_actuated), key=lambda joint: joint.index)
         gains = np.array([_FINGER_GAINS[joint.kind] for joint in moving])  # (J, 2)
         self._hand = add_hand(
             plant,
