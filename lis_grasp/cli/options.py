@@ -37,7 +37,7 @@ def add_hand(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hand",
         metavar="HAND",
-        help=f"allegro, wsg50, or a hand's YAML file (default: {_DEFAULTS.hand})",
+        help=f"allegro, wsg50, barrett, or a hand's YAML file (default: {_DEFAULTS.hand})",
     )
 
 
