@@ -23,8 +23,9 @@ LAYERS = [
     ["simulation"],
     ["evaluation"],
     ["pipeline"],
+    ["study"],
     ["visualization", "reporting", "scene_files"],
-    ["paper_report"],
+    ["paper_report", "study_report"],
     ["cli"],
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -51,14 +51,28 @@ class Table:
         Paired: only trials that both came through count, and the bootstrap draws seeds, the same
         for both estimators and all objects (percentile interval, Efron 1979).
         """
+        mine, theirs, resampled = self._paired(estimator, reference)
+        low, high = np.quantile(1.0 - resampled[0] / resampled[1], [0.025, 0.975])
+        return float(1.0 - mine / theirs), float(low), float(high)
+
+    def difference(self, estimator: str, reference: str) -> tuple[float, float, float]:
+        """Return how far the mean is above another estimator's, with its 95 % interval.
+
+        Paired and resampled as in `reduction`.
+        """
+        mine, theirs, resampled = self._paired(estimator, reference)
+        low, high = np.quantile(resampled[0] - resampled[1], [0.025, 0.975])
+        return float(mine - theirs), float(low), float(high)
+
+    def _paired(self, estimator: str, reference: str) -> tuple[float, float, FloatArray]:
+        """Return the means of two over the trials that both have, and resampled, (2, resamples)."""
         both = np.stack([self.of(estimator), self.of(reference)])  # (2, objects, seeds)
         both[:, np.isnan(both).any(axis=0)] = np.nan
         rng = np.random.default_rng(0)
         drawn = rng.integers(len(self.seeds), size=(_RESAMPLES, len(self.seeds)))
         resampled = _mean(_mean(both[:, :, drawn], axis=3), axis=1)  # (2, resamples)
         mine, theirs = _mean(_mean(both, axis=2), axis=1)
-        low, high = np.quantile(1.0 - resampled[0] / resampled[1], [0.025, 0.975])
-        return float(1.0 - mine / theirs), float(low), float(high)
+        return float(mine), float(theirs), resampled
 
 
 def tabulate(rows: Sequence[Row], experiment: str, measure: str) -> Table:

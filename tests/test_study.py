@@ -1,0 +1,331 @@
+"""Studies: what is permitted, that rows last, and that they do not depend on who makes them."""
+
+from __future__ import annotations
+
+import dataclasses
+import multiprocessing
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp import pipeline
+from lis_grasp.exceptions import EstimationError, InvalidFileError, InvalidOptionError
+from lis_grasp.exploration import Exploration
+from lis_grasp.study import trial as trial_module
+from lis_grasp.study.results import COLUMNS, StudyResults, job_of, without_times
+from lis_grasp.study.scheduling import DaskCluster, InProcess, LocalPool, run_study
+from lis_grasp.study.study import Setup, Study, Trial, load_study, parse_noise
+from lis_grasp.study.trial import Job, Row, contacts_of, row_key, run_job
+
+pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
+
+SMALL = Study(
+    objects=("box", "sphere"),
+    estimators=("gpis", "blend"),
+    touches=(6, 12),
+    noise=("none",),
+    seeds=(0, 1),
+)
+
+
+def fake_rows(job: Job) -> list[Row]:
+    """Return rows that are as a trial's, at once."""
+    return [
+        trial_module._blank_row(job.trial, job.setup, name)
+        | {"rmsd": 0.1 + 0.2 * job.trial.seed, "contacts": job.trial.touches, "seconds_touch": 1.0}
+        for name in job.estimators
+    ]
+
+
+def run(study: Study, folder: Path, scheduler: object = None, runner: object = fake_rows) -> int:
+    results = StudyResults(folder)
+    steps = list(run_study(study, results, scheduler or InProcess(), runner=runner))  # type: ignore[arg-type]
+    return len(steps) - 1
+
+
+def comparable(study: Study, folder: Path) -> list[Row]:
+    return [without_times(row) for row in StudyResults(folder).of(study)]
+
+
+def test_a_study_is_all_with_all_and_seed_by_seed() -> None:
+    trials = SMALL.trials()
+    assert len(trials) == len(set(trials)) == 2 * 2 * 1 * 1 * 2
+    assert [trial.seed for trial in trials] == sorted(trial.seed for trial in trials)
+
+
+def test_a_study_comes_back_from_its_facts() -> None:
+    study = dataclasses.replace(SMALL, setup=Setup(explorer="own", grasps=3))
+    assert Study.from_facts(study.facts()) == study
+    assert Study.from_facts({"seeds": 3}).seeds == (0, 1, 2)
+
+
+def test_a_study_is_read_from_yaml(tmp_path: Path) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text("objects: [box]\nnoise: [none, 1mm/3deg]\nseeds: 2\nmass: 0.3\n")
+    study = Study.from_facts(load_study(path))
+    assert study.objects == ("box",)
+    assert study.noise == ("none", "1mm/3deg")
+    assert study.setup.mass == 0.3
+
+
+@pytest.mark.parametrize(
+    ("facts", "message"),
+    [
+        ({"object": ["box"]}, "did you mean 'objects'"),
+        ({"objects": "box"}, "objects must be a list"),
+        ({"objects": []}, "objects must name at least one"),
+        ({"objects": ["bx"]}, "neither a built-in shape"),
+        ({"estimators": ["gpis", "blnd"]}, "did you mean 'blend'"),
+        ({"estimators": ["blend"]}, "compares with 'gpis'"),
+        ({"touches": [0]}, "touches must be whole numbers from 1 on; 0 came"),
+        ({"touches": [10, 10]}, "10 came twice"),
+        ({"seeds": 0}, "seeds must be at least 1"),
+        ({"seeds": [-1]}, "seeds must be whole numbers from 0 on"),
+        ({"noise": ["1mm"]}, "noise must be 'none' or like '1mm/3deg'"),
+        ({"hands": ["claw"]}, "claw"),
+        ({"prober": "none"}, "prober must be one of"),
+        ({"explorer": "gps"}, "did you mean 'gpis'"),
+        ({"mass": "heavy"}, "mass must be a number"),
+        ({"mass": -1.0}, "mass must be a positive number"),
+        ({"grasps": 1.5}, "grasps must be a whole number"),
+    ],
+)
+def test_a_mistake_in_a_study_is_named(facts: dict, message: str) -> None:
+    with pytest.raises(Exception, match=message) as caught:
+        Study.from_facts(facts)
+    assert type(caught.value).__module__ == "lis_grasp.exceptions"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("objects: [box", "must be a YAML file"), ("- box", "must hold keys and values")],
+)
+def test_another_file_is_no_study(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text(text)
+    with pytest.raises(InvalidFileError, match=message):
+        load_study(path)
+    with pytest.raises(InvalidFileError, match="cannot read"):
+        load_study(tmp_path / "none.yaml")
+
+
+def test_noise_is_in_metres_and_radians() -> None:
+    assert not parse_noise("none").any
+    assert parse_noise("1mm/3deg").position == pytest.approx(1e-3)
+    assert parse_noise("0.5mm/3deg").normal == pytest.approx(np.pi / 60)
+
+
+def test_a_key_names_all_that_decides_a_row() -> None:
+    trial, setup = Trial("box", "allegro", 10, "none", 0), Setup()
+    others = [
+        row_key(dataclasses.replace(trial, **{name: value}), setup, "gpis")
+        for name, value in (
+            ("object", "torus"),
+            ("hand", "wsg50"),
+            ("touches", 11),
+            ("noise", "1mm/3deg"),
+            ("seed", 1),
+        )
+    ]
+    others += [row_key(trial, setup, "lis"), row_key(trial, Setup(mass=0.3), "gpis")]
+    assert len({row_key(trial, setup, "gpis"), *others}) == len(others) + 1
+    assert row_key(trial, setup, "gpis") == row_key(trial, Setup(), "gpis")
+
+
+def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
+    run(SMALL, tmp_path)
+    written = [
+        row for job in StudyResults(tmp_path / "no").missing(SMALL) for row in fake_rows(job)
+    ]
+    assert StudyResults(tmp_path).of(SMALL) == [{n: r.get(n) for n in COLUMNS} for r in written]
+    merged = StudyResults(tmp_path).write_merged(written)
+    assert merged.is_file()
+    assert len(StudyResults(tmp_path).keys()) == len(written)
+
+
+def test_columns_are_those_of_a_row() -> None:
+    row = fake_rows(Job(SMALL.trials()[0], Setup(), ("gpis",)))[0]
+    assert set(row) | set(trial_module.TIMES) == set(COLUMNS)
+
+
+def test_an_interrupted_study_goes_on_where_it_was(tmp_path: Path) -> None:
+    asked: list[Job] = []
+
+    def counting(job: Job) -> list[Row]:
+        asked.append(job)
+        if len(asked) == 4:
+            raise KeyboardInterrupt
+        return fake_rows(job)
+
+    with pytest.raises(KeyboardInterrupt):
+        run(SMALL, tmp_path, runner=counting)
+    assert len(StudyResults(tmp_path).keys()) == 3 * 2
+    (tmp_path / "rows" / ".partial-torn.parquet").write_bytes(b"PAR1")  # killed while writing
+    run(SMALL, tmp_path, runner=counting)
+    # Nothing is done twice but the trial that was cut off.
+    assert len(asked) == len(SMALL.trials()) + 1
+    assert run(SMALL, tmp_path) == 0
+    run(SMALL, tmp_path / "whole")
+    assert comparable(SMALL, tmp_path) == comparable(SMALL, tmp_path / "whole")
+
+
+def test_an_estimator_added_later_runs_alone(tmp_path: Path) -> None:
+    run(SMALL, tmp_path)
+    more = dataclasses.replace(SMALL, estimators=("gpis", "blend", "lis"))
+    assert {job.estimators for job in StudyResults(tmp_path).missing(more)} == {("lis",)}
+
+
+def test_a_row_of_another_version_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(SMALL, tmp_path)
+    monkeypatch.setattr("lis_grasp.__version__", "9.9.9")
+    with pytest.raises(InvalidFileError, match="must be of lis_grasp 9.9.9"):
+        StudyResults(tmp_path).of(SMALL)
+
+
+def test_a_damaged_file_is_named(tmp_path: Path) -> None:
+    run(SMALL, tmp_path)
+    path = sorted((tmp_path / "rows").iterdir())[0]
+    path.write_bytes(path.read_bytes()[:50])
+    with pytest.raises(InvalidFileError, match="remove it, and it is made again"):
+        StudyResults(tmp_path).read()
+
+
+def test_a_row_is_found_by_the_beginning_of_its_key(tmp_path: Path) -> None:
+    run(SMALL, tmp_path)
+    results = StudyResults(tmp_path)
+    row = results.of(SMALL)[3]
+    assert results.row(row["key"][:8]) == row
+    assert row_key(job_of(row).trial, job_of(row).setup, row["estimator"]) == row["key"]
+    for key, count in (("", 16), ("nothing", 0)):
+        with pytest.raises(InvalidOptionError, match=f"names {count}"):
+            results.row(key)
+
+
+def test_a_smaller_budget_s_contacts_are_the_first_of_a_larger_one() -> None:
+    larger = Trial("mallet", "allegro", 14, "1mm/3deg", 3)
+    many = contacts_of(larger, Setup(), "blend")
+    few = contacts_of(dataclasses.replace(larger, touches=9), Setup(), "blend")
+    assert (len(few), len(many)) == (9, 14)
+    np.testing.assert_array_equal(few.points, many.points[:9])
+    np.testing.assert_array_equal(few.normals, many.normals[:9])
+    free = len(few.free_points)
+    np.testing.assert_array_equal(few.free_points, many.free_points[:free])
+
+
+def test_failures_are_rows_with_their_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def estimate(*_: object) -> None:
+        raise EstimationError("no surface of this kind")
+
+    monkeypatch.setattr(pipeline, "estimate", estimate)
+    (row,) = run_job(Job(Trial("box", "allegro", 4, "none", 0), Setup(), ("gpis",)))
+    assert (row["reason"], row["held"]) == ("failed", False)
+    assert row["failure"] == "EstimationError: no surface of this kind"
+    assert row["contacts"] == 4
+
+
+def test_an_object_that_was_never_felt_is_a_failure_of_its_trial(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from lis_grasp.contacts import Contacts
+
+    contacts_of.cache_clear()
+    monkeypatch.setattr(pipeline, "touch", lambda *_, **__: Exploration(Contacts.empty(), ()))
+    (row,) = run_job(Job(Trial("box", "allegro", 4, "none", 99), Setup(), ("gpis",)))
+    contacts_of.cache_clear()
+    assert "the exploration made none" in row["failure"]
+
+
+def slow_rows(job: Job) -> list[Row]:
+    """Kill the process that runs it, the first time; a file remembers."""
+    mark = Path(os.environ["STUDY_MARK"])
+    if job.trial.seed == 1 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return fake_rows(job)
+
+
+def deadly_rows(job: Job) -> list[Row]:
+    """Kill the process that runs it, always, for one seed."""
+    if job.trial.seed == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return fake_rows(job)
+
+
+@pytest.mark.slow
+def test_a_killed_process_of_the_pool_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STUDY_MARK", str(tmp_path / "mark"))
+    run(SMALL, tmp_path / "killed", LocalPool(2), slow_rows)
+    run(SMALL, tmp_path / "plain")
+    assert (tmp_path / "mark").exists()
+    assert comparable(SMALL, tmp_path / "killed") == comparable(SMALL, tmp_path / "plain")
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.slow
+def test_trials_that_kill_every_process_are_reported(tmp_path: Path) -> None:
+    with pytest.raises(EstimationError, match="run the command again to go on"):
+        run(SMALL, tmp_path, LocalPool(1), deadly_rows)
+    assert len(StudyResults(tmp_path).keys()) == 4 * 2
+
+
+REAL = Study(
+    objects=("box", "torus"),
+    estimators=("gpis", "lis"),
+    touches=(8, 14),
+    noise=("none",),
+    seeds=(0,),
+)
+
+
+@pytest.mark.slow
+def test_rows_are_equal_whoever_makes_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    run(REAL, tmp_path / "plain", InProcess(), run_job)
+    plain = comparable(REAL, tmp_path / "plain")
+    assert {row["contacts_digest"] is not None for row in plain} == {True}
+    for trial in REAL.trials():
+        of_trial = [
+            r for r in plain if (r["object"], r["touches"]) == (trial.object, trial.touches)
+        ]
+        assert len({row["contacts_digest"] for row in of_trial}) == 1
+    assert any(row["held"] for row in plain)
+
+    run(REAL, tmp_path / "pool", LocalPool(2), run_job)
+    assert comparable(REAL, tmp_path / "pool") == plain
+
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent.parent)]))
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
+        results, killed = StudyResults(tmp_path / "dask"), False
+        for done, _ in run_study(REAL, results, DaskCluster(cluster.scheduler_address)):
+            if done and not killed:
+                killed = True
+                os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+    assert killed
+    assert comparable(REAL, tmp_path / "dask") == plain
+
+    row = StudyResults(tmp_path / "plain").of(REAL)[0]
+    (again,) = run_job(job_of(row))
+    assert without_times(again) == without_times(row)
+
+
+@pytest.mark.slow
+def test_a_cluster_that_cannot_be_used_is_refused(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    with pytest.raises(InvalidOptionError, match="address of a running Dask scheduler"):
+        run(SMALL, tmp_path, DaskCluster("tcp://127.0.0.1:1"))
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=2, dashboard_address=None
+        ) as cluster,
+        pytest.raises(InvalidOptionError, match="must have one thread each"),
+    ):
+        run(SMALL, tmp_path, DaskCluster(cluster.scheduler_address))
