@@ -80,32 +80,38 @@ def write_report(
         " the same contacts, which a walk over the true surface makes, a quarter of the size a"
         " step. Intervals are 95 % bootstrap intervals over seeds, paired.</p>",
         "<h2>What the paper claims</h2>",
-        _scroll(claims_table(paper_claims(rows), "the paper")),
+        scroll(claims_table(paper_claims(rows), "the paper")),
         f"<h2>What we claim for <code>{escape(estimator)}</code>, against GPIS</h2>",
-        _scroll(claims_table([*our_claims(rows, estimator), *exact_claims(estimator)], "claimed")),
+        scroll(claims_table([*our_claims(rows, estimator), *exact_claims(estimator)], "claimed")),
         "<h2>Figures</h2>",
-        *(_figure(picture) for picture in pictures),
+        *(figure_of(picture) for picture in pictures),
     ]
     present = [name for name in _EXPERIMENTS if any(r["experiment"] == name for r in rows)]
     for name in present:
-        sections += [f"<h2>{_EXPERIMENTS[name]}</h2>", _scroll(measures_table(rows, name))]
+        sections += [f"<h2>{_EXPERIMENTS[name]}</h2>", scroll(measures_table(rows, name))]
     for measure, title in (
         ("rmsd", "Fully explored, estimate to truth, mm: mean and spread over seeds"),
         ("rmsd_truth_to_estimate", "The same, truth to estimate"),
         ("edge_rmsd", "The same, true edges to estimate"),
     ):
-        sections += [f"<h2>{title}</h2>", _scroll(objects_table(rows, "whole", measure))]
+        sections += [f"<h2>{title}</h2>", scroll(objects_table(rows, "whole", measure))]
     sections += ["<h2>Estimates that failed</h2>", failures_list(rows)]
+    write_page(path, "Local implicit surfaces: the paper again", sections)
+
+
+def write_page(path: Path, title: str, sections: Sequence[str]) -> None:
+    """Write HTML sections as one page that needs no other file."""
     write_text(
         path,
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>Local implicit surfaces: the paper again</title><style>{_STYLE}</style></head>"
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
         f"<body>{''.join(sections)}</body></html>\n",
     )
 
 
-def _figure(picture: Picture) -> str:
+def figure_of(picture: Picture) -> str:
+    """Return a figure with its caption as HTML."""
     title, data = escape(picture.title), base64.b64encode(picture.png).decode()
     return (
         f'<figure><img alt="{title}" src="data:image/png;base64,{data}">'
@@ -113,5 +119,6 @@ def _figure(picture: Picture) -> str:
     )
 
 
-def _scroll(table: str) -> str:
+def scroll(table: str) -> str:
+    """Return a table that scrolls where it is wider than the page."""
     return f'<div class="scroll">{table}</div>'

@@ -1,0 +1,174 @@
+"""`lis-grasp compare`: does a better surface give a better grasp? Many trials, one report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.output_files import write_text
+from lis_grasp.pipeline import PROBERS
+
+if TYPE_CHECKING:
+    from lis_grasp.study.results import StudyResults
+    from lis_grasp.study.scheduling import Scheduler
+
+_OUTPUT = Path("results/compare")
+
+QUICK: dict[str, Any] = {
+    "objects": ["box", "pentagon", "cylinder", "mallet", "sphere", "torus"],
+    "estimators": ["gpis", "lis", "blend"],
+    "touches": [10, 20],
+    "noise": ["none"],
+    "seeds": 2,
+}
+"""The study of --quick."""
+
+_FLAGS = {
+    "objects": "built-in shapes or mesh files",
+    "estimators": "estimators to compare; 'truth' plans on the true mesh",
+    "touches": "budgets of contacts",
+    "noise": "noise of the sensor, 'none' or like '1mm/3deg'",
+    "hands": "hands, by name or YAML file",
+}
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser(
+        "compare",
+        help="does a better surface give a better grasp? a study of many trials, one report.html",
+        description="Run a study: objects x estimators x touches x noise x hands x seeds. What is"
+        " not given is as the study file, --quick or the defaults have it. Run again, it goes on"
+        " where it was.",
+    )
+    parser.add_argument("--study", type=Path, metavar="YAML", help="file of the study")
+    parser.add_argument("--quick", action="store_true", help="a small study, under five minutes")
+    for name, text in _FLAGS.items():
+        kind = int if name == "touches" else str
+        parser.add_argument(f"--{name}", nargs="+", type=kind, metavar=name.upper(), help=text)
+    parser.add_argument("--seeds", type=int, metavar="N", help="seeds 0 to N - 1")
+    parser.add_argument(
+        "--reference", metavar="NAME", help="estimator that others are held against"
+    )
+    parser.add_argument("--prober", choices=PROBERS, help="what carries out touches")
+    parser.add_argument(
+        "--explorer",
+        metavar="NAME",
+        help="estimator that drives the exploration for all, or 'own': each its own",
+    )
+    parser.add_argument("--mass", type=float, metavar="KG", help="mass of the objects")
+    opt.add_friction(parser)
+    parser.add_argument(
+        "--jobs", type=int, metavar="N", help="processes (default: the machine's cores)"
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster to run on, tcp://host:port"
+    )
+    parser.add_argument(
+        "--rerun", metavar="KEY", help="run one row of --output again, and compare; writes nothing"
+    )
+    opt.add_output(parser, str(_OUTPUT))
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Run what trials are missing, and write tables and report; or run one row again."""
+    from lis_grasp.study.results import StudyResults
+    from lis_grasp.study.scheduling import run_study
+    from lis_grasp.study.study import Study
+
+    output: Path = options.output or _OUTPUT
+    results = StudyResults(output)
+    if options.rerun is not None:
+        _rerun(results, options.rerun)
+        return
+    scheduler = _scheduler(options)
+    study = Study.from_facts(_facts(options))
+    write_text(output / "study.yaml", yaml.safe_dump(study.facts(), sort_keys=False))
+    with Stage(f"Running {len(study.trials())} trials") as stage:
+        for done, total in run_study(study, results, scheduler):
+            stage.count(done, total)
+        stage.result = f"{len(study.estimators)} estimators each"
+    _report(study, results, output)
+
+
+def _report(study: Any, results: StudyResults, output: Path) -> None:
+    from lis_grasp.study.comparison import compare
+    from lis_grasp.study_report import write_report, write_tables
+    from lis_grasp.study_report.pictures import draw_pictures
+    from lis_grasp.study_report.tables import all_tables
+
+    with Stage("Reporting") as stage:
+        rows = results.of(study)
+        comparisons = compare(rows, study.reference)
+        tables = all_tables(rows, comparisons, study.reference)
+        results.write_merged(rows)
+        write_tables(output, tables, rows)
+        command = f"lis-grasp compare --study {shlex.quote(str(output / 'study.yaml'))}"
+        pictures = list(draw_pictures(rows))
+        write_report(
+            output / "report.html", study, rows, comparisons, tables, pictures, command=command
+        )
+        stage.result = f"{len(rows)} rows, {len(comparisons)} comparisons"
+    say(f"wrote {output}/report.html, study.yaml, rows.parquet, rows.csv, and each table as")
+    say(f"      {', '.join(table.name for table in tables)} in .csv and .tex")
+    say(f"next: open {output}/report.html in a browser")
+
+
+def _facts(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the facts of a study: those of the file, or --quick, and on top those of flags."""
+    from lis_grasp.study.study import load_study
+
+    if options.study is not None and options.quick:
+        raise InvalidOptionError("--quick is a study of its own: leave out --study, or --quick")
+    facts = dict(QUICK) if options.quick else {}
+    if options.study is not None:
+        facts = load_study(options.study)
+    for name in (*_FLAGS, "seeds", "reference", "prober", "explorer", "mass", "friction"):
+        asked = getattr(options, name)
+        if asked is not None:
+            facts[name] = asked
+    return facts
+
+
+def _scheduler(options: argparse.Namespace) -> Scheduler:
+    from lis_grasp.study.scheduling import DaskCluster, InProcess, LocalPool
+
+    if options.scheduler is not None:
+        if options.jobs is not None:
+            raise InvalidOptionError("--scheduler brings its own workers: leave out --jobs")
+        return DaskCluster(options.scheduler)
+    jobs = os.cpu_count() or 1 if options.jobs is None else options.jobs
+    if jobs < 1:
+        raise InvalidOptionError(f"--jobs must be at least 1; {jobs} came")
+    return InProcess() if jobs == 1 else LocalPool(jobs)
+
+
+def _rerun(results: StudyResults, key: str) -> None:
+    from lis_grasp.study.results import job_of, without_times
+    from lis_grasp.study.trial import run_job
+
+    recorded = results.row(key)
+    job = job_of(recorded)
+    with Stage(f"Running {recorded['key']} again") as stage:
+        (row,) = run_job(job)
+        stage.result = row["reason"]
+    for name, value in row.items():
+        say(f"{name:24s} {'' if value is None else value}")
+    before, now = without_times(recorded), without_times(row)
+    changed = [name for name in now if now[name] != before.get(name)]
+    if changed:
+        raise EstimationError(
+            f"the row must come out as recorded; {', '.join(changed)} came out otherwise:"
+            f" compare the column 'versions', recorded {recorded['versions']}"
+        )
+    print("equal to the recorded row", file=sys.stderr)

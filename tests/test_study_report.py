@@ -1,0 +1,138 @@
+"""The report of a study: what it says of results, and that it is one whole page."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import pytest
+
+from lis_grasp.study.comparison import compare
+from lis_grasp.study.study import Setup, Study
+from lis_grasp.study.trial import Row, row_key
+from lis_grasp.study_report import write_report, write_tables
+from lis_grasp.study_report.pictures import draw_pictures
+from lis_grasp.study_report.tables import StudyTable, all_tables, losses_table, printed
+
+STUDY = Study(
+    objects=("box", "sphere"),
+    estimators=("gpis", "blend"),
+    touches=(10, 20),
+    noise=("none",),
+    seeds=tuple(range(6)),
+)
+
+
+def rows_of(study: Study = STUDY) -> list[Row]:
+    """Results in which blend always holds but once, and gpis never but then."""
+    rows: list[Row] = []
+    for trial in study.trials():
+        odd = (trial.object, trial.touches, trial.seed) == ("box", 10, 3)
+        for name in study.estimators:
+            held = (name == "blend") != odd
+            rows.append(
+                {
+                    "key": row_key(trial, Setup(), name),
+                    **{
+                        n: getattr(trial, n) for n in ("object", "hand", "touches", "noise", "seed")
+                    },
+                    "estimator": name,
+                    "edged": trial.object == "box",
+                    "held": held,
+                    "reason": "held" if held else "no_grasp",
+                    "failure": None if held else "<b>no</b> surface",
+                    "epsilon_estimate": 0.2 if held else None,
+                    "epsilon_truth": 0.15 if held else None,
+                    "epsilon_gap": 0.05 if held else None,
+                    "rmsd": 1e-3 if name == "blend" else 2e-3,
+                    "rmsd_truth_to_estimate": 1e-3,
+                    "edge_rmsd": 3e-3 if trial.object == "box" else None,
+                }
+            )
+    return rows
+
+
+def report(folder: Path, rows: list[Row]) -> str:
+    comparisons = compare(rows, "gpis")
+    tables = all_tables(rows, comparisons, "gpis")
+    write_report(
+        folder / "report.html",
+        STUDY,
+        rows,
+        comparisons,
+        tables,
+        draw_pictures(rows),
+        command="lis-grasp compare",
+    )
+    write_tables(folder, tables, rows)
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:
+    page = report(tmp_path, rows_of())
+    assert page.startswith("<!doctype html>")
+    assert page.rstrip().endswith("</html>")
+    assert page.count("<img ") == 3
+    assert "&lt;b&gt;no&lt;/b&gt; surface" in page
+    assert not re.findall(r"(?:src|href)=[\"'](?!data:)", page)
+    text = re.sub(r"base64,[^\"]*", "", page)
+    assert not re.search(r"\bnan\b", text)
+    assert "Only" not in text
+
+
+def test_the_page_says_who_holds_more_and_by_how_much(tmp_path: Path) -> None:
+    page = report(tmp_path, rows_of())
+    # Edged: 11 of 12 against 1 of 12; curved: 12 against 0. Both p-values survive Holm's method.
+    assert "blend held 92 % of edged objects, GPIS 8 %, noise none: <b>more</b> (+83 points" in page
+    assert "11 pairs won, 1 lost of 12" in page
+    assert "blend held 100 % of curved objects, GPIS 0 %, noise none: <b>more</b>" in page
+
+
+def test_a_study_that_is_not_done_says_so(tmp_path: Path) -> None:
+    assert "Only 30 of 48 rows are done" in report(tmp_path, rows_of()[:30])
+
+
+def test_every_loss_is_listed_with_its_key() -> None:
+    (loss,) = losses_table(rows_of(), "gpis").body
+    assert loss[:7] == ("blend", "box", "allegro", "10", "none", "3", "<b>no</b> surface")
+    assert loss[-1] == row_key(
+        next(t for t in STUDY.trials() if (t.object, t.touches, t.seed) == ("box", 10, 3)),
+        Setup(),
+        "blend",
+    )
+
+
+def test_tables_are_exported_as_csv_and_latex(tmp_path: Path) -> None:
+    report(tmp_path, rows_of())
+    with (tmp_path / "reasons.csv").open() as file:
+        assert list(csv.reader(file)) == [
+            ["ended as", "GPIS", "blend"],
+            ["held", "1", "23"],
+            ["no_grasp", "23", "1"],
+        ]
+    latex = (tmp_path / "reasons.tex").read_text()
+    assert r"no\_grasp & 23 & 1 \\" in latex
+    assert r"\begin{tabular}{lrr}" in latex
+    with (tmp_path / "rows.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == len(rows_of())
+
+
+def test_text_that_latex_reads_as_commands_is_escaped() -> None:
+    table = StudyTable("t", "t", ("a_b [%]",), (("1 & 2",), ("−1",), ("#3",)))
+    assert r"a\_b [\%] \\" in table.latex()
+    assert "1 \\& 2 \\\\\n$-$1 \\\\\n\\#3 \\\\\n" in table.latex()
+
+
+@pytest.mark.parametrize(
+    ("measure", "value", "text"),
+    [
+        ("held", 0.5, "50"),
+        ("epsilon_truth", 0.1234, "0.123"),
+        ("rmsd", 0.00234, "2.34"),
+        ("rmsd", None, "–"),
+        ("rmsd", float("nan"), "–"),
+    ],
+)
+def test_values_are_printed_in_their_units(measure: str, value: float, text: str) -> None:
+    assert printed(measure, value) == text
