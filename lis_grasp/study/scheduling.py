@@ -17,7 +17,7 @@ from lis_grasp.study.trial import Job, Row, run_job
 
 Runner = Callable[[Job], list[Row]]
 
-_TRIES = 3
+_TRIES = 3  # of a job alone
 _CONNECT = 15  # [s] to wait for a cluster
 
 
@@ -48,6 +48,8 @@ class InProcess:
 class LocalPool:
     """Runs jobs in processes of this machine; goes on in new ones where some were killed.
 
+    What a killed process was at has more tries at the end, alone.
+
     Parameters
     ----------
     processes
@@ -58,19 +60,28 @@ class LocalPool:
 
     def run(self, runner: Runner, jobs: Sequence[Job]) -> Iterator[list[Row]]:
         """Yield the rows of each job; see `Scheduler`."""
-        left = list(jobs)
-        tries = 0
-        while left and tries < _TRIES:
-            before = len(left)
+        left, suspects, unfinished = list(jobs), list[Job](), 0
+        while left:
             try:
                 for job, rows in self._attempt(runner, list(left)):
                     left.remove(job)
                     yield rows
             except BrokenProcessPool:
-                # One killed process takes the pool with it; what it was at is run again.
-                tries = 1 if len(left) < before else tries + 1
-        if left:
-            raise _unfinished(len(left), "fewer --jobs")
+                # One killed process takes the pool with it. Who was at work are the first of what
+                # is left: one of them may have killed it, and others should not suffer from that.
+                suspects += left[: self.processes]
+                del left[: self.processes]
+        for job in suspects:
+            for _ in range(_TRIES):
+                try:
+                    yield from (rows for _, rows in self._attempt(runner, [job]))
+                except BrokenProcessPool:
+                    continue
+                break
+            else:
+                unfinished += 1
+        if unfinished:
+            raise _unfinished(unfinished, "fewer --jobs")
 
     def _attempt(self, runner: Runner, jobs: Sequence[Job]) -> Iterator[tuple[Job, list[Row]]]:
         with ProcessPoolExecutor(
@@ -116,7 +127,7 @@ class DaskCluster:
         with client:
             _require_one_thread(client)
             # Impure: a cluster that outlives a study must not remember rows of older code.
-            futures = client.map(runner, jobs, pure=False, retries=_TRIES)
+            futures = client.map(runner, jobs, pure=False)
             for future in distributed.as_completed(futures):
                 try:
                     yield future.result()
