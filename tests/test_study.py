@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lis_grasp import pipeline
+from lis_grasp import pipeline, shapes
 from lis_grasp.exceptions import EstimationError, InvalidFileError, InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.study import trial as trial_module
@@ -33,7 +33,7 @@ SMALL = Study(
 def fake_rows(job: Job) -> list[Row]:
     """Return rows that are as a trial's, at once."""
     return [
-        trial_module._blank_row(job.trial, job.setup, name)
+        trial_module._blank_row(job.trial, job.setup, name, shapes.build(job.trial.object))
         | {"rmsd": 0.1 + 0.2 * job.trial.seed, "contacts": job.trial.touches, "seconds_touch": 1.0}
         for name in job.estimators
     ]
@@ -87,6 +87,9 @@ def test_a_study_is_read_from_yaml(tmp_path: Path) -> None:
         ({"hands": ["claw"]}, "claw"),
         ({"prober": "none"}, "prober must be one of"),
         ({"explorer": "gps"}, "did you mean 'gpis'"),
+        ({"noise": [{"position": 0.001}]}, "noise must be names"),
+        ({"hands": [3]}, "hands must be names; 3 came"),
+        ({"touches": [1.5]}, "touches must be whole numbers; 1.5 came"),
         ({"mass": "heavy"}, "mass must be a number"),
         ({"mass": -1.0}, "mass must be a positive number"),
         ({"grasps": 1.5}, "grasps must be a whole number"),
@@ -132,6 +135,16 @@ def test_a_key_names_all_that_decides_a_row() -> None:
     others += [row_key(trial, setup, "lis"), row_key(trial, Setup(mass=0.3), "gpis")]
     assert len({row_key(trial, setup, "gpis"), *others}) == len(others) + 1
     assert row_key(trial, setup, "gpis") == row_key(trial, Setup(), "gpis")
+
+
+def test_a_file_counts_by_what_is_in_it(tmp_path: Path) -> None:
+    path = tmp_path / "block.stl"
+    trial = Trial(str(path), "allegro", 10, "none", 0)
+    keys = set()
+    for size in (0.10, 0.12, 0.10):
+        shapes.build("box", size).mesh.export(path)
+        keys.add(row_key(trial, Setup(), "gpis"))
+    assert len(keys) == 2
 
 
 def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
@@ -207,8 +220,8 @@ def test_a_row_is_found_by_the_beginning_of_its_key(tmp_path: Path) -> None:
 
 def test_a_smaller_budget_s_contacts_are_the_first_of_a_larger_one() -> None:
     larger = Trial("mallet", "allegro", 14, "1mm/3deg", 3)
-    many = contacts_of(larger, Setup(), "blend")
-    few = contacts_of(dataclasses.replace(larger, touches=9), Setup(), "blend")
+    many, _ = contacts_of(larger, Setup(), "blend")
+    few, _ = contacts_of(dataclasses.replace(larger, touches=9), Setup(), "blend")
     assert (len(few), len(many)) == (9, 14)
     np.testing.assert_array_equal(few.points, many.points[:9])
     np.testing.assert_array_equal(few.normals, many.normals[:9])

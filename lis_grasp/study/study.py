@@ -240,11 +240,16 @@ def _listed(name: str, value: Any) -> tuple[Any, ...]:
         return tuple(range(value))
     if isinstance(value, str) or not isinstance(value, Sequence):
         raise InvalidOptionError(f"{name} must be a list; {value!r} came")
+    kind = int if name in ("touches", "seeds") else str
+    for item in value:
+        if not isinstance(item, kind):
+            wanted = "whole numbers" if kind is int else "names"
+            raise InvalidOptionError(f"{name} must be {wanted}; {item!r} came")
     return tuple(value)
 
 
 def _require(what: str, value: Any, choices: Sequence[str]) -> None:
-    if value in choices:
+    if isinstance(value, str) and value in choices:
         return
     close = difflib.get_close_matches(str(value), choices, n=1)
     hint = f"; did you mean '{close[0]}'?" if close else ""

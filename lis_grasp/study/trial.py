@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import trimesh
@@ -21,8 +23,8 @@ from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import SurfaceError, surface_error
 from lis_grasp.exceptions import EstimationError, LisGraspError
 from lis_grasp.exploration import STEP_FRACTION, TactileSensor
-from lis_grasp.grasping.hand import Hand
-from lis_grasp.shapes import Shape
+from lis_grasp.grasping.hand import HAND_NAMES, Hand
+from lis_grasp.shapes import NAMES, Shape
 from lis_grasp.study.study import OWN, TRUTH, Setup, Trial, find_object, parse_noise
 
 Row = dict[str, Any]
@@ -58,8 +60,11 @@ class Job:
 
 
 def row_key(trial: Trial, setup: Setup, estimator: str) -> str:
-    """Return the name of a row: a hash of all that decides what is in it."""
-    facts = [asdict(trial), asdict(setup), estimator]
+    """Return the name of a row: a hash of all that decides what is in it.
+
+    An object's mesh file and a hand's YAML and URDF count by what is in them.
+    """
+    facts = [asdict(trial), asdict(setup), estimator, *_contents(trial)]
     text = json.dumps(facts, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:_KEY_LENGTH]
 
@@ -74,36 +79,44 @@ def run_job(job: Job) -> list[Row]:
 
 
 def _rows(job: Job) -> Iterator[Row]:
+    # What cannot be read is a mistake of the study, and no result of its trials.
+    shape, hand = find_object(job.trial.object, job.setup), Hand.load(job.trial.hand)
     for estimator in job.estimators:
         watch = pipeline.Stopwatch()
-        row = _blank_row(job.trial, job.setup, estimator)
+        row = _blank_row(job.trial, job.setup, estimator, shape)
         try:
-            _fill(row, job.trial, job.setup, estimator, watch)
+            _fill(row, job.trial, job.setup, shape, hand, estimator, watch)
         except LisGraspError as failure:
             row |= {"reason": FAILED, "failure": f"{type(failure).__name__}: {failure}"}
         yield row | {name: watch.seconds.get(name.removeprefix("seconds_")) for name in TIMES}
 
 
-def _fill(row: Row, trial: Trial, setup: Setup, estimator: str, watch: pipeline.Stopwatch) -> None:
+def _fill(
+    row: Row,
+    trial: Trial,
+    setup: Setup,
+    shape: Shape,
+    hand: Hand,
+    estimator: str,
+    watch: pipeline.Stopwatch,
+) -> None:
     """Write into a row what a trial comes to, as far as it comes."""
-    shape, hand, sensor = find_object(trial.object, setup), Hand.load(trial.hand), _sensor(trial)
     explorer = setup.explorer if setup.explorer != OWN else estimator
     if explorer == TRUTH:
         explorer = Setup().explorer  # the truth needs no contacts; they say what was explored
-    with watch.measure("touch"):
-        contacts = contacts_of(trial, setup, explorer)
+    contacts, watch.seconds["touch"] = contacts_of(trial, setup, explorer)
     row |= {"contacts": len(contacts), "contacts_digest": _digest(contacts)}
     if not len(contacts):
         raise EstimationError("a surface needs at least one contact; the exploration made none")
     with watch.measure("estimate"):
-        mesh = shape.mesh if estimator == TRUTH else _estimate(contacts, estimator, sensor)
+        mesh = (
+            shape.mesh
+            if estimator == TRUTH
+            else pipeline.estimate(contacts, estimator, _sensor(trial))[1]
+        )
     row |= {"triangles": len(mesh.faces), "watertight": bool(mesh.is_watertight)}
     row |= asdict(surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size))
     _grasp(row, trial, setup, shape, hand, mesh, watch)
-
-
-def _estimate(contacts: Contacts, estimator: str, sensor: TactileSensor) -> trimesh.Trimesh:
-    return pipeline.estimate(contacts, estimator, sensor)[1]
 
 
 def _grasp(
@@ -156,8 +169,9 @@ def _grasp(
 # process that runs a trial for several estimators makes it once. Every choice in it depends on the
 # past only, so that the contacts of a smaller budget are the first ones of a larger.
 @lru_cache(maxsize=4)
-def contacts_of(trial: Trial, setup: Setup, explorer: str) -> Contacts:
-    """Return the contacts of a trial, explored with the estimator `explorer`."""
+def contacts_of(trial: Trial, setup: Setup, explorer: str) -> tuple[Contacts, float]:
+    """Return the contacts of a trial, explored with the estimator `explorer`, and the time [s]."""
+    start = time.perf_counter()
     exploration = pipeline.touch(
         find_object(trial.object, setup),
         Hand.load(trial.hand),
@@ -167,7 +181,7 @@ def contacts_of(trial: Trial, setup: Setup, explorer: str) -> Contacts:
         prober=setup.prober,
         sensor=_sensor(trial),
     )
-    return exploration.contacts
+    return exploration.contacts, time.perf_counter() - start
 
 
 def _sensor(trial: Trial) -> TactileSensor:
@@ -175,7 +189,7 @@ def _sensor(trial: Trial) -> TactileSensor:
     return TactileSensor(position_noise=noise.position, normal_noise=noise.normal)
 
 
-def _blank_row(trial: Trial, setup: Setup, estimator: str) -> Row:
+def _blank_row(trial: Trial, setup: Setup, estimator: str, shape: Shape) -> Row:
     """Return a row of a trial that came to nothing yet: not lifted, not held."""
     return {
         "key": row_key(trial, setup, estimator),
@@ -184,7 +198,7 @@ def _blank_row(trial: Trial, setup: Setup, estimator: str) -> Row:
         **asdict(setup),
         "version": lis_grasp.__version__,
         MACHINE: json.dumps(_versions(), sort_keys=True),
-        "edged": bool(len(find_object(trial.object, setup).edges)),
+        "edged": bool(len(shape.edges)),
         **dict.fromkeys(("contacts", "contacts_digest", "triangles", "watertight", *_ERRORS)),
         **dict.fromkeys(("grasps_found", "candidates", "rejections")),
         **dict.fromkeys(("epsilon_estimate", "epsilon_truth", "epsilon_gap")),
@@ -203,6 +217,15 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[package] = "none"
     return found
+
+
+def _contents(trial: Trial) -> list[str]:
+    """Return a hash of each file that a trial names; shipped names have none."""
+    named = [] if trial.object in NAMES else [Path(trial.object)]
+    if trial.hand not in HAND_NAMES:
+        hand = Path(trial.hand)
+        named += [hand, *sorted(hand.parent.glob("*.urdf"))]
+    return [hashlib.sha256(path.read_bytes()).hexdigest() for path in named]
 
 
 def _digest(contacts: Contacts) -> str:
