@@ -180,7 +180,7 @@ def run_study(
 
 def _require_one_thread(client: Any) -> None:
     client.wait_for_workers(1, timeout=_CONNECT)
-    threads = [worker["nthreads"] for worker in client.scheduler_info(-1)["workers"].values()]
+    threads = list(client.nthreads().values())
     if max(threads) > 1:
         raise InvalidOptionError(
             "workers must have one thread each, so that trials run alone in their process;"

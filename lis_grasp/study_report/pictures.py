@@ -31,7 +31,7 @@ from lis_grasp.visualization.figures.style import (
 
 _LEFT, _WIDE, _BOTTOM, _HIGH = 0.075, 0.915, 0.17, 0.64
 _MARKERS = "osD^vPX"
-_BINS = 4  # of equal numbers of trials
+_BINS, _LEAST = 4, 8  # bins of equal numbers of trials, at the most; trials in one
 
 
 def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
@@ -55,8 +55,8 @@ def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
     if any(row["edge_rmsd"] is not None for row in rows):
         yield Picture(
             "Held against the error at edges",
-            f"Trials on objects with edges, of all estimators together and of each, in {_BINS} bins"
-            " of equal numbers of trials by their error at edges; bars are 95 % intervals of"
+            "Trials on objects with edges, of all estimators together and of each, in bins of equal"
+            " numbers of trials by their error at edges; bars are 95 % intervals of"
             " Wilson. If edges matter to grasps, the line falls.",
             png_of(held_against_edge_error(rows)),
         )
@@ -123,7 +123,8 @@ def held_against_edge_error(rows: Sequence[Row]) -> Figure:
     groups = [("", known), *((n, [r for r in known if r["estimator"] == n]) for n in names)]
     for n, (name, of) in enumerate(groups):
         ordered = sorted(of, key=lambda row: (row["edge_rmsd"], row["key"]))
-        bins = [b for b in np.array_split(np.array(ordered, dtype=object), _BINS) if len(b)]
+        count = min(max(len(ordered) // _LEAST, 1), _BINS)
+        bins = [b for b in np.array_split(np.array(ordered, dtype=object), count) if len(b)]
         places = np.array([1e3 * np.mean([row["edge_rmsd"] for row in b]) for b in bins])
         held = [[row["held"] for row in b] for b in bins]
         colour = estimator_colour(name) if name else INK
