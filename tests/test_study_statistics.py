@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lis_grasp.study.comparison import compare, losses, measure_table
+from lis_grasp.study.comparison import agreements, compare, losses, measure_table
 from lis_grasp.study.statistics import (
     clustered,
     holm,
@@ -113,6 +113,8 @@ def test_the_risk_difference_is_that_of_the_pairs() -> None:
     held = found["held"]
     assert (held.wins, held.losses, held.pairs) == (3, 1, 5)
     assert held.effect == pytest.approx(0.8 - 0.4)
+    assert held.low is not None
+    assert held.high is not None
     assert held.low < held.effect < held.high
     assert held.p == pytest.approx(mcnemar(3, 1))
     assert held.rank_biserial is None
@@ -153,3 +155,17 @@ def test_measures_are_told_apart_by_noise_and_kind() -> None:
     rows = study_rows({"gpis": [1, 0]}) + study_rows({"gpis": [1, 1]}, edged=False)
     assert measure_table(rows, "held", kind="edged", noise="none").overall("gpis") == 0.5
     assert measure_table(rows, "held", kind="curved", noise="none").overall("gpis") == 1.0
+
+
+def test_too_few_seeds_have_no_interval() -> None:
+    (held, _) = compare(study_rows({"gpis": [0, 1], "blend": [1, 1]}), "gpis")
+    assert (held.effect, held.low, held.high) == (0.5, None, None)
+
+
+def test_agreement_counts_pairs_of_which_the_nearer_surface_held() -> None:
+    # Two pairs are split; of both lis has the larger error, and holds one.
+    held = {"gpis": [1, 0, 1], "lis": [0, 1, 1]}
+    rows = study_rows(held, rmsd={"gpis": 1e-3, "lis": 2e-3})
+    (found,) = agreements(rows, "gpis")
+    assert (found.measure, found.agree, found.disagree, found.p) == ("rmsd", 1, 1, 1.0)
+    assert not agreements(study_rows({"gpis": [1], "lis": [0]}), "gpis")

@@ -24,6 +24,9 @@ Kind = Literal["edged", "curved"]
 MEASURES: tuple[Measure, ...] = get_args(Measure)
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
+LEAST_SEEDS = 5
+"""Of a bootstrap interval: all resamples of fewer are too few to have tails of 2.5 %."""
+
 # Where less is better.
 _ERRORS = ("epsilon_gap", "rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
 
@@ -54,7 +57,7 @@ class Comparison:
         Over objects, hands and touches of the means over seeds.
     effect, low, high
         Difference of the two means (of "held": the risk difference), with its 95 % bootstrap
-        interval over seeds.
+        interval over seeds; None for fewer than `LEAST_SEEDS`, of which no interval can be told.
     rank_biserial
         Effect size of the measures that are no yes or no: 1 where the estimator is always better,
         -1 where it is always worse.
@@ -78,8 +81,8 @@ class Comparison:
     mean: float
     mean_reference: float
     effect: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     rank_biserial: float | None
     p: float
     p_clustered: float
@@ -102,6 +105,57 @@ def compare(rows: Sequence[Row], reference: str) -> list[Comparison]:
     ]
     adjusted = holm([comparison.p for comparison in found])
     return [replace(c, p_holm=float(p)) for c, p in zip(found, adjusted, strict=True)]
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Whether the better surface of a pair had the better grasp, where only one of two held.
+
+    Parameters
+    ----------
+    measure
+        A surface error.
+    kind
+        Of the objects.
+    agree, disagree
+        Pairs in which the one that held had the smaller error, and the larger.
+    p
+        The exact sign test of both being as likely.
+    """
+
+    measure: Measure
+    kind: Kind
+    agree: int
+    disagree: int
+    p: float
+
+
+def agreements(rows: Sequence[Row], reference: str) -> list[Agreement]:
+    """Return, for each surface error and kind of objects, whether it goes with what held.
+
+    Pairs are those of `compare`, of all estimators against the reference.
+    """
+    paired = {_pair(row): row for row in rows if row["estimator"] == reference}
+    split = [
+        (row, paired[_pair(row)])
+        for row in rows
+        if row["estimator"] not in (reference, TRUTH)
+        and _pair(row) in paired
+        and bool(row["held"]) != bool(paired[_pair(row)]["held"])
+    ]
+    found = []
+    for kind in KINDS:
+        for measure in MEASURES[3:]:
+            signs = [
+                np.sign(theirs[measure] - mine[measure]) * (1 if mine["held"] else -1)
+                for mine, theirs in split
+                if kind_of(mine) == kind and None not in (mine[measure], theirs[measure])
+            ]
+            agree, disagree = signs.count(1), signs.count(-1)
+            if agree + disagree:
+                p = mcnemar(agree, disagree)
+                found.append(Agreement(measure, kind, agree, disagree, p))
+    return found
 
 
 def losses(rows: Sequence[Row], reference: str) -> list[tuple[Row, Row]]:
@@ -164,6 +218,7 @@ def _compare(
     gains = better * np.where(both, mine - theirs, 0.0)
     wins, lost = int((gains > 0.0).sum()), int((gains < 0.0).sum())
     effect, low, high = table.difference(estimator, reference)
+    told = len(table.seeds) >= LEAST_SEEDS
     yes_no = measure == "held"
     return Comparison(
         estimator=estimator,
@@ -177,8 +232,8 @@ def _compare(
         mean=_mean_over_cells(mine, both),
         mean_reference=_mean_over_cells(theirs, both),
         effect=effect,
-        low=low,
-        high=high,
+        low=low if told else None,
+        high=high if told else None,
         rank_biserial=None if yes_no else rank_biserial(gains[both]),
         p=mcnemar(wins, lost) if yes_no else wilcoxon(gains[both]),
         p_clustered=clustered(_by_object(table.objects, np.sign(gains))),

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import lis_grasp
 from lis_grasp.paper_report.page import Picture, figure_of, scroll, write_page
-from lis_grasp.study.comparison import Comparison, losses
+from lis_grasp.study.comparison import LEAST_SEEDS, Comparison, losses
 from lis_grasp.study.study import OWN, Study
 from lis_grasp.study.trial import Row
-from lis_grasp.study_report.tables import StudyTable, p_value, printed
+from lis_grasp.study_report.tables import StudyTable, interval, p_value, printed
 from lis_grasp.visualization.figures.palette import estimator_label
 
 _TITLE = "Does a better surface give a better grasp?"
@@ -92,8 +92,8 @@ def _verdicts(comparisons: Sequence[Comparison]) -> str:
             f"<li>{escape(estimator_label(c.estimator))} held {printed('held', c.mean)} % of"
             f" {c.kind} objects, {escape(estimator_label(c.reference))}"
             f" {printed('held', c.mean_reference)} %, noise {escape(c.noise)}:"
-            f" <b>{verdict}</b> ({printed('held', c.effect, signed=True)} points,"
-            f" {printed('held', c.low, signed=True)} to {printed('held', c.high, signed=True)};"
+            f" <b>{verdict}</b> ({printed('held', c.effect, signed=True)} points"
+            f"{f', {interval(c)}' if c.low is not None else ''};"
             f" {c.wins} pairs won, {c.losses} lost of {c.pairs}; adjusted p"
             f" {p_value(c.p_holm)})</li>"
         )
@@ -107,7 +107,8 @@ def _how(study: Study) -> str:
         " the truth. Held or not: McNemar's exact test, and the risk difference. The rest:"
         " Wilcoxon's signed ranks, exact with ties and two-sided, and the matched rank-biserial"
         " correlation (+1: better in every pair). Intervals are paired bootstrap intervals that"
-        f" draw the {len(study.seeds)} seeds anew. All p-values of the table are one family,"
+        f" draw the {len(study.seeds)} seeds anew, told for {LEAST_SEEDS} seeds and more: they are"
+        " about these objects, not about all there are. All p-values of the table are one family,"
         " adjusted by Holm's method. Trials of one object and seed share their first touches, which"
         " these tests do not know: “p by object and seed” is an exact sign test in which all pairs"
         " of one object and seed flip together. Differences are the estimator's mean less the"

@@ -11,7 +11,7 @@ from html import escape
 from pathlib import Path
 
 from lis_grasp.output_files import write_text
-from lis_grasp.study.comparison import KINDS, Comparison, losses, measure_table
+from lis_grasp.study.comparison import KINDS, Comparison, agreements, losses, measure_table
 from lis_grasp.study.results import COLUMNS
 from lis_grasp.study.trial import Row
 from lis_grasp.visualization.figures.palette import estimator_label
@@ -85,6 +85,7 @@ def all_tables(
     """Return the tables of a study, in the order of the report."""
     return [
         comparisons_table(comparisons),
+        agreements_table(rows, reference),
         overview_table(rows),
         *(objects_table(rows, noise) for noise in dict.fromkeys(row["noise"] for row in rows)),
         reasons_table(rows),
@@ -121,8 +122,7 @@ def comparisons_table(comparisons: Sequence[Comparison]) -> StudyTable:
             printed(c.measure, c.mean),
             printed(c.measure, c.mean_reference),
             printed(c.measure, c.effect, signed=True),
-            f"{printed(c.measure, c.low, signed=True)} to"
-            f" {printed(c.measure, c.high, signed=True)}",
+            interval(c),
             "–" if c.rank_biserial is None else f"{c.rank_biserial:+.2f}".replace("-", "−"),
             p_value(c.p),
             p_value(c.p_clustered),
@@ -131,6 +131,17 @@ def comparisons_table(comparisons: Sequence[Comparison]) -> StudyTable:
         for c in comparisons
     )
     return StudyTable("comparisons", "Every comparison, pair by pair", head, body)
+
+
+def agreements_table(rows: Sequence[Row], reference: str) -> StudyTable:
+    """Return whether smaller surface errors go with grasps that hold, pair by pair."""
+    body = tuple(
+        (_label(a.measure), a.kind, str(a.agree), str(a.disagree), p_value(a.p))
+        for a in agreements(rows, reference)
+    )
+    head = ("error", "objects", "the nearer surface held", "the farther one held", "p")
+    title = f"Where only one of two held, of all estimators with {estimator_label(reference)}"
+    return StudyTable("agreements", title, head, body)
 
 
 def overview_table(rows: Sequence[Row]) -> StudyTable:
@@ -207,6 +218,14 @@ def printed(measure: str, value: float | None, *, signed: bool = False) -> str:
         return "–"
     factor, digits = _PRINTED.get(measure, _LENGTH)
     return f"{factor * value:{'+' if signed else ''}.{digits}f}".replace("-", "−")
+
+
+def interval(comparison: Comparison) -> str:
+    """Return the interval of a comparison's effect as it is printed."""
+    if comparison.low is None:
+        return "–"
+    ends = (comparison.low, comparison.high)
+    return " to ".join(printed(comparison.measure, end, signed=True) for end in ends)
 
 
 def p_value(p: float) -> str:
