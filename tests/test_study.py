@@ -56,7 +56,7 @@ def test_a_study_is_all_with_all_and_seed_by_seed() -> None:
 
 
 def test_a_study_comes_back_from_its_facts() -> None:
-    study = dataclasses.replace(SMALL, setup=Setup(explorer="own", grasps=3))
+    study = dataclasses.replace(SMALL, setup=Setup(explorer="own", policy="frontier", grasps=3))
     assert Study.from_facts(study.facts()) == study
     assert Study.from_facts({"seeds": 3}).seeds == (0, 1, 2)
 
@@ -86,6 +86,8 @@ def test_a_study_is_read_from_yaml(tmp_path: Path) -> None:
         ({"noise": ["1mm"]}, "noise must be 'none' or like '1mm/3deg'"),
         ({"hands": ["claw"]}, "claw"),
         ({"prober": "none"}, "prober must be one of"),
+        ({"explorer": "own"}, "a policy that follows them"),
+        ({"policy": "psychic"}, "policy must be one of spread"),
         ({"explorer": "gps"}, "did you mean 'gpis'"),
         ({"noise": [{"position": 0.001}]}, "noise must be names"),
         ({"hands": [3]}, "hands must be names; 3 came"),

@@ -14,6 +14,7 @@ import yaml
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.exploration import POLICIES
 from lis_grasp.output_files import write_text
 from lis_grasp.pipeline import PROBERS
 
@@ -64,6 +65,9 @@ def add_parser(verbs: Any) -> None:
         "--explorer",
         metavar="NAME",
         help="estimator that drives the exploration for all, or 'own': each its own",
+    )
+    parser.add_argument(
+        "--policy", choices=list(POLICIES), help="what chooses the next touch; spread asks nobody"
     )
     parser.add_argument("--mass", type=float, metavar="KG", help="mass of the objects")
     opt.add_friction(parser)
@@ -133,7 +137,7 @@ def _facts(options: argparse.Namespace) -> dict[str, Any]:
     facts = dict(QUICK) if options.quick else {}
     if options.study is not None:
         facts = load_study(options.study)
-    for name in (*_FLAGS, "seeds", "reference", "prober", "explorer", "mass", "friction"):
+    for name in (*_FLAGS, "seeds", "reference", "prober", "explorer", "policy", "mass", "friction"):
         asked = getattr(options, name)
         if asked is not None:
             facts[name] = asked

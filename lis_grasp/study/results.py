@@ -151,7 +151,18 @@ def _schema(arrow: ModuleType) -> Any:
 
 
 _TEXTS = (
-    *("key", "object", "hand", "noise", "estimator", "prober", "explorer", "units", "version"),
+    *(
+        "key",
+        "object",
+        "hand",
+        "noise",
+        "estimator",
+        "prober",
+        "explorer",
+        "policy",
+        "units",
+        "version",
+    ),
     *(MACHINE, "contacts_digest", "rejections", "reason", "failure"),
 )
 

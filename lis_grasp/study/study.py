@@ -14,6 +14,7 @@ import yaml
 
 from lis_grasp.evaluation.paper.contenders import Noise
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.exploration import POLICIES
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.pipeline import RunConfig
 from lis_grasp.shapes import NAMES, Shape, find
@@ -40,6 +41,8 @@ class Setup:
     explorer
         Estimator that drives the exploration, whose contacts all estimators get; "own": each
         estimator drives its own, and contacts differ.
+    policy
+        What chooses the next touch, see `RunConfig`; "spread" asks no explorer.
     size
         Largest extent of built-in shapes [m]; None for one that a hand can grasp.
     units
@@ -52,6 +55,7 @@ class Setup:
 
     prober: str = "kinematic"
     explorer: str = "blend"
+    policy: str = "spread"
     size: float | None = None
     units: str = "m"
     mass: float = 0.2
@@ -67,7 +71,18 @@ class Setup:
         if not isinstance(self.grasps, int):
             raise InvalidOptionError(f"grasps must be a whole number; it is {self.grasps!r}")
         # The border of a run is the border of a trial.
-        RunConfig(prober=self.prober, mass=self.mass, friction=self.friction, grasps=self.grasps)
+        RunConfig(
+            prober=self.prober,
+            policy=self.policy,
+            mass=self.mass,
+            friction=self.friction,
+            grasps=self.grasps,
+        )
+        if self.explorer == OWN and POLICIES[self.policy].guesses:
+            raise InvalidOptionError(
+                "estimators drive explorations of their own by a policy that follows them, as"
+                f" frontier or uncertainty does; the policy is '{self.policy}'"
+            )
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -172,15 +172,20 @@ def _grasp(
 def contacts_of(trial: Trial, setup: Setup, explorer: str) -> tuple[Contacts, float]:
     """Return the contacts of a trial, explored with the estimator `explorer`, and the time [s]."""
     start = time.perf_counter()
-    exploration = pipeline.touch(
-        find_object(trial.object, setup),
-        Hand.load(trial.hand),
+    noise = parse_noise(trial.noise)
+    config = pipeline.RunConfig(
+        object=trial.object,
         estimator=explorer,
         touches=trial.touches,
         seed=trial.seed,
         prober=setup.prober,
-        sensor=_sensor(trial),
+        policy=setup.policy,
+        mass=setup.mass,
+        friction=setup.friction,
+        position_noise=noise.position,
+        normal_noise=noise.normal,
     )
+    exploration = pipeline.touch(find_object(trial.object, setup), Hand.load(trial.hand), config)
     return exploration.contacts, time.perf_counter() - start
 
 

@@ -65,7 +65,7 @@ def _what(study: Study, rows: Sequence[Row], command: str) -> str:
     explorer = (
         "each estimator drives an exploration of its own"
         if setup.explorer == OWN
-        else f"explored with {estimator_label(setup.explorer)}, the same contacts for all"
+        else "the same for all estimators"
     )
     whole = "" if len(rows) == wanted else f" <b>Only {len(rows)} of {wanted} rows are done.</b>"
     return (
@@ -74,8 +74,8 @@ def _what(study: Study, rows: Sequence[Row], command: str) -> str:
         f" {escape(', '.join(str(n) for n in sorted(study.touches)))} touches, noise"
         f" {escape(', '.join(study.noise))}, {escape(', '.join(study.hands))},"
         f" {len(study.seeds)} seeds, {len(trials)} trials of {len(study.estimators)} estimators."
-        f" Contacts are {setup.prober}, {explorer}. The best of {setup.grasps} grasps planned on"
-        " each estimate is executed in Drake on the true object"
+        f" Contacts are {setup.prober}, chosen by the policy {setup.policy}, {explorer}. The best"
+        f" of {setup.grasps} grasps planned on each estimate is executed in Drake on the true object"
         f" ({setup.mass:g} kg, friction {setup.friction:g}): lifted, shaken, held.{whole}</p>"
     )
 
