@@ -76,7 +76,8 @@ def _what(study: Study, rows: Sequence[Row], command: str) -> str:
         f" {len(study.seeds)} seeds, {len(trials)} trials of {len(study.estimators)} estimators."
         f" Contacts are {setup.prober}, chosen by the policy {setup.policy}, {explorer}. The best"
         f" of {setup.grasps} grasps planned on each estimate is executed in Drake on the true"
-        f" object ({setup.mass:g} kg, friction {setup.friction:g}): lifted, shaken, held.{whole}</p>"
+        f" object ({setup.mass:g} kg, friction {setup.friction:g}): lifted, shaken, held."
+        f"{whole}</p>"
     )
 
 
