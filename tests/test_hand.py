@@ -272,7 +272,7 @@ MISTAKES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
         "has no pad",
     ),
     "odd pair": (lambda d: d["self_collision_exclusions"].append(["body"]), "must name two links"),
-    "no such URDF": (lambda d: d.update(urdf="nowhere.urdf"), "there is no URDF file"),
+    "no such URDF": (lambda d: d.update(urdf="nowhere.urdf"), "urdf: nowhere.urdf was not found"),
 }
 
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 import lis_grasp
-from lis_grasp.cli import compare, estimate, explore, grasp, lift, paper, run, view
+from lis_grasp.cli import compare, doctor, estimate, explore, grasp, lift, paper, run, view
 from lis_grasp.exceptions import (
     InvalidContactsError,
     InvalidFileError,
@@ -17,7 +17,7 @@ from lis_grasp.exceptions import (
     LisGraspError,
 )
 
-_VERBS = (run, explore, estimate, grasp, lift, compare, paper, view)
+_VERBS = (run, explore, estimate, grasp, lift, compare, paper, view, doctor)
 _MISUSE = (
     InvalidContactsError,
     InvalidFileError,

@@ -13,7 +13,7 @@ import yaml
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.grasping.hand import HAND_NAMES, Hand, HandKind, Joint, Pad, ProbePosture
-from lis_grasp.grasping.hand_urdf import UrdfModel, read_urdf, rpy_pose
+from lis_grasp.grasping.hand_urdf import UrdfModel, read_urdf, resolve_uri, rpy_pose
 from lis_grasp.model_files import model_path
 
 FloatArray = npt.NDArray[np.float64]
@@ -66,7 +66,7 @@ class _Reader:
         )
         top = self._mapping("the file", document, keys)
         try:
-            model = read_urdf(folder / self._text("urdf", top["urdf"]))
+            model = read_urdf(resolve_uri(self._text("urdf", top["urdf"]), folder, "urdf"))
         except InvalidFileError as error:
             raise InvalidHandError(f"{self._file}: {error}") from None
         self._check_joints(top["joints"], model)

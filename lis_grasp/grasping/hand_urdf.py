@@ -227,7 +227,7 @@ def _geometry(link: str, collision: Any, path: Path) -> LinkGeometry:
 
 
 def _load_mesh(mesh: Any, path: Path) -> trimesh.Trimesh:
-    file = _resolve(mesh.filename, path)
+    file = resolve_uri(mesh.filename, path.parent, path.name)
     try:
         loaded = trimesh.load(file, force="mesh")
     except (OSError, ValueError, KeyError, IndexError, NotImplementedError) as error:
@@ -239,26 +239,45 @@ def _load_mesh(mesh: Any, path: Path) -> trimesh.Trimesh:
     return loaded
 
 
-def _resolve(uri: str, path: Path) -> Path:
-    """Find a mesh: beside the URDF, or for ``package://NAME/...`` in a folder NAME above it."""
+def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
+    """Find a file that another one names.
+
+    A plain path counts from `folder`; ``package://NAME/...`` is looked for in a folder NAME above
+    it, in `folder` itself, and in folders NAME beside those of ``ROS_PACKAGE_PATH`` (a copy of
+    drake_models, for example).
+
+    Raises
+    ------
+    InvalidFileError
+        If there is no such file; says where it was looked for.
+    """
     scheme, separator, rest = uri.partition("://")
     if not separator:
-        candidates = [path.parent / uri]
+        candidates = [folder / uri]
     elif scheme == "file":
         candidates = [Path(rest)]
     elif scheme == "package":
         package, _, inside = rest.partition("/")
-        above = [folder / inside for folder in path.resolve().parents if folder.name == package]
-        roots = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
-        listed = [Path(root) / package / inside for root in roots if root]
-        candidates = [*above, path.parent / inside, *listed]
+        above = [parent / inside for parent in _upwards(folder) if parent.name == package]
+        roots = [Path(r) for r in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if r]
+        listed = [root / package / inside for root in roots]
+        listed += [root / inside for root in roots if root.name == package]
+        candidates = [*above, folder / inside, *listed]
     else:
-        raise InvalidFileError(f"{path.name}: a mesh must be a file or a package:// URI, not {uri}")
+        raise InvalidFileError(f"{named_in}: files are named by path or package:// URI, not {uri}")
     for candidate in candidates:
         if candidate.is_file():
             return candidate
     tried = ", ".join(str(candidate) for candidate in candidates)
-    raise InvalidFileError(f"{path.name}: the mesh {uri} was not found; looked at {tried}")
+    raise InvalidFileError(
+        f"{named_in}: {uri} was not found; looked at {tried}: a package's folder may be listed in"
+        " ROS_PACKAGE_PATH"
+    )
+
+
+def _upwards(folder: Path) -> list[Path]:
+    resolved = folder.resolve()
+    return [resolved, *resolved.parents]
 
 
 def _origin(matrix: FloatArray | None) -> FloatArray:

@@ -1,0 +1,134 @@
+"""`lis-grasp doctor`: is this machine, or this hand, fit to use, and if not, why."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import time
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import lis_grasp
+from lis_grasp import pipeline
+from lis_grasp.cli.progress import say
+from lis_grasp.exceptions import LisGraspError
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand_check import Finding, check_hand
+from lis_grasp.shapes import find
+
+_PACKAGES = ("drake", "numpy", "scipy", "trimesh", "python-fcl", "meshcat", "manifold3d")
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
+_ENOUGH_MEMORY = 2.0  # [GiB]
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser(
+        "doctor", help="is this machine fit to use, or a hand's files, and if not, why"
+    )
+    parser.add_argument("--hand", metavar="HAND", help="check this hand: a name, or its YAML file")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Check, and say what is fine and what to mend.
+
+    Raises
+    ------
+    LisGraspError
+        If something is to mend.
+    """
+    findings = check_machine() if options.hand is None else check_hand(Hand.load(options.hand))
+    for finding in findings:
+        say(f"{'ok  ' if finding.fine else 'MEND'}  {finding.text}")
+    faults = sum(not finding.fine for finding in findings)
+    if faults:
+        raise LisGraspError(f"{faults} of {len(findings)} findings must be mended, see above")
+
+
+def check_machine() -> list[Finding]:
+    """Return what was found of versions, libraries, memory and the whole way to a grasp."""
+    found = [
+        Finding(
+            True,
+            f"lis-grasp {lis_grasp.__version__}, Python {platform.python_version()},"
+            f" {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        ),
+        _packages(),
+        _drake(),
+        _memory(),
+        _browser(),
+    ]
+    return [*found, _self_test()]
+
+
+def _packages() -> Finding:
+    versions, missing = [], []
+    for package in _PACKAGES:
+        try:
+            versions.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            missing.append(package)
+    if missing:
+        return Finding(False, f"not installed: {', '.join(missing)}; install lis-grasp with pip")
+    return Finding(True, ", ".join(versions))
+
+
+def _drake() -> Finding:
+    # In a process of its own: a library that it lacks must not end this one.
+    command = [sys.executable, "-c", "import pydrake.multibody.plant"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return Finding(True, "Drake can be imported")
+    reason = (done.stderr.strip().splitlines() or ["it ended without a word"])[-1]
+    advice = "; install Debian's libglib2.0-0" if "libgthread" in reason or "glib" in reason else ""
+    return Finding(False, f"Drake cannot be imported: {reason}{advice}")
+
+
+def _memory() -> Finding:
+    try:
+        pages = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return Finding(True, "free memory is not known on this system")
+    free = pages / 2**30
+    enough = free >= _ENOUGH_MEMORY
+    advice = "" if enough else f"; a process needs up to {_ENOUGH_MEMORY:g} GiB"
+    return Finding(enough, f"{free:.1f} GiB of memory are free{advice}")
+
+
+def _browser() -> Finding:
+    browser = next((name for name in _BROWSERS if shutil.which(name)), None)
+    if browser is None:
+        text = "no browser found here: open scene.html elsewhere, it is one file and loads nothing"
+        return Finding(True, text)
+    return Finding(True, f"scene.html can be looked at with {browser}")
+
+
+def _self_test() -> Finding:
+    """Touch a box, estimate it, and plan a grasp: seconds, no simulation."""
+    start = time.perf_counter()
+    config = pipeline.RunConfig(prober="kinematic", touches=15, grasps=2)
+    shape, hand = find("box"), Hand.load(config.hand)
+    try:
+        contacts = pipeline.touch(shape, hand, config).contacts
+        _, mesh = pipeline.estimate(contacts, config.estimator)
+        search = pipeline.plan(
+            mesh,
+            hand,
+            support=pipeline.support_height(shape),
+            friction=config.friction,
+            count=config.grasps,
+            seed=config.seed,
+        )
+    except LisGraspError as error:
+        return Finding(False, f"the self-test failed: {error}")
+    seconds = time.perf_counter() - start
+    text = (
+        f"self-test: {len(contacts)} touches of a box, {len(search.grasps)} grasps in"
+        f" {seconds:.1f} s"
+    )
+    return Finding(bool(search.grasps), text)
