@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import aiming, choices
@@ -15,6 +16,8 @@ from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
+
+FloatArray = npt.NDArray[np.float64]
 
 
 class Policy(Protocol):
@@ -66,9 +69,10 @@ class TargetPolicy:
     choose
         Says which target is next.
     guess
-        Estimates the surface that targets are sought on, from at least one contact; None takes
+        Estimates a surface that targets are sought on first, from at least one contact; None takes
         the exploration's own estimate. A Gaussian process closes what was not touched yet more
-        cautiously than an estimate that is made of what was touched goes on.
+        cautiously than an estimate that is made of what was touched goes on. Once all of the guess
+        is within a step of a contact, what the estimate in use has beyond that is put to the test.
     """
 
     space: Workspace
@@ -89,17 +93,38 @@ class TargetPolicy:
             return aiming.opening(space, outcomes, rng)
         if surface is None or not len(contacts):
             return aiming.across(space, rng)
-        if self.guess is not None:
-            surface = self.guess(contacts)
-        sideways = aiming.from_within(space, contacts, surface, outcomes, rng)
+        sought = surface if self.guess is None else self.guess(contacts)
+        sideways = aiming.from_within(space, contacts, sought, outcomes, rng)
         if sideways is not None:
             return sideways
-        targets = Targets.find(space, contacts, surface, outcomes, rng=rng)
-        chosen = self.choose(targets, space, contacts, surface, rng=rng)
-        if chosen is None:
+        best = self._best(sought, contacts, outcomes, rng)
+        if self.guess is not None and (best is None or best.gap <= space.step):
+            own = self._best(surface, contacts, outcomes, rng)
+            if own is not None and (best is None or own.gap > best.gap):
+                best, sought = own, surface
+        if best is None:
             return aiming.across(space, rng)
-        target, normal = targets.points[chosen], targets.normals[chosen]
-        return aiming.onto(target, normal, space, contacts, surface, outcomes)
+        return aiming.onto(best.point, best.normal, space, contacts, sought, outcomes)
+
+    def _best(
+        self,
+        surface: ImplicitSurface,
+        contacts: Contacts,
+        outcomes: Sequence[ProbeOutcome],
+        rng: np.random.Generator,
+    ) -> _Target | None:
+        targets = Targets.find(self.space, contacts, surface, outcomes, rng=rng)
+        chosen = self.choose(targets, self.space, contacts, surface, rng=rng)
+        if chosen is None:
+            return None
+        gap = float(targets.nearest[chosen])
+        return _Target(targets.points[chosen], targets.normals[chosen], gap)
+
+
+class _Target(NamedTuple):
+    point: FloatArray
+    normal: FloatArray
+    gap: float  # to the nearest contact [m]
 
 
 @dataclass(frozen=True, slots=True)
