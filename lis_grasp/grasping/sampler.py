@@ -27,6 +27,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
+# Rounds of candidates, where grasps are hard to find.
+_ROUNDS = 4
 # Ranking gains little from more grasps than this many times those asked for.
 _ENOUGH = 5
 _OPENING = 0.02  # [m] that each pad backs off its contact before closing
@@ -52,7 +54,8 @@ class ForceClosureSampler:
     friction
         Coulomb coefficient between pads and object.
     candidates
-        Contact sets to draw.
+        Contact sets to draw in a round; there are more rounds until enough grasps hold at half the
+        friction too, four at the most.
     """
 
     hand: Hand
@@ -104,14 +107,37 @@ class ForceClosureSampler:
         if not len(samples):
             rejected["no_flat_supported_surface"] = self.candidates
             return GraspSearch((), dict(rejected), self.candidates)
+        checker = HandCollisionChecker(self.hand, mesh, support_height=support_height)
+        grasps: list[Grasp] = []
+        drawn = 0
+        for _ in range(_ROUNDS):
+            drawn += self.candidates
+            grasps += self._draw(mesh, samples, checker, _ENOUGH * count, rejected, rng)
+            if sum(_rank(grasp) < 0.0 for grasp in grasps) >= count:
+                break
+        grasps.sort(key=_rank)
+        if len(grasps) > count:
+            rejected["outranked"] = len(grasps) - count
+        counts = {reason: n for reason, n in sorted(rejected.items()) if n}
+        return GraspSearch(tuple(grasps[:count]), counts, drawn)
+
+    def _draw(
+        self,
+        mesh: trimesh.Trimesh,
+        samples: SurfaceSamples,
+        checker: HandCollisionChecker,
+        enough: int,
+        rejected: Counter[str],
+        rng: np.random.Generator,
+    ) -> list[Grasp]:
+        """Return the grasps among one round of candidates, no more than enough."""
         sets, misses = find_contact_sets(self.hand, samples, count=self.candidates, rng=rng)
         rejected.update(misses)
         sets, postures = self._reach(sets, rejected)
-        checker = HandCollisionChecker(self.hand, mesh, support_height=support_height)
         opened = self._opened(sets, postures)
         grasps: list[Grasp] = []
         for b in range(len(sets)):
-            if len(grasps) >= _ENOUGH * count:
+            if len(grasps) >= enough:
                 rejected["not_needed"] += len(sets) - b
                 break
             reason = self._obstacle(checker, postures.X_OH[b], postures.q[b], opened[b])
@@ -123,11 +149,7 @@ class ForceClosureSampler:
                 rejected["no_force_closure"] += 1
                 continue
             grasps.append(grasp)
-        grasps.sort(key=_rank)
-        if len(grasps) > count:
-            rejected["outranked"] = len(grasps) - count
-        counts = {reason: n for reason, n in sorted(rejected.items()) if n}
-        return GraspSearch(tuple(grasps[:count]), counts, self.candidates)
+        return grasps
 
     def _reach(self, sets: ContactSets, rejected: Counter[str]) -> tuple[ContactSets, Postures]:
         """Solve the inverse kinematics from the fitting pregrasp, and drop what is not reached."""
@@ -141,8 +163,8 @@ class ForceClosureSampler:
         postures = reach(self.hand, targets, X_OH, start)
         near = postures.position_error <= _MAX_POSITION_ERROR
         facing = postures.axis_error <= _MAX_AXIS_ERROR
-        rejected["out_of_reach"] = int((~near).sum())
-        rejected["pad_does_not_face_the_surface"] = int((near & ~facing).sum())
+        rejected["out_of_reach"] += int((~near).sum())
+        rejected["pad_does_not_face_the_surface"] += int((near & ~facing).sum())
         kept = np.flatnonzero(near & facing)
         return sets.subset(kept), postures.subset(kept)
 
