@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from lis_grasp.cli.main import main
+from lis_grasp.grasping.grasp import load_grasps
 from lis_grasp.grasping.hand import HAND_NAMES, Hand
 from lis_grasp.grasping.hand_check import check_hand
 from lis_grasp.model_files import model_path
@@ -113,3 +114,46 @@ def test_a_hand_s_urdf_may_lie_in_a_package(
     for root in (tmp_path / "models", tmp_path / "models" / "my_hands"):
         monkeypatch.setenv("ROS_PACKAGE_PATH", str(root))
         assert Hand.load(path).joint_names == Hand.load("allegro").joint_names
+
+
+CLAW = """<robot name="claw">
+  <link name="palm">
+    <inertial><mass value="0.4"/><inertia ixx="3e-4" ixy="0" ixz="0" iyy="3e-4" iyz="0" izz="3e-4"/>
+    </inertial>
+    <collision><geometry><box size="0.06 0.07 0.04"/></geometry></collision>
+  </link>
+  {fingers}
+</robot>"""
+FINGER = """<link name="{side}_finger">
+    <inertial><mass value="0.1"/><inertia ixx="8e-5" ixy="0" ixz="0" iyy="8e-5" iyz="0" izz="4e-6"/>
+    </inertial>
+    <collision><origin xyz="0 0 0.05"/><geometry><cylinder radius="0.008" length="0.1"/></geometry>
+    </collision>
+  </link>
+  <link name="{side}_tip">
+    <inertial><mass value="0.01"/>
+      <inertia ixx="4e-7" ixy="0" ixz="0" iyy="4e-7" iyz="0" izz="4e-7"/></inertial>
+    <collision><geometry><sphere radius="0.01"/></geometry></collision>
+  </link>
+  <joint name="{side}" type="revolute"><parent link="palm"/><child link="{side}_finger"/>
+    <origin xyz="{x} {y} 0.02"/><axis xyz="0 {turn} 0"/>
+    <limit lower="-0.6" upper="1.0" effort="1.5" velocity="3"/></joint>
+  <joint name="{side}_mount" type="fixed"><parent link="{side}_finger"/><child link="{side}_tip"/>
+    <origin xyz="0 0 0.1"/></joint>"""
+
+
+def test_the_guide_s_own_hand_touches_and_grasps(tmp_path: Path) -> None:
+    guide = Path(__file__).parents[1] / "docs" / "adding-a-hand.md"
+    text = guide.read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0]
+    (tmp_path / "claw.yaml").write_text(text)
+    places = {"left": (-0.025, -0.025, -1), "right": (-0.025, 0.025, -1), "thumb": (0.025, 0, 1)}
+    fingers = [FINGER.format(side=side, x=x, y=y, turn=t) for side, (x, y, t) in places.items()]
+    (tmp_path / "claw.urdf").write_text(CLAW.format(fingers="".join(fingers)))
+    hand = str(tmp_path / "claw.yaml")
+    assert main(["doctor", "--hand", hand]) == 0
+    out = str(tmp_path / "out")
+    options = ["--hand", hand, "--output", out, "--touches", "12", "--prober", "kinematic"]
+    assert main(["explore", "cylinder", *options]) == 0
+    assert main(["estimate", f"{out}/contacts.ply"]) == 0
+    assert main(["grasp", f"{out}/surface.ply", "--hand", hand, "--grasps", "2"]) == 0
+    assert load_grasps(Path(out) / "grasps.json").grasps
