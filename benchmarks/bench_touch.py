@@ -1,6 +1,7 @@
 """How exact touches are, and how many a second: random probes of built-in objects, one table.
 
     python benchmarks/bench_touch.py --probes 150
+    python benchmarks/bench_touch.py --free          # by how much touches move what stands free
 
 Probes aim at points drawn uniformly from the true surface (0.20 m objects), along directions up to
 40 degrees off the inward normal. Errors are to the object's own triangle mesh; normals are judged
@@ -18,9 +19,10 @@ from lis_grasp import Hand, shapes
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exploration import Probe
+from lis_grasp.pipeline import RunConfig, touch
 from lis_grasp.shapes import Shape
 from lis_grasp.simulation.kinematic_probing import KinematicProber
-from lis_grasp.simulation.probing import DynamicProber
+from lis_grasp.simulation.probing import TOPPLED, DynamicProber
 
 _TILT = np.deg2rad(40.0)
 
@@ -39,13 +41,40 @@ def random_probes(shape: Shape, count: int, rng: np.random.Generator) -> list[Pr
     return probes
 
 
+def tell_of_free_objects(hand: Hand) -> None:
+    """Explore each object of graspable size where it stands free: 0.2 kg, friction 0.5."""
+    print(f"{'object':16s} touches  moved [mm] median   95 %   max  toppled  wall [s]")
+    moved: list[float] = []
+    toppled = 0
+    for name in shapes.NAMES:
+        shape = shapes.build(name, None)
+        config = RunConfig(object=name, free=True, touches=30, mass=0.2, friction=0.5)
+        start = time.perf_counter()
+        outcomes = touch(shape, hand, config).outcomes
+        seconds = time.perf_counter() - start
+        own = [o.moved for o in outcomes if o.status == "touched" or o.moved > 0.0]
+        fallen = sum(o.reason == TOPPLED for o in outcomes)
+        moved, toppled = moved + own, toppled + fallen
+        median, high = 1e3 * np.quantile(own, [0.5, 0.95])
+        print(
+            f"{name:16s} {len(own):7d} {median:18.4f} {high:6.3f} {1e3 * max(own):5.2f}"
+            f" {fallen:8d} {seconds:9.1f}",
+            flush=True,
+        )
+    print(f"{'all':16s} {len(moved):7d} {1e3 * np.median(moved):18.4f} {'':12s} {toppled:8d}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--probes", type=int, default=150)
     parser.add_argument("--hand", default="allegro")
     parser.add_argument("--prober", choices=["dynamic", "kinematic"], default="dynamic")
+    parser.add_argument("--free", action="store_true", help="let objects stand free")
     arguments = parser.parse_args()
     hand = Hand.load(arguments.hand)
+    if arguments.free:
+        tell_of_free_objects(hand)
+        return
     make = KinematicProber if arguments.prober == "kinematic" else DynamicProber
     print(f"{'object':16s} touched missed blocked  position [mm] mean  95 %   max", end="")
     print("  normal [deg] mean  95 %  probes/s")
