@@ -13,7 +13,8 @@ import yaml
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.grasping.hand import HAND_NAMES, Hand, HandKind, Joint, Pad, ProbePosture
-from lis_grasp.grasping.hand_urdf import UrdfModel, read_urdf, resolve_uri, rpy_pose
+from lis_grasp.grasping.hand_sdf import read_sdf
+from lis_grasp.grasping.hand_urdf import HandModel, read_urdf, resolve_uri, rpy_pose
 from lis_grasp.model_files import model_path
 
 FloatArray = npt.NDArray[np.float64]
@@ -66,10 +67,13 @@ class _Reader:
         )
         top = self._mapping("the file", document, keys)
         try:
-            model = read_urdf(resolve_uri(self._text("urdf", top["urdf"]), folder, "urdf"))
+            path = resolve_uri(self._text("urdf", top["urdf"]), folder, "urdf")
+            model = read_sdf(path) if path.suffix == ".sdf" else read_urdf(path)
         except InvalidFileError as error:
             raise InvalidHandError(f"{self._file}: {error}") from None
         self._check_joints(top["joints"], model)
+        if not model.link_geometries:
+            self._fail(f"{path.name} must give links collision bodies; it gives none")
         palm = self._mapping("palm_frame", top["palm_frame"], "translation rpy")
         pads = self._pads(top["pads"], model)
         return Hand(
@@ -104,7 +108,7 @@ class _Reader:
                 return kind
         return self._fail(f"kind must be one of {', '.join(kinds)}; it is {value!r}")
 
-    def _check_joints(self, value: Any, model: UrdfModel) -> None:
+    def _check_joints(self, value: Any, model: HandModel) -> None:
         names = [self._text("joints", name) for name in self._sequence("joints", value)]
         if tuple(names) != model.joint_names:
             self._fail(
@@ -112,7 +116,7 @@ class _Reader:
                 f" {', '.join(model.joint_names)}; it is {', '.join(names)}"
             )
 
-    def _pads(self, value: Any, model: UrdfModel) -> tuple[Pad, ...]:
+    def _pads(self, value: Any, model: HandModel) -> tuple[Pad, ...]:
         pads = []
         for finger, entry in self._named("pads", value).items():
             key = f"pads.{finger}"
@@ -137,7 +141,7 @@ class _Reader:
             self._fail(f"pads must name at least two fingers; it names {len(pads)}")
         return tuple(pads)
 
-    def _pregrasps(self, value: Any, model: UrdfModel) -> Mapping[str, FloatArray]:
+    def _pregrasps(self, value: Any, model: HandModel) -> Mapping[str, FloatArray]:
         return MappingProxyType(
             {
                 name: self._posture(f"pregrasps.{name}", positions, model)
@@ -146,7 +150,7 @@ class _Reader:
         )
 
     def _probe_postures(
-        self, value: Any, model: UrdfModel, pads: tuple[Pad, ...]
+        self, value: Any, model: HandModel, pads: tuple[Pad, ...]
     ) -> Mapping[str, ProbePosture]:
         postures = {}
         for finger, entry in self._named("probe_postures", value).items():
@@ -165,7 +169,7 @@ class _Reader:
             )
         return MappingProxyType(postures)
 
-    def _exclusions(self, value: Any, model: UrdfModel) -> frozenset[tuple[str, str]]:
+    def _exclusions(self, value: Any, model: HandModel) -> frozenset[tuple[str, str]]:
         pairs = [_pair(joint) for joint in model.joints]
         for i, entry in enumerate(self._sequence("self_collision_exclusions", value)):
             key = f"self_collision_exclusions[{i}]"
@@ -176,7 +180,7 @@ class _Reader:
             pairs.append((first, second))
         return frozenset(pairs)
 
-    def _posture(self, key: str, value: Any, model: UrdfModel) -> FloatArray:
+    def _posture(self, key: str, value: Any, model: HandModel) -> FloatArray:
         positions = self._numbers(key, value, len(model.joint_names))
         low, high = model.lower - _LIMIT_TOLERANCE, model.upper + _LIMIT_TOLERANCE
         outside = np.flatnonzero((positions < low) | (positions > high))
@@ -188,7 +192,7 @@ class _Reader:
             )
         return _read_only(np.clip(positions, model.lower, model.upper))
 
-    def _link(self, key: str, value: Any, model: UrdfModel) -> str:
+    def _link(self, key: str, value: Any, model: HandModel) -> str:
         name = self._text(key, value)
         if name not in model.links:
             self._fail(f"{key} must be a link of the URDF; it has no link '{name}'")

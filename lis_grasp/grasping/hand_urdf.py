@@ -16,7 +16,7 @@ import trimesh
 import yourdfpy
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
-from lis_grasp.grasping.hand import Inertial, Joint, JointKind, LinkGeometry
+from lis_grasp.grasping.hand import GeometryKind, Inertial, Joint, JointKind, LinkGeometry
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -32,8 +32,8 @@ _SPHERE_SUBDIVISIONS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UrdfModel:
-    """What a URDF says about a hand; the fields are those of `Hand`."""
+class HandModel:
+    """What a URDF or SDF says about a hand; the fields are those of `Hand`."""
 
     joint_names: tuple[str, ...]
     lower: FloatArray
@@ -45,7 +45,7 @@ class UrdfModel:
     link_geometries: tuple[LinkGeometry, ...]
 
 
-def read_urdf(path: Path) -> UrdfModel:
+def read_urdf(path: Path) -> HandModel:
     """Read links, joints, inertias and collision bodies.
 
     Raises
@@ -71,7 +71,7 @@ def read_urdf(path: Path) -> UrdfModel:
     geometries = [
         _geometry(name, collision, path) for name in names for collision in links[name].collisions
     ]
-    return UrdfModel(
+    return HandModel(
         joint_names=tuple(joint.name for joint in movable),
         lower=_frozen([low for low, _, _ in limits]),
         upper=_frozen([high for _, high, _ in limits]),
@@ -209,33 +209,56 @@ def _inertial(link: Any) -> Inertial:
 def _geometry(link: str, collision: Any, path: Path) -> LinkGeometry:
     geometry, X_LG = collision.geometry, _frozen(_origin(collision.origin))
     if geometry.box is not None:
-        sides = tuple(float(side) for side in np.asarray(geometry.box.size))
-        return LinkGeometry(link, X_LG, "box", sides, trimesh.creation.box(extents=sides))
+        return primitive(link, X_LG, "box", np.asarray(geometry.box.size))
     if geometry.sphere is not None:
-        radius = float(geometry.sphere.radius)
-        ball = trimesh.creation.icosphere(subdivisions=_SPHERE_SUBDIVISIONS, radius=radius)
-        return LinkGeometry(link, X_LG, "sphere", (radius,), ball)
+        return primitive(link, X_LG, "sphere", [geometry.sphere.radius])
     if geometry.cylinder is not None:
-        radius, length = float(geometry.cylinder.radius), float(geometry.cylinder.length)
-        tube = trimesh.creation.cylinder(radius=radius, height=length, sections=_CYLINDER_SECTIONS)
-        return LinkGeometry(link, X_LG, "cylinder", (radius, length), tube)
+        return primitive(
+            link, X_LG, "cylinder", [geometry.cylinder.radius, geometry.cylinder.length]
+        )
     if geometry.mesh is not None:
-        return LinkGeometry(link, X_LG, "mesh", (), _load_mesh(geometry.mesh, path))
+        file = resolve_uri(geometry.mesh.filename, path.parent, path.name)
+        return LinkGeometry(link, X_LG, "mesh", (), load_mesh(file, geometry.mesh.scale))
     raise InvalidHandError(
         f"{path.name}: a collision body of link '{link}' must be a box, sphere, cylinder or mesh"
     )
 
 
-def _load_mesh(mesh: Any, path: Path) -> trimesh.Trimesh:
-    file = resolve_uri(mesh.filename, path.parent, path.name)
+def primitive(
+    link: str, X_LG: FloatArray, kind: GeometryKind, dimensions: npt.ArrayLike
+) -> LinkGeometry:
+    """Return a body of a simple shape, and a mesh of it; dimensions as in `LinkGeometry`."""
+    sizes = tuple(float(size) for size in np.asarray(dimensions, np.float64).ravel())
+    match kind:
+        case "box":
+            mesh = trimesh.creation.box(extents=sizes)
+        case "sphere":
+            mesh = trimesh.creation.icosphere(subdivisions=_SPHERE_SUBDIVISIONS, radius=sizes[0])
+        case "cylinder":
+            mesh = trimesh.creation.cylinder(
+                radius=sizes[0], height=sizes[1], sections=_CYLINDER_SECTIONS
+            )
+        case _:
+            mesh = trimesh.creation.capsule(radius=sizes[0], height=sizes[1])
+    return LinkGeometry(link, X_LG, kind, sizes, mesh)
+
+
+def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
+    """Read the mesh of a link's body.
+
+    Raises
+    ------
+    InvalidFileError
+        If it cannot be read, or is empty.
+    """
     try:
         loaded = trimesh.load(file, force="mesh")
     except (OSError, ValueError, KeyError, IndexError, NotImplementedError) as error:
         raise InvalidFileError(f"the mesh {file} cannot be read: {error}") from None
     if len(loaded.faces) == 0:
         raise InvalidFileError(f"the mesh {file} has no triangles")
-    if mesh.scale is not None:
-        loaded.apply_scale(mesh.scale)
+    if scale is not None:
+        loaded.apply_scale(scale)
     return loaded
 
 

@@ -62,7 +62,7 @@ class Job:
 def row_key(trial: Trial, setup: Setup, estimator: str) -> str:
     """Return the name of a row: a hash of all that decides what is in it.
 
-    An object's mesh file and a hand's YAML and URDF count by what is in them.
+    An object's mesh file and a hand's YAML, URDF and SDF count by what is in them.
     """
     facts = [asdict(trial), asdict(setup), estimator, *_contents(trial)]
     text = json.dumps(facts, sort_keys=True)
@@ -229,7 +229,7 @@ def _contents(trial: Trial) -> list[str]:
     named = [] if trial.object in NAMES else [Path(trial.object)]
     if trial.hand not in HAND_NAMES:
         hand = Path(trial.hand)
-        named += [hand, *sorted(hand.parent.glob("*.urdf"))]
+        named += [hand, *sorted(hand.parent.glob("*.urdf")), *sorted(hand.parent.glob("*.sdf"))]
     return [hashlib.sha256(path.read_bytes()).hexdigest() for path in named]
 
 
