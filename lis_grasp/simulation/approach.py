@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.known_shape import KnownShape
@@ -15,8 +16,8 @@ from lis_grasp.grasping.hand import Hand, ProbePosture
 
 FloatArray = npt.NDArray[np.float64]
 
-# Turns about the finger that are tried.
-_ROLLS = 8
+# Turns about the finger, +x, that are tried, (8, 3, 3).
+_TURNS = Rotation.from_rotvec(np.pi / 4.0 * np.arange(8)[:, None] * np.eye(3)[0]).as_matrix()
 # The hand is looked at in points this far apart at the most, at places this far apart on its way;
 # links are thicker than either [m].
 _POINT_SPACING, _WAY_SPACING = 0.015, 0.01
@@ -135,11 +136,11 @@ def _turned(
     posture: ProbePosture, center_H: FloatArray, probe: Probe, axis: FloatArray, run_in: float
 ) -> Iterator[Approach]:
     """Yield approaches, one a turn about the axis: the leading point at the probe's start."""
-    for k in range(_ROLLS):
+    center_O = probe.start - posture.radius * probe.direction
+    R_OX, R_XH = rotation_to_x(axis).T, rotation_to_x(posture.direction_H)
+    for roll in _TURNS:
         X_OH = np.eye(4)
-        turned = _roll(2.0 * np.pi * k / _ROLLS) @ rotation_to_x(posture.direction_H)
-        X_OH[:3, :3] = rotation_to_x(axis).T @ turned
-        center_O = probe.start - posture.radius * probe.direction
+        X_OH[:3, :3] = R_OX @ roll @ R_XH
         X_OH[:3, 3] = center_O - X_OH[:3, :3] @ center_H
         yield Approach(posture, X_OH, axis, run_in)
 
@@ -173,9 +174,3 @@ def rotation_to_x(direction: FloatArray) -> FloatArray:
     y = np.cross(direction, helper)
     y /= np.linalg.norm(y)
     return np.vstack([direction, y, np.cross(direction, y)])
-
-
-def _roll(angle: float) -> FloatArray:
-    """Return the rotation about +x by `angle` [rad], shape (3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

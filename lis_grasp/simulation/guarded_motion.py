@@ -150,14 +150,14 @@ class GuardedMotion:
         return self._checker.place(X_OH, self._poses[approach.posture.finger])
 
     def _free_start(self, probe: Probe) -> Approach | None:
-        tried: dict[str, bool] = {}
+        inside: dict[float, bool] = {}  # by the tip's radius
         for approach in self._planner.starts(probe):
-            posture = approach.posture
-            if posture.finger not in tried:
+            radius = approach.posture.radius
+            if radius not in inside:
                 # No link can leave the object without passing its surface: one point tells for all.
-                center = probe.start - posture.radius * probe.direction
-                tried[posture.finger] = any_inside(self._mesh, center[None])
-            if not tried[posture.finger] and not self._place(approach, approach.X_OH):
+                center = probe.start - radius * probe.direction
+                inside[radius] = any_inside(self._mesh, center[None])
+            if not inside[radius] and not self._place(approach, approach.X_OH):
                 return approach
         return None
 
