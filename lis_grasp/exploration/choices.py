@@ -6,9 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.targets import Targets
-from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 
 # The frontier lies about one step from the nearest contact; in units of the step.
@@ -24,33 +22,20 @@ class Choice(Protocol):
     """Chooses one of the targets, by its index; None where none is worth a touch."""
 
     def __call__(
-        self,
-        targets: Targets,
-        space: Workspace,
-        contacts: Contacts,
-        surface: ImplicitSurface,
-        *,
-        rng: np.random.Generator,
+        self, targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator
     ) -> int | None:
         """Return the index of the target to touch, or None."""
         ...
 
 
-def frontier(
-    targets: Targets,
-    space: Workspace,
-    contacts: Contacts,
-    surface: ImplicitSurface,
-    *,
-    rng: np.random.Generator,
-) -> int | None:
+def frontier(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
     """Choose where the estimate leaves the known, about a step from any contact.
 
     Where no frontier is left, the largest gap is filled: the point farthest from any contact.
     Ottenhaus et al. 2016, section IV.B, give the step (50 mm on objects of 20 cm) and that the
     next target follows from the contacts and the estimated surface; the rest is ours.
     """
-    nearest, step = targets.nearest, space.step
+    nearest, step = targets.nearest, targets.step
     # What the estimate has farther away is unconnected to what is known: seldom true, so last.
     connected = targets.new & (nearest <= _BAND[1] * step)
     candidates = np.flatnonzero(connected & (nearest >= _BAND[0] * step))
@@ -66,14 +51,7 @@ def frontier(
     return None
 
 
-def spread(
-    targets: Targets,
-    space: Workspace,
-    contacts: Contacts,
-    surface: ImplicitSurface,
-    *,
-    rng: np.random.Generator,
-) -> int | None:
+def spread(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
     """Choose the place farthest from any contact on its side.
 
     Farthest-first traversal: no placing of as few touches leaves gaps of less than half the size
@@ -83,26 +61,14 @@ def spread(
     return int(new[np.argmax(targets.nearest[new])]) if len(new) else None
 
 
-def anywhere(
-    targets: Targets,
-    space: Workspace,
-    contacts: Contacts,
-    surface: ImplicitSurface,
-    *,
-    rng: np.random.Generator,
-) -> int | None:
+def anywhere(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
     """Choose at random: every place of the estimated surface is as likely."""
     new = np.flatnonzero(targets.new)
     return int(rng.choice(new)) if len(new) else None
 
 
 def most_uncertain(
-    targets: Targets,
-    space: Workspace,
-    contacts: Contacts,
-    surface: ImplicitSurface,
-    *,
-    rng: np.random.Generator,
+    targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator
 ) -> int | None:
     """Choose where the estimate's own standard deviation is greatest.
 

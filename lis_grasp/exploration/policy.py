@@ -114,7 +114,7 @@ class TargetPolicy:
         rng: np.random.Generator,
     ) -> _Target | None:
         targets = Targets.find(self.space, contacts, surface, outcomes, rng=rng)
-        chosen = self.choose(targets, self.space, contacts, surface, rng=rng)
+        chosen = self.choose(targets, surface, rng=rng)
         if chosen is None:
             return None
         gap = float(targets.nearest[chosen])

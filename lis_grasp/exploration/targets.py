@@ -41,6 +41,8 @@ class Targets:
         Shape (P,) [m]: distance to where a tip passed and felt nothing.
     new
         Shape (P,): whether the point may be aimed at: no earlier target, no place found empty.
+    step
+        Distance between touches that is aimed at [m].
     """
 
     points: FloatArray
@@ -49,6 +51,7 @@ class Targets:
     second: FloatArray
     emptiness: FloatArray
     new: Mask
+    step: float
 
     @classmethod
     def find(
@@ -69,7 +72,7 @@ class Targets:
             new &= points[:, 2] > space.support_height + _PASSED * space.step
             new &= normals[:, 2] > _FROM_BELOW
         new &= ~_tried(points, normals, np.minimum(nearest, space.step), outcomes)
-        return cls(points, normals, nearest, second, emptiness, new)
+        return cls(points, normals, nearest, second, emptiness, new, space.step)
 
 
 def gaps(
