@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from lis_grasp import shapes as shapes
     from lis_grasp.contacts import Contacts as Contacts
     from lis_grasp.evaluation.surface_error import surface_error as surface_error
+    from lis_grasp.grasping.force_closure import is_force_closure as is_force_closure
     from lis_grasp.grasping.grasp import Grasp as Grasp
     from lis_grasp.grasping.grasp import GraspSearch as GraspSearch
     from lis_grasp.grasping.hand import Hand as Hand
     from lis_grasp.grasping.quality import epsilon_quality as epsilon_quality
-    from lis_grasp.grasping.quality import is_force_closure as is_force_closure
     from lis_grasp.grasping.sampler import ForceClosureSampler as ForceClosureSampler
     from lis_grasp.meshing import extract_mesh as extract_mesh
     from lis_grasp.surfaces import BlendedImplicitSurface as BlendedImplicitSurface
@@ -41,7 +41,7 @@ _HOMES = {
     "PatchImplicitSurface": "lis_grasp.surfaces",
     "epsilon_quality": "lis_grasp.grasping.quality",
     "extract_mesh": "lis_grasp.meshing",
-    "is_force_closure": "lis_grasp.grasping.quality",
+    "is_force_closure": "lis_grasp.grasping.force_closure",
     "shapes": "lis_grasp.shapes",
     "surface_error": "lis_grasp.evaluation.surface_error",
 }

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from lis_grasp import epsilon_quality, is_force_closure
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.grasping.contact_model import cone_edges, contact_wrenches
+from lis_grasp.grasping.force_closure import min_weight, resisted_force
 from lis_grasp.grasping.grip import balanced_grip
-from lis_grasp.grasping.quality import min_weight, resisted_force
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 

@@ -7,8 +7,9 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.grasping.contact_model import ContactModel
+from lis_grasp.grasping.force_closure import is_force_closure, resisted_force
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.grasping.quality import epsilon_quality, is_force_closure, resisted_force
+from lis_grasp.grasping.quality import epsilon_quality
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -61,7 +61,7 @@ def contact_wrenches(
     *,
     friction: float,
     origin: npt.ArrayLike,
-    length_scale: float,
+    length_scale: npt.ArrayLike,
     model: ContactModel = "coulomb",
     torsion: float = 0.0,
     edges: int = CONE_EDGES,
@@ -78,13 +78,14 @@ def contact_wrenches(
     friction
         Coulomb coefficient; not used by the frictionless model.
     origin
-        Shape (3,) [m]: where torques are taken about.
+        Shape (3,) or (..., 3) [m]: where torques are taken about.
     length_scale
-        [m] What torques are divided by.
+        Scalar or shape (...) [m]: what torques are divided by.
     model
         ``"frictionless"``: the normal force alone; ``"coulomb"``: a friction pyramid;
         ``"soft_finger"``: the pyramid, and a torque about the normal of up to ``torsion`` times
-        the normal force (Salisbury and Roth 1983; a linear, hence outer, limit surface).
+        the normal force (Salisbury and Roth 1983), less the more friction is used sideways: the
+        linear limit surface, inside of the elliptic one (Howe and Cutkosky 1996).
     torsion
         [m] Of a soft finger.
     edges
@@ -95,25 +96,36 @@ def contact_wrenches(
     FloatArray
         Shape (..., C, K, 6) with K = 1, edges, or edges + 2.
     """
-    if model not in get_args(ContactModel):
-        raise InvalidOptionError(
-            f"model must be one of {', '.join(get_args(ContactModel))}; it is '{model}'"
-        )
-    if not (np.isfinite(length_scale) and length_scale > 0.0):
-        raise InvalidOptionError(
-            f"length_scale must be a positive length [m]; it is {length_scale}"
-        )
-    points = np.asarray(points, dtype=np.float64)
+    arms, levers = scaled_arms(points, origin=origin, length_scale=length_scale, torsion=torsion)
     normals = np.asarray(normals, dtype=np.float64)
+    check_model(model)
     if model == "frictionless":
         forces = -normals[..., None, :]
     else:
         forces = cone_edges(normals, friction, edges=edges)
-    arms = (points - np.asarray(origin, dtype=np.float64))[..., None, :]
-    wrenches = np.concatenate([forces, np.cross(arms, forces) / length_scale], axis=-1)
+    wrenches = np.concatenate([forces, np.cross(arms[..., None, :], forces)], axis=-1)
     if model == "soft_finger":
-        twist = np.concatenate([-normals, torsion / length_scale * -normals], axis=-1)
-        untwist = np.concatenate([-normals, torsion / length_scale * normals], axis=-1)
-        spins = np.stack([twist, untwist], axis=-2)  # (..., C, 2, 6)
+        push = np.concatenate([-normals, np.cross(arms, -normals)], axis=-1)  # (..., C, 6)
+        spin = np.concatenate([np.zeros_like(normals), levers[..., None, None] * normals], axis=-1)
+        spins = np.stack([push - spin, push + spin], axis=-2)  # (..., C, 2, 6)
         wrenches = np.concatenate([wrenches, spins], axis=-2)
     return wrenches
+
+
+def check_model(model: str) -> None:
+    """Refuse what is no contact model."""
+    if model not in get_args(ContactModel):
+        raise InvalidOptionError(
+            f"model must be one of {', '.join(get_args(ContactModel))}; it is '{model}'"
+        )
+
+
+def scaled_arms(
+    points: npt.ArrayLike, *, origin: npt.ArrayLike, length_scale: npt.ArrayLike, torsion: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the contacts' arms about an origin (..., C, 3), and torsion (...), over the length."""
+    length = np.asarray(length_scale, dtype=np.float64)
+    if not (np.isfinite(length).all() and (length > 0.0).all()):
+        raise InvalidOptionError(f"length_scale must be a positive length [m]; it is {length}")
+    arms = np.asarray(points, dtype=np.float64) - np.asarray(origin, dtype=np.float64)[..., None, :]
+    return arms / length[..., None, None], np.asarray(torsion / length)

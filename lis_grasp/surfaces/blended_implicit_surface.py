@@ -28,7 +28,7 @@ _FOLDS = 4
 
 # Fewer contacts say nothing about which estimate is better; with more, the Gaussian process takes
 # seconds, and patches are told apart without its help.
-_LEAST_CONTACTS = 2 * _FOLDS
+_LEAST_CONTACTS = 10
 _MOST_CONTACTS = 400
 
 # What a normal that is wrong by 1 counts, and the error that is as good as none, in spacings.
@@ -92,7 +92,7 @@ class BlendedImplicitSurface:
     ) -> BlendedImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Below 8 contacts, and above 400, the sharp estimate stands alone.
+        Below 10 contacts, and above 400, the sharp estimate stands alone.
 
         Parameters
         ----------
