@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -272,4 +272,21 @@ def prove(shape: Shape, hand: Hand, grasp: Grasp, *, mass: float, friction: floa
         support_height=support_height(shape),
         mass=mass,
         friction=friction,
+    )
+
+
+def prove_all(
+    shape: Shape, hand: Hand, grasps: Sequence[Grasp], *, mass: float, friction: float, jobs: int
+) -> Iterator[LiftOutcome]:
+    """Execute grasps, each on an object of its own, in `jobs` processes; outcomes come in order."""
+    from lis_grasp.simulation.lift import prove_grasps
+
+    return prove_grasps(
+        shape.mesh,
+        hand,
+        grasps,
+        support_height=support_height(shape),
+        mass=mass,
+        friction=friction,
+        jobs=jobs,
     )

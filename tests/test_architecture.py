@@ -14,7 +14,15 @@ PACKAGE = Path(lis_grasp.__file__).resolve().parent
 # The flow, one way: a module imports only from its own layer and from those above it in this list.
 LAYERS = [
     ["exceptions"],
-    ["output_files", "json_lines", "model_files", "provenance", "winding"],
+    [
+        "output_files",
+        "json_lines",
+        "model_files",
+        "provenance",
+        "read_only",
+        "winding",
+        "worker_pool",
+    ],
     ["contacts", "contact_files", "shapes", "mesh_files", "motion"],
     ["surfaces"],
     ["exploration"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,11 +12,13 @@ import trimesh
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.grip import balanced_grip
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.simulation.lift import LiftOptions, LiftOutcome, prove_grasp
+from lis_grasp.simulation.lift import LiftOptions, LiftOutcome, prove_grasp, prove_grasps
 from lis_grasp.simulation.lift_mesh import merge_flat_faces
 from lis_grasp.simulation.lift_wrist import line, shake
 
@@ -240,7 +243,7 @@ def test_options_without_meaning_are_refused(options: dict) -> None:
 
 
 def test_a_minimum_jerk_line_starts_and_ends_at_rest() -> None:
-    start, end = np.array([0.0, 0.0, -0.1]), np.array([0.02, 0.0, 0.0])
+    start, end = np.eye(6)[2] * -0.1, np.eye(6)[0] * 0.02
     path = line(start, end, 0.5)
     for time, place in ((0.0, start), (0.5, end), (0.7, end)):
         position, velocity = path(time)
@@ -267,3 +270,104 @@ def test_merging_flat_faces_keeps_the_solid() -> None:
     assert merged.is_watertight
     # manifold3d may hold coordinates in single precision: 6e-8 of them.
     assert merged.volume == pytest.approx(fine.volume, rel=1e-6)
+
+
+def test_the_object_shakes_with_the_asked_acceleration_along_and_about_every_axis(
+    wsg50: Hand,
+) -> None:
+    # Steps of half and of one g: the hand's own motion, recorded at the rate of the time step.
+    options = LiftOptions(hold_time=0.5, lift_time=0.6, frame_rate=200.0)
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    outcome = prove_grasp(box_mesh(), wsg50, grasp, support_height=-0.05, options=options)
+    assert outcome.reason == "held"
+    assert outcome.acceleration_survived == pytest.approx(9.81)
+    palm = outcome.motion.poses[wsg50.base_link]
+    times = outcome.motion.times
+    shaken = times > times[-1] - 0.5 - 12 * 0.5
+    center = palm[:, :3, 3]
+    turns = Rotation.from_matrix(palm[0, :3, :3].T @ palm[:, :3, :3])
+    turned = turns.magnitude()[shaken].max()
+    # A turn by 1 g at 0.1 m and 4 Hz swings by a / (0.1 w^2), and some for its fading in and out.
+    swing = 9.81 / 0.1 / (2.0 * np.pi * 4.0) ** 2
+    assert turned == pytest.approx(swing, rel=0.4)
+    for axis in range(3):
+        accelerations = np.gradient(np.gradient(center[:, axis], times), times)[shaken]
+        # The wrist follows its command within a tenth, but for what differences of steps lose.
+        assert np.abs(accelerations).max() == pytest.approx(9.81, rel=0.3)
+
+
+def test_trials_come_in_order_and_alike_from_any_number_of_processes(wsg50: Hand) -> None:
+    grasps = [jaw_grasp(wsg50, np.array([0.0, 0.0, height]), 0.05) for height in (0.02, 0.3, 0.03)]
+    alone, shared = (
+        list(
+            prove_grasps(box_mesh(), wsg50, grasps, support_height=-0.05, options=SHORT, jobs=jobs)
+        )
+        for jobs in (1, 2)
+    )
+    assert [outcome.reason for outcome in alone] == ["held", "no_contact", "held"]
+    for first, second in zip(alone, shared, strict=True):
+        assert (first.reason, first.slip) == (second.reason, second.slip)
+        np.testing.assert_array_equal(first.X_WO, second.X_WO)
+
+
+def test_fingers_feel_the_true_surface_where_they_close(allegro: Hand) -> None:
+    judged: list[Contacts] = []
+
+    def judge(felt: Contacts) -> bool:
+        judged.append(felt)
+        return False
+
+    outcome = prove_grasp(
+        box_mesh(), allegro, box_grasp(allegro), support_height=-0.05, options=SHORT, judge=judge
+    )
+    assert outcome.reason == "declined"
+    (felt,) = judged
+    assert set(felt.fingers) == {"index", "middle", "ring", "thumb"}
+    # Skin and its forces of 0.2 N: within tenths of a millimetre of the box's faces.
+    np.testing.assert_allclose(np.abs(felt.points[:, 0]), 0.025, atol=5e-4)
+    np.testing.assert_allclose(np.abs(felt.normals[:, 0]), 1.0, atol=1e-2)
+    # The hand has let go and gone back; the object stands where it stood, within a millimetre.
+    np.testing.assert_allclose(outcome.X_WO[:3, 3], 0.0, atol=1e-3)
+    assert not outcome.lifted
+    away = outcome.motion.poses[allegro.base_link][[0, -1], :3, 3]
+    np.testing.assert_allclose(away[0], away[1], atol=2e-3)
+
+
+def test_a_hand_that_feels_its_way_stops_where_it_meets_what_it_did_not_expect(
+    allegro: Hand,
+) -> None:
+    low = moved(box_grasp(allegro), np.array([0.0, 0.0, -0.09]))  # deeper than the box allows
+    judged: list[Contacts] = []
+
+    def judge(felt: Contacts) -> bool:
+        judged.append(felt)
+        return True
+
+    outcome = prove_grasp(
+        box_mesh(), allegro, low, support_height=-0.05, options=SHORT, judge=judge
+    )
+    assert outcome.reason == "declined"
+    assert not judged  # the fingers never closed
+    assert len(outcome.felt) >= 1
+    off, _ = distances_to_mesh(outcome.felt.points, box_mesh())
+    assert off.max() < 2e-3
+    assert np.linalg.norm(outcome.X_WO[:3, 3]) < 5e-3
+
+
+def test_an_object_that_stands_elsewhere_is_met_there(wsg50: Hand) -> None:
+    X_WO = np.eye(4)
+    X_WO[0, 3] = 0.004
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    outcome = prove_grasp(box_mesh(), wsg50, grasp, support_height=-0.05, options=SHORT, X_WO=X_WO)
+    assert outcome.held
+    assert outcome.motion.poses["object"][0][0, 3] == pytest.approx(0.004)
+    assert sorted(outcome.felt.points[:, 0].round(3)) == pytest.approx([-0.021, 0.029], abs=2e-3)
+
+
+def test_a_grasp_can_be_sent_to_another_process(wsg50: Hand) -> None:
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    copy = pickle.loads(pickle.dumps(grasp))  # noqa: S301
+    assert copy.quality == grasp.quality
+    np.testing.assert_array_equal(copy.X_OH, grasp.X_OH)
+    with pytest.raises(TypeError):
+        copy.quality["epsilon"] = 1.0

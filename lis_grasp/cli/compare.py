@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import sys
 from pathlib import Path
@@ -17,6 +16,7 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import POLICIES
 from lis_grasp.output_files import write_text
 from lis_grasp.pipeline import PROBERS
+from lis_grasp.worker_pool import process_count
 
 if TYPE_CHECKING:
     from lis_grasp.study.results import StudyResults
@@ -151,9 +151,7 @@ def _scheduler(options: argparse.Namespace) -> Scheduler:
         if options.jobs is not None:
             raise InvalidOptionError("--scheduler brings its own workers: leave out --jobs")
         return DaskCluster(options.scheduler)
-    jobs = os.cpu_count() or 1 if options.jobs is None else options.jobs
-    if jobs < 1:
-        raise InvalidOptionError(f"--jobs must be at least 1; {jobs} came")
+    jobs = process_count(options.jobs)
     return InProcess() if jobs == 1 else LocalPool(jobs)
 
 

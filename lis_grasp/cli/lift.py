@@ -14,6 +14,7 @@ from lis_grasp.grasping.grasp import load_grasps
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.output_files import whole_file, write_json
 from lis_grasp.reporting import lift_facts
+from lis_grasp.worker_pool import process_count
 
 
 def add_parser(verbs: Any) -> None:
@@ -23,6 +24,9 @@ def add_parser(verbs: Any) -> None:
     opt.add_object(parser, required_name=False)
     parser.add_argument(
         "--best", type=int, default=1, metavar="N", help="try the N best grasps (default: 1)"
+    )
+    parser.add_argument(
+        "--jobs", type=int, metavar="N", help="processes (default: the machine's cores)"
     )
     opt.add_physics(parser)
     opt.add_friction(parser)
@@ -44,10 +48,19 @@ def execute(options: argparse.Namespace) -> None:
     shape = opt.load_object(config)
     hand = Hand.load(config.hand)
     output = options.output or options.grasps_file.parent
+    grasps = search.grasps[: options.best]
+    trials = pipeline.prove_all(
+        shape,
+        hand,
+        grasps,
+        mass=config.mass,
+        friction=config.friction,
+        jobs=process_count(options.jobs),
+    )
     outcomes: list[dict[str, Any]] = []
-    for rank, grasp in enumerate(search.grasps[: options.best], start=1):
+    for rank in range(1, len(grasps) + 1):
         with Stage(f"Lifting {shape.name} with grasp {rank}") as stage:
-            outcome = pipeline.prove(shape, hand, grasp, mass=config.mass, friction=config.friction)
+            outcome = next(trials)
             stage.result = outcome.reason
         if not outcomes:
             with whole_file(output / "motion.npz") as temporary:

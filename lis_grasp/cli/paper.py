@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,6 +15,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.output_files import write_text
 from lis_grasp.pipeline import RunConfig
 from lis_grasp.surfaces.baselines import BASELINES
+from lis_grasp.worker_pool import process_count
 
 _OUTPUT = Path("results/paper")
 _SEEDS, _QUICK_SEEDS = 10, 2
@@ -60,10 +60,9 @@ def execute(options: argparse.Namespace) -> None:
 
     default = _QUICK_SEEDS if options.quick else _SEEDS
     seeds = default if options.seeds is None else options.seeds
-    jobs = os.cpu_count() or 1 if options.jobs is None else options.jobs
-    for name, value in (("seeds", seeds), ("jobs", jobs)):
-        if value < 1:
-            raise InvalidOptionError(f"--{name} must be at least 1; {value} came")
+    jobs = process_count(options.jobs)
+    if seeds < 1:
+        raise InvalidOptionError(f"--seeds must be at least 1; {seeds} came")
     output = options.output or _OUTPUT
     names = tuple(options.estimators or (_QUICK_CONTENDERS if options.quick else _CONTENDERS))
     for needed in ("lis", "gpis", RunConfig().estimator):

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.output_files import write_json
+from lis_grasp.read_only import reduce_record
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -94,6 +95,9 @@ class Grasp:
         object.__setattr__(self, "contact_fingers", tuple(self.contact_fingers))
         values = {str(name): float(value) for name, value in self.quality.items()}
         object.__setattr__(self, "quality", MappingProxyType(values))
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return reduce_record(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
+
+from lis_grasp.read_only import reduce_record
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -232,6 +234,9 @@ class Hand:
         from lis_grasp.grasping.hand_file import load_hand
 
         return load_hand(path_or_name)
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return reduce_record(self)
 
     @property
     def fingers(self) -> tuple[str, ...]:

@@ -2,16 +2,61 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from functools import partial
+
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.simulation.lift_outcome import LiftOptions, LiftOutcome, Reason
-from lis_grasp.simulation.lift_trial import LiftTrial
+from lis_grasp.simulation.lift_trial import Judge, LiftTrial
+from lis_grasp.worker_pool import worker_pool
 
-__all__ = ["LiftOptions", "LiftOutcome", "Reason", "prove_grasp"]
+FloatArray = npt.NDArray[np.float64]
+
+__all__ = ["Judge", "LiftOptions", "LiftOutcome", "Reason", "prove_grasp", "prove_grasps"]
+
+
+def prove_grasps(
+    mesh: trimesh.Trimesh,
+    hand: Hand,
+    grasps: Sequence[Grasp],
+    *,
+    support_height: float,
+    mass: float = 0.2,
+    friction: float = 0.8,
+    options: LiftOptions | None = None,
+    jobs: int = 1,
+) -> Iterator[LiftOutcome]:
+    """Yield the outcome of each grasp, each tried on an object that nobody has touched.
+
+    Parameters
+    ----------
+    mesh, hand, support_height, mass, friction, options
+        As of `prove_grasp`.
+    grasps
+        What to try, one after the other.
+    jobs
+        Processes that share the trials; outcomes are the same and in the same order for any number.
+    """
+    run = partial(
+        prove_grasp,
+        mesh,
+        hand,
+        support_height=support_height,
+        mass=mass,
+        friction=friction,
+        options=options,
+    )
+    if jobs == 1 or len(grasps) < 2:
+        yield from map(run, grasps)
+        return
+    with worker_pool(min(jobs, len(grasps))) as pool:
+        yield from pool.map(run, grasps)
 
 
 def prove_grasp(
@@ -23,6 +68,8 @@ def prove_grasp(
     mass: float = 0.2,
     friction: float = 0.8,
     options: LiftOptions | None = None,
+    judge: Judge | None = None,
+    X_WO: FloatArray | None = None,
 ) -> LiftOutcome:
     """Execute one grasp on the true, free object, and say whether it holds.
 
@@ -50,6 +97,13 @@ def prove_grasp(
         Of the object [kg], and Coulomb's coefficient.
     options
         How the trial is run and judged; None for the defaults.
+    judge
+        Asked, once the fingers have closed and before they squeeze, whether to go on with the
+        contacts that they feel, at times one or none; if not, the hand opens and goes back. A hand
+        with a judge also stops and goes back where it touches the object on its way.
+    X_WO
+        Shape (4, 4): where the object really stands, in the frame that the grasp was planned in;
+        None for just there.
 
     Raises
     ------
@@ -77,5 +131,7 @@ def prove_grasp(
         mass=mass,
         friction=friction,
         options=options,
+        judge=judge,
+        X_WO=X_WO,
     )
     return trial.run()

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import lsq_linear
 
+from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.grip import balanced_grip
 from lis_grasp.grasping.hand import Hand
@@ -85,7 +86,7 @@ class FingerControl:
         self._posture = self._start.copy()  # where the springs pull to, (J,)
         self._searched = dict.fromkeys(self._planned_normals, 0.0)
         self._contacts: dict[str, _FingerContact] = {}
-        self._forces: dict[str, FloatArray] = {}
+        self._forces: dict[str, FloatArray] = {}  # on the object, in the palm's frame H
         travel = hand.pad_centers(np.eye(4), np.stack([self._start, self._goal]))  # (2, F, 3)
         longest = float(np.linalg.norm(travel[1] - travel[0], axis=-1).max())
         self._closing_time = max(longest / _CLOSING_SPEED, 0.1)
@@ -100,10 +101,15 @@ class FingerControl:
         """The fingers of the grasp that have felt the object."""
         return tuple(finger for finger in self.fingers if finger in self._contacts)
 
-    @property
-    def forces(self) -> dict[str, FloatArray]:
-        """Finger -> commanded force on the object, shape (3,) in W [N]."""
-        return dict(self._forces)
+    def felt(self) -> Contacts:
+        """Return where the fingers that touch felt the object, in W."""
+        fingers = self.touching
+        contacts = [self._contacts[finger] for finger in fingers]
+        return Contacts(
+            np.reshape([self._point(contact) for contact in contacts], (-1, 3)),
+            np.reshape([contact.normal for contact in contacts], (-1, 3)),
+            fingers=fingers,
+        )
 
     def close(self, elapsed: float, interval: float) -> bool:
         """Move the fingers on by `interval` [s]; True once none has anywhere to go."""
@@ -140,8 +146,13 @@ class FingerControl:
             self._posture += _YIELD * (self._scene.joint_positions - self._posture)
         self._scene.command_fingers(self._posture, share * self._efforts(self._forces))
 
+    def open(self) -> None:
+        """Let go: back to the pregrasp."""
+        self._contacts, self._forces = {}, {}
+        self._scene.command_fingers(self._start, np.zeros(len(self._start)))
+
     def hold(self) -> None:
-        """Keep pushing with the planned forces."""
+        """Keep pushing with the planned forces, which turn with the palm."""
         self._scene.command_fingers(self._posture, self._efforts(self._forces))
 
     def _felt_by_finger(self) -> dict[str, list[Touch]]:
@@ -156,7 +167,7 @@ class FingerControl:
         """Return a finger's strongest contact among `touches`; None if all are too weak."""
         if not touches:
             return None
-        strengths = [float(np.linalg.norm(touch.force)) for touch in touches]
+        strengths = [touch.strength for touch in touches]
         if sum(strengths) < _TOUCH_FORCE:
             return None
         touch = touches[int(np.argmax(strengths))]
@@ -189,7 +200,8 @@ class FingerControl:
         points = np.array([self._point(contact) for contact in contacts])
         normals = np.array([contact.normal for contact in contacts])
         forces = self._balanced_forces(points, normals)
-        self._forces = dict(zip(fingers, forces, strict=True))
+        R_WH = self._scene.X_WH[:3, :3]
+        self._forces = dict(zip(fingers, forces @ R_WH, strict=True))
         # Scaled together, so that they stay in balance: no finger pushes harder than it can.
         strongest = float(np.abs(np.sum(forces * normals, axis=1)).max())
         efforts = self._efforts(self._forces)
@@ -213,12 +225,13 @@ class FingerControl:
         return forces * (self._grip_force / max(total, 1e-3 * self._grip_force))
 
     def _efforts(self, forces: dict[str, FloatArray]) -> FloatArray:
-        """Return the joint efforts (J,) with which the fingers exert forces on the object."""
+        """Return the joint efforts (J,) with which the fingers exert forces, in H."""
         efforts = np.zeros(len(self._hand.joint_names))
+        R_WH = self._scene.X_WH[:3, :3]
         for finger, force in forces.items():
             contact, joints = self._contacts[finger], self._joints[finger]
             efforts[joints] += (
-                self._scene.jacobian(contact.link, contact.point)[:, joints].T @ force
+                self._scene.jacobian(contact.link, contact.point)[:, joints].T @ R_WH @ force
             )
         return efforts
 

@@ -5,14 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.motion import Motion
+
+FloatArray = npt.NDArray[np.float64]
 
 Reason = Literal[
     "held",  # lifted, shaken and still in the hand
     "unstable",  # the object does not stand on the table by itself
     "collision_on_approach",  # the opened hand pushed the object, or did not get where it should be
     "no_contact",  # fewer than two fingers found the object
+    "declined",  # what the hand felt foretold failure: it let go and came back
     "ejected",  # closing or squeezing drove the object away
     "not_lifted",  # the hand rose without it
     "dropped",  # it was lost after it had been lifted
@@ -30,12 +37,15 @@ class LiftOptions:
     standoff
         Length of the straight approach [m].
     approach_time, squeeze_time, lift_time, hold_time
-        Durations [s]; closing takes as long as the fingers need.
+        Durations [s]; closing takes as long as the fingers need, and holding ends before its time
+        once the object has come to rest in the hand.
     lift_height
         How far the wrist rises [m].
     shake_accelerations
-        Largest wrist accelerations of the shakes, one after the other [m/s^2]; each is applied
-        along x, then y, then z of W, in both directions.
+        Largest wrist accelerations of the shakes, one after the other, growing [m/s^2]; each is
+        applied along x, y and z of W, in both directions, and then as turns about x, y and z.
+    turn_arm
+        Distance from the turning palm at which a turn accelerates by as much [m].
     shake_frequency, shake_cycles
         Of the shaking along one axis [Hz].
     grip_margin
@@ -63,7 +73,8 @@ class LiftOptions:
     lift_time: float = 1.0
     hold_time: float = 3.0
     lift_height: float = 0.10
-    shake_accelerations: tuple[float, ...] = (9.81,)
+    shake_accelerations: tuple[float, ...] = (4.905, 9.81)
+    turn_arm: float = 0.1
     shake_frequency: float = 4.0
     shake_cycles: int = 2
     grip_margin: float = 3.0
@@ -71,7 +82,7 @@ class LiftOptions:
     search_distance: float = 0.02
     largest_slip: float = 0.02
     largest_push: float = 0.01
-    time_step: float = 0.0025
+    time_step: float = 0.005
     frame_rate: float = 30.0
 
     def __post_init__(self) -> None:
@@ -105,7 +116,11 @@ class LiftOutcome:
     duration
         Simulated time [s].
     motion
-        Poses of the hand's links and the object in O at the start.
+        Poses of the hand's links and the object, in the frame that the grasp was planned in.
+    felt
+        Where the hand first felt the object, at most once each finger, in the same frame.
+    X_WO
+        Shape (4, 4): where the object was in the end, in the same frame.
     """
 
     lifted: bool
@@ -115,3 +130,5 @@ class LiftOutcome:
     acceleration_survived: float
     duration: float
     motion: Motion
+    felt: Contacts
+    X_WO: FloatArray

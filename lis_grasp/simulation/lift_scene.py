@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 from pydrake.geometry import CollisionFilterDeclaration, FilterId, GeometrySet
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     HydroelasticContactInfo,
@@ -57,13 +58,18 @@ class Touch:
     normal: FloatArray
     force: FloatArray
 
+    @property
+    def strength(self) -> float:
+        """Size of the force [N]."""
+        return float(np.linalg.norm(self.force))
+
 
 class LiftScene:
     """A Drake simulation of hand, object and table, advanced one time step at a time.
 
-    The world frame W is the object's frame O at the start. Contacts are hydroelastic throughout:
-    the object is its exact rigid mesh, never its hull; the hand's links and the table are
-    compliant. The hand's links do not collide with each other.
+    The world frame W is the object's frame O as the grasp was planned in it. Contacts are
+    hydroelastic throughout: the object is its exact rigid mesh, never its hull; the hand's links
+    and the table are compliant. The hand's links do not collide with each other.
 
     Parameters
     ----------
@@ -81,6 +87,8 @@ class LiftScene:
         Gains of the finger joints, shape (J,) or scalar.
     time_step
         [s].
+    X_WO
+        Shape (4, 4): where the object stands; None for where it was planned on, O = W.
     """
 
     def __init__(
@@ -95,6 +103,7 @@ class LiftScene:
         stiffness: npt.ArrayLike,
         damping: npt.ArrayLike,
         time_step: float,
+        X_WO: FloatArray | None = None,
     ) -> None:
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlant(
@@ -138,6 +147,8 @@ class LiftScene:
         self._diagram = builder.Build()
         root = self._diagram.CreateDefaultContext()
         self._context = plant.GetMyMutableContextFromRoot(root)
+        if X_WO is not None:
+            plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WO))
         self._simulator = Simulator(self._diagram, root)
         self._filters = scene_graph.collision_filter_manager(
             scene_graph.GetMyMutableContextFromRoot(root)
@@ -166,15 +177,12 @@ class LiftScene:
         for joint, value in zip(self._wrist.joints[:3], displacement, strict=True):
             joint.set_translation(self._context, value)
         self._hand.set_joint_positions(self._context, q)
-        self.command_wrist(displacement, np.zeros(3))
+        self.command_wrist(np.append(displacement, np.zeros(3)), np.zeros(6))
         self.command_fingers(q, np.zeros(len(q)))
 
     def command_wrist(self, displacement: FloatArray, velocity: FloatArray) -> None:
-        """Ask the palm to be at a displacement from its zero (3,) [m], moving at (3,) [m/s]."""
-        zero = np.zeros(3)
-        self._wrist_port.FixValue(
-            self._context, np.concatenate([displacement, zero, velocity, zero])
-        )
+        """Ask the palm for a displacement (6,) from its zero, see `WristPath`, and its rate."""
+        self._wrist_port.FixValue(self._context, np.concatenate([displacement, velocity]))
 
     def command_fingers(self, q: FloatArray, efforts: FloatArray) -> None:
         """Ask the joints to be at q, shape (J,), and add efforts (J,) to what that takes."""

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.hand import Hand
@@ -32,8 +33,17 @@ _FULL_EFFORT_ANGLE = 0.1  # [rad]
 _FULL_EFFORT_DISTANCE = 0.01  # [m]
 _DAMPING_TIME = 0.035  # [s], damping by stiffness
 
+# An object that moves less than this in the hand [m] while this time [s] passes has come to rest.
+_AT_REST = 5e-5
+_REST_TIME = 0.5
+_UNEXPECTED_FORCE = 0.5  # [N] at which a hand that feels its way stops
+_RETREAT_TIME = 0.4  # [s]
+
 # Time since the phase's start [s] -> whether the phase is over.
 _FingerCommand = Callable[[float], bool]
+
+# What the fingers feel when they have closed, before they squeeze -> whether to go on.
+Judge = Callable[[Contacts], bool]
 
 
 class LiftTrial:
@@ -49,8 +59,11 @@ class LiftTrial:
         mass: float,
         friction: float,
         options: LiftOptions,
+        judge: Judge | None,
+        X_WO: FloatArray | None,
     ) -> None:
         self._options = options
+        self._judge = judge
         self._support_height = support_height
         stiffness = hand.effort_limits / _full_effort_errors(hand)
         self._scene = LiftScene(
@@ -63,6 +76,7 @@ class LiftTrial:
             stiffness=stiffness,
             damping=_DAMPING_TIME * stiffness,
             time_step=options.time_step,
+            X_WO=X_WO,
         )
         load = mass * (_GRAVITY + max(options.shake_accelerations, default=0.0))
         self._control = FingerControl(
@@ -73,10 +87,12 @@ class LiftTrial:
             grip_force=max(options.grip_margin * load / friction, options.least_grip_force),
             search_distance=options.search_distance,
         )
-        self._retreat = -options.standoff * np.asarray(grasp.approach_O, dtype=np.float64)
-        self._rise = np.array([0.0, 0.0, options.lift_height])
+        retreat = -options.standoff * np.asarray(grasp.approach_O, dtype=np.float64)
+        self._retreat = np.append(retreat, np.zeros(3))
+        self._rise = np.array([0.0, 0.0, options.lift_height, 0.0, 0.0, 0.0])
         self._goal = np.asarray(grasp.X_OH, dtype=np.float64)[:3, 3]
-        self._scene.place_hand(self._retreat, np.asarray(grasp.pregrasp_positions))
+        self._scene.place_hand(retreat, np.asarray(grasp.pregrasp_positions))
+        self._felt = Contacts.empty()
         self._start = self._scene.object_center
         self._center_in_hand: FloatArray | None = None  # once the grasp has closed
         self._lifted = False
@@ -100,6 +116,8 @@ class LiftTrial:
             acceleration_survived=self._survived,
             duration=self._scene.time,
             motion=Motion(np.array(self._times), poses),
+            felt=self._felt,
+            X_WO=self._scene.X_WO,
         )
 
     def _run_phases(self) -> Reason:
@@ -116,20 +134,24 @@ class LiftTrial:
         return "unstable" if self._pushed() else None
 
     def _approach(self) -> Reason | None:
-        self._advance(
-            self._options.approach_time,
-            line(self._retreat, np.zeros(3), self._options.approach_time),
-        )
-        self._advance(_SETTLE_TIME, rest_at(np.zeros(3)))
+        duration = self._options.approach_time
+        way = line(self._retreat, np.zeros(6), duration)
+        self._advance(duration, way, self._feel if self._judge is not None else None)
+        if len(self._felt):
+            return self._decline()
+        self._advance(_SETTLE_TIME, rest_at(np.zeros(6)))
         error = float(np.linalg.norm(self._scene.X_WH[:3, 3] - self._goal))
         blocked = error > self._options.largest_push or self._pushed()
         return "collision_on_approach" if blocked else None
 
     def _close(self) -> Reason | None:
-        here = rest_at(np.zeros(3))
+        here = rest_at(np.zeros(6))
         interval = 1.0 / _CONTROL_RATE
         self._advance(_CLOSING_LIMIT, here, lambda time: self._control.close(time, interval))
-        if len(self._control.touching) < 2:
+        self._felt = self._control.felt()
+        if self._judge is not None and not self._judge(self._felt):
+            return self._decline()
+        if len(self._felt) < 2:
             return "no_contact"
         duration = self._options.squeeze_time
 
@@ -143,14 +165,14 @@ class LiftTrial:
 
     def _lift(self) -> Reason | None:
         duration = self._options.lift_time
-        self._advance(duration, line(np.zeros(3), self._rise, duration), self._hold_on)
+        self._advance(duration, line(np.zeros(6), self._rise, duration), self._hold_on)
         self._lifted = self._in_hand()
         return None if self._lifted else self._failure("not_lifted")
 
     def _shake(self) -> Reason | None:
         duration = self._options.shake_cycles / self._options.shake_frequency
         for acceleration in self._options.shake_accelerations:
-            for direction in np.eye(3):
+            for direction in np.diag(np.repeat([1.0, 1.0 / self._options.turn_arm], 3)):
                 path = shake_about(
                     self._rise,
                     direction,
@@ -165,8 +187,38 @@ class LiftTrial:
         return None
 
     def _hold(self) -> Reason | None:
-        self._advance(self._options.hold_time, rest_at(self._rise), self._hold_on)
+        checked, before = 0.0, self._object_in_hand()
+
+        def hold_until_rest(time: float) -> bool:
+            nonlocal checked, before
+            if time - checked >= _REST_TIME:
+                moved = np.linalg.norm(self._object_in_hand() - before)
+                checked, before = time, self._object_in_hand()
+                if moved < _AT_REST:
+                    return True
+            return self._hold_on(time)
+
+        self._advance(self._options.hold_time, rest_at(self._rise), hold_until_rest)
         return None if self._in_hand() else self._failure("dropped")
+
+    def _feel(self, time: float) -> bool:
+        """Stop, and remember where, if the hand touches the object on its way."""
+        touches = [t for t in self._scene.touches() if t.strength >= _UNEXPECTED_FORCE]
+        if touches:
+            self._felt = Contacts(
+                np.array([touch.point for touch in touches]),
+                np.array([touch.normal for touch in touches]),
+                fingers=tuple(touch.link for touch in touches),
+            )
+        return bool(touches)
+
+    def _decline(self) -> Reason:
+        """Let go, and go back the way that the hand came."""
+        self._control.open()
+        here = np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
+        self._advance(_RETREAT_TIME, rest_at(here))
+        self._advance(_RETREAT_TIME, line(here, self._retreat, _RETREAT_TIME))
+        return "declined"
 
     def _hold_on(self, time: float) -> bool:
         self._control.hold()
@@ -209,7 +261,7 @@ class LiftTrial:
 
     def _touching_links(self) -> int:
         touches = self._scene.touches()
-        return len({t.link for t in touches if np.linalg.norm(t.force) >= _LEAST_FORCE})
+        return len({t.link for t in touches if t.strength >= _LEAST_FORCE})
 
     def _carried(self) -> bool:
         """Tell whether the object is off the table, and the hand touches it."""

@@ -10,17 +10,18 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-# Time since the start [s] -> displacement (3,) [m] and velocity (3,) [m/s].
+# Time since the start [s] -> displacement (6,) and its rate (6,): x, y, z [m], then roll, pitch and
+# yaw [rad] about the axes of W.
 WristPath = Callable[[float], tuple[FloatArray, FloatArray]]
 
 
 def rest_at(place: FloatArray) -> WristPath:
-    """Return a path that stays at a place, shape (3,) [m]."""
-    return lambda time: (place, np.zeros(3))
+    """Return a path that stays at a place, shape (6,)."""
+    return lambda time: (place, np.zeros(6))
 
 
 def line(start: FloatArray, end: FloatArray, duration: float) -> WristPath:
-    """Return a straight path from rest at `start` to rest at `end`, shapes (3,) [m]."""
+    """Return a straight path from rest at `start` to rest at `end`, shapes (6,)."""
 
     def path(time: float) -> tuple[FloatArray, FloatArray]:
         share, rate = minimum_jerk(time / duration)
@@ -32,7 +33,11 @@ def line(start: FloatArray, end: FloatArray, duration: float) -> WristPath:
 def shake_about(
     place: FloatArray, direction: FloatArray, *, acceleration: float, frequency: float, cycles: int
 ) -> WristPath:
-    """Return a path that shakes about a place along a unit direction; see `shake`."""
+    """Return a path that shakes about a place (6,) along a direction (6,); see `shake`.
+
+    The acceleration is what the direction is multiplied with: [m/s^2] along a unit axis; for a
+    turn, a tangential acceleration if the direction is a unit axis over an arm [1/m].
+    """
 
     def path(time: float) -> tuple[FloatArray, FloatArray]:
         displacement, velocity = shake(

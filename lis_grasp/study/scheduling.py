@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
 from typing import Any, Protocol
 
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.study.results import StudyResults
 from lis_grasp.study.study import Study
 from lis_grasp.study.trial import Job, Row, run_job
+from lis_grasp.worker_pool import worker_pool
 
 Runner = Callable[[Job], list[Row]]
 
@@ -84,19 +83,12 @@ class LocalPool:
             raise _unfinished(unfinished, "fewer --jobs")
 
     def _attempt(self, runner: Runner, jobs: Sequence[Job]) -> Iterator[tuple[Job, list[Row]]]:
-        with ProcessPoolExecutor(
-            min(self.processes, len(jobs)),
-            mp_context=get_context("spawn"),
-            initializer=_leave_interrupts_to_the_parent,
-        ) as pool:
+        with worker_pool(min(self.processes, len(jobs))) as pool:
             pending = {pool.submit(runner, job): job for job in jobs}
-            try:
-                while pending:
-                    finished, _ = wait(pending, return_when=FIRST_COMPLETED)
-                    for future in finished:
-                        yield pending.pop(future), future.result()
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+            while pending:
+                finished, _ = wait(pending, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    yield pending.pop(future), future.result()
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +194,3 @@ def _distributed() -> Any:
     except ModuleNotFoundError:
         raise InvalidOptionError("--scheduler needs Dask: pip install 'lis-grasp[study]'") from None
     return distributed
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -16,6 +14,7 @@ import lis_grasp
 from lis_grasp.evaluation.paper.trials import Trial, run_trial
 from lis_grasp.exceptions import EstimationError, InvalidFileError
 from lis_grasp.json_lines import Row, append_lines, read_lines
+from lis_grasp.worker_pool import worker_pool
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +86,7 @@ def run_trials(
     yield done, len(trials)
     if not missing:
         return
-    with ProcessPoolExecutor(
-        jobs, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_the_parent
-    ) as pool:
+    with worker_pool(jobs) as pool:
         pending = {pool.submit(_run, trial, names) for trial, names in missing}
         try:
             while pending:
@@ -103,12 +100,6 @@ def run_trials(
                 f"a process of the experiments was killed, after {done} of {len(trials)} trials:"
                 " run the command again to go on, with fewer --jobs if memory ran out"
             ) from None
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _run(trial: Trial, contenders: Sequence[str]) -> list[Row]:
