@@ -70,7 +70,7 @@ def test_pad_jacobian_agrees_with_drake(hand: Hand) -> None:
     plant, rng = drake_plant(hand.name), np.random.default_rng(2)
     X_OH, q = random_state(hand, rng)
     context = drake_context(plant, hand, X_OH, q)
-    jacobian = hand.pad_jacobian(X_OH, q)
+    _, _, jacobian, _ = hand.pad_jacobians(X_OH, q)
     world = plant.world_frame()
     shares = np.zeros((plant.num_velocities(), len(q)))  # of the actuated joints in all speeds
     for joint in hand.joints:
@@ -86,11 +86,11 @@ def test_pad_jacobian_agrees_with_drake(hand: Hand) -> None:
         np.testing.assert_allclose(jacobian[f, :, 6:], expected @ shares, atol=1e-13)
 
 
-def test_pad_jacobian_is_the_derivative_of_pad_centers(hand: Hand) -> None:
+def test_pad_jacobians_are_the_derivatives_of_pad_centers_and_axes(hand: Hand) -> None:
     X_OH, q = random_state(hand, np.random.default_rng(3))
     step = 1e-6  # central differences: error of order step^2 plus rounding over step, 1e-10
 
-    def moved(k: int, amount: float) -> np.ndarray:
+    def moved(k: int, amount: float) -> tuple[np.ndarray, np.ndarray]:
         X, positions = X_OH.copy(), q.copy()
         if k < 3:
             turn = trimesh.transformations.rotation_matrix(amount, np.eye(3)[k])
@@ -99,12 +99,16 @@ def test_pad_jacobian_is_the_derivative_of_pad_centers(hand: Hand) -> None:
             X[k - 3, 3] += amount
         else:
             positions[k - 6] += amount
-        return hand.pad_centers(X, positions)
+        return hand.pad_centers(X, positions), hand.pad_axes(X, positions)
 
-    jacobian = hand.pad_jacobian(X_OH, q)
+    *places, of_centers, of_axes = hand.pad_jacobians(X_OH, q)
+    for place, same in zip(places, moved(0, 0.0), strict=True):
+        np.testing.assert_allclose(place, same, atol=1e-14)
     for k in range(6 + len(q)):
-        difference = (moved(k, step) - moved(k, -step)) / (2.0 * step)
-        np.testing.assert_allclose(jacobian[..., k], difference, atol=1e-8)
+        ahead, behind = moved(k, step), moved(k, -step)
+        for jacobian, plus, minus in zip((of_centers, of_axes), ahead, behind, strict=True):
+            difference = (plus - minus) / (2.0 * step)
+            np.testing.assert_allclose(jacobian[..., k], difference, atol=1e-8)
 
 
 def test_a_batch_gives_what_its_members_give(hand: Hand) -> None:
@@ -116,7 +120,7 @@ def test_a_batch_gives_what_its_members_give(hand: Hand) -> None:
     centers, axes, jacobian = (
         hand.pad_centers(X, q),
         hand.pad_axes(X, q),
-        hand.pad_jacobian(X, q),
+        hand.pad_jacobians(X, q)[2],
     )
     for i in range(4):
         for j in range(4):
@@ -126,7 +130,7 @@ def test_a_batch_gives_what_its_members_give(hand: Hand) -> None:
             for batch, one in (
                 (centers, hand.pad_centers),
                 (axes, hand.pad_axes),
-                (jacobian, hand.pad_jacobian),
+                (jacobian, lambda *state: hand.pad_jacobians(*state)[2]),
             ):
                 np.testing.assert_allclose(batch[i, j], one(states[i][0], q[j]), atol=1e-14)
 

@@ -254,3 +254,24 @@ def test_grasps_that_are_no_batch_or_limits_that_are_none_are_refused() -> None:
         epsilon_quality(AXES, AXES, friction=0.5, limit="all")  # type: ignore[arg-type]
     with pytest.raises(InvalidOptionError, match="model"):
         epsilon_quality(AXES, AXES, friction=0.5, model="wet", edges=None)  # type: ignore[arg-type]
+
+
+def test_grasps_whose_wrenches_lie_flat_have_the_epsilon_of_their_hulls() -> None:
+    # Soft fingers opposite each other: ten wrenches each in a space of three dimensions, so that
+    # many facets are flat but for the joggle.
+    rng = np.random.default_rng(61)
+    count = 60
+    soft = {"friction": 0.8, "model": "soft_finger", "torsion": 0.005, "length_scale": 0.05}
+    points = np.tile([[0.0, 0.03, 0.0], [0.0, -0.03, 0.0]], (count, 1, 1))
+    points[:, :, ::2] += rng.uniform(-0.02, 0.02, size=(count, 1, 2))
+    normals = points * [0.0, 1.0, 0.0] / 0.03
+    normals += rng.choice([0.0, 1e-9, 1e-6, 1e-3], size=(count, 1, 1)) * rng.normal(
+        size=normals.shape
+    )
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    together = epsilon_qualities(points, normals, origin=np.zeros(3), **soft)
+    alone = [
+        epsilon_quality(p, n, origin=np.zeros(3), **soft)
+        for p, n in zip(points, normals, strict=True)
+    ]
+    np.testing.assert_allclose(together, alone, atol=2e-5)

@@ -100,7 +100,27 @@ class HandCollisionChecker:
         str or None
             ``"support"``, ``"object"``, ``"self"`` or None.
         """
-        poses = self._pose(X_OH, q)
+        poses = self._pose(X_OH @ self.poses_in_hand(q))
+        return self._first_collision(poses, pads_may_touch=pads_may_touch)
+
+    def first_collision_on_the_way(self, X_OH: FloatArray, q: FloatArray) -> str | None:
+        """Return what a hand of fixed posture collides with first, or None; as `first_collision`.
+
+        Parameters
+        ----------
+        X_OH
+            Shape (W, 4, 4): poses of the palm on its way.
+        q
+            Shape (J,).
+        """
+        in_hand = self.poses_in_hand(q)
+        for X in X_OH:
+            hit = self._first_collision(self._pose(X @ in_hand), pads_may_touch=False)
+            if hit is not None:
+                return hit
+        return None
+
+    def _first_collision(self, poses: FloatArray, *, pads_may_touch: bool) -> str | None:
         if self._floor is not None and self._lowest(poses) < self._floor:
             return "support"
         if self._touches_object(pads_may_touch=pads_may_touch):
@@ -111,7 +131,7 @@ class HandCollisionChecker:
 
     def touches_object(self, X_OH: FloatArray, q: FloatArray) -> bool:
         """Return whether any link touches the object or is inside it."""
-        self._pose(X_OH, q)
+        self._pose(X_OH @ self.poses_in_hand(q))
         return self._touches_object(pads_may_touch=False)
 
     def poses_in_hand(self, q: FloatArray) -> FloatArray:
@@ -131,9 +151,7 @@ class HandCollisionChecker:
         poses
             Shape (G, 4, 4), as returned by `poses_in_hand`.
         """
-        for body, X_OG in zip(self._bodies, X_OH @ poses, strict=True):
-            body.setTransform(fcl.Transform(X_OG[:3, :3], X_OG[:3, 3]))
-        self._manager.update()
+        self._pose(X_OH @ poses)
         data = fcl.CollisionData()
         self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
         return bool(data.result.is_collision)
@@ -165,15 +183,13 @@ class HandCollisionChecker:
         link = self._hand.link_geometries[body].link
         return NearestLink(link, float(result.min_distance), point, face)
 
-    def _pose(self, X_OH: FloatArray, q: FloatArray) -> list[FloatArray]:
-        links = self._hand.forward_kinematics(X_OH, q)
-        poses = [links[g.link] @ g.X_LG for g in self._hand.link_geometries]
+    def _pose(self, poses: FloatArray) -> FloatArray:
         for body, X_OG in zip(self._bodies, poses, strict=True):
             body.setTransform(fcl.Transform(X_OG[:3, :3], X_OG[:3, 3]))
         self._manager.update()
         return poses
 
-    def _lowest(self, poses: list[FloatArray]) -> float:
+    def _lowest(self, poses: FloatArray) -> float:
         return min(
             float((outline @ X[2, :3]).min() + X[2, 3] - thickness)
             for (outline, thickness), X in zip(self._outlines, poses, strict=True)

@@ -310,8 +310,10 @@ class Hand:
         poses = self.forward_kinematics(X_OH, q)
         return np.stack([poses[pad.link][..., :3, :3] @ pad.axis_L for pad in self.pads], axis=-2)
 
-    def pad_jacobian(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
-        """Return how the pads' centres move with the palm and the joints.
+    def pad_jacobians(
+        self, X_OH: npt.ArrayLike, q: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return the pads' centres and axes, and how they move with the palm and the joints.
 
         Parameters
         ----------
@@ -320,29 +322,36 @@ class Hand:
 
         Returns
         -------
-        ndarray
+        centers, axes
+            Shape (..., F, 3), as of `pad_centers` and `pad_axes`.
+        of_centers, of_axes
             Shape (..., F, 3, 6 + J). Columns 0 to 2: turning the palm about O's axes through the
             palm's origin [m/rad]; 3 to 5: moving the palm along O's axes; then the joints
             [m/rad or 1], zero for those that do not move that pad.
         """
         X_OH, q = self._broadcast(X_OH, q)
         poses = self.forward_kinematics(X_OH, q)
-        batch = q.shape[:-1]
-        jacobian = np.zeros((*batch, len(self.pads), 3, 6 + len(self.joint_names)))
+        shape = (*q.shape[:-1], len(self.pads), 3)
+        centers, axes = np.empty(shape), np.empty(shape)
+        of_centers = np.zeros((*shape, 6 + len(self.joint_names)))
+        of_axes = np.zeros_like(of_centers)
         for f, pad in enumerate(self.pads):
-            center = _apply(poses[pad.link], pad.center_L)  # (..., 3)
-            jacobian[..., f, :, 0:3] = -_cross_matrix(center - X_OH[..., :3, 3])
-            jacobian[..., f, :, 3:6] = np.eye(3)
+            centers[..., f, :] = center = _apply(poses[pad.link], pad.center_L)
+            axes[..., f, :] = direction = poses[pad.link][..., :3, :3] @ pad.axis_L
+            of_centers[..., f, :, 0:3] = -_cross_matrix(center - X_OH[..., :3, 3])
+            of_centers[..., f, :, 3:6] = np.eye(3)
+            of_axes[..., f, :, 0:3] = -_cross_matrix(direction)
             for joint in self._chain(pad.link):
                 if joint.index < 0:
                     continue
                 # The joint's axis is the same in the child link's frame as in the joint frame.
                 X_OC = poses[joint.child]
-                axis = X_OC[..., :3, :3] @ joint.axis_J  # (..., 3)
+                axis = joint.multiplier * (X_OC[..., :3, :3] @ joint.axis_J)  # (..., 3)
                 if joint.kind == "revolute":
-                    axis = np.cross(axis, center - X_OC[..., :3, 3])
-                jacobian[..., f, :, 6 + joint.index] += joint.multiplier * axis
-        return jacobian
+                    of_axes[..., f, :, 6 + joint.index] += _cross(axis, direction)
+                    axis = _cross(axis, center - X_OC[..., :3, 3])
+                of_centers[..., f, :, 6 + joint.index] += axis
+        return centers, axes, of_centers, of_axes
 
     def _chain(self, link: str) -> tuple[Joint, ...]:
         """Return the joints from the base to a link."""
@@ -371,6 +380,13 @@ def _inverse(X: FloatArray) -> FloatArray:
     inverse[:3, :3] = X[:3, :3].T
     inverse[:3, 3] = -X[:3, :3].T @ X[:3, 3]
     return inverse
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a x b, shape (..., 3), faster than NumPy does for many short vectors."""
+    turned, back = np.array([1, 2, 0]), np.array([2, 0, 1])
+    result: FloatArray = a[..., turned] * b[..., back] - a[..., back] * b[..., turned]
+    return result
 
 
 def _cross_matrix(v: FloatArray) -> FloatArray:

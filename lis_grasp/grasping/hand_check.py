@@ -159,8 +159,8 @@ def _probe_postures(hand: Hand) -> Iterator[Finding]:
 def _forces(hand: Hand) -> Iterator[Finding]:
     """Compare the force limit with what motors hold at the pads: |J^T f| <= effort."""
     q = np.mean(list(hand.pregrasps.values()), axis=0)
-    jacobian = hand.pad_jacobian(np.eye(4), q)[:, :, 6:]  # (F, 3, J)
-    levers = np.abs(np.einsum("fkj,fk->fj", jacobian, hand.pad_axes(np.eye(4), q)))
+    _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
+    levers = np.abs(np.einsum("fkj,fk->fj", jacobian[:, :, 6:], axes))
     with np.errstate(divide="ignore"):
         held = (hand.effort_limits / levers).min(axis=1)  # (F,) [N]
     weakest = int(np.argmin(held))

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import ConvexHull
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -101,7 +102,9 @@ def inner_radii(farthest: Farthest, count: int, *, tolerance: float = 1e-6) -> F
 def _expand(farthest: Farthest, count: int, tolerance: float) -> FloatArray:
     facets = _simplices(count)
     radii = np.zeros(count)
-    for number in range(_CORNERS, _CORNERS + _MOST_POINTS):
+    corners = np.full((_MOST_POINTS, count, 6), np.inf)
+    muddled = np.zeros(count, dtype=bool)
+    for step in range(_MOST_POINTS):
         nearest = _nearest(facets)
         bodies = facets.owner[nearest]
         v = facets.planes[nearest]  # (b, 6)
@@ -110,28 +113,65 @@ def _expand(farthest: Farthest, count: int, tolerance: float) -> FloatArray:
         # A facet on a corner of the simplex says nothing about a body that does not contain it.
         proven = (facets.vertices[nearest] >= _CORNERS).all(axis=1)
         radii[bodies] = np.where(proven, 1.0 / length, 0.0)
-        reach = (v * points).sum(axis=1)  # over the facet's distance
-        enough = 1.0 + tolerance + 3.0 * _JOGGLE * length
-        beyond = (reach > enough) & (reach > LEAST_RADIUS * length)
-        if not beyond.any():
-            break
+        beyond = _beyond(v, points, tolerance)
+        # Nothing is beyond a polytope that it is a corner of: facets that are nearly flat in
+        # themselves have misled about which of them a corner sees.
+        again = (np.abs(corners[:step, bodies] - points).max(axis=-1) < _JOGGLE).any(axis=0)
+        muddled[bodies[beyond & again]] = True
+        corners[step, bodies] = points
         growing = np.zeros(count, dtype=bool)
-        growing[bodies[beyond]] = True
+        growing[bodies[beyond & ~again]] = True
+        if not growing.any():
+            break
+        number = _CORNERS + step
         apexes = np.zeros((count, 6))
         apexes[bodies] = points + _JOGGLE * np.sin(np.arange(6.0 * number, 6.0 * number + 6) ** 2)
         facets = _grow(facets.subset(growing[facets.owner]), apexes, number)
+        muddled[facets.owner[~np.isfinite(facets.planes).all(axis=1)]] = True
+        facets = facets.subset(~muddled[facets.owner])
+        if not len(facets.owner):
+            break
+    for body in np.flatnonzero(muddled):
+        radii[body] = _expand_hull(farthest, body, corners[:, body], tolerance)
     return radii
 
 
-def _simplices(count: int) -> _Facets:
-    """Return a small regular simplex about the origin for each of the polytopes."""
+def _beyond(v: FloatArray, points: FloatArray, tolerance: float) -> npt.NDArray[np.bool_]:
+    """Return which points (b, 6) are beyond planes ``v x = 1`` by enough to matter."""
+    length = np.linalg.norm(v, axis=1)
+    reach = (v * points).sum(axis=1)  # over the plane's distance
+    enough = 1.0 + tolerance + 3.0 * _JOGGLE * length
+    return np.asarray((reach > enough) & (reach > LEAST_RADIUS * length))
+
+
+def _expand_hull(farthest: Farthest, body: np.intp, corners: FloatArray, tolerance: float) -> float:
+    """Return the radius of one body: the same by whole hulls, which are slow and never muddled."""
+    points = corners[np.isfinite(corners).all(axis=1)]
+    while True:
+        hull = ConvexHull(np.vstack([_simplex(), points]), qhull_options="QJ")
+        nearest = int(np.argmax(hull.equations[:, -1]))
+        distance = -hull.equations[nearest, -1]
+        v = hull.equations[nearest, :6] / distance
+        point = farthest(v[None] * distance, np.array([body]))
+        done = not _beyond(v[None], point, tolerance)[0]
+        if done or (np.abs(points - point).max(axis=1) < _JOGGLE).any():
+            return float(distance) if (hull.simplices[nearest] >= _CORNERS).all() else 0.0
+        points = np.vstack([points, point])
+
+
+def _simplex() -> FloatArray:
+    """Return the corners (7, 6) of a small regular simplex about the origin."""
     corners = np.vstack([np.eye(6), np.full((1, 6), (1.0 - np.sqrt(7.0)) / 6.0)])
     corners -= corners.mean(axis=0)
     # Turned, so that no wrench of a grasp with axes of its own lies in the plane of a ridge.
     turn, _ = np.linalg.qr(np.sin(np.arange(36.0) ** 2).reshape(6, 6))
-    corners = LEAST_RADIUS * (corners @ turn) / np.linalg.norm(corners[0])
+    return np.asarray(LEAST_RADIUS * (corners @ turn) / np.linalg.norm(corners[0]))
+
+
+def _simplices(count: int) -> _Facets:
+    """Return the facets that every one of the polytopes starts with."""
     vertices = np.array(list(combinations(range(_CORNERS), 6)))  # (7, 6)
-    inverses = np.linalg.inv(corners[vertices])
+    inverses = np.linalg.inv(_simplex()[vertices])
     return _Facets(
         np.repeat(np.arange(count), _CORNERS),
         np.tile(vertices, (count, 1)),
@@ -161,7 +201,8 @@ def _grow(facets: _Facets, apexes: FloatArray, number: int) -> _Facets:
     pivot = heights[rows, place].copy()
     heights[rows, place] -= 1.0
     column = inverses[rows, :, place]
-    inverses = inverses - column[:, :, None] * (heights / pivot[:, None])[:, None, :]
+    with np.errstate(divide="ignore", invalid="ignore"):  # the caller drops what is not finite
+        inverses = inverses - column[:, :, None] * (heights / pivot[:, None])[:, None, :]
     vertices[rows, place] = number
     kept = facets.subset(np.flatnonzero(~seen))
     owners = np.concatenate([kept.owner, owner])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _ITERATIONS = 40
 _DAMPING = 1e-3
+# A candidate is done once a step lowers its cost by less than this share, or once no step does.
+_SETTLED, _STUCK = 1e-5, 1e3
 # What one standard unit of each residual is: a pad off by 1 mm weighs as much as an axis beyond
 # its pad by 0.1, a joint 0.7 rad (or 7 cm) off its opened posture, a palm turned by 0.5 rad.
 _POSITION_UNIT = 1e-3
@@ -98,38 +101,39 @@ def reach(
     cost = (residual**2).sum(axis=-1)
     damping = np.full(len(X), _DAMPING)
     identity = np.eye(jacobian.shape[-1])
+    moving = np.arange(len(X))  # candidates that are not there yet, (M,)
     for _ in range(_ITERATIONS):
-        normal = np.swapaxes(jacobian, -1, -2) @ jacobian  # (B, U, U)
-        scale = np.einsum("buu->bu", normal).mean(axis=-1)[:, None, None]
-        rhs = np.einsum("bru,br->bu", jacobian, residual)
-        step = -np.linalg.solve(normal + damping[:, None, None] * scale * identity, rhs[..., None])
-        X_new, joints_new = problem.move(X, joints, step[..., 0])
-        residual_new, jacobian_new = problem.linearise(X_new, joints_new)
-        cost_new = (residual_new**2).sum(axis=-1)
-        better = cost_new < cost
-        X = np.where(better[:, None, None], X_new, X)
-        joints = np.where(better[:, None], joints_new, joints)
-        residual = np.where(better[:, None], residual_new, residual)
-        jacobian = np.where(better[:, None, None], jacobian_new, jacobian)
-        converged = bool(np.all(~better | (cost - cost_new < 1e-6 * cost)))
-        cost = np.where(better, cost_new, cost)
-        damping = np.clip(np.where(better, damping / 3.0, damping * 5.0), 1e-7, 1e3)
-        if converged and bool((damping > 1.0).all() or better.all()):
+        if not len(moving):
             break
+        J = jacobian[moving]
+        normal = np.swapaxes(J, -1, -2) @ J  # (M, U, U)
+        scale = damping[moving] * np.einsum("buu->bu", normal).mean(axis=-1)
+        rhs = np.einsum("bru,br->bu", J, residual[moving])
+        step = -np.linalg.solve(normal + scale[:, None, None] * identity, rhs[..., None])[..., 0]
+        X_new, joints_new = problem.move(X[moving], joints[moving], step)
+        residual_new, jacobian_new = problem.subset(moving).linearise(X_new, joints_new)
+        cost_new = (residual_new**2).sum(axis=-1)
+        better = cost_new < cost[moving]
+        index = moving[better]
+        X[index], joints[index] = X_new[better], joints_new[better]
+        residual[index], jacobian[index] = residual_new[better], jacobian_new[better]
+        settled = better & (cost[moving] - cost_new < _SETTLED * cost[moving])
+        cost[index] = cost_new[better]
+        factor = np.where(better, 1.0 / 3.0, 5.0)
+        damping[moving] = np.maximum(damping[moving] * factor, 1e-7)
+        moving = moving[~settled & (damping[moving] < _STUCK)]
     return Postures(X, joints, *problem.errors(X, joints))
 
 
 class _Problem:
     """Residuals of a batch of candidates and how they change with palm and joints."""
 
+    _BY_CANDIDATE = ("_centers", "_normals", "_used", "_start_X", "_start_q", "_joint_units")
+
     def __init__(
         self, hand: Hand, targets: PadTargets, X_OH: FloatArray, q: FloatArray, palm_fixed: bool
     ) -> None:
         self._hand = hand
-        # The same pads one metre further along their axes: the difference of centres is the axis.
-        self._ahead = replace(
-            hand, pads=tuple(replace(p, center_L=p.center_L + p.axis_L) for p in hand.pads)
-        )
         radii = np.array([pad.radius for pad in hand.pads])
         self._centers = targets.points + radii[:, None] * targets.normals  # (B, F, 3)
         self._normals = targets.normals
@@ -150,14 +154,18 @@ class _Problem:
         if palm_fixed:
             self._free[:6] = 0.0
 
+    def subset(self, index: npt.NDArray[np.intp]) -> _Problem:
+        """Return the problem of some of the candidates."""
+        part = copy(self)
+        for name in self._BY_CANDIDATE:
+            setattr(part, name, getattr(self, name)[index])
+        return part
+
     def linearise(self, X: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals (B, R) and their Jacobian (B, R, 6 + J)."""
         hand, used = self._hand, self._used
         batch, joints = len(X), q.shape[1]
-        centers = hand.pad_centers(X, q)
-        J_centers = hand.pad_jacobian(X, q)  # (B, F, 3, U)
-        axes = self._ahead.pad_centers(X, q) - centers
-        J_axes = self._ahead.pad_jacobian(X, q) - J_centers
+        centers, axes, J_centers, J_axes = hand.pad_jacobians(X, q)
         position = np.where(used[..., None], centers - self._centers, 0.0) / _POSITION_UNIT
         J_position = np.where(used[..., None, None], J_centers, 0.0) / _POSITION_UNIT
         cosine = -(axes * self._normals).sum(axis=-1)  # (B, F)

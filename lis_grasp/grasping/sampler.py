@@ -10,7 +10,7 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
-from lis_grasp.grasping.assessment import closes, epsilon_on, weight_on
+from lis_grasp.grasping.assessment import GraspAssessor, PlacedHands
 from lis_grasp.grasping.collision import HandCollisionChecker
 from lis_grasp.grasping.contact_search import (
     ContactSets,
@@ -19,7 +19,6 @@ from lis_grasp.grasping.contact_search import (
     initial_postures,
 )
 from lis_grasp.grasping.grasp import Grasp, GraspSearch
-from lis_grasp.grasping.grip import balanced_grip
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.inverse_kinematics import PadTargets, Postures, reach
 
@@ -27,14 +26,12 @@ FloatArray = npt.NDArray[np.float64]
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
-# Rounds of candidates, where grasps are hard to find.
-_ROUNDS = 4
+# Contact sets that are worked on together.
+_ROUND = 250
 # Ranking gains little from more grasps than this many times those asked for.
 _ENOUGH = 5
 _OPENING = 0.02  # [m] that each pad backs off its contact before closing
 _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
-# Contacts are known to a few degrees only: grasps are ranked at this share of the friction.
-_ROBUST_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +40,7 @@ class ForceClosureSampler:
 
     Contact sets are drawn where the surface is flat enough for a pad and supported by touches; the
     palm's pose and the joints follow by inverse kinematics; FCL judges every link at the grasp, at
-    the opened posture, and along the approach; what is left is ranked by epsilon times the weight
-    that the grasp carries, both at half the friction: wrenches from anywhere, and the one that is
-    sure to come.
+    the opened posture, and along the approach; what is left is assessed and ranked by `assess`.
 
     Parameters
     ----------
@@ -54,13 +49,12 @@ class ForceClosureSampler:
     friction
         Coulomb coefficient between pads and object.
     candidates
-        Contact sets to draw in a round; there are more rounds until enough grasps hold at half the
-        friction too, four at the most.
+        Contact sets to draw at the most; fewer, once enough grasps hold.
     """
 
     hand: Hand
     friction: float = 0.8
-    candidates: int = 1000
+    candidates: int = 4000
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.friction) and self.friction > 0.0):
@@ -108,48 +102,53 @@ class ForceClosureSampler:
             rejected["no_flat_supported_surface"] = self.candidates
             return GraspSearch((), dict(rejected), self.candidates)
         checker = HandCollisionChecker(self.hand, mesh, support_height=support_height)
+        assessor = GraspAssessor(self.hand, mesh, friction=self.friction, rng=rng)
         grasps: list[Grasp] = []
         drawn = 0
-        for _ in range(_ROUNDS):
-            drawn += self.candidates
-            grasps += self._draw(mesh, samples, checker, _ENOUGH * count, rejected, rng)
-            if sum(_rank(grasp) < 0.0 for grasp in grasps) >= count:
+        while drawn < self.candidates:
+            size = min(_ROUND, self.candidates - drawn)
+            drawn += size
+            placed = self._place(samples, checker, size, rejected, rng)
+            found = assessor.assess(placed)
+            rejected["no_force_closure"] += len(placed) - len(found)
+            grasps += found
+            if sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in grasps) >= _ENOUGH * count:
                 break
-        grasps.sort(key=_rank)
+        grasps.sort(key=lambda grasp: -grasp.quality["success_probability"])
         if len(grasps) > count:
             rejected["outranked"] = len(grasps) - count
         counts = {reason: n for reason, n in sorted(rejected.items()) if n}
         return GraspSearch(tuple(grasps[:count]), counts, drawn)
 
-    def _draw(
+    def _place(
         self,
-        mesh: trimesh.Trimesh,
         samples: SurfaceSamples,
         checker: HandCollisionChecker,
-        enough: int,
+        count: int,
         rejected: Counter[str],
         rng: np.random.Generator,
-    ) -> list[Grasp]:
-        """Return the grasps among one round of candidates, no more than enough."""
-        sets, misses = find_contact_sets(self.hand, samples, count=self.candidates, rng=rng)
+    ) -> PlacedHands:
+        """Return those of `count` contact sets that the hand can reach without colliding."""
+        sets, misses = find_contact_sets(self.hand, samples, count=count, rng=rng)
         rejected.update(misses)
         sets, postures = self._reach(sets, rejected)
-        opened = self._opened(sets, postures)
-        grasps: list[Grasp] = []
+        free = np.ones(len(sets), dtype=bool)
         for b in range(len(sets)):
-            if len(grasps) >= enough:
-                rejected["not_needed"] += len(sets) - b
-                break
-            reason = self._obstacle(checker, postures.X_OH[b], postures.q[b], opened[b])
-            if reason is not None:
-                rejected[reason] += 1
-                continue
-            grasp = self._assess(mesh, sets, b, postures, opened[b])
-            if grasp is None:
-                rejected["no_force_closure"] += 1
-                continue
-            grasps.append(grasp)
-        return grasps
+            hit = checker.first_collision(postures.X_OH[b], postures.q[b], pads_may_touch=True)
+            if hit is not None:
+                rejected[f"grasp_hits_{hit}"] += 1
+                free[b] = False
+        kept = np.flatnonzero(free)
+        sets, postures = sets.subset(kept), postures.subset(kept)
+        opened = self._opened(sets, postures)
+        free = np.ones(len(sets), dtype=bool)
+        for b in range(len(sets)):
+            hit = self._obstacle_on_the_way(checker, postures.X_OH[b], opened[b])
+            if hit is not None:
+                rejected[f"approach_hits_{hit}"] += 1
+                free[b] = False
+        kept = np.flatnonzero(free)
+        return PlacedHands(sets.subset(kept), postures.subset(kept), opened[kept])
 
     def _reach(self, sets: ContactSets, rejected: Counter[str]) -> tuple[ContactSets, Postures]:
         """Solve the inverse kinematics from the fitting pregrasp, and drop what is not reached."""
@@ -175,65 +174,10 @@ class ForceClosureSampler:
         away = PadTargets(sets.points + _OPENING * sets.normals, sets.normals, sets.used)
         return reach(self.hand, away, postures.X_OH, postures.q, palm_fixed=True).q
 
-    def _obstacle(
-        self, checker: HandCollisionChecker, X_OH: FloatArray, q: FloatArray, opened: FloatArray
+    def _obstacle_on_the_way(
+        self, checker: HandCollisionChecker, X_OH: FloatArray, opened: FloatArray
     ) -> str | None:
-        at_grasp = checker.first_collision(X_OH, q, pads_may_touch=True)
-        if at_grasp is not None:
-            return f"grasp_hits_{at_grasp}"
-        approach_O = X_OH[:3, :3] @ self.hand.approach_H
-        for back in np.linspace(0.0, _STANDOFF, _APPROACH_STEPS):
-            X_back = X_OH.copy()
-            X_back[:3, 3] -= back * approach_O
-            on_the_way = checker.first_collision(X_back, opened)
-            if on_the_way is not None:
-                return f"approach_hits_{on_the_way}"
-        return None
-
-    def _assess(
-        self,
-        mesh: trimesh.Trimesh,
-        sets: ContactSets,
-        b: int,
-        postures: Postures,
-        opened: FloatArray,
-    ) -> Grasp | None:
-        """Return the grasp with its quality, or None if it is not in force closure."""
-        hand, used = self.hand, sets.used[b]
-        points, normals = sets.points[b][used], sets.normals[b][used]
-        if not closes(hand, points, normals, friction=self.friction):
-            return None
-        quality = {"pad_error": float(postures.position_error[b])}
-        for suffix, share in (("", 1.0), ("_robust", _ROBUST_SHARE)):
-            friction = share * self.friction
-            quality |= {
-                f"epsilon{suffix}": epsilon_on(mesh, hand, points, normals, friction=friction),
-                f"weight{suffix}": weight_on(mesh, hand, points, normals, friction=friction),
-            }
-        forces = balanced_grip(
-            points, normals, friction=self.friction, total=2.0 * hand.max_contact_force
-        )
-        X_OH = postures.X_OH[b]
-        return Grasp(
-            hand=hand.name,
-            X_OH=X_OH,
-            joint_names=hand.joint_names,
-            joint_positions=postures.q[b],
-            pregrasp_positions=opened,
-            approach_O=X_OH[:3, :3] @ hand.approach_H,
-            contact_points=points,
-            contact_normals=normals,
-            contact_fingers=tuple(f for f, on in zip(hand.fingers, used, strict=True) if on),
-            contact_forces=forces,
-            quality=quality,
-            accepted=f"force closure at friction {self.friction:g}, reached, free of collision",
-        )
-
-
-def _rank(grasp: Grasp) -> float:
-    """Return what grasps are sorted by, the best first.
-
-    Epsilon alone prefers long levers between fingers, and lets an object turn under its own weight
-    about the line through them.
-    """
-    return -grasp.quality["epsilon_robust"] * grasp.quality["weight_robust"]
+        back = np.linspace(0.0, _STANDOFF, _APPROACH_STEPS)
+        way = np.tile(X_OH, (len(back), 1, 1))
+        way[:, :3, 3] -= back[:, None] * (X_OH[:3, :3] @ self.hand.approach_H)
+        return checker.first_collision_on_the_way(way, opened)
