@@ -1,0 +1,249 @@
+"""Grasps of lis_grasp and of FRoGGeR side by side: the same hand, objects, measures and lift trial.
+
+    python benchmarks/bench_frogger.py --frogger FOLDER --frogger-python PYTHON \\
+        [box cylinder scan.ply ...] [--seeds 5] [--scenes table,free] [--output rows.jsonl]
+
+FOLDER is a clone of FRoGGeR (github.com/alberthli/frogger; Li, Culbertson, Burdick and Ames, IROS
+2023), PYTHON the interpreter of an environment with what it needs. Without them lis_grasp runs
+alone. Rows are appended to the output, and the tables are of all rows in it. docs/frogger.md says
+what is compared.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from lis_grasp import shapes
+from lis_grasp.grasping.assessment import epsilon_on, weight_on
+from lis_grasp.grasping.collision import HandCollisionChecker
+from lis_grasp.grasping.grasp import Grasp
+from lis_grasp.grasping.grip import balanced_grip
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.inverse_kinematics import PadTargets, reach
+from lis_grasp.grasping.quality import min_weight
+from lis_grasp.grasping.sampler import ForceClosureSampler
+from lis_grasp.simulation.lift import LiftOptions, prove_grasp
+
+OURS, THEIRS, MENDED = "lis_grasp", "FRoGGeR", "FRoGGeR, mended"
+SCENES = ("table", "free")
+# FRoGGeR's palm link begins at the wrist, ours where the fingers begin, along the same axes [m].
+_WRIST_TO_FINGERS = 0.095
+_OPENING = 0.02  # [m] of the pads before they close, as in ForceClosureSampler
+_SAME_HAND = 1e-4  # [m] within which the fingertips of both models must agree
+# As good as no approach: the trial begins with the opened hand where it grasps.
+_IN_PLACE = LiftOptions(standoff=0.002, approach_time=0.05)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("objects", nargs="*", default=list(shapes.NAMES))
+    parser.add_argument("--frogger", type=Path, help="folder of a clone of FRoGGeR")
+    parser.add_argument("--frogger-python", type=Path, default=Path(sys.executable))
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--scenes", default="table,free")
+    parser.add_argument("--friction", type=float, default=0.7)
+    parser.add_argument("--mass", type=float, default=0.2, help="[kg]")
+    parser.add_argument("--time-limit", type=float, default=60.0, help="of a grasp [s]")
+    parser.add_argument("--output", type=Path, default=Path("frogger.jsonl"))
+    options = parser.parse_args()
+    if hasattr(os, "sched_setaffinity"):  # one core, for FRoGGeR's process too
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    hand = Hand.load("allegro")
+    for name in options.objects:
+        mesh = shapes.find(name).mesh
+        rows = our_rows(hand, mesh, options)
+        if options.frogger is None:
+            print("FRoGGeR is left out: --frogger names no folder of it", file=sys.stderr)
+        else:
+            rows += their_rows(hand, mesh, options)
+        with options.output.open("a") as file:
+            for row in rows:
+                file.write(json.dumps({"object": Path(name).stem, **row}) + "\n")
+        print(f"{name} done", file=sys.stderr, flush=True)
+    print_tables([json.loads(line) for line in options.output.read_text().splitlines()])
+
+
+def our_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -> list[dict]:
+    sampler = ForceClosureSampler(hand, friction=options.friction)
+    rows = []
+    for scene in options.scenes.split(","):
+        support = float(mesh.bounds[0, 2]) if scene == "table" else None
+        for seed in [2**31, *range(options.seeds)]:  # the first one warms up
+            cpu, wall = time.process_time(), time.perf_counter()
+            rng = np.random.default_rng(seed)
+            search = sampler.sample(mesh, rng=rng, support_height=support, count=1)
+            row = {"planner": OURS, "scene": scene, "seed": seed}
+            row |= {"cpu": time.process_time() - cpu, "wall": time.perf_counter() - wall}
+            if seed == 2**31:
+                continue
+            row["found"] = bool(search.grasps)
+            if search.grasps:
+                row |= judge(hand, mesh, search.grasps[0], scene, options)
+            rows.append(row)
+    return rows
+
+
+def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -> list[dict]:
+    modes = [f"{s}{m}" for s in options.scenes.split(",") for m in ("", " mended")]
+    with tempfile.TemporaryDirectory() as folder:
+        job_file, result_file = Path(folder) / "job.json", Path(folder) / "result.json"
+        mesh.export(Path(folder) / "object.ply")
+        job = {
+            "mesh": str(Path(folder) / "object.ply"),
+            "seeds": list(range(options.seeds)),
+            "friction": options.friction,
+            "time_limit": options.time_limit,
+            "modes": modes,
+        }
+        job_file.write_text(json.dumps(job))
+        worker = Path(__file__).with_name("frogger_worker.py")
+        command = [options.frogger_python, worker, options.frogger, job_file, result_file]
+        environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+        try:
+            process = subprocess.run(
+                [str(part) for part in command], env=environment, capture_output=True, text=True
+            )
+        except OSError as error:
+            sys.exit(f"--frogger-python must be an interpreter that runs: {error}")
+        if process.returncode:
+            last = (process.stderr.strip().splitlines() or ["it said nothing"])[-1]
+            sys.exit(f"FRoGGeR did not run with {options.frogger_python}: {last}")
+        result = json.loads(result_file.read_text())
+    rows = []
+    for mode, plans in result["plans"].items():
+        scene, mended = mode.split()[0], mode.endswith("mended")
+        for plan in plans:
+            row = {"planner": MENDED if mended else THEIRS, "scene": scene}
+            row |= {key: plan[key] for key in ("seed", "cpu", "wall", "starts", "found")}
+            row["preparation"] = result["preparation"]
+            if plan["found"]:
+                believed = trimesh.proximity.closest_point(mesh, np.array(plan["believed"]))[1]
+                row["believed_off"] = float(np.median(believed))
+                grasp = their_grasp(hand, mesh, plan, options.friction)
+                row |= judge(hand, mesh, grasp, scene, options)
+            rows.append(row)
+    return rows
+
+
+def their_grasp(hand: Hand, mesh: trimesh.Trimesh, plan: dict, friction: float) -> Grasp:
+    """Return a posture of FRoGGeR's model as a grasp of ours; contacts are moved onto the mesh.
+
+    FRoGGeR plans neither an opened posture nor an approach: they are chosen as ours are.
+    """
+    X_PL = np.eye(4)
+    X_PL[2, 3] = _WRIST_TO_FINGERS
+    X_OH = np.array(plan["X_OP"]) @ X_PL @ hand.X_LH
+    q = np.array(plan["joint_positions"])
+    apart = np.abs(hand.pad_centers(X_OH, q) - np.array(plan["tips"])).max()
+    if apart > _SAME_HAND:
+        sys.exit(
+            f"the fingertips of FRoGGeR's Allegro hand and ours must agree within"
+            f" {1e3 * _SAME_HAND:g} mm to be compared; they are {1e3 * apart:.1f} mm apart"
+        )
+    q = np.clip(q, hand.lower, hand.upper)
+    points, _, faces = trimesh.proximity.closest_point(mesh, np.array(plan["touches"]))
+    normals = mesh.face_normals[faces]
+    away = PadTargets((points + _OPENING * normals)[None], normals[None], np.ones((1, 4), bool))
+    opened = reach(hand, away, X_OH[None], q[None], palm_fixed=True).q[0]
+    return Grasp(
+        hand=hand.name,
+        X_OH=X_OH,
+        joint_names=hand.joint_names,
+        joint_positions=q,
+        pregrasp_positions=opened,
+        approach_O=X_OH[:3, :3] @ hand.approach_H,
+        contact_points=points,
+        contact_normals=normals,
+        contact_fingers=hand.fingers,
+        contact_forces=balanced_grip(
+            points, normals, friction=friction, total=2.0 * hand.max_contact_force
+        ),
+        quality={"epsilon": epsilon_on(mesh, hand, points, normals, friction=friction)},
+        accepted="by FRoGGeR",
+    )
+
+
+def judge(
+    hand: Hand, mesh: trimesh.Trimesh, grasp: Grasp, scene: str, options: argparse.Namespace
+) -> dict:
+    """Return the quality of a grasp on the true object and, above a table, how its lifts end."""
+    points, normals, friction = grasp.contact_points, grasp.contact_normals, options.friction
+    floor = float(mesh.bounds[0, 2])
+    checker = HandCollisionChecker(
+        hand, mesh, support_height=floor if scene == "table" else None, clearance=0.0
+    )
+    row = {
+        "fingers": len(grasp.contact_fingers),
+        "epsilon": epsilon_on(mesh, hand, points, normals, friction=friction),
+        "weight": weight_on(mesh, hand, points, normals, friction=friction),
+        "min_weight": min_weight(points, normals, friction=friction),
+        "hits": checker.first_collision(grasp.X_OH, grasp.joint_positions, pads_may_touch=True),
+    }
+    if scene == "table":
+        for key, trial in (("lift", LiftOptions()), ("lift_in_place", _IN_PLACE)):
+            outcome = prove_grasp(
+                mesh,
+                hand,
+                grasp,
+                support_height=floor,
+                mass=options.mass,
+                friction=friction,
+                options=trial,
+            )
+            row[key] = outcome.reason
+    return row
+
+
+def print_tables(rows: list[dict]) -> None:
+    for scene in SCENES:
+        here = [row for row in rows if row["scene"] == scene]
+        if not here:
+            continue
+        print(f"\n{scene}: all objects together, then each\n")
+        print(
+            "| object | planner | found | s, one core: median (quartiles) | epsilon | weight |"
+            " min-weight | force closure | hits nothing | held | held, no approach |"
+        )
+        print("|---" * 11 + "|")
+        for name in [None, *dict.fromkeys(row["object"] for row in here)]:
+            for planner in (OURS, THEIRS, MENDED):
+                chosen = [
+                    row
+                    for row in here
+                    if row["planner"] == planner and name in (None, row["object"])
+                ]
+                if chosen:
+                    print(f"| {name or 'all'} | {planner} | {line(chosen)} |")
+    for planner in (THEIRS, MENDED):
+        off = [row["believed_off"] for row in rows if row["planner"] == planner and row["found"]]
+        if off:
+            print(f"\n{planner}: its contacts lie {1e3 * np.median(off):.1f} mm off the surface")
+
+
+def line(rows: list[dict]) -> str:
+    """Return the cells of one planner's rows."""
+    low, mid, high = np.percentile([row["cpu"] for row in rows], [25, 50, 75])
+    found = [row for row in rows if row["found"]]
+    cells = [f"{len(found)}/{len(rows)}", f"{mid:.2f} ({low:.2f} to {high:.2f})"]
+    for key in ("epsilon", "weight", "min_weight"):
+        cells.append(f"{np.median([row[key] for row in found]):.3f}" if found else "-")
+    cells.append(f"{sum(row['min_weight'] > 1e-9 for row in found)}/{len(found)}")
+    cells.append(f"{sum(row['hits'] is None for row in found)}/{len(found)}")
+    for key in ("lift", "lift_in_place"):
+        lifts = [row[key] for row in found if key in row]
+        cells.append(f"{lifts.count('held')}/{len(rows)}" if lifts else "-")
+    return " | ".join(cells)
+
+
+if __name__ == "__main__":
+    main()
