@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.simulation.lift import LiftOptions, prove_grasp
 
 OURS, THEIRS, MENDED = "lis_grasp", "FRoGGeR", "FRoGGeR, mended"
+PLANNERS = (OURS, THEIRS, MENDED)
 SCENES = ("table", "free")
 # FRoGGeR's palm link begins at the wrist, ours where the fingers begin, along the same axes [m].
 _WRIST_TO_FINGERS = 0.095
@@ -59,13 +61,13 @@ def main() -> None:
     if hasattr(os, "sched_setaffinity"):  # one core, for FRoGGeR's process too
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     hand = Hand.load("allegro")
+    if options.frogger is None:
+        print("FRoGGeR is left out: say --frogger FOLDER for a clone of it", file=sys.stderr)
     for name in options.objects:
         mesh = shapes.find(name).mesh
-        rows = our_rows(hand, mesh, options)
-        if options.frogger is None:
-            print("FRoGGeR is left out: --frogger names no folder of it", file=sys.stderr)
-        else:
-            rows += their_rows(hand, mesh, options)
+        # FRoGGeR first: where it does not run, the benchmark ends at once, and says why.
+        rows = their_rows(hand, mesh, options) if options.frogger else []
+        rows += our_rows(hand, mesh, options)
         with options.output.open("a") as file:
             for row in rows:
                 file.write(json.dumps({"object": Path(name).stem, **row}) + "\n")
@@ -117,7 +119,10 @@ def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -
             sys.exit(f"--frogger-python must be an interpreter that runs: {error}")
         if process.returncode:
             last = (process.stderr.strip().splitlines() or ["it said nothing"])[-1]
-            sys.exit(f"FRoGGeR did not run with {options.frogger_python}: {last}")
+            sys.exit(
+                f"FRoGGeR of {options.frogger} must run with {options.frogger_python}; it ended"
+                f" with: {last}"
+            )
         result = json.loads(result_file.read_text())
     rows = []
     for mode, plans in result["plans"].items():
@@ -209,14 +214,14 @@ def print_tables(rows: list[dict]) -> None:
         here = [row for row in rows if row["scene"] == scene]
         if not here:
             continue
-        print(f"\n{scene}: all objects together, then each\n")
         print(
-            "| object | planner | found | s, one core: median (quartiles) | epsilon | weight |"
-            " min-weight | force closure | hits nothing | held | held, no approach |"
+            f"\nScene: {scene}\n\n| object | planner | found | s, one core: median (quartiles)"
+            " | epsilon | weight | min-weight | force closure | hits nothing | held"
+            " | held, no approach |"
         )
         print("|---" * 11 + "|")
-        for name in [None, *dict.fromkeys(row["object"] for row in here)]:
-            for planner in (OURS, THEIRS, MENDED):
+        for name in [None, *sorted({row["object"] for row in here})]:
+            for planner in PLANNERS:
                 chosen = [
                     row
                     for row in here
@@ -224,10 +229,16 @@ def print_tables(rows: list[dict]) -> None:
                 ]
                 if chosen:
                     print(f"| {name or 'all'} | {planner} | {line(chosen)} |")
-    for planner in (THEIRS, MENDED):
-        off = [row["believed_off"] for row in rows if row["planner"] == planner and row["found"]]
+    print()
+    for planner in PLANNERS:
+        mine = [row for row in rows if row["planner"] == planner and row["found"]]
+        for key in ("lift", "lift_in_place"):
+            reasons = Counter(row[key] for row in mine if key in row)
+            if reasons:
+                print(f"{planner}, {key}: {dict(reasons)}")
+        off = [row["believed_off"] for row in mine if "believed_off" in row]
         if off:
-            print(f"\n{planner}: its contacts lie {1e3 * np.median(off):.1f} mm off the surface")
+            print(f"{planner}: contacts that it plans with lie {1e3 * np.median(off):.1f} mm off")
 
 
 def line(rows: list[dict]) -> str:
