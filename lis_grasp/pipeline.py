@@ -84,6 +84,8 @@ class RunConfig:
         Coulomb friction between hand and object, in planning and in the lift.
     grasps
         Ranked grasps to plan; the first is executed.
+    attempts
+        Grasps to try at the most: a hand that feels that a grasp will not hold plans again.
     """
 
     object: str = "box"
@@ -104,6 +106,7 @@ class RunConfig:
     mass: float = 0.2
     friction: float = 0.8
     grasps: int = 10
+    attempts: int = 3
 
     def __post_init__(self) -> None:
         for name, choices in (
@@ -115,7 +118,7 @@ class RunConfig:
                 raise InvalidOptionError(
                     f"{name} must be one of {', '.join(choices)}; it is '{getattr(self, name)}'"
                 )
-        for name in ("touches", "grasps"):
+        for name in ("touches", "grasps", "attempts"):
             if getattr(self, name) < 1:
                 raise InvalidOptionError(f"{name} must be at least 1; it is {getattr(self, name)}")
         if self.free and self.prober != "dynamic":

@@ -1,0 +1,138 @@
+"""Grasp, feel, and grasp again: what closing fingers feel is new contact, and may warn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from lis_grasp import pipeline
+from lis_grasp.contacts import Contacts
+from lis_grasp.grasping.assessment import robust_epsilon_on
+from lis_grasp.grasping.grasp import Grasp, GraspSearch
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.shapes import Shape
+
+if TYPE_CHECKING:
+    from lis_grasp.simulation.lift import LiftOutcome
+
+FloatArray = npt.NDArray[np.float64]
+
+# Where a finger found nothing, no other grasp puts a finger within this distance [m].
+_MISSED_RADIUS = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attempt:
+    """One grasp, planned on what was known of the object by then.
+
+    Parameters
+    ----------
+    contacts
+        All contacts that were known.
+    mesh
+        The surface estimated from them, in O [m].
+    search
+        What was planned on it; the grasp that was tried comes first.
+    outcome
+        What came of it; None where no grasp was found.
+    """
+
+    contacts: Contacts
+    mesh: trimesh.Trimesh
+    search: GraspSearch
+    outcome: LiftOutcome | None
+
+
+def grasp_by_touch(
+    shape: Shape,
+    hand: Hand,
+    contacts: Contacts,
+    config: pipeline.RunConfig,
+) -> Iterator[Attempt]:
+    """Plan and try grasps until one is carried through, `RunConfig.attempts` at the most.
+
+    Once its fingers have closed, before it squeezes, the hand asks whether what they feel is in
+    force closure at half the friction; if not, or if it meets the object on its way, it lets go,
+    goes back, estimates the surface again with these contacts too, and plans again. The last
+    attempt is carried through whatever it feels. The object may have been moved by a touch: the
+    next attempt meets it where it stands, and is planned as if it had not moved.
+
+    Parameters
+    ----------
+    shape
+        The true object, which only touches tell of.
+    hand
+        The hand.
+    contacts
+        Of the exploration.
+    config
+        Estimator, sensor noise, friction, mass, grasps, attempts and seed.
+    """
+    from lis_grasp.simulation.lift import prove_grasp
+
+    support = pipeline.support_height(shape)
+    missed = np.empty((0, 3))
+    X_WO: FloatArray | None = None
+    for left in reversed(range(config.attempts)):
+        _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
+        search = _away_from(
+            missed,
+            pipeline.plan(
+                mesh,
+                hand,
+                support=support,
+                friction=config.friction,
+                count=config.grasps,
+                seed=config.seed,
+            ),
+        )
+        if not search.grasps:
+            yield Attempt(contacts, mesh, search, None)
+            return
+
+        def promising(felt: Contacts, mesh: trimesh.Trimesh = mesh) -> bool:
+            return len(felt) >= 2 and (
+                robust_epsilon_on(mesh, hand, felt.points, felt.normals, friction=config.friction)
+                > 0.0
+            )
+
+        outcome = prove_grasp(
+            shape.mesh,
+            hand,
+            search.grasps[0],
+            support_height=support,
+            mass=config.mass,
+            friction=config.friction,
+            judge=promising if left else None,
+            X_WO=X_WO,
+        )
+        yield Attempt(contacts, mesh, search, outcome)
+        if outcome.reason != "declined":
+            return
+        contacts = contacts.append(outcome.felt)
+        missed = np.vstack([missed, _missed(search.grasps[0], outcome.felt)])
+        X_WO = outcome.X_WO
+
+
+def _missed(grasp: Grasp, felt: Contacts) -> FloatArray:
+    """Return the planned contacts of fingers that closed and felt nothing, shape (K, 3)."""
+    if not set(felt.fingers) <= set(grasp.contact_fingers):
+        return np.empty((0, 3))  # met on the way: the fingers never closed
+    return grasp.contact_points[[f not in felt.fingers for f in grasp.contact_fingers]]
+
+
+def _away_from(missed: FloatArray, search: GraspSearch) -> GraspSearch:
+    """Return the search with those grasps first that touch nowhere where a finger found nothing."""
+
+    def tried(grasp: Grasp) -> bool:
+        between = np.linalg.norm(grasp.contact_points[:, None] - missed, axis=-1)
+        return bool((between < _MISSED_RADIUS).any())
+
+    return GraspSearch(
+        tuple(sorted(search.grasps, key=tried)), search.rejections, search.candidates
+    )

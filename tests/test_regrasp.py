@@ -1,0 +1,73 @@
+"""Grasping by touch: fingers that feel otherwise than planned make the hand plan again."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from lis_grasp import Contacts, Hand, shapes
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.pipeline import RunConfig
+from lis_grasp.regrasp import Attempt, grasp_by_touch
+
+ALLEGRO = Hand.load("allegro")
+BOX = shapes.build("box")
+
+
+def _face_contacts(offset: np.ndarray) -> Contacts:
+    """Return twelve contacts of the box, all of them moved by an offset (3,) [m]."""
+    low, high = BOX.mesh.bounds
+    middle, half = (low + high) / 2.0, (high - low) / 2.0
+    points, normals = [], []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            normal = side * np.eye(3)[axis]
+            along = 0.5 * half * np.eye(3)[(axis + 1) % 3]
+            for way in (-1.0, 1.0):
+                points.append(middle + half * normal + way * along + offset)
+                normals.append(normal)
+    return Contacts(np.array(points), np.array(normals))
+
+
+def _attempts(offset: np.ndarray, attempts: int) -> list[Attempt]:
+    config = RunConfig(object="box", estimator="blend", attempts=attempts)
+    return list(grasp_by_touch(BOX, ALLEGRO, _face_contacts(offset), config))
+
+
+def test_a_grasp_that_feels_as_planned_is_carried_through_at_once() -> None:
+    (only,) = _attempts(np.zeros(3), 3)
+    assert only.outcome is not None
+    assert only.outcome.reason == "held"
+    assert len(only.contacts) == 12
+
+
+def test_a_hand_that_meets_the_object_unexpectedly_learns_where_it_is_and_holds_it() -> None:
+    # Told of a box 30 mm aside, the hand comes down upon the true one.
+    aside = np.array([0.0, 0.03, 0.0])
+    blind = _attempts(aside, 1)
+    assert blind[-1].outcome is not None
+    assert not blind[-1].outcome.held
+    feeling = _attempts(aside, 3)
+    for before, after in pairwise(feeling):
+        assert before.outcome is not None
+        assert before.outcome.reason == "declined"
+        assert len(after.contacts) == len(before.contacts) + len(before.outcome.felt)
+    assert feeling[-1].outcome is not None
+    assert feeling[-1].outcome.held
+    # What was felt is on the true object, wherever it has been pushed to by then: a centimetre.
+    felt = feeling[-1].contacts.points[12:]
+    assert len(felt)
+    outside = np.maximum(felt - BOX.mesh.bounds[1], BOX.mesh.bounds[0] - felt).max(axis=1)
+    assert np.abs(outside).max() < 0.01
+
+
+def test_the_last_attempt_is_never_declined() -> None:
+    for attempts in (1, 2):
+        last = _attempts(np.array([0.0, 0.035, 0.0]), attempts)[-1]
+        assert last.outcome is None or last.outcome.reason != "declined"
+
+
+@pytest.mark.parametrize("attempts", [0, -1])
+def test_at_least_one_attempt_is_asked_for(attempts: int) -> None:
+    with pytest.raises(InvalidOptionError, match="attempts must be at least 1"):
+        RunConfig(attempts=attempts)
