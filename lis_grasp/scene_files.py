@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from lis_grasp import provenance
+import trimesh
+
+from lis_grasp import pipeline, provenance
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, LisGraspError
+from lis_grasp.exploration import TactileSensor
 from lis_grasp.grasping.grasp import load_grasps
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.mesh_files import load_surface
 from lis_grasp.motion import Motion
 from lis_grasp.output_files import whole_file
 from lis_grasp.shapes import find
+from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.visualization import write_scene
+
+# Estimates on the way to the last one; each takes some tenths of a second and half a megabyte.
+_STEPS = 8
+# The first one on the way, where nearly everything is a guess.
+_FIRST = 3
+# Estimates from more contacts than these take too long to make only to be looked at.
+_MOST_CONTACTS = 300
 
 
 def write_scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Path:
@@ -43,13 +56,16 @@ def write_scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Path:
     surface = files.get("surface.ply")
     grasps = files.get("grasps.json")
     motion = files.get("motion.npz")
+    touched = Contacts.empty() if contacts is None else Contacts.load(contacts)
+    growth = [] if surface is None else estimates_on_the_way(touched, provenance.read(surface))
     path = directory / "scene.html"
     with whole_file(path) as temporary:
         write_scene(
             temporary,
             truth=None if truth is None else truth.mesh,
             estimate=None if surface is None else load_surface(surface),
-            contacts=Contacts.empty() if contacts is None else Contacts.load(contacts),
+            contacts=touched,
+            growth=growth,
             grasps=() if grasps is None else load_grasps(grasps).grasps,
             hand=Hand.load(facts.get("hand", "allegro")),
             motion=None if motion is None else Motion.load(motion),
@@ -58,3 +74,44 @@ def write_scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Path:
             summary=summary,
         )
     return path
+
+
+def estimates_on_the_way(
+    contacts: Contacts, facts: Mapping[str, Any]
+) -> list[tuple[int, trimesh.Trimesh]]:
+    """Estimate the surface again from the first few contacts, from some more, and so on.
+
+    Parameters
+    ----------
+    contacts
+        All contacts, in the order of the touches.
+    facts
+        What made the surface of them all: its estimator and the sensor's noise. Without an
+        estimator that is known here there is nothing on the way.
+
+    Returns
+    -------
+    list of (int, trimesh.Trimesh)
+        Numbers of contacts, increasing, less than all of them; and what the same estimator makes of
+        so many. Where it cannot make a surface, there is none.
+    """
+    estimator = facts.get("estimator")
+    if estimator not in ESTIMATORS:
+        return []
+    sensor = TactileSensor(
+        position_noise=facts.get("position_noise", 0.0), normal_noise=facts.get("normal_noise", 0.0)
+    )
+    growth = []
+    for count in counts_on_the_way(len(contacts)):
+        try:
+            _, mesh = pipeline.estimate(contacts.subset(slice(count)), estimator, sensor)
+        except LisGraspError:  # too few contacts, or nothing that they enclose
+            continue
+        growth.append((count, mesh))
+    return growth
+
+
+def counts_on_the_way(contacts: int) -> list[int]:
+    """Return after how many of so many contacts the surface is estimated, without the last."""
+    counts = {_FIRST, *(round(k * contacts / _STEPS) for k in range(1, _STEPS))}
+    return sorted(n for n in counts if 2 <= n < contacts and n <= _MOST_CONTACTS)

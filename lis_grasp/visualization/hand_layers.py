@@ -44,22 +44,26 @@ def draw_hand(canvas: Canvas, hand: Hand) -> None:
             mesh.apply_transform(geometry.X_LG)
             path = f"{ROOT}/hand/{number}/{part}"
             canvas.commands.append(drawing.draw_mesh(path, mesh, surface))
+    canvas.layers.append(Layer("hand", "Robot hand", True, LINK_COLOUR))
 
 
 def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
-    """Offer each grasp as a layer, the first one visible."""
+    """Offer each grasp as a layer, best first, and a layer that shows them all at once."""
     for rank, grasp in enumerate(grasps, start=1):
         quality = ", ".join(f"{name} {value:.3g}" for name, value in grasp.quality.items())
         turn = rank - 1 if rank <= len(GRASP_COLOURS) else 1 + (rank - 2) % (len(GRASP_COLOURS) - 1)
         layer = Layer(
             f"grasp-{rank}",
-            f"Grasp {rank}",
-            rank == 1,
+            f"Grasp {rank}" + (", the best" if rank == 1 and len(grasps) > 1 else ""),
+            True,
             GRASP_COLOURS[turn],
             note=f"epsilon {grasp.quality['epsilon']:.3g}",
             detail=f"{grasp.accepted}: {quality}",
         )
         canvas.layers.append(layer)
+    if len(grasps) > 1:
+        together = "instead of one after the other"
+        canvas.layers.append(Layer("together", "All at once", False, LINK_COLOUR, together))
 
 
 def draw_motion(canvas: Canvas, motion: Motion, hand: Hand) -> None:
@@ -75,7 +79,7 @@ def draw_motion(canvas: Canvas, motion: Motion, hand: Hand) -> None:
     ]
     canvas.commands.append(drawing.animate(times[keep], tracks))
     canvas.layers.append(
-        Layer("lift", "Lift", True, LINK_COLOUR, "of the true object, in simulation")
+        Layer("lift", "Lift", True, LINK_COLOUR, "of the true object, in physics simulation")
     )
 
 

@@ -1,6 +1,8 @@
-"""The object's layers: estimate, true object, contacts, and the table below."""
+"""The object's layers: estimates, true object, contacts, and the table below."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +17,7 @@ from lis_grasp.visualization.colours import ColourScale, round_up
 FloatArray = npt.NDArray[np.float64]
 
 TRUTH_COLOUR = "#5f86bd"
-CONTACT_COLOUR = "#ff4d4d"
+CONTACT_COLOUR, NORMAL_COLOUR = "#ff4d4d", "#f2912c"
 FREE_COLOUR = "#8fb7d8"
 PLAIN_ESTIMATE_COLOUR = "#2c9a8f"
 TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
@@ -28,41 +30,68 @@ _FREE_POINT_RADIUS = 0.007
 _MOST_FREE_POINTS = 5000
 
 
-def draw_estimate(canvas: Canvas, estimate: trimesh.Trimesh) -> ColourScale | None:
-    """Draw the estimated surface and return the scale of its colours, None for one plain colour."""
-    if not len(estimate.faces):
+def draw_estimates(
+    canvas: Canvas, surfaces: Sequence[tuple[int, trimesh.Trimesh]]
+) -> ColourScale | None:
+    """Draw estimated surfaces, each at a node of its own, in the colours that suit the last one.
+
+    Parameters
+    ----------
+    surfaces
+        The estimate after so many contacts, in order; the last one is the estimate of them all.
+
+    Returns
+    -------
+    ColourScale or None
+        The one scale of all their colours; None for one plain colour.
+    """
+    surfaces = [(count, mesh) for count, mesh in surfaces if len(mesh.faces)]
+    if not surfaces:
         return None
-    path = f"{OBJECT_NODE}/estimate"
-    canvas.layers.append(Layer("estimate", "Estimated surface", True, PLAIN_ESTIMATE_COLOUR))
-    values = estimate.vertex_attributes.get("uncertainty")
-    if values is None or not np.isfinite(values).any():
-        plain = drawing.material(PLAIN_ESTIMATE_COLOUR)
-        canvas.commands.append(drawing.draw_mesh(path, estimate, plain))
-        return None
-    scale = ColourScale.of(values)
-    coloured = drawing.material(vertex_colours=True, roughness=0.65)
-    colours = scale.colours(values)
-    canvas.commands.append(drawing.draw_mesh(path, estimate, coloured, colours))
+    canvas.layers.append(
+        Layer("estimate", "Estimated surface", True, PLAIN_ESTIMATE_COLOUR, "what the robot believes")
+    )
+    values = surfaces[-1][1].vertex_attributes.get("uncertainty")
+    known = values is not None and bool(np.isfinite(values).any())
+    scale = ColourScale.of(values) if known else None
+    for count, mesh in surfaces:
+        path = f"{OBJECT_NODE}/estimate/{count}"
+        canvas.commands.append(_draw_estimate(path, mesh, scale))
     return scale
+
+
+def _draw_estimate(path: str, mesh: trimesh.Trimesh, scale: ColourScale | None) -> bytes:
+    values = mesh.vertex_attributes.get("uncertainty")
+    if scale is None or values is None:
+        return drawing.draw_mesh(path, mesh, drawing.material(PLAIN_ESTIMATE_COLOUR))
+    coloured = drawing.material(vertex_colours=True, roughness=0.65)
+    return drawing.draw_mesh(path, mesh, coloured, scale.colours(values))
 
 
 def draw_truth(canvas: Canvas, truth: trimesh.Trimesh) -> None:
     """Draw the true object."""
     solid = drawing.material(TRUTH_COLOUR, roughness=0.5)
     canvas.commands.append(drawing.draw_mesh(f"{OBJECT_NODE}/truth", truth, solid))
-    canvas.layers.append(Layer("truth", "True object", True, TRUTH_COLOUR))
+    canvas.layers.append(
+        Layer("truth", "True object", True, TRUTH_COLOUR, "unknown to the robot")
+    )
 
 
 def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
     """Draw contacts with their normals, and free points, for an object of `size` [m]."""
     if len(contacts):
         at = _poses_along(contacts.points, contacts.normals)
-        colour = drawing.material(CONTACT_COLOUR, roughness=0.4)
-        for name, mesh in _marker(size).items():
-            path = f"{OBJECT_NODE}/contacts/{name}"
-            canvas.commands.append(drawing.draw_copies(path, mesh, colour, at))
-        label = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''} and normals"
-        canvas.layers.append(Layer("contacts", label, True, CONTACT_COLOUR))
+        surface = {
+            "contacts": drawing.material(CONTACT_COLOUR, roughness=0.4),
+            "normals": drawing.material(NORMAL_COLOUR, roughness=0.4),
+        }
+        for layer, part, mesh in _marker(size):
+            path = f"{OBJECT_NODE}/{layer}/{part}"
+            canvas.commands.append(drawing.draw_copies(path, mesh, surface[layer], at))
+        many = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}"
+        canvas.layers.append(Layer("contacts", many, True, CONTACT_COLOUR, "where it was touched"))
+        facing = "which way the surface faces there"
+        canvas.layers.append(Layer("normals", "Normals", True, NORMAL_COLOUR, facing))
     free = contacts.free_points
     if len(free):
         shown = free[:: -(-len(free) // _MOST_FREE_POINTS)]
@@ -71,7 +100,9 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
         speck = trimesh.creation.icosphere(0, _FREE_POINT_RADIUS * size)
         colour = drawing.material(FREE_COLOUR, opacity=0.7)
         canvas.commands.append(drawing.draw_copies(f"{OBJECT_NODE}/free", speck, colour, at))
-        canvas.layers.append(Layer("free", "Where nothing was felt", False, FREE_COLOUR))
+        canvas.layers.append(
+            Layer("free", "Free space", False, FREE_COLOUR, "where the hand felt nothing")
+        )
 
 
 def draw_table(
@@ -102,14 +133,15 @@ def draw_table(
     return spacing
 
 
-def _marker(size: float) -> dict[str, trimesh.Trimesh]:
-    """Return a ball and an arrow along z from the origin, for an object of `size` [m]."""
+def _marker(size: float) -> list[tuple[str, str, trimesh.Trimesh]]:
+    """Return layer, part and mesh of a ball and an arrow along z, for an object of `size` [m]."""
     radius, length = _CONTACT_RADIUS * size, _NORMAL_LENGTH * size
     head = 0.35 * length
     shaft = trimesh.creation.cylinder(0.36 * radius, segment=[[0, 0, 0], [0, 0, length - head]])
     cone = trimesh.creation.cone(1.0 * radius, head, sections=20)
     cone.apply_translation([0.0, 0.0, length - head])
-    return {"ball": trimesh.creation.icosphere(2, radius), "shaft": shaft, "head": cone}
+    ball = trimesh.creation.icosphere(2, radius)
+    return [("contacts", "ball", ball), ("normals", "shaft", shaft), ("normals", "head", cone)]
 
 
 def _grid_lines(radius: float, spacing: float) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The overlay of the page: title, summary, legend, layers and the controls of the lift."""
+"""The overlay of the page: title, summary, layers; below, the legend and the time line."""
 
 from __future__ import annotations
 
@@ -7,6 +7,19 @@ from html import escape
 
 from lis_grasp.visualization.canvas import Layer
 from lis_grasp.visualization.colours import VIRIDIS, ColourScale
+from lis_grasp.visualization.story import Story
+
+_RAMP = f"linear-gradient(90deg,{','.join(VIRIDIS)})"
+
+# What each chapter shows, for somebody who sees such a page for the first time.
+_TOLD = {
+    "touch": "the object is touched, contact by contact, and the estimate of its surface grows",
+    "grasp": "grasps are planned on the estimate alone",
+    "lift": "the best one lifts the true object and is shaken",
+}
+
+# Layers whose colours the legend names where the panel, which names them all, is folded.
+_KEYED = ("truth", "contacts", "normals", "free")
 
 
 def build_overlay(
@@ -16,38 +29,36 @@ def build_overlay(
     layers: Sequence[Layer],
     scale: ColourScale | None,
     grid: float,
-    duration: float,
+    story: Story,
 ) -> str:
     """Return the overlay's HTML; every text in it is escaped.
 
     Parameters
     ----------
     scale
-        Colours of the estimate's uncertainty, or None for no legend.
+        Colours of the estimate's uncertainty, or None for no scale.
     grid
         Spacing of the table's grid [m].
-    duration
-        Duration of the lift [s]; 0 for none.
+    story
+        The time line.
     """
-    objects = [layer for layer in layers if not _is_grasp(layer) and layer.identity != "lift"]
     grasps = [layer for layer in layers if _is_grasp(layer)]
-    lift = [layer for layer in layers if layer.identity == "lift"]
+    others = [layer for layer in layers if not _is_grasp(layer)]
+    told = "; then ".join(_TOLD[chapter.name] for chapter in story.chapters)
     lines = "".join(f"<p>{escape(line)}</p>" for line in summary)
     parts = [
         '<details id="panel" open>',
         f"<summary><h1>{escape(title)}</h1></summary>",
         '<div class="content">',
-        f'<div class="lines">{lines}</div>' if lines else "",
-        f'<ul class="layers">{"".join(_row(layer, scale) for layer in objects + lift)}</ul>',
-        _legend(scale) if scale is not None else "",
-        f'<h2>Grasps</h2><ul class="layers">{"".join(_row(g, None) for g in grasps)}</ul>'
-        if grasps
-        else "",
+        f'<p class="told">Press play: {told}.</p>' if told else "",
+        f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
+        _grasp_rows(grasps) if grasps else "",
+        f'<h2>Result</h2><div class="lines">{lines}</div>' if lines else "",
         f'<p class="fine">Grid {_millimetres(grid)}. Drag to turn, wheel or pinch to zoom,'
         " right button or two fingers to move.</p>",
         "</div>",
         "</details>",
-        _player(duration) if duration > 0.0 else "",
+        f'<div id="dock">{_legend(layers, scale)}{_player(story)}</div>',
         '<p id="trouble" role="alert" hidden></p>',
         '<noscript><p id="noscript">This scene is drawn by JavaScript, which is switched off.</p>'
         "</noscript>",
@@ -56,40 +67,67 @@ def build_overlay(
 
 
 def _is_grasp(layer: Layer) -> bool:
-    return layer.identity.startswith("grasp-")
+    return layer.identity.startswith("grasp-") or layer.identity == "together"
+
+
+def _grasp_rows(grasps: Sequence[Layer]) -> str:
+    return (
+        '<h2>Candidate grasps</h2><ul class="layers">'
+        f"{''.join(_row(grasp, None) for grasp in grasps)}</ul>"
+        '<p class="fine">epsilon: how hard a push from the worst side the grasp withstands, for the'
+        " force it grips with. More is better.</p>"
+    )
 
 
 def _row(layer: Layer, scale: ColourScale | None) -> str:
     checked = " checked" if layer.on else ""
-    paint = layer.colour
-    if layer.identity == "estimate" and scale is not None:
-        paint = f"linear-gradient(90deg,{','.join(VIRIDIS)})"
     note = f"<small>{escape(layer.note)}</small>" if layer.note else ""
     hint = f' title="{escape(layer.detail)}"' if layer.detail else ""
-    kind = layer.identity.split("-")[0]
     return (
         f'<li{hint}><label><input type="checkbox" data-layer="{escape(layer.identity)}"{checked}>'
-        f'<i class="swatch {kind}" style="background:{paint}"></i>'
-        f"<span>{escape(layer.label)}{note}</span></label></li>"
+        f"{_swatch(layer, scale)}<span>{escape(layer.label)}{note}</span></label></li>"
     )
 
 
-def _legend(scale: ColourScale) -> str:
-    labels = "".join(f"<span>{escape(label)}</span>" for label in scale.tick_labels())
-    return (
-        '<div class="legend"><h2>Uncertainty of the surface</h2>'
-        f'<div class="bar" style="background:linear-gradient(90deg,{",".join(VIRIDIS)})"></div>'
-        f'<div class="ticks">{labels}</div>'
-        '<div class="ends"><span>well supported by touches</span><span>guessed</span></div></div>'
+def _swatch(layer: Layer, scale: ColourScale | None) -> str:
+    paint = _RAMP if layer.identity == "estimate" and scale is not None else layer.colour
+    kind = layer.identity.split("-")[0]
+    return f'<i class="swatch {kind}" style="background:{paint}"></i>'
+
+
+def _legend(layers: Sequence[Layer], scale: ColourScale | None) -> str:
+    """Return what the colours mean: the scale always, single colours where the panel is folded."""
+    bar = ""
+    if scale is not None:
+        labels = "".join(f"<span>{escape(label)}</span>" for label in scale.tick_labels())
+        bar = (
+            '<div class="scale"><h2>Estimated surface: how far it may be off</h2>'
+            f'<div class="bar" style="background:{_RAMP}"></div><div class="ticks">{labels}</div>'
+            '<div class="ends"><span>sure: touched nearby</span><span>a guess</span></div></div>'
+        )
+    keyed = [layer for layer in layers if layer.identity in _KEYED and layer.on]
+    chips = "".join(
+        f'<li data-chip="{escape(layer.identity)}">{_swatch(layer, scale)}'
+        f"<span>{escape(layer.label)}</span></li>"
+        for layer in keyed
     )
+    return f'<div id="legend">{bar}<ul class="chips">{chips}</ul></div>'
 
 
-def _player(duration: float) -> str:
+def _player(story: Story) -> str:
+    if not story.chapters:
+        return ""
+    chapters = "".join(
+        f'<button type="button" data-chapter="{number}" style="flex:{c.end - c.start:.3f} 0 0">'
+        f"{escape(c.label)}</button>"
+        for number, c in enumerate(story.chapters)
+    )
     return (
-        '<div id="player"><button id="play" type="button" aria-label="Play the lift"></button>'
-        f'<input id="time" type="range" min="0" max="{duration:.6f}" step="any" value="0"'
-        ' aria-label="Time of the lift">'
-        f'<output id="clock" for="time">0.00 / {duration:.2f} s</output></div>'
+        '<div id="player"><button id="play" type="button" aria-label="Play"></button>'
+        '<div class="line"><p><span id="caption"></span><output id="clock" for="time"></output></p>'
+        f'<input id="time" type="range" min="0" max="{story.duration:.6f}" step="any"'
+        f' value="{story.rest:.6f}" aria-label="Time">'
+        f'<div class="chapters">{chapters}</div></div></div>'
     )
 
 

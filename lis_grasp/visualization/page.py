@@ -15,6 +15,8 @@ from typing import Any
 from lis_grasp.exceptions import InvalidFileError
 
 _ASSETS = "lis_grasp.visualization"
+# In the order in which they need each other.
+_SCRIPTS = ("look.js", "story.js", "camera.js", "scene.js")
 
 
 def build_page(
@@ -37,7 +39,7 @@ def build_page(
         Packed drawing commands, in order.
     """
     viewer = _script_text(_viewer_source())
-    script = _script_text(_asset("look.js") + _asset("scene.js"))
+    script = _script_text("".join(_asset(name) for name in _SCRIPTS))
     style = _asset("scene.css")
     data = json.dumps(
         {**scene, "commands": [base64.b64encode(c).decode("ascii") for c in commands]},

@@ -28,12 +28,13 @@ from lis_grasp.visualization.hand_layers import (
 )
 from lis_grasp.visualization.object_layers import (
     draw_contacts,
-    draw_estimate,
+    draw_estimates,
     draw_table,
     draw_truth,
 )
 from lis_grasp.visualization.overlay import build_overlay
 from lis_grasp.visualization.page import build_page
+from lis_grasp.visualization.story import Story
 
 if TYPE_CHECKING:
     from lis_grasp.grasping.grasp import Grasp
@@ -47,12 +48,14 @@ _LEAST_SIZE = 0.01  # [m] of a scene with a single contact
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """What a page shows; a notebook shows it in place.
+    """What a page shows, as a story that can be played; a notebook shows it in place.
 
-    The page takes what to show from its address: ``#t=2.5`` a moment of the lift [s], ``play=1``
-    plays it, ``layers=truth,estimate,contacts,free,grasp-1`` the layers, ``azimuth``,
-    ``elevation`` [deg] and ``zoom`` the camera, ``panel=0`` no overlay, ``panel=1`` an unfolded
-    one; parts are joined by ``&``.
+    On its time line contacts come one after the other and the estimate grows, then each candidate
+    grasp is shown, then the lift. The page takes what to show from its address: ``#t=2.5`` a moment
+    of the time line [s], ``play=1`` plays it, ``layers=`` some of ``estimate``, ``truth``,
+    ``contacts``, ``normals``, ``free``, ``hand``, ``grasp-1`` (and so on), ``together``, ``lift``
+    with commas between them, ``azimuth``, ``elevation`` [deg] and ``zoom`` the camera, ``panel=0``
+    no overlay, ``panel=1`` an unfolded one; parts are joined by ``&``.
 
     Parameters
     ----------
@@ -62,9 +65,12 @@ class Scene:
         The estimated surface [m], in O. Its ``vertex_attributes["uncertainty"]``, shape (V,) [m],
         gives the colours; without it, or without any number in it, the surface has one colour.
     contacts
-        Where the object was touched, in O.
+        Where the object was touched, in O, in the order of the touches.
+    growth
+        Estimates on the way: each with the number of contacts that it is made from, the first ones;
+        the numbers increase, and are less than that of all contacts.
     grasps
-        Best first; the first `shown_grasps` can be looked at, the first is visible.
+        Best first; the first `shown_grasps` can be looked at.
     hand
         The hand of `grasps` and `motion`; needed if there are any.
     motion
@@ -79,12 +85,14 @@ class Scene:
     Raises
     ------
     InvalidOptionError
-        If there is nothing to show, or grasps or a motion without the hand that they are of.
+        If there is nothing to show, or grasps or a motion without the hand that they are of, or
+        growth that does not lead up to the estimate.
     """
 
     truth: trimesh.Trimesh | None = None
     estimate: trimesh.Trimesh | None = None
     contacts: Contacts | None = None
+    growth: Sequence[tuple[int, trimesh.Trimesh]] = ()
     grasps: Sequence[Grasp] = ()
     hand: Hand | None = None
     motion: Motion | None = None
@@ -107,17 +115,36 @@ class Scene:
                     f" '{self.hand.name}': load the hand of the grasps"
                 )
 
+        counts = [0, *(count for count, _ in self.growth), self._contact_count()]
+        if self.growth and (self.estimate is None or np.any(np.diff(counts) <= 0)):
+            raise InvalidOptionError(
+                "growth must lead up to an estimate, each step from more contacts than the one"
+                f" before and from fewer than all {counts[-1]}; it has {counts[1:-1]}"
+            )
+
     def html(self) -> str:
         """Return the scene as one self-contained page; equal scenes are equal bytes."""
         canvas = Canvas()
         object_points = self._object_points()
         size = max(float(np.ptp(object_points, axis=0).max()), _LEAST_SIZE)
-        scale = None if self.estimate is None else draw_estimate(canvas, self.estimate)
+        surfaces = list(self.growth)
+        if self.estimate is not None:
+            surfaces.append((self._contact_count(), self.estimate))
+        scale = draw_estimates(canvas, surfaces)
         if self.truth is not None:
             draw_truth(canvas, self.truth)
         if self.contacts is not None:
             draw_contacts(canvas, self.contacts, size)
-        duration, postures, around, moved = self._draw_hand(canvas, object_points)
+        lift_seconds, postures, moved = self._draw_hand(canvas, object_points)
+        hands = [hand_points(self.hand, p) for p in postures] if self.hand is not None else []
+        best = hands[0] if hands else _NOTHING
+        around = np.vstack([_NOTHING, *hands])
+        story = Story.of(
+            contacts=self._contact_count(),
+            surfaces=[count for count, mesh in surfaces if len(mesh.faces)],
+            grasps=len(postures),
+            lift_seconds=lift_seconds,
+        )
 
         drawn = object_points
         if self.estimate is not None:
@@ -128,13 +155,13 @@ class Scene:
         grid = draw_table(canvas, object_points, outline, support)
         facts: Mapping[str, Any] = {
             "layers": [
-                {"id": layer.identity, "on": layer.on, "colour": layer.colour}
+                {"id": layer.identity, "on": layer.on, "colour": layer.colour, "note": layer.note}
                 for layer in canvas.layers
             ],
             "grasps": [[_column_major(X) for X in posture] for posture in postures],
-            "duration": round(duration, 6),
+            "story": story.facts(),
             "camera": {
-                "azimuth": round(float(np.rad2deg(choose_azimuth(object_points, around))), 3),
+                "azimuth": round(float(np.rad2deg(choose_azimuth(object_points, best))), 3),
                 "elevation": round(float(np.rad2deg(ELEVATION)), 3),
                 "object": _rounded(outermost(drawn)),
                 "hand": _rounded(outermost(around)),
@@ -147,7 +174,7 @@ class Scene:
             layers=canvas.layers,
             scale=scale,
             grid=grid,
-            duration=duration,
+            story=story,
         )
         return build_page(self.title, overlay=overlay, scene=facts, commands=canvas.commands)
 
@@ -155,7 +182,7 @@ class Scene:
         """Return the scene for a notebook: the same page in a frame, alive without a kernel."""
         return (
             f'<iframe srcdoc="{escape(self.html())}" title="{escape(self.title)}"'
-            ' style="width: 100%; height: 560px; border: 0; border-radius: 8px"></iframe>'
+            ' style="width: 100%; height: 640px; border: 0; border-radius: 8px"></iframe>'
         )
 
     def _object_points(self) -> FloatArray:
@@ -165,22 +192,25 @@ class Scene:
                 return surface_points(mesh)
         return _NOTHING if self.contacts is None else self.contacts.points
 
+    def _contact_count(self) -> int:
+        return 0 if self.contacts is None else len(self.contacts)
+
     def _draw_hand(
         self, canvas: Canvas, object_points: FloatArray
-    ) -> tuple[float, list[list[FloatArray]], FloatArray, FloatArray]:
-        """Draw what the hand does; return the lift's duration, postures and what to frame."""
-        if self.hand is None:
-            return 0.0, [], _NOTHING, _NOTHING
+    ) -> tuple[float, list[list[FloatArray]], FloatArray]:
+        """Draw what the hand does; return the lift's duration, postures and places moved to."""
         shown = tuple(self.grasps)[: self.shown_grasps]
+        motion = self.motion if self.motion is not None and self.motion.duration > 0.0 else None
+        if self.hand is None or not (shown or motion is not None):
+            return 0.0, [], _NOTHING
         postures = [link_poses(self.hand, grasp) for grasp in shown]
         draw_hand(canvas, self.hand)
         draw_grasps(canvas, shown)
-        around = hand_points(self.hand, postures[0]) if postures else _NOTHING
-        if self.motion is None or self.motion.duration <= 0.0:
-            return 0.0, postures, around, _NOTHING
-        draw_motion(canvas, self.motion, self.hand)
-        moved = moved_points(self.motion, self.hand, object_points)
-        return self.motion.duration, postures, around, moved
+        if motion is None:
+            return 0.0, postures, _NOTHING
+        draw_motion(canvas, motion, self.hand)
+        moved = moved_points(motion, self.hand, object_points)
+        return motion.duration, postures, moved
 
 
 def write_scene(
@@ -189,6 +219,7 @@ def write_scene(
     truth: trimesh.Trimesh | None = None,
     estimate: trimesh.Trimesh | None = None,
     contacts: Contacts | None = None,
+    growth: Sequence[tuple[int, trimesh.Trimesh]] = (),
     grasps: Sequence[Grasp] = (),
     hand: Hand | None = None,
     motion: Motion | None = None,
@@ -202,7 +233,7 @@ def write_scene(
     Raises
     ------
     InvalidOptionError
-        If there is nothing to show, or grasps or a motion without the hand that they are of.
+        As `Scene` does.
     InvalidFileError
         If the file cannot be written.
     """
@@ -210,6 +241,7 @@ def write_scene(
         truth=truth,
         estimate=estimate,
         contacts=contacts,
+        growth=growth,
         grasps=grasps,
         hand=hand,
         motion=motion,

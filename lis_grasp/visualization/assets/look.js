@@ -106,5 +106,20 @@ const Look = (() => {
     }
   }
 
-  return { addEdges, addLights, fade, makeGlass, meshes, pushBack, setUpCopies, studio };
+  // Shows the first `count` of many copies, the newest one larger.
+  function reveal(group, count, pointOut) {
+    for (const mesh of meshes(group)) {
+      const own = mesh.userData;
+      if (!own.matrices) own.matrices = mesh.instanceMatrix.array.slice();
+      mesh.count = Math.min(count, own.matrices.length / 16);
+      mesh.instanceMatrix.array.set(own.matrices);
+      const newest = 16 * (mesh.count - 1);
+      if (pointOut && mesh.count > 0) {
+        for (const k of [0, 1, 2, 4, 5, 6, 8, 9, 10]) mesh.instanceMatrix.array[newest + k] *= 1.5;
+      }
+      mesh.instanceMatrix.needsUpdate = true;
+    }
+  }
+
+  return { addEdges, addLights, fade, makeGlass, meshes, pushBack, reveal, setUpCopies, studio };
 })();
