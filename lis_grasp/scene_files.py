@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import trimesh
 
 from lis_grasp import pipeline, provenance
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
-from lis_grasp.exploration import TactileSensor
+from lis_grasp.exploration import (
+    STEP_FRACTION,
+    Exploration,
+    TactileSensor,
+    Workspace,
+    load_outcomes,
+)
 from lis_grasp.grasping.grasp import load_grasps
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.mesh_files import load_surface
 from lis_grasp.motion import Motion
 from lis_grasp.output_files import whole_file
-from lis_grasp.shapes import find
+from lis_grasp.shapes import Shape, find
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.visualization import write_scene
+from lis_grasp.visualization.touch_poses import TouchPose, replay_touches
 
 # Estimates on the way to the last one; each takes some tenths of a second and half a megabyte.
 _STEPS = 8
@@ -58,6 +67,13 @@ def write_scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Path:
     motion = files.get("motion.npz")
     touched = Contacts.empty() if contacts is None else Contacts.load(contacts)
     growth = [] if surface is None else estimates_on_the_way(touched, provenance.read(surface))
+    hand = Hand.load(facts.get("hand", "allegro"))
+    log = directory / "touches.jsonl"
+    touch_poses: list[TouchPose | None] = []
+    if truth is not None and contacts is not None and log.exists():
+        made = provenance.read(contacts)
+        if made.get("hand") == facts.get("hand"):
+            touch_poses = poses_of_touches(log, touched, made, truth, hand)
     path = directory / "scene.html"
     with whole_file(path) as temporary:
         write_scene(
@@ -66,8 +82,9 @@ def write_scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Path:
             estimate=None if surface is None else load_surface(surface),
             contacts=touched,
             growth=growth,
+            touch_poses=touch_poses,
             grasps=() if grasps is None else load_grasps(grasps).grasps,
-            hand=Hand.load(facts.get("hand", "allegro")),
+            hand=hand,
             motion=None if motion is None else Motion.load(motion),
             support_height=facts.get("support_height"),
             title=f"lis_grasp: {truth.name if truth is not None else directory.name}",
@@ -98,13 +115,10 @@ def estimates_on_the_way(
     estimator = facts.get("estimator")
     if estimator not in ESTIMATORS:
         return []
-    sensor = TactileSensor(
-        position_noise=facts.get("position_noise", 0.0), normal_noise=facts.get("normal_noise", 0.0)
-    )
     growth = []
     for count in counts_on_the_way(len(contacts)):
         try:
-            _, mesh = pipeline.estimate(contacts.subset(slice(count)), estimator, sensor)
+            _, mesh = pipeline.estimate(contacts.subset(slice(count)), estimator, _sensor(facts))
         except LisGraspError:  # too few contacts, or nothing that they enclose
             continue
         growth.append((count, mesh))
@@ -115,3 +129,56 @@ def counts_on_the_way(contacts: int) -> list[int]:
     """Return after how many of so many contacts the surface is estimated, without the last."""
     counts = {_FIRST, *(round(k * contacts / _STEPS) for k in range(1, _STEPS))}
     return sorted(n for n in counts if 2 <= n < contacts and n <= _MOST_CONTACTS)
+
+
+def poses_of_touches(
+    log: Path, contacts: Contacts, facts: Mapping[str, Any], truth: Shape, hand: Hand
+) -> list[TouchPose | None]:
+    """Return where the hand was at each contact, as far as the log of the touches tells.
+
+    Parameters
+    ----------
+    log
+        Of the exploration.
+    contacts
+        What came of it.
+    facts
+        What made the contacts: their estimator, the sensor's noise, whether the object was free.
+    truth, hand
+        The object and the hand of the exploration.
+
+    Returns
+    -------
+    list of TouchPose or None
+        One a contact; empty if the log is not one of these contacts, or there are too many.
+    """
+    estimator = facts.get("estimator")
+    if len(contacts) > _MOST_CONTACTS or estimator not in ESTIMATORS:
+        return []
+    sensor = _sensor(facts)
+    noise = {"position_noise": sensor.position_noise, "normal_noise": sensor.normal_noise}
+    told = partial(ESTIMATORS[estimator], **noise) if any(noise.values()) else ESTIMATORS[estimator]
+    support = facts["support_height"] if facts.get("free") else None
+    middle = truth.mesh.bounds.mean(axis=0)
+    try:
+        outcomes = load_outcomes(log)
+        replayed = Exploration.replay(outcomes, touches=len(contacts)).contacts
+        if not np.array_equal(replayed.points, contacts.points):
+            return []
+        return replay_touches(
+            outcomes,
+            len(contacts),
+            mesh=truth.mesh,
+            hand=hand,
+            space=Workspace(STEP_FRACTION * truth.size, middle, truth.size, support),
+            estimate=told,
+            position_noise=sensor.position_noise,
+        )
+    except LisGraspError:  # a damaged log, say; the page does without the hand at its touches
+        return []
+
+
+def _sensor(facts: Mapping[str, Any]) -> TactileSensor:
+    return TactileSensor(
+        position_noise=facts.get("position_noise", 0.0), normal_noise=facts.get("normal_noise", 0.0)
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from lis_grasp.visualization.canvas import OBJECT_NODE, ROOT, Canvas, Layer
 if TYPE_CHECKING:
     from lis_grasp.grasping.grasp import Grasp
     from lis_grasp.grasping.hand import Hand
+    from lis_grasp.visualization.touch_poses import TouchPose
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -92,6 +93,38 @@ def link_poses(hand: Hand, grasp: Grasp) -> list[FloatArray]:
     q = np.asarray(grasp.joint_positions)[[place[name] for name in hand.joint_names]]
     poses = hand.forward_kinematics(grasp.X_OH, q)
     return [poses[link] for link in hand.links]
+
+
+def touch_facts(hand: Hand, poses: Sequence[TouchPose | None]) -> dict[str, Any]:
+    """Return where the hand is at each touch, as JSON: its postures, and which of them is where.
+
+    A posture is the pose of every link in the palm's frame H; a touch has the number of its
+    posture, the palm's pose and the way it came; None where it is not known.
+    """
+    postures: dict[bytes, int] = {}
+    links, touches = [], []
+    for pose in poses:
+        if pose is None:
+            touches.append(None)
+            continue
+        q = np.asarray(pose.joint_positions, dtype=np.float64)
+        if q.tobytes() not in postures:
+            postures[q.tobytes()] = len(postures)
+            in_palm = hand.forward_kinematics(np.eye(4), q)
+            links.append([column_major(in_palm[link]) for link in hand.links])
+        touches.append(
+            {
+                "posture": postures[q.tobytes()],
+                "pose": column_major(pose.X_OH),
+                "direction": [round(float(v), 5) for v in pose.direction],
+            }
+        )
+    return {"postures": links, "touches": touches}
+
+
+def column_major(X: FloatArray) -> list[float]:
+    """Return a pose (4, 4) as three.js takes it, rounded to a tenth of a micrometre."""
+    return [round(float(v), 7) for v in X.T.ravel()]
 
 
 def hand_points(hand: Hand, posture: Sequence[FloatArray]) -> FloatArray:

@@ -74,8 +74,8 @@ def _grasp_rows(grasps: Sequence[Layer]) -> str:
     return (
         '<h2>Candidate grasps</h2><ul class="layers">'
         f"{''.join(_row(grasp, None) for grasp in grasps)}</ul>"
-        '<p class="fine">epsilon: how hard a push from the worst side the grasp withstands, for the'
-        " force it grips with. More is better.</p>"
+        '<p class="fine">epsilon: how hard a push from the worst side the grasp withstands for the'
+        " force it grips with. Ranked by it and by the weight that the contacts can carry.</p>"
     )
 
 
@@ -101,7 +101,7 @@ def _legend(layers: Sequence[Layer], scale: ColourScale | None) -> str:
     if scale is not None:
         labels = "".join(f"<span>{escape(label)}</span>" for label in scale.tick_labels())
         bar = (
-            '<div class="scale"><h2>Estimated surface: how far it may be off</h2>'
+            '<div class="scale"><h2>How far the estimate may be off</h2>'
             f'<div class="bar" style="background:{_RAMP}"></div><div class="ticks">{labels}</div>'
             '<div class="ends"><span>sure: touched nearby</span><span>a guess</span></div></div>'
         )

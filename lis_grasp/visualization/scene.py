@@ -19,12 +19,14 @@ from lis_grasp.output_files import write_text
 from lis_grasp.visualization.camera import ELEVATION, choose_azimuth, outermost, surface_points
 from lis_grasp.visualization.canvas import Canvas
 from lis_grasp.visualization.hand_layers import (
+    column_major,
     draw_grasps,
     draw_hand,
     draw_motion,
     hand_points,
     link_poses,
     moved_points,
+    touch_facts,
 )
 from lis_grasp.visualization.object_layers import (
     draw_contacts,
@@ -39,6 +41,7 @@ from lis_grasp.visualization.story import Story
 if TYPE_CHECKING:
     from lis_grasp.grasping.grasp import Grasp
     from lis_grasp.grasping.hand import Hand
+    from lis_grasp.visualization.touch_poses import TouchPose
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -69,6 +72,8 @@ class Scene:
     growth
         Estimates on the way: each with the number of contacts that it is made from, the first ones;
         the numbers increase, and are less than that of all contacts.
+    touch_poses
+        Where the hand was at each contact, None where that is not known; or nothing at all.
     grasps
         Best first; the first `shown_grasps` can be looked at.
     hand
@@ -93,6 +98,7 @@ class Scene:
     estimate: trimesh.Trimesh | None = None
     contacts: Contacts | None = None
     growth: Sequence[tuple[int, trimesh.Trimesh]] = ()
+    touch_poses: Sequence[TouchPose | None] = ()
     grasps: Sequence[Grasp] = ()
     hand: Hand | None = None
     motion: Motion | None = None
@@ -106,8 +112,15 @@ class Scene:
             raise InvalidOptionError(
                 "a scene needs a true object, an estimate or contacts; it has none of them"
             )
-        if self.hand is None and (self.grasps or self.motion is not None):
-            raise InvalidOptionError("grasps and a motion need the hand they are of: give hand")
+        if self.hand is None and (self.grasps or self.touch_poses or self.motion is not None):
+            raise InvalidOptionError(
+                "touches, grasps and a motion need the hand they are of: give hand"
+            )
+        if len(self.touch_poses) not in (0, self._contact_count()):
+            raise InvalidOptionError(
+                f"touch_poses must be one a contact ({self._contact_count()}), or none;"
+                f" {len(self.touch_poses)} came"
+            )
         for grasp in self.grasps:
             if self.hand is not None and grasp.hand != self.hand.name:
                 raise InvalidOptionError(
@@ -158,7 +171,8 @@ class Scene:
                 {"id": layer.identity, "on": layer.on, "colour": layer.colour, "note": layer.note}
                 for layer in canvas.layers
             ],
-            "grasps": [[_column_major(X) for X in posture] for posture in postures],
+            "grasps": [[column_major(X) for X in posture] for posture in postures],
+            "touching": self._touch_facts(),
             "story": story.facts(),
             "camera": {
                 "azimuth": round(float(np.rad2deg(choose_azimuth(object_points, best))), 3),
@@ -195,13 +209,16 @@ class Scene:
     def _contact_count(self) -> int:
         return 0 if self.contacts is None else len(self.contacts)
 
+    def _touch_facts(self) -> dict[str, Any] | None:
+        return touch_facts(self.hand, self.touch_poses) if self.hand and self.touch_poses else None
+
     def _draw_hand(
         self, canvas: Canvas, object_points: FloatArray
     ) -> tuple[float, list[list[FloatArray]], FloatArray]:
         """Draw what the hand does; return the lift's duration, postures and places moved to."""
         shown = tuple(self.grasps)[: self.shown_grasps]
         motion = self.motion if self.motion is not None and self.motion.duration > 0.0 else None
-        if self.hand is None or not (shown or motion is not None):
+        if self.hand is None or not (shown or self.touch_poses or motion is not None):
             return 0.0, [], _NOTHING
         postures = [link_poses(self.hand, grasp) for grasp in shown]
         draw_hand(canvas, self.hand)
@@ -220,6 +237,7 @@ def write_scene(
     estimate: trimesh.Trimesh | None = None,
     contacts: Contacts | None = None,
     growth: Sequence[tuple[int, trimesh.Trimesh]] = (),
+    touch_poses: Sequence[TouchPose | None] = (),
     grasps: Sequence[Grasp] = (),
     hand: Hand | None = None,
     motion: Motion | None = None,
@@ -242,6 +260,7 @@ def write_scene(
         estimate=estimate,
         contacts=contacts,
         growth=growth,
+        touch_poses=touch_poses,
         grasps=grasps,
         hand=hand,
         motion=motion,
@@ -260,7 +279,3 @@ show = Scene
 def _rounded(points: FloatArray) -> list[list[float]]:
     rounded: list[list[float]] = np.round(points, 5).tolist()
     return rounded
-
-
-def _column_major(X: FloatArray) -> list[float]:
-    return [round(float(v), 7) for v in X.T.ravel()]

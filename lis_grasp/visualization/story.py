@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 # A touch lasts this long on the line, but all of them together no longer than that [s].
-_SECONDS_A_TOUCH, _SECONDS_OF_TOUCHES = 0.3, 12.0
+_SECONDS_A_TOUCH, _SECONDS_OF_TOUCHES = 0.5, 20.0
 # To look at what the touches came to, before a hand comes in [s].
 _PAUSE = 1.0
 _SECONDS_A_GRASP = 1.4

@@ -104,7 +104,7 @@ const Eye = (viewer, scene, story) => {
   viewer.controls.addEventListener("start", () => { touched = true; });
 
   return {
-    frame, place,
+    frame, place, reach,
     get touched() { return touched; },
     get view() { return view; },
     set view(chosen) { view = chosen; },

@@ -43,6 +43,7 @@
   const layers = {};
   let surfaces = []; // { count, group }: the estimate after so many contacts
   let grasps = [];
+  let touchers = [];
   function gatherLayers() {
     for (const id of ["contacts", "normals", "free"]) {
       if (!has(id)) continue;
@@ -68,7 +69,8 @@
       pushBack(mesh.material);
       addEdges(mesh, mesh.material.color.clone().lerp(new THREE.Color(1, 1, 1), 0.22), 0.6);
     }
-    grasps = scene.grasps.map((poses, rank) => {
+    // A copy of the hand for each grasp, and for each posture in which it touches.
+    const posed = (poses) => {
       const group = new THREE.Group();
       poses.forEach((matrix, link) => {
         const part = node("hand", String(link)).clone(true);
@@ -76,18 +78,23 @@
         part.matrix.fromArray(matrix);
         group.add(part);
       });
-      const tint = new THREE.Color(facts.get(`grasp-${rank + 1}`).colour).convertSRGBToLinear();
-      for (const mesh of meshes(group)) {
-        mesh.material = mesh.material.clone();
-        if (rank > 0) mesh.material.color.lerp(tint, 0.75); // several hands at once stay apart
-      }
+      for (const mesh of meshes(group)) mesh.material = mesh.material.clone();
       node("object").add(group);
       return group;
+    };
+    grasps = scene.grasps.map((poses, rank) => {
+      const group = posed(poses);
+      const tint = new THREE.Color(facts.get(`grasp-${rank + 1}`).colour).convertSRGBToLinear();
+      if (rank > 0) for (const mesh of meshes(group)) mesh.material.color.lerp(tint, 0.75); // several hands at once stay apart
+      return group;
     });
+    if (scene.touching) touchers = scene.touching.postures.map(posed);
+    for (const group of touchers) group.matrixAutoUpdate = false;
     layers.hand = hand;
   }
 
   // ---- time ------------------------------------------------------------------------------
+  const COMES_FROM = 0.3; // how far before its touch the hand is first seen, as a share of the scene's radius
   let time = story.rest;
   let playing = false;
   let begun = false; // whether the time is one that somebody chose
@@ -126,8 +133,16 @@
       const turn = together || now.rank === k + 1;
       put(`grasp-${k + 1}`, group, turn && !lifting && on("hand") ? on(`grasp-${k + 1}`) : 0);
     });
+    const touch = scene.touching && now.next ? scene.touching.touches[now.next - 1] : null;
+    touchers.forEach((group, k) => {
+      const here = touch && touch.posture === k;
+      fade(group, here ? on("hand") : 0);
+      if (!here) return;
+      const back = new THREE.Vector3(...touch.direction).multiplyScalar(-now.away * COMES_FROM * eye.reach);
+      group.matrix.fromArray(touch.pose).premultiply(new THREE.Matrix4().setPosition(back));
+    });
     fade(layers.hand, lifting ? on("hand") : 0); // one hand makes way for the other at once
-    seen.set("hand", on("hand") && (lifting || grasps.some((group) => group.visible)));
+    seen.set("hand", on("hand") && (lifting || [...grasps, ...touchers].some((group) => group.visible)));
     seen.set("lift", lifting);
     if (story.lasts) viewer.animator.seek(lifting ? now.lift : 0);
     eye.place(time);

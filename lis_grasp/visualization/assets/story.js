@@ -8,17 +8,23 @@ const Story = (facts) => {
   // What there is at a moment. A chapter shows what happens just after its start, up to its end.
   //   name      of the chapter, "" where there is no story
   //   contacts  how many there are so far
+  //   next      the touch that is being made, or was just made; 0 for none
+  //   away      how far the hand still is from it: 1 at first, 0 when it touches
   //   surface   from how many contacts the latest estimate is made; null before the first one
   //   rank      of the grasp whose turn it is, 0 for none
   //   lift      how long the lift has been going on [s]
   function at(time) {
-    const now = { name: "", contacts: Infinity, surface: Infinity, rank: 1, lift: 0 };
+    const now = { name: "", contacts: Infinity, next: 0, away: 0, surface: Infinity, rank: 1, lift: 0 };
     if (!chapters.length) return now;
     const current = chapters.reduce((found, c) => (time > c.start ? c : found));
     const gone = time - current.start;
     now.name = current.name;
     if (current === touch) {
       now.contacts = Math.min(touch.contacts, Math.floor(gone / touch.step + 1e-6));
+      // The hand comes in, is there when the contact appears, and stays for a moment.
+      const turn = gone / touch.step;
+      const next = Math.floor(turn + 0.6);
+      if (next <= touch.contacts) Object.assign(now, { next, away: Math.max(0, (next - turn) / 0.6) ** 2 });
       now.surface = touch.surfaces.filter((count) => count <= now.contacts).pop() ?? null;
       now.rank = 0;
     }
@@ -30,13 +36,13 @@ const Story = (facts) => {
 
   function caption(now, noteOf) {
     if (now.name === "touch") {
-      if (!now.contacts) return "Before the first touch: nothing is known";
-      const made = now.surface === null ? "" : `; surface estimated from ${now.surface}`;
+      if (!now.contacts) return "Nothing is known yet";
+      const made = now.surface === null ? "" : `; estimate made from ${now.surface}`;
       return `Touch ${now.contacts} of ${touch.contacts}${made}`;
     }
     if (now.name === "grasp") {
       const best = now.rank === 1 ? ", the best" : "";
-      return `Candidate grasp ${now.rank} of ${grasp.grasps}${best}; ${noteOf(now.rank)}`;
+      return `Grasp ${now.rank} of ${grasp.grasps}${best}; ${noteOf(now.rank)}`;
     }
     return now.name === "lift" ? "The best grasp lifts the true object" : "";
   }
