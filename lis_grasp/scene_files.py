@@ -36,6 +36,8 @@ _STEPS = 8
 _FIRST = 3
 # Estimates from more contacts than these take too long to make only to be looked at.
 _MOST_CONTACTS = 300
+# So do more hands at their touches: the surface is estimated anew for each, if not meshed.
+_MOST_POSES = 60
 
 
 def write_scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Path:
@@ -112,13 +114,15 @@ def estimates_on_the_way(
         Numbers of contacts, increasing, less than all of them; and what the same estimator makes of
         so many. Where it cannot make a surface, there is none.
     """
-    estimator = facts.get("estimator")
+    estimator = str(facts.get("estimator"))
     if estimator not in ESTIMATORS:
         return []
     growth = []
     for count in counts_on_the_way(len(contacts)):
         try:
-            _, mesh = pipeline.estimate(contacts.subset(slice(count)), estimator, _sensor(facts))
+            _, mesh = pipeline.estimate(
+                contacts.subset(np.arange(count)), estimator, _sensor(facts)
+            )
         except LisGraspError:  # too few contacts, or nothing that they enclose
             continue
         growth.append((count, mesh))
@@ -127,8 +131,9 @@ def estimates_on_the_way(
 
 def counts_on_the_way(contacts: int) -> list[int]:
     """Return after how many of so many contacts the surface is estimated, without the last."""
-    counts = {_FIRST, *(round(k * contacts / _STEPS) for k in range(1, _STEPS))}
-    return sorted(n for n in counts if 2 <= n < contacts and n <= _MOST_CONTACTS)
+    last = min(contacts, _MOST_CONTACTS)
+    counts = {_FIRST, *(round(k * last / _STEPS) for k in range(1, _STEPS + 1))}
+    return sorted(n for n in counts if 2 <= n < contacts)
 
 
 def poses_of_touches(
@@ -150,10 +155,10 @@ def poses_of_touches(
     Returns
     -------
     list of TouchPose or None
-        One a contact; empty if the log is not one of these contacts, or there are too many.
+        One a contact, None beyond the first 60; empty if the log is not one of these contacts.
     """
-    estimator = facts.get("estimator")
-    if len(contacts) > _MOST_CONTACTS or estimator not in ESTIMATORS:
+    estimator = str(facts.get("estimator"))
+    if estimator not in ESTIMATORS:
         return []
     sensor = _sensor(facts)
     noise = {"position_noise": sensor.position_noise, "normal_noise": sensor.normal_noise}
@@ -165,15 +170,16 @@ def poses_of_touches(
         replayed = Exploration.replay(outcomes, touches=len(contacts)).contacts
         if not np.array_equal(replayed.points, contacts.points):
             return []
-        return replay_touches(
+        poses = replay_touches(
             outcomes,
-            len(contacts),
+            min(len(contacts), _MOST_POSES),
             mesh=truth.mesh,
             hand=hand,
             space=Workspace(STEP_FRACTION * truth.size, middle, truth.size, support),
             estimate=told,
             position_noise=sensor.position_noise,
         )
+        return poses[: len(contacts)] + [None] * (len(contacts) - len(poses))
     except LisGraspError:  # a damaged log, say; the page does without the hand at its touches
         return []
 

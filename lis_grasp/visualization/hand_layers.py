@@ -102,7 +102,8 @@ def touch_facts(hand: Hand, poses: Sequence[TouchPose | None]) -> dict[str, Any]
     posture, the palm's pose and the way it came; None where it is not known.
     """
     postures: dict[bytes, int] = {}
-    links, touches = [], []
+    links: list[list[list[float]]] = []
+    touches: list[dict[str, Any] | None] = []
     for pose in poses:
         if pose is None:
             touches.append(None)

@@ -49,7 +49,9 @@ def draw_estimates(
     if not surfaces:
         return None
     canvas.layers.append(
-        Layer("estimate", "Estimated surface", True, PLAIN_ESTIMATE_COLOUR, "what the robot believes")
+        Layer(
+            "estimate", "Estimated surface", True, PLAIN_ESTIMATE_COLOUR, "what the robot believes"
+        )
     )
     values = surfaces[-1][1].vertex_attributes.get("uncertainty")
     known = values is not None and bool(np.isfinite(values).any())
@@ -72,9 +74,7 @@ def draw_truth(canvas: Canvas, truth: trimesh.Trimesh) -> None:
     """Draw the true object."""
     solid = drawing.material(TRUTH_COLOUR, roughness=0.5)
     canvas.commands.append(drawing.draw_mesh(f"{OBJECT_NODE}/truth", truth, solid))
-    canvas.layers.append(
-        Layer("truth", "True object", True, TRUTH_COLOUR, "unknown to the robot")
-    )
+    canvas.layers.append(Layer("truth", "True object", True, TRUTH_COLOUR, "unknown to the robot"))
 
 
 def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:

@@ -1,0 +1,137 @@
+"""A small world to look at: a box, six contacts, a hand of two fingers, grasps and a lift."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.grasping.grasp import Grasp
+from lis_grasp.grasping.hand import Hand, Joint, LinkGeometry, Pad
+from lis_grasp.motion import Motion
+from lis_grasp.visualization import Scene
+from lis_grasp.visualization.touch_poses import TouchPose
+
+HALF = 0.03
+
+
+def box() -> trimesh.Trimesh:
+    return trimesh.creation.box((2 * HALF, 2 * HALF, 2 * HALF))
+
+
+def estimate() -> trimesh.Trimesh:
+    mesh = box().subdivide().subdivide()
+    mesh.vertex_attributes["uncertainty"] = 1e-3 * (1.0 + mesh.vertices[:, 2] / HALF)  # 0 to 2 mm
+    return mesh
+
+
+def contacts() -> Contacts:
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    return Contacts(HALF * axes, axes, free_points=np.array([[0.1, 0.0, 0.0]]))
+
+
+def pose(x: float, y: float, z: float) -> np.ndarray:
+    X = np.eye(4)
+    X[:3, 3] = x, y, z
+    return X
+
+
+def hand() -> Hand:
+    """Return a palm above two fingers that slide along x."""
+    fingers = ("left", "right")
+    sides = (-1.0, 1.0)
+    joints = tuple(
+        Joint(f"{f}_joint", "prismatic", "palm", f, np.eye(4), np.array([s, 0.0, 0.0]), k)
+        for k, (f, s) in enumerate(zip(fingers, sides, strict=True))
+    )
+    palm = LinkGeometry(
+        "palm",
+        pose(0, 0, 0.11),
+        "box",
+        (0.14, 0.05, 0.03),
+        trimesh.creation.box((0.14, 0.05, 0.03)),
+    )
+    size = (0.01, 0.02, 0.1)
+    bars = tuple(
+        LinkGeometry(f, pose(0, 0, 0.05), "box", size, trimesh.creation.box(size)) for f in fingers
+    )
+    pads = tuple(
+        Pad(f, f, np.zeros(3), 0.0, np.array([-s, 0.0, 0.0]), 0.3)
+        for f, s in zip(fingers, sides, strict=True)
+    )
+    return Hand(
+        name="pincers",
+        kind="jaw",
+        joint_names=("left_joint", "right_joint"),
+        lower=np.zeros(2),
+        upper=np.full(2, 0.1),
+        effort_limits=np.ones(2),
+        links=("palm", *fingers),
+        joints=joints,
+        inertials={},
+        link_geometries=(palm, *bars),
+        pads=pads,
+        X_LH=np.eye(4),
+        approach_H=np.array([0.0, 0.0, -1.0]),
+        pregrasps={},
+        probe_postures={},
+        self_collision_exclusions=frozenset(),
+        max_contact_force=10.0,
+    )
+
+
+def grasp(opening: float = HALF + 0.005) -> Grasp:
+    return Grasp(
+        hand="pincers",
+        X_OH=np.eye(4),
+        joint_names=("left_joint", "right_joint"),
+        joint_positions=np.full(2, opening),
+        pregrasp_positions=np.full(2, 0.06),
+        approach_O=np.array([0.0, 0.0, -1.0]),
+        contact_points=np.array([[-HALF, 0.0, 0.0], [HALF, 0.0, 0.0]]),
+        contact_normals=np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
+        contact_fingers=("left", "right"),
+        contact_forces=np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
+        quality={"epsilon": 0.125},
+        accepted="force closure",
+    )
+
+
+def motion(height: float = 0.1) -> Motion:
+    times = np.linspace(0.0, 2.0, 201)
+    lift = np.array([pose(0, 0, z) for z in height * np.clip(times - 1.0, 0.0, 1.0)])
+    links = hand().forward_kinematics(lift, np.full(2, HALF + 0.005))
+    return Motion(times, {"object": lift, **links})
+
+
+def growth() -> tuple[tuple[int, trimesh.Trimesh], ...]:
+    """Return what three contacts may have told: a surface of a quarter of the volume."""
+    mesh = estimate()
+    mesh.vertices = mesh.vertices * [0.5, 0.5, 1.0]
+    return ((3, mesh),)
+
+
+def touch_poses() -> tuple[TouchPose, ...]:
+    """Return the opened hand right above each contact, come from above."""
+    down = np.array([0.0, 0.0, -1.0])
+    above = [pose(x, y, z + 0.001) for x, y, z in contacts().points]
+    return tuple(TouchPose(X_OH, np.full(2, 0.06), down) for X_OH in above)
+
+
+def scene(**changes: Any) -> Scene:
+    content: dict[str, Any] = {
+        "truth": box(),
+        "estimate": estimate(),
+        "contacts": contacts(),
+        "growth": growth(),
+        "touch_poses": touch_poses(),
+        "grasps": (grasp(), grasp(0.05)),
+        "hand": hand(),
+        "motion": motion(),
+        "support_height": -HALF,
+        "title": "A box",
+        "summary": ("six touches",),
+    }
+    return Scene(**{**content, **changes})
