@@ -10,7 +10,7 @@ const Eye = (viewer, scene, story) => {
   const reach = box.getSize(new THREE.Vector3()).length() / 2;
   const ramp = (to, x) => { const s = Math.min(1, Math.max(0, x / to)); return s * s * (3 - 2 * s); };
 
-  let view = { azimuth: scene.camera.azimuth, elevation: scene.camera.elevation, zoom: 1 };
+  let view = null; // azimuth and elevation [deg], zoom
   let frames = null;
   let touched = false; // whether somebody has moved the camera by hand
 
@@ -106,7 +106,6 @@ const Eye = (viewer, scene, story) => {
   return {
     frame, place, reach,
     get touched() { return touched; },
-    get view() { return view; },
     set view(chosen) { view = chosen; },
   };
 };

@@ -37,8 +37,8 @@
 
   // ---- layers ----------------------------------------------------------------------------
   const facts = new Map(scene.layers.map((layer) => [layer.id, layer]));
-  const wanted = new Map(scene.layers.map((layer) => [layer.id, layer.on]));
-  const has = (id) => wanted.has(id);
+  const wanted = new Map(); // which layers are ticked
+  const has = (id) => facts.has(id);
 
   const layers = {};
   let surfaces = []; // { count, group }: the estimate after so many contacts
@@ -214,25 +214,26 @@
   }
 
   // ---- the page's address ----------------------------------------------------------------
+  // It says all: what it leaves out is as at first.
   function readAddress() {
     const asked = new URLSearchParams(location.hash.slice(1));
     const number = (key, otherwise) => {
       const value = Number.parseFloat(asked.get(key));
       return Number.isFinite(value) ? value : otherwise;
     };
-    if (asked.has("layers")) {
-      const chosen = new Set(asked.get("layers").split(","));
-      for (const id of wanted.keys()) wanted.set(id, chosen.has(id));
-    }
-    begun = begun || asked.has("t");
-    time = Math.min(story.duration, Math.max(0, number("t", time)));
+    const chosen = asked.has("layers") ? new Set(asked.get("layers").split(",")) : null;
+    for (const [id, { on }] of facts) wanted.set(id, chosen ? chosen.has(id) : on);
+    begun = asked.has("t");
+    time = Math.min(story.duration, Math.max(0, number("t", story.rest)));
+    const { azimuth, elevation } = scene.camera;
     eye.view = {
-      azimuth: number("azimuth", eye.view.azimuth),
-      elevation: number("elevation", eye.view.elevation),
-      zoom: Math.max(0.05, number("zoom", eye.view.zoom)),
+      azimuth: number("azimuth", azimuth),
+      elevation: number("elevation", elevation),
+      zoom: Math.max(0.05, number("zoom", 1)),
     };
+    const small = window.innerWidth <= 640 || window.innerHeight <= 480;
+    element("panel").open = asked.has("panel") ? asked.get("panel") !== "0" : !small;
     document.body.classList.toggle("bare", asked.get("panel") === "0");
-    if (asked.has("panel")) element("panel").open = asked.get("panel") !== "0";
     playing = false;
     for (const input of document.querySelectorAll("[data-layer]")) input.checked = wanted.get(input.dataset.layer);
     return asked.get("play") === "1";
@@ -250,7 +251,6 @@
   setUpRenderer();
   const eye = Eye(viewer, scene, story);
   gatherLayers();
-  if (window.innerWidth <= 640 || window.innerHeight <= 480) element("panel").open = false;
   setUpPlayer();
   start();
   window.onload = null;
