@@ -9,6 +9,7 @@ import json
 import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Coroutine
 from pathlib import Path
 from types import TracebackType
@@ -107,12 +108,8 @@ class Browser:
         self.requested.clear()
         self.complaints.clear()
         self.send("Page.navigate", url=page)
-        for _ in range(600):
-            if self.evaluate("document.body?.dataset.ready === 'true'"):
-                self.settle()
-                return
-            self._run(asyncio.sleep(0.05))
-        raise AssertionError(f"{page} did not draw: {self.complaints}")
+        self.wait_for("document.body?.dataset.ready === 'true'")
+        self.settle()
 
     def evaluate(self, expression: str) -> Any:
         """Return the value of a JavaScript expression in the page."""
@@ -121,6 +118,13 @@ class Browser:
         )
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
+
+    def wait_for(self, condition: str) -> None:
+        """Wait until a JavaScript expression is true."""
+        end = time.monotonic() + _PATIENCE
+        while not self.evaluate(condition):
+            assert time.monotonic() < end, f"never: {condition}; {self.complaints}"
+            self._run(asyncio.sleep(0.05))
 
     def settle(self) -> None:
         """Wait until what was asked for is on the screen."""

@@ -90,7 +90,7 @@ def test_every_layer_draws_its_own_colour_and_no_other(browser: Browser, page: s
         picture = _look(browser, page, f"layers={layer}")
         assert _share(picture, hue) > 0.001
         for other, strange in own.items():
-            if other != layer:
+            if other != layer and (layer, other) != ("estimate", "truth"):  # it has blue as well
                 assert _share(picture, strange) < 3e-4
     hand = _look(browser, page, "layers=hand,grasp-1")
     assert _dark(hand) > _dark(bare) + 0.02
@@ -110,7 +110,7 @@ def test_switching_a_layer_off_takes_its_pixels_away(
     without = browser.picture()[:500, scene]
     browser.press(f"[data-layer='{layer}']")
     again = browser.picture()[:500, scene]
-    assert _share(before, hue) > 5e-4
+    assert _share(before, hue) > 2e-4
     assert _share(without, hue) < 0.05 * _share(before, hue)
     assert _share(again, hue) == pytest.approx(_share(before, hue), rel=0.02)
 
@@ -120,7 +120,8 @@ def test_the_true_object_is_glass_round_the_estimate_and_solid_without_it(
 ) -> None:
     glass = _look(browser, page, "layers=truth,estimate&t=0")
     solid = _look(browser, page, "layers=truth&t=0")
-    assert _share(glass, BLUE, 0.5) < 0.2 * _share(solid, BLUE, 0.5)
+    assert _share(solid, BLUE) > 0.1
+    assert _share(glass, BLUE) < 0.1 * _share(solid, BLUE)
     assert np.abs(glass - _look(browser, page, "layers=&t=0")).max(axis=2).mean() > 0.005
 
 
@@ -149,20 +150,20 @@ def test_the_estimate_is_absent_at_first_grows_and_is_there_after_the_touches(
 def test_the_hand_comes_in_touches_and_leaves(browser: Browser, page: str) -> None:
     shares = []
     for touches in (3.2, 3.6, 4.0, 4.2, 6.9):
-        picture = _look(browser, page, f"layers=hand&t={touches * STEP}")
+        picture = _look(browser, page, f"layers=hand&zoom=0.4&t={touches * STEP}")
         shares.append(_dark(picture))
-    none = _dark(_look(browser, page, "layers=&t=0"))
+    none = _dark(_look(browser, page, "layers=&zoom=0.4&t=0"))
     assert shares[4] == pytest.approx(none, abs=1e-4)  # looking at what came of it
-    assert min(shares[:4]) > none + 0.01
+    assert min(shares[:4]) > none + 0.005
 
 
 def test_the_hand_at_a_touch_is_where_its_pose_says(browser: Browser, page: str) -> None:
     rows = {}
     for touch in (3, 6):  # at the top of the box and at its bottom
-        picture = _look(browser, page, f"layers=hand&t={touch * STEP}")
+        picture = _look(browser, page, f"layers=hand&zoom=0.4&t={touch * STEP}")
         grey = (picture.max(axis=2) < 0.4) & (np.ptp(picture, axis=2) < 0.12)
         rows[touch] = np.argwhere(grey)[:, 0].mean()
-    assert rows[3] < rows[6] - 20.0
+    assert rows[3] < rows[6] - 10.0
 
 
 def test_candidate_grasps_take_turns_the_best_one_last(browser: Browser, page: str) -> None:
@@ -220,8 +221,7 @@ def test_play_tells_the_story_from_its_beginning_and_pauses(browser: Browser, pa
     browser.press("#play")
     assert _time(browser) < STORY.rest / 2.0
     before = _time(browser)
-    browser.evaluate("new Promise((r) => setTimeout(() => r(0), 700))")
-    assert _time(browser) > before
+    browser.wait_for(f"Number(document.getElementById('time').value) > {before}")
     browser.press("#play")
     paused = _time(browser)
     browser.evaluate("new Promise((r) => setTimeout(() => r(0), 300))")
@@ -231,7 +231,7 @@ def test_play_tells_the_story_from_its_beginning_and_pauses(browser: Browser, pa
 
 def test_a_story_that_is_played_ends_and_can_be_played_again(browser: Browser, page: str) -> None:
     browser.open(f"{page}#t={STORY.duration - 0.05}&play=1", (900, 700))
-    browser.evaluate("new Promise((r) => setTimeout(() => r(0), 600))")
+    browser.wait_for(f"Number(document.getElementById('time').value) >= {STORY.duration} - 1e-6")
     assert _time(browser) == pytest.approx(STORY.duration)
     assert browser.evaluate("document.getElementById('play').ariaLabel") == "Play again"
     browser.press("#play")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import json
 import re
+import socket
+import sys
 import threading
 import urllib.error
 import urllib.request
@@ -19,6 +21,7 @@ import trimesh
 import umsgpack
 from numpy.testing import assert_allclose
 
+from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.visualization import Scene, SceneServer, show, write_scene
@@ -339,6 +342,35 @@ def test_server_shows_the_scene_as_it_is_now_and_nothing_else(tmp_path: Path) ->
         finally:
             server.shutdown()
             thread.join()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs 127.0.0.2, which Linux has by itself")
+def test_the_server_cannot_be_reached_at_any_other_address_of_the_machine(tmp_path: Path) -> None:
+    (tmp_path / "scene.html").touch()
+    with SceneServer(tmp_path, port=0) as server:
+        port = server.server_address[1]
+        with socket.create_connection(("127.0.0.1", port), timeout=5):
+            pass
+        # A server on all addresses, 0.0.0.0, would answer here too.
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.2", port), timeout=5)
+
+
+def test_view_serves_the_folder_on_localhost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenes.contacts().save(tmp_path / "contacts.ply")
+    bound = []
+
+    def serve(self: SceneServer, poll_interval: float = 0.5) -> None:
+        bound.append(self.socket.getsockname()[0])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SceneServer, "serve_forever", serve)
+    assert main(["view", str(tmp_path), "--port", "0"]) == 0
+    assert bound == ["127.0.0.1"]
+    assert "http://127.0.0.1:" in capsys.readouterr().err
+    assert "6 contacts" in (tmp_path / "scene.html").read_text(encoding="utf-8")
 
 
 def test_a_folder_without_a_scene_is_refused(tmp_path: Path) -> None:
