@@ -88,7 +88,7 @@ def test_every_layer_draws_its_own_colour_and_no_other(browser: Browser, page: s
         assert _share(bare, hue) < 1e-4
     for layer, hue in own.items():
         picture = _look(browser, page, f"layers={layer}")
-        assert _share(picture, hue) > 0.001
+        assert _share(picture, hue) > 5e-4
         for other, strange in own.items():
             if other != layer and (layer, other) != ("estimate", "truth"):  # it has blue as well
                 assert _share(picture, strange) < 3e-4

@@ -101,10 +101,17 @@ const Eye = (viewer, scene, story) => {
     viewer.controls.update();
   }
 
+  // How solid to draw what is at a place: 1, or less where it would stand before the object.
+  function clearness(place) {
+    const seen = viewer.camera.position;
+    const towards = new THREE.Vector3(seen.x, -seen.z, seen.y).sub(centre).normalize();
+    return 1 - 0.85 * ramp(0.5, place.clone().sub(centre).normalize().dot(towards));
+  }
+
   viewer.controls.addEventListener("start", () => { touched = true; });
 
   return {
-    frame, place, reach,
+    frame, place, clearness, reach,
     get touched() { return touched; },
     set view(chosen) { view = chosen; },
   };

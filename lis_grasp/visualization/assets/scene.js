@@ -133,19 +133,18 @@
       const turn = together || now.rank === k + 1;
       put(`grasp-${k + 1}`, group, turn && !lifting && on("hand") ? on(`grasp-${k + 1}`) : 0);
     });
+    eye.place(time);
     const touch = scene.touching && now.next ? scene.touching.touches[now.next - 1] : null;
     touchers.forEach((group, k) => {
-      const here = touch && touch.posture === k;
-      fade(group, here ? on("hand") : 0);
-      if (!here) return;
+      if (!touch || touch.posture !== k) { fade(group, 0); return; }
       const back = new THREE.Vector3(...touch.direction).multiplyScalar(-now.away * COMES_FROM * eye.reach);
       group.matrix.fromArray(touch.pose).premultiply(new THREE.Matrix4().setPosition(back));
+      fade(group, on("hand") * eye.clearness(new THREE.Vector3().setFromMatrixPosition(group.matrix)));
     });
     fade(layers.hand, lifting ? on("hand") : 0); // one hand makes way for the other at once
     seen.set("hand", on("hand") && (lifting || [...grasps, ...touchers].some((group) => group.visible)));
     seen.set("lift", lifting);
     if (story.lasts) viewer.animator.seek(lifting ? now.lift : 0);
-    eye.place(time);
     tell(now, seen);
     viewer.set_dirty();
   }
@@ -240,7 +239,10 @@
   }
 
   const graspShown = () => wanted.get("hand") && [...wanted].some(([id, on]) => on && id.startsWith("grasp-"));
-  const frame = () => eye.frame(graspShown(), time);
+  const frame = () => {
+    eye.frame(graspShown(), time);
+    show(); // what stands before the object depends on where the camera is
+  };
   const start = () => {
     const play = readAddress();
     show();
