@@ -100,7 +100,11 @@ def draw_still(
         patches += contact_patches(view, scaled)
     if hand is not None and links is not None:
         patches += _hand_patches(view, hand, links, factor)
-    paint(axes, patches, frame=frame_of(patches))
+    frame = frame_of(patches)
+    if truth is not None:
+        places, _ = view.project(factor * np.asarray(truth.mesh.vertices))
+        frame = np.array([np.minimum(frame[0], places.min(0)), np.maximum(frame[1], places.max(0))])
+    paint(axes, patches, frame=frame)
     if truth is not None and estimate is not None:
         overlay_lines(axes, view, factor * truth.edges, rgba(EDGE, 0.45)[None], points=0.8)
     if uncertainty is None or scale is None:
