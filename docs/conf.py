@@ -51,7 +51,7 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc"],
     "show_prev_next": False,
 }
-html_sidebars = {page: [] for page in ("index", "tutorial", "method")}
+html_sidebars = {page: [] for page in ("index", "tutorial", "method", "results")}
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
