@@ -1,12 +1,15 @@
 """The pages under docs/: every command and every block of code that they show runs as it stands."""
 
+import argparse
+import json
 import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from lis_grasp.cli.main import main
+from lis_grasp.cli.main import build_parser, main
 
 DOCS = Path(__file__).parents[1] / "docs"
 GUIDES = ("own-contacts", "own-objects", "own-estimator")
@@ -31,7 +34,7 @@ def _run_page(path: Path, folder: Path) -> int:
                 words = shlex.split(line, comments=True)
                 assert not words or words[0] == "lis-grasp", f"{path} shows what is not run: {line}"
                 assert not words or main(words[1:]) == 0, line
-        ran += 1
+        ran += language in ("python", "sh") or bool(name)
     return ran
 
 
@@ -41,6 +44,43 @@ def test_blocks_of_a_guide_run(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert _run_page(DOCS / "how-to" / f"{guide}.md", tmp_path) >= 3
+
+
+@pytest.mark.slow
+def test_blocks_of_the_tutorial_run_and_the_page_on_files_names_every_key(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert _run_page(DOCS / "tutorial.md", tmp_path) == 4
+    page = (DOCS / "reference" / "file-formats.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([a-z_A-Z0-9]+)`", page))
+    run = tmp_path / "results" / "demo"
+    report = json.loads((run / "report.json").read_text())
+    keys = {*report, *report["surface"], *report["grasps"], *report["lift"]}
+    grasps = json.loads((run / "grasps.json").read_text())
+    best = grasps["grasps"][0]
+    keys |= {*grasps, *best, *best["contacts"][0], *best["quality"]}
+    keys |= {*json.loads((tmp_path / "results" / "gpis" / "lifts.json").read_text())}
+    for line in (run / "touches.jsonl").read_text().splitlines()[1:]:
+        keys |= {*json.loads(line)}
+    keys |= {*np.load(run / "motion.npz")}
+    assert keys <= named
+
+
+@pytest.mark.slow
+def test_examples_of_the_command_line_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = DOCS / "reference" / "command-line.md"
+    assert _run_page(page, tmp_path) >= 6
+    (verbs,) = (
+        action.choices
+        for action in build_parser()._actions
+        if isinstance(action, argparse._SubParsersAction)
+    )
+    for verb in verbs:
+        assert f"\n## {verb}\n" in page.read_text(encoding="utf-8")
 
 
 def test_every_guide_is_among_those_that_are_run() -> None:
