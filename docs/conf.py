@@ -4,6 +4,8 @@ Formulas become MathML, which browsers draw by themselves: the built pages load 
 anywhere, like the package's own.
 """
 
+import shutil
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
@@ -11,6 +13,15 @@ from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
 
 import lis_grasp
+
+# Sphinx reads what lies below this folder; a link instead would hide notebooks/ from hatchling.
+_HERE = Path(__file__).parent
+shutil.rmtree(_HERE / "notebooks", ignore_errors=True)
+shutil.copytree(
+    _HERE.parent / "notebooks",
+    _HERE / "notebooks",
+    ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
+)
 
 project = "lis_grasp"
 copyright = "the lis_grasp developers"
@@ -23,7 +34,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinxarg.ext",
 ]
-exclude_patterns = ["_build", "**.ipynb_checkpoints"]
+exclude_patterns = ["_build"]
 
 # Docstrings name code in single backticks.
 default_role = "py:obj"
