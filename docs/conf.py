@@ -53,6 +53,7 @@ myst_heading_anchors = 3
 nb_execution_mode = "cache"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
+nb_merge_streams = True
 
 html_math_renderer = "mathml"
 html_theme = "pydata_sphinx_theme"
