@@ -4,6 +4,7 @@ Formulas become MathML, which browsers draw by themselves: the built pages load 
 anywhere, like the package's own.
 """
 
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,8 @@ python_maximum_signature_line_length = 88
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
+# Figures belong in the page, whatever the shell asks for.
+os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
 nb_execution_mode = "cache"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
