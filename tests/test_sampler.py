@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
 from lis_grasp import ForceClosureSampler, GraspSearch, Hand, is_force_closure, shapes
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.collision import HandCollisionChecker
 
@@ -167,3 +170,21 @@ def test_an_open_mesh_is_refused() -> None:
 def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(InvalidOptionError):
         ForceClosureSampler(JAW, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["box", "pentagon", "mallet"])
+def test_contacts_stay_off_edges_and_on_the_object(name: str) -> None:
+    shape = shapes.build(name)
+    search = ForceClosureSampler(ALLEGRO, candidates=500).sample(
+        shape.mesh,
+        rng=np.random.default_rng(3),
+        support_height=shape.mesh.bounds[0, 2],
+        count=50,
+    )
+    points = np.concatenate([grasp.contact_points for grasp in search.grasps])
+    off, _ = distances_to_mesh(points, shape.mesh)
+    # On flat faces exactly; where a face is curved, its tangent leaves it within the 5 mm between a
+    # contact and its sample: 5^2 / (2 r), r of at least 12 mm here.
+    assert off.max() < 1.1e-3
+    edge = sample_segments(shape.edges, 4000)
+    assert cKDTree(edge).query(points)[0].min() > 0.5e-3

@@ -17,6 +17,7 @@ _SAMPLES = 4000
 # A pad wants the surface flat about as far as it reaches: normals within this radius [m] may differ
 # by no more than this angle [rad] from the one in the middle.
 _FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
+_EDGE_STEP = 0.001  # [m] between points that stand for a sharp edge
 # Contacts oppose each other when their normals do, within these angles [rad]: straight across from
 # the thumb, and for the fingers, each of which may have a face of its own (a prism's).
 _OPPOSED_ANGLE, _FINGER_ANGLE = np.deg2rad(38.0), np.deg2rad(48.0)
@@ -93,7 +94,8 @@ class SurfaceSamples:
             + v[:, None] * (corners[:, 2] - corners[:, 0])
         )
         normals = np.asarray(mesh.face_normals)[faces]
-        usable = _flat(points, normals) & (points[:, 2] > lowest) & _supported(mesh, faces)
+        flat = _flat(points, normals) & ~_near_sharp_edges(mesh, points)
+        usable = flat & (points[:, 2] > lowest) & _supported(mesh, faces)
         self.points: FloatArray = points[usable]
         self.normals: FloatArray = normals[usable]
         self.tree = cKDTree(self.points) if usable.any() else None
@@ -275,6 +277,22 @@ def _flat(points: FloatArray, normals: FloatArray) -> npt.NDArray[np.bool_]:
     flat = np.ones(len(points), dtype=bool)
     flat[pairs[bent].ravel()] = False
     return flat
+
+
+def _near_sharp_edges(mesh: trimesh.Trimesh, points: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which points are nearer to a sharp edge than a pad wants the surface flat."""
+    sharp = np.asarray(mesh.face_adjacency_angles) > _FLAT_ANGLE
+    ends = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[sharp]]  # (E, 2, 3)
+    if not len(ends):
+        return np.zeros(len(points), dtype=bool)
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    counts = np.maximum(np.ceil(lengths / _EDGE_STEP).astype(int) + 1, 2)
+    edge = np.repeat(np.arange(len(ends)), counts)
+    place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (place / (counts[edge] - 1))[:, None]
+    along = cKDTree((1.0 - share) * ends[edge, 0] + share * ends[edge, 1])
+    distances, _ = along.query(points, distance_upper_bound=_FLAT_RADIUS)
+    return np.isfinite(distances)
 
 
 def _supported(mesh: trimesh.Trimesh, faces: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
