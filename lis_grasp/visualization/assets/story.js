@@ -37,7 +37,7 @@ const Story = (facts) => {
   function caption(now, noteOf) {
     if (now.name === "touch") {
       if (!now.contacts) return "Nothing is known yet";
-      const made = now.surface === null ? "" : `; estimate made from ${now.surface}`;
+      const made = now.surface === null ? "" : `; estimate from ${now.surface}`;
       return `Touch ${now.contacts} of ${touch.contacts}${made}`;
     }
     if (now.name === "grasp") {
