@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
@@ -37,7 +38,9 @@ from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, Estimator, ImplicitSurface
 
 if TYPE_CHECKING:
-    from lis_grasp.simulation.lift import LiftOutcome
+    from lis_grasp.simulation.lift import Judge, LiftOutcome
+
+FloatArray = npt.NDArray[np.float64]
 
 PROBERS = ("dynamic", "kinematic")
 """What can carry out touches."""
@@ -264,8 +267,17 @@ def plan(
     return sampler.sample(mesh, rng=rng, support_height=support, count=count)
 
 
-def prove(shape: Shape, hand: Hand, grasp: Grasp, *, mass: float, friction: float) -> LiftOutcome:
-    """Execute the grasp on the true, free object in Drake: approach, close, lift, shake, hold."""
+def prove(
+    shape: Shape,
+    hand: Hand,
+    grasp: Grasp,
+    *,
+    mass: float,
+    friction: float,
+    judge: Judge | None = None,
+    X_WO: FloatArray | None = None,
+) -> LiftOutcome:
+    """Execute the grasp on the true, free object in Drake; `judge` and X_WO as of `prove_grasp`."""
     from lis_grasp.simulation.lift import prove_grasp
 
     return prove_grasp(
@@ -275,6 +287,8 @@ def prove(shape: Shape, hand: Hand, grasp: Grasp, *, mass: float, friction: floa
         support_height=support_height(shape),
         mass=mass,
         friction=friction,
+        judge=judge,
+        X_WO=X_WO,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,10 @@ FloatArray = npt.NDArray[np.float64]
 _MISSED_RADIUS = 0.01
 
 
+# What is known -> the surface estimated from it, and grasps planned on that.
+Planner = Callable[[Contacts], tuple[trimesh.Trimesh, GraspSearch]]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
     """One grasp, planned on what was known of the object by then.
@@ -37,7 +41,9 @@ class Attempt:
     mesh
         The surface estimated from them, in O [m].
     search
-        What was planned on it; the grasp that was tried comes first.
+        What was planned on it.
+    rank
+        Place in the search of the grasp that was tried, from 0.
     outcome
         What came of it; None where no grasp was found.
     """
@@ -45,6 +51,7 @@ class Attempt:
     contacts: Contacts
     mesh: trimesh.Trimesh
     search: GraspSearch
+    rank: int
     outcome: LiftOutcome | None
 
 
@@ -53,14 +60,18 @@ def grasp_by_touch(
     hand: Hand,
     contacts: Contacts,
     config: pipeline.RunConfig,
+    *,
+    planner: Planner | None = None,
+    prover: Callable[..., LiftOutcome] = pipeline.prove,
 ) -> Iterator[Attempt]:
     """Plan and try grasps until one is carried through, `RunConfig.attempts` at the most.
 
     Once its fingers have closed, before it squeezes, the hand asks whether what they feel is in
     force closure at half the friction; if not, or if it meets the object on its way, it lets go,
-    goes back, estimates the surface again with these contacts too, and plans again. The last
-    attempt is carried through whatever it feels. The object may have been moved by a touch: the
-    next attempt meets it where it stands, and is planned as if it had not moved.
+    goes back, estimates the surface again with these contacts too, and plans again, elsewhere than
+    where a finger found nothing. The last attempt is carried through whatever it feels. The object
+    may have been moved by a touch: the next attempt meets it where it stands, and is planned as if
+    it had not moved.
 
     Parameters
     ----------
@@ -72,51 +83,60 @@ def grasp_by_touch(
         Of the exploration.
     config
         Estimator, sensor noise, friction, mass, grasps, attempts and seed.
+    planner
+        Estimates and plans; None does so as the configuration says.
+    prover
+        Tries a grasp; called as `pipeline.prove`.
     """
-    from lis_grasp.simulation.lift import prove_grasp
-
-    support = pipeline.support_height(shape)
+    planner = planner or _planner(shape, hand, config)
     missed = np.empty((0, 3))
     X_WO: FloatArray | None = None
     for left in reversed(range(config.attempts)):
-        _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
-        search = _away_from(
-            missed,
-            pipeline.plan(
-                mesh,
-                hand,
-                support=support,
-                friction=config.friction,
-                count=config.grasps,
-                seed=config.seed,
-            ),
-        )
+        mesh, search = planner(contacts)
         if not search.grasps:
-            yield Attempt(contacts, mesh, search, None)
+            yield Attempt(contacts, mesh, search, 0, None)
             return
-
-        def promising(felt: Contacts, mesh: trimesh.Trimesh = mesh) -> bool:
-            return len(felt) >= 2 and (
-                robust_epsilon_on(mesh, hand, felt.points, felt.normals, friction=config.friction)
-                > 0.0
-            )
-
-        outcome = prove_grasp(
-            shape.mesh,
+        rank = _first_away_from(missed, search)
+        grasp = search.grasps[rank]
+        outcome = prover(
+            shape,
             hand,
-            search.grasps[0],
-            support_height=support,
+            grasp,
             mass=config.mass,
             friction=config.friction,
-            judge=promising if left else None,
+            judge=_promising(mesh, hand, config.friction) if left else None,
             X_WO=X_WO,
         )
-        yield Attempt(contacts, mesh, search, outcome)
+        yield Attempt(contacts, mesh, search, rank, outcome)
         if outcome.reason != "declined":
             return
         contacts = contacts.append(outcome.felt)
-        missed = np.vstack([missed, _missed(search.grasps[0], outcome.felt)])
+        missed = np.vstack([missed, _missed(grasp, outcome.felt)])
         X_WO = outcome.X_WO
+
+
+def _planner(shape: Shape, hand: Hand, config: pipeline.RunConfig) -> Planner:
+    def estimate_and_plan(contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+        _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
+        return mesh, pipeline.plan(
+            mesh,
+            hand,
+            support=pipeline.support_height(shape),
+            friction=config.friction,
+            count=config.grasps,
+            seed=config.seed,
+        )
+
+    return estimate_and_plan
+
+
+def _promising(mesh: trimesh.Trimesh, hand: Hand, friction: float) -> Callable[[Contacts], bool]:
+    def promising(felt: Contacts) -> bool:
+        if len(felt) < 2:
+            return False
+        return robust_epsilon_on(mesh, hand, felt.points, felt.normals, friction=friction) > 0.0
+
+    return promising
 
 
 def _missed(grasp: Grasp, felt: Contacts) -> FloatArray:
@@ -126,13 +146,10 @@ def _missed(grasp: Grasp, felt: Contacts) -> FloatArray:
     return grasp.contact_points[[f not in felt.fingers for f in grasp.contact_fingers]]
 
 
-def _away_from(missed: FloatArray, search: GraspSearch) -> GraspSearch:
-    """Return the search with those grasps first that touch nowhere where a finger found nothing."""
-
-    def tried(grasp: Grasp) -> bool:
+def _first_away_from(missed: FloatArray, search: GraspSearch) -> int:
+    """Return the best grasp that touches nowhere where a finger found nothing, else the best."""
+    for rank, grasp in enumerate(search.grasps):
         between = np.linalg.norm(grasp.contact_points[:, None] - missed, axis=-1)
-        return bool((between < _MISSED_RADIUS).any())
-
-    return GraspSearch(
-        tuple(sorted(search.grasps, key=tried)), search.rejections, search.candidates
-    )
+        if not (between < _MISSED_RADIUS).any():
+            return rank
+    return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from lis_grasp.exploration import STEP_FRACTION
 from lis_grasp.grasping.grasp import GraspSearch
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.pipeline import RunConfig
+from lis_grasp.regrasp import Attempt
 from lis_grasp.shapes import Shape
 
 if TYPE_CHECKING:
@@ -25,13 +27,14 @@ def build_report(
     config: RunConfig,
     shape: Shape,
     hand: Hand,
-    contacts: Contacts,
-    mesh: trimesh.Trimesh,
-    search: GraspSearch,
-    outcome: LiftOutcome | None,
+    attempts: Sequence[Attempt],
     timings: dict[str, float],
 ) -> dict[str, Any]:
-    """Return the report of a run as plain values: lengths in metres, times in seconds."""
+    """Return the report of a run as plain values: lengths in metres, times in seconds.
+
+    Surface, grasps and lift are of the last attempt.
+    """
+    last = attempts[-1]
     return {
         "version": lis_grasp.__version__,
         "config": config.facts(),
@@ -39,11 +42,12 @@ def build_report(
         "hand": config.hand,
         "estimator": config.estimator,
         "seed": config.seed,
-        "touches": len(contacts),
+        "touches": len(attempts[0].contacts),
         "repairs": list(shape.repairs),
-        "surface": surface_facts(shape, contacts, mesh),
-        "grasps": grasp_facts(config, shape, hand, search),
-        "lift": lift_facts(outcome),
+        "surface": surface_facts(shape, last.contacts, last.mesh),
+        "grasps": grasp_facts(config, shape, hand, last.search),
+        "attempts": [attempt_facts(attempt) for attempt in attempts],
+        "lift": lift_facts(last.outcome),
         "timings": {stage: round(seconds, 3) for stage, seconds in timings.items()},
     }
 
@@ -74,6 +78,18 @@ def grasp_facts(config: RunConfig, shape: Shape, hand: Hand, search: GraspSearch
             best, shape.mesh, hand, friction=config.friction
         )
     return facts
+
+
+def attempt_facts(attempt: Attempt) -> dict[str, Any]:
+    """Return which grasp was tried, how likely it was to hold, and what came of it."""
+    if attempt.outcome is None:
+        return {"grasp": None, "success_probability": None, "felt": 0, "reason": "no_grasp"}
+    return {
+        "grasp": attempt.rank + 1,
+        "success_probability": attempt.search.grasps[attempt.rank].quality["success_probability"],
+        "felt": len(attempt.outcome.felt),
+        "reason": attempt.outcome.reason,
+    }
 
 
 def lift_facts(outcome: LiftOutcome | None) -> dict[str, Any]:

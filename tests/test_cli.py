@@ -138,3 +138,21 @@ def test_a_noisy_sensor_s_contacts_are_recorded_as_such_and_the_estimate_is_told
     assert main(["estimate", str(path), "--position-noise", "0.004"]) == 0
     # Near contacts, where noise is all there is.
     assert load_surface(surface).vertex_attributes["uncertainty"].min() > 1.2 * told
+
+
+@pytest.mark.slow
+def test_what_fingers_feel_is_learned_and_kept_with_the_results(tmp_path: Path) -> None:
+    # Six touches tell so little of a torus that the first grasp of this seed meets it on the way.
+    arguments = ["--touches", "6", "--prober", "kinematic", "--seed", "3"]
+    assert main(["run", "torus", *arguments, "--output", str(tmp_path)]) == 0
+    report = json.loads((tmp_path / "report.json").read_text())
+    declined = report["attempts"][:-1]
+    assert declined
+    assert {attempt["reason"] for attempt in declined} == {"declined"}
+    assert report["attempts"][-1]["reason"] == report["lift"]["reason"]
+    known = Contacts.load(tmp_path / "contacts.ply")
+    assert len(known) == 6 + sum(attempt["felt"] for attempt in declined)
+    # The files are those of the last attempt: each stage repeats from the one before.
+    again = tmp_path / "again"
+    assert main(["estimate", str(tmp_path / "contacts.ply"), "--output", str(again)]) == 0
+    assert (again / "surface.ply").read_bytes() == (tmp_path / "surface.ply").read_bytes()

@@ -67,6 +67,6 @@ def touch_with_log(
 
 def explored_header(config: pipeline.RunConfig, shape: pipeline.Shape) -> str:
     """Return the header of contacts: the configuration, and the height the object stands at."""
-    later = ("grasps",) if config.free else ("mass", "friction", "grasps")
+    later = ("grasps", "attempts", *(() if config.free else ("mass", "friction")))
     facts = {name: value for name, value in config.facts().items() if name not in later}
     return provenance.describe(**facts, support_height=pipeline.support_height(shape))

@@ -147,6 +147,17 @@ def add_grasps(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_attempts(parser: argparse.ArgumentParser) -> None:
+    """Add how often to try."""
+    parser.add_argument(
+        "--attempts",
+        type=int,
+        metavar="N",
+        help="grasps to try at the most; where fingers feel that one would not hold, another is"
+        f" planned (default: {_DEFAULTS.attempts})",
+    )
+
+
 def add_seed(parser: argparse.ArgumentParser) -> None:
     """Add the seed."""
     parser.add_argument(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import trimesh
 
 from lis_grasp import pipeline, provenance
 from lis_grasp.cli import options as opt
@@ -12,12 +14,17 @@ from lis_grasp.cli.explore import explored_header, touch_with_log
 from lis_grasp.cli.grasp import grasp_header, say_search
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.contacts import Contacts
-from lis_grasp.grasping.grasp import save_grasps
+from lis_grasp.grasping.grasp import GraspSearch, save_grasps
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.mesh_files import load_surface, save_surface
 from lis_grasp.output_files import whole_file, write_json
+from lis_grasp.regrasp import Attempt, grasp_by_touch
 from lis_grasp.reporting import build_report
 from lis_grasp.scene_files import write_scene_of
+from lis_grasp.shapes import Shape
+
+if TYPE_CHECKING:
+    from lis_grasp.simulation.lift import LiftOutcome
 
 
 def add_parser(verbs: Any) -> None:
@@ -34,6 +41,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_noise(parser)
     opt.add_touches(parser)
     opt.add_grasps(parser)
+    opt.add_attempts(parser)
     opt.add_physics(parser)
     opt.add_friction(parser)
     opt.add_seed(parser)
@@ -58,43 +66,11 @@ def execute(options: argparse.Namespace) -> None:
             exploration.contacts.save(temporary, header=explored_header(config, shape))
         contacts = Contacts.load(output / "contacts.ply")
 
-    recorded = provenance.read(output / "contacts.ply")
-    title = f"Estimating the surface ({config.estimator})"
-    with Stage(title) as stage, watch.measure("estimate"):
-        _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
-        with whole_file(output / "surface.ply") as temporary:
-            header = provenance.merge(recorded, estimator=config.estimator)
-            save_surface(mesh, temporary, header=header)
-        mesh = load_surface(output / "surface.ply")
-        stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
+    attempts = _attempts(shape, hand, config, contacts, output, watch)
+    search = attempts[-1].search
 
-    support = pipeline.support_height(shape)
-    with Stage(f"Planning grasps of {hand.name}") as stage, watch.measure("grasp"):
-        search = pipeline.plan(
-            mesh,
-            hand,
-            support=support,
-            friction=config.friction,
-            count=config.grasps,
-            seed=config.seed,
-        )
-        with whole_file(output / "grasps.json") as temporary:
-            save_grasps(temporary, search, header=grasp_header(recorded, config, support))
-        stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
-
-    outcome = None
-    (output / "motion.npz").unlink(missing_ok=True)
-    if search.grasps:
-        with Stage(f"Lifting the true {shape.name}") as stage, watch.measure("lift"):
-            outcome = pipeline.prove(
-                shape, hand, search.grasps[0], mass=config.mass, friction=config.friction
-            )
-            with whole_file(output / "motion.npz") as temporary:
-                outcome.motion.save(temporary)
-            stage.result = outcome.reason
-
-    with Stage("Reporting") as stage, watch.measure("report"):
-        report = build_report(config, shape, hand, contacts, mesh, search, outcome, watch.seconds)
+    with Stage("Reporting"), watch.measure("report"):
+        report = build_report(config, shape, hand, attempts, watch.seconds)
         lines = _summary(report)
         write_scene_of(output, summary=lines)
     report["timings"] = {name: round(seconds, 3) for name, seconds in watch.seconds.items()}
@@ -107,6 +83,77 @@ def execute(options: argparse.Namespace) -> None:
         say(line)
     say(f"wrote {output}/contacts.ply, surface.ply, grasps.json, report.json, scene.html")
     say(f"next: open {output}/scene.html, or: lis-grasp view {output}")
+
+
+def _attempts(
+    shape: Shape,
+    hand: Hand,
+    config: pipeline.RunConfig,
+    contacts: Contacts,
+    output: Path,
+    watch: pipeline.Stopwatch,
+) -> tuple[Attempt, ...]:
+    """Return all attempts; the files are of the last one."""
+    recorded = provenance.read(output / "contacts.ply")
+    support = pipeline.support_height(shape)
+    known = len(contacts)
+
+    def plan(contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+        if len(contacts) > known:
+            with whole_file(output / "contacts.ply") as temporary:
+                contacts.save(temporary, header=provenance.merge(recorded))
+            contacts = Contacts.load(output / "contacts.ply")
+        mesh = _estimate(config, contacts, output, watch)
+        return mesh, _plan(config, mesh, hand, support, output, watch)
+
+    def lift(*arguments: Any, **options: Any) -> LiftOutcome:
+        with Stage(f"Lifting the true {shape.name}") as stage, watch.measure("lift"):
+            outcome = pipeline.prove(*arguments, **options)
+            with whole_file(output / "motion.npz") as temporary:
+                outcome.motion.save(temporary)
+            stage.result = outcome.reason
+        return outcome
+
+    (output / "motion.npz").unlink(missing_ok=True)
+    return tuple(grasp_by_touch(shape, hand, contacts, config, planner=plan, prover=lift))
+
+
+def _estimate(
+    config: pipeline.RunConfig, contacts: Contacts, output: Path, watch: pipeline.Stopwatch
+) -> trimesh.Trimesh:
+    title = f"Estimating the surface ({config.estimator})"
+    with Stage(title) as stage, watch.measure("estimate"):
+        _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
+        with whole_file(output / "surface.ply") as temporary:
+            recorded = provenance.read(output / "contacts.ply")
+            header = provenance.merge(recorded, estimator=config.estimator)
+            save_surface(mesh, temporary, header=header)
+        stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
+    return load_surface(output / "surface.ply")
+
+
+def _plan(
+    config: pipeline.RunConfig,
+    mesh: trimesh.Trimesh,
+    hand: Hand,
+    support: float,
+    output: Path,
+    watch: pipeline.Stopwatch,
+) -> GraspSearch:
+    with Stage(f"Planning grasps of {hand.name}") as stage, watch.measure("grasp"):
+        search = pipeline.plan(
+            mesh,
+            hand,
+            support=support,
+            friction=config.friction,
+            count=config.grasps,
+            seed=config.seed,
+        )
+        with whole_file(output / "grasps.json") as temporary:
+            recorded = provenance.read(output / "contacts.ply")
+            save_grasps(temporary, search, header=grasp_header(recorded, config, support))
+        stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
+    return search
 
 
 def _summary(report: dict[str, Any]) -> tuple[str, ...]:
@@ -126,6 +173,10 @@ def _summary(report: dict[str, Any]) -> tuple[str, ...]:
         )
     else:
         lines.append("grasped   no grasp found")
+    declined = len(report["attempts"]) - 1
+    if declined:
+        them = "a grasp" if declined == 1 else f"{declined} grasps"
+        lines.append(f"felt      that {them} would not hold, and planned again")
     if lift["held"]:
         lines.append(f"lifted    and held through the shake; slipped {1e3 * lift['slip']:.1f} mm")
     else:
