@@ -13,6 +13,9 @@ from lis_grasp.exceptions import InvalidContactsError
 
 FloatArray = npt.NDArray[np.float64]
 
+FARTHEST = 1e7
+"""Largest coordinate of a contact [m]: a place on Earth has less; more is a mistake."""
+
 # A normal this far from unit length is a unit normal written with few digits; further is a mistake.
 _UNIT_TOLERANCE = 1e-2
 # Normalising rounds the length by no more than this.
@@ -45,7 +48,8 @@ class Contacts:
     Raises
     ------
     InvalidContactsError
-        If shapes disagree, a number is not finite, or a normal is not of unit length.
+        If shapes disagree, a number is not finite, a point is farther than `FARTHEST` from the
+        origin, or a normal is not of unit length.
     """
 
     points: FloatArray
@@ -58,8 +62,10 @@ class Contacts:
     def __post_init__(self) -> None:
         points = _frozen_array("points", self.points, (None, 3))
         count = len(points)
+        _require_near("points", points)
         normals = _frozen_array("normals", self.normals, (count, 3))
-        lengths = np.linalg.norm(normals, axis=1)  # (N,)
+        with np.errstate(over="ignore"):  # a length that overflows is refused too
+            lengths = np.linalg.norm(normals, axis=1)  # (N,)
         if np.any(np.abs(lengths - 1.0) > _UNIT_TOLERANCE):
             worst = int(np.argmax(np.abs(lengths - 1.0)))
             raise InvalidContactsError(
@@ -83,6 +89,7 @@ class Contacts:
                 f" {len(self.fingers)} came"
             )
         free_points = _frozen_array("free_points", self.free_points, (None, 3))
+        _require_near("free_points", free_points)
         object.__setattr__(self, "free_points", free_points)
 
     @classmethod
@@ -162,9 +169,21 @@ def _join(first: FloatArray | None, second: FloatArray | None) -> FloatArray | N
     return None if first is None or second is None else np.concatenate([first, second])
 
 
+def _require_near(name: str, points: FloatArray) -> None:
+    farthest = float(np.abs(points).max(initial=0.0))
+    if farthest > FARTHEST:
+        raise InvalidContactsError(
+            f"{name} must be in metres, within {FARTHEST:g} m of the origin; one is {farthest:.3g} m"
+            " away: check their unit"
+        )
+
+
 def _frozen_array(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
     try:
-        array = np.array(values, dtype=np.float64)
+        array = np.array(values)
+        if array.dtype.kind == "c":
+            raise TypeError("complex numbers came")
+        array = array.astype(np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidContactsError(
             f"{name} must be numbers in rows of equal length: {error}"

@@ -13,6 +13,11 @@ from lis_grasp.contacts import Contacts
 # of the paper (Ottenhaus et al. 2016, section IV.B).
 LONE_CONTACT_SPACING = 0.05
 
+# Contacts closer than a nanometre, or than rounding leaves apart so far from the origin, are at one
+# place: no sensor tells them apart.
+_SMALLEST = 1e-9
+_ROUNDING = 1e-12
+
 # Contacts this close (of the contacts' extent) whose normals agree this well are one contact.
 _SAME_PLACE = 1e-3
 _SAME_NORMAL = np.cos(np.deg2rad(15.0))
@@ -32,9 +37,8 @@ def merge_duplicates(contacts: Contacts) -> Contacts:
     """
     if len(contacts) < 2:
         return Contacts(contacts.points, contacts.normals)
-    # A distance of 0 stands for "all points coincide": they are then neighbours of each other.
     pairs = cKDTree(contacts.points).query_pairs(
-        _SAME_PLACE * contacts.extent, output_type="ndarray"
+        max(_SAME_PLACE * contacts.extent, resolution_of(contacts)), output_type="ndarray"
     )
     cosines = np.einsum("pk,pk->p", contacts.normals[pairs[:, 0]], contacts.normals[pairs[:, 1]])
     pairs = pairs[cosines > _SAME_NORMAL]  # (P, 2)
@@ -51,4 +55,11 @@ def merge_duplicates(contacts: Contacts) -> Contacts:
 
 def spacing_of(contacts: Contacts) -> float:
     """Return the contacts' spacing [m], with a stated stand-in where there is only one place."""
-    return contacts.spacing or LONE_CONTACT_SPACING
+    spacing = contacts.spacing
+    return spacing if spacing > resolution_of(contacts) else LONE_CONTACT_SPACING
+
+
+def resolution_of(contacts: Contacts) -> float:
+    """Return the distance [m] up to which two contacts are at one place."""
+    farthest = float(np.abs(contacts.points).max(initial=0.0))
+    return max(_SMALLEST, _ROUNDING * farthest)

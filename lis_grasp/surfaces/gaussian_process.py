@@ -10,7 +10,8 @@ import numpy.typing as npt
 from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces.contact_merging import spacing_of
+from lis_grasp.exceptions import EstimationError
+from lis_grasp.surfaces.contact_merging import resolution_of, spacing_of
 from lis_grasp.surfaces.gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces.gaussian_process_selection import (
     DEFAULT_LENGTHS,
@@ -44,6 +45,8 @@ _KERNELS: dict[KernelName, type[SquaredExponential] | type[Matern52] | type[Thin
 
 # Below this the gradient says nothing about where the surface is.
 _MIN_SLOPE = 0.1
+# The matrices of this many take 5 GB, and a minute.
+_MOST_CONTACTS = 3000
 
 # Numbers held at once by an evaluation: (queries) x (contacts or equations).
 _CHUNK = 2_000_000
@@ -142,12 +145,15 @@ class GaussianProcessImplicitSurface:
         InvalidOptionError
             If an option is outside its range or set.
         EstimationError
-            If the equations are singular to working precision.
+            If the equations are singular to working precision, or there are more contacts than a
+            machine has memory for.
         """
         require_contacts(contacts)
+        _require_few(len(contacts))
         require_choice("kernel", kernel, get_args(KernelName))
         spacing = spacing_of(contacts)
-        scale = float(pdist(contacts.points).max(initial=0.0)) or spacing
+        largest = float(pdist(contacts.points).max(initial=0.0))
+        scale = largest if largest > resolution_of(contacts) else spacing
         margin = spacing if margin is None else require_range("margin", margin, 0.0, unit="m")
         require_range("position_noise", position_noise, 0.0, unit="m")
         require_range("normal_noise", normal_noise, 0.0, unit="rad")
@@ -204,6 +210,7 @@ class GaussianProcessImplicitSurface:
             If the equations become singular: a new contact at the place of another, without
             misfit, or farther from the others than a thin plate's length allows.
         """
+        _require_few(len(self.points) + len(new))
         process = self._process.extended(*_scaled(new, self.center, self.scale, self.mean))
         return replace(
             self,
@@ -292,6 +299,14 @@ class GaussianProcessImplicitSurface:
         count = max(1, _CHUNK // (ROWS * len(self.points)))
         variances = map_rows(self._process.variance, scaled, count)
         return (self.amplitude * self.scale) ** 2 * variances.reshape(shape)
+
+
+def _require_few(count: int) -> None:
+    if count > _MOST_CONTACTS:
+        raise EstimationError(
+            f"a Gaussian process takes at most {_MOST_CONTACTS} contacts, for its memory; {count}"
+            " came: estimate with 'blend', 'patch' or 'lis', or from fewer contacts"
+        )
 
 
 def _scaled(

@@ -42,6 +42,9 @@ _EXTRAPOLATION_ERROR = 0.27
 # Points evaluated at once: so many, in a box no larger than this many spacings.
 _BLOCK, _BLOCK_EXTENT = 4096, 8.0
 
+# Nearer than this to a contact's axis, as a part of the height above it, directions are rounding.
+_ON_AXIS = 1e-14
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalImplicitSurface:
@@ -243,5 +246,7 @@ class LocalImplicitSurface:
         if not with_gradient:
             return betas * heights, offsets
         slopes -= np.einsum("rk,rk->r", slopes, directions)[:, None] * directions
-        slopes *= (signs * heights / np.maximum(radii, np.finfo(float).tiny))[:, None]
+        # On the axis, to rounding, there is no direction and no slope towards any.
+        beside = radii > _ON_AXIS * np.abs(heights)
+        slopes *= np.divide(signs * heights, radii, out=np.zeros_like(radii), where=beside)[:, None]
         return betas * heights, betas[:, None] * normal + slopes

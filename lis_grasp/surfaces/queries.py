@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.contacts import Contacts
+from lis_grasp.contacts import FARTHEST, Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 
 FloatArray = npt.NDArray[np.float64]
@@ -90,7 +90,7 @@ def require_range(
     name: str,
     value: float,
     low: float,
-    high: float = np.inf,
+    high: float = FARTHEST,
     *,
     unit: str = "",
     low_included: bool = True,
@@ -99,7 +99,7 @@ def require_range(
     inside = low <= value if low_included else low < value
     if not (inside and value <= high and np.isfinite(value)):
         least = f"{'at least' if low_included else 'above'} {low:g}"
-        most = f" and at most {high:g}" if np.isfinite(high) else " and finite"
+        most = f" and at most {high:g}"
         raise InvalidOptionError(
             f"{name} must be {least}{most}{unit and ' ' + unit}; {value!r} came"
         )
