@@ -202,7 +202,10 @@ def _load_csv(path: Path) -> Contacts:
     if not lines:
         raise InvalidFileError(f"{path} is empty: a header row x,y,z,nx,ny,nz is needed")
     delimiter = ";" if ";" in lines[0] and "," not in lines[0] else ","
-    table = list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
+    try:
+        table = list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
+    except csv.Error as error:
+        raise InvalidFileError(f"{path} is no CSV ({error}): write it again") from None
     names = [name.strip().lower() for name in table[0]]
     _require_columns(path, names, [*_POINT, *_NORMAL])
     for number, row in enumerate(table[1:], start=1):

@@ -83,6 +83,8 @@ class Contacts:
             if values is not None:
                 object.__setattr__(self, name, _frozen_array(name, values, (count,)))
         object.__setattr__(self, "fingers", tuple(self.fingers))
+        if not all(isinstance(finger, str) for finger in self.fingers):
+            raise InvalidContactsError("fingers must be names; at least one is something else")
         if self.fingers and len(self.fingers) != count:
             raise InvalidContactsError(
                 f"fingers must name one finger a contact ({count}), or be empty;"
@@ -173,8 +175,8 @@ def _require_near(name: str, points: FloatArray) -> None:
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > FARTHEST:
         raise InvalidContactsError(
-            f"{name} must be in metres, within {FARTHEST:g} m of the origin; one is {farthest:.3g} m"
-            " away: check their unit"
+            f"{name} must be in metres, within {FARTHEST:g} m of the origin; one is at"
+            f" {farthest:.3g} m: check their unit"
         )
 
 

@@ -1,8 +1,27 @@
 """Errors raised on purpose; each says what was required, what came, and what to do."""
 
+import reprlib
+
+# Messages name what came, which may be a whole damaged file: the middle of such is left out.
+_LONGEST = 800
+
+
+def shown(value: object) -> str:
+    """Return a value as a message names it: short, however large or deep the value is."""
+    try:
+        return reprlib.repr(value)
+    except ValueError:  # an int of more digits than Python writes
+        return f"a very long {type(value).__name__}"
+
 
 class LisGraspError(Exception):
-    """Base of every error that the package raises on purpose."""
+    """Base of every error that the package raises on purpose; its message is one line."""
+
+    def __init__(self, message: str) -> None:
+        line = " ".join(message.split("\n")).strip()
+        if len(line) > _LONGEST:
+            line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
+        super().__init__(line)
 
 
 class InvalidContactsError(LisGraspError):

@@ -31,7 +31,7 @@ def read_lines(path: Path) -> tuple[Row, list[Row]]:
         raise InvalidFileError(f"cannot read {path}: {error}") from None
     try:
         rows = [json.loads(line) for line in lines if line.endswith("\n")]
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidFileError(f"{path} must hold one JSON object a line: {error}") from None
     if not all(isinstance(row, dict) for row in rows):
         raise InvalidFileError(f"{path} must hold one JSON object a line; it holds something else")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,7 +115,10 @@ class Motion:
             KeyError,
             TypeError,
             AttributeError,
+            MemoryError,
+            RuntimeError,  # an archive that is encrypted, or packed as zipfile does not know
             zipfile.BadZipFile,
+            zlib.error,
             InvalidOptionError,
         ) as error:
             raise InvalidFileError(

@@ -30,7 +30,7 @@ def parse(header: str) -> dict[str, Any]:
         if line.startswith(_MARK):
             try:
                 facts = json.loads(line[len(_MARK) :])
-            except json.JSONDecodeError:
+            except (ValueError, RecursionError):
                 return {}
             return facts if isinstance(facts, dict) else {}
     return {}
@@ -52,7 +52,7 @@ def read(path: Path) -> dict[str, Any]:
             head = file.read(_HEADER_BYTES)
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     comments = (
         line.removeprefix(b"comment ").decode("utf-8", errors="replace")

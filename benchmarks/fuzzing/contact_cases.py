@@ -232,10 +232,8 @@ def _contradicted(rng: Generator, points: FloatArray, normals: FloatArray) -> _S
     again = _some(rng, points)
     size = float(np.abs(points).max(initial=0.0))
     hair = size * 10.0 ** rng.uniform(-15, -2) * rng.standard_normal((len(again), 3))
-    if rng.random() < 0.5:
-        other = -normals[again]
-    else:
-        other = _units(rng.standard_normal((len(again), 3)))
+    random = _units(rng.standard_normal((len(again), 3)))
+    other = -normals[again] if rng.random() < 0.5 else random
     return np.vstack([points, points[again] + hair]), np.vstack([normals, other])
 
 

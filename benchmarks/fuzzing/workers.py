@@ -14,8 +14,8 @@ from pathlib import Path
 from fuzzing.cases import case_of, verdict_of
 from fuzzing.kinds import KINDS
 
-# A process that does not answer for so long hangs [s]. Slow cases are told by `Case.limit`, which is
-# of processor time: other work on the machine does not count.
+# A process that does not answer for so long hangs [s]. Slow cases are told by `Case.limit`, which
+# is of processor time: other work on the machine does not count.
 _KILLED_AFTER = 600.0
 # Address space of a process: an input of a few kilobytes has no business with more.
 _MEMORY = 6 * 2**30

@@ -104,7 +104,8 @@ class ProbeOutcome:
     Raises
     ------
     InvalidOptionError
-        If status and contacts contradict each other, or the duration is negative.
+        If status and contacts contradict each other, the duration or the way that the object
+        moved is negative, or the reason is no text.
     """
 
     probe: Probe
@@ -129,8 +130,12 @@ class ProbeOutcome:
         if not np.isfinite(free_points).all():
             raise InvalidOptionError("free_points must be finite numbers")
         object.__setattr__(self, "free_points", _read_only(free_points))
-        if not (np.isfinite(self.duration) and self.duration >= 0.0):
-            raise InvalidOptionError(f"duration must be at least 0 s; it is {self.duration}")
+        for name, unit in (("duration", "s"), ("moved", "m")):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise InvalidOptionError(f"{name} must be at least 0 {unit}; it is {value}")
+        if not isinstance(self.reason, str):
+            raise InvalidOptionError(f"reason must be words; it is {self.reason!r}")
 
 
 class Prober(Protocol):

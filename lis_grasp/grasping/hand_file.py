@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError, shown
 from lis_grasp.grasping.hand import HAND_NAMES, Hand, HandKind, Joint, Pad, ProbePosture
 from lis_grasp.grasping.hand_sdf import read_sdf
 from lis_grasp.grasping.hand_urdf import HandModel, read_urdf, resolve_uri, rpy_pose
@@ -36,7 +36,7 @@ def load_hand(path_or_name: str | Path) -> Hand:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidHandError(f"the hand file {path} cannot be read: {error}") from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise InvalidHandError(f"the hand file {path} is not valid YAML: {reason}") from None
     return _Reader(path.name).hand(document, path.parent)
@@ -106,7 +106,7 @@ class _Reader:
         for kind in kinds:
             if value == kind:
                 return kind
-        return self._fail(f"kind must be one of {', '.join(kinds)}; it is {value!r}")
+        return self._fail(f"kind must be one of {', '.join(kinds)}; it is {shown(value)}")
 
     def _check_joints(self, value: Any, model: HandModel) -> None:
         names = [self._text("joints", name) for name in self._sequence("joints", value)]
@@ -221,18 +221,19 @@ class _Reader:
 
     def _sequence(self, key: str, value: Any) -> Sequence[Any]:
         if not isinstance(value, list):
-            self._fail(f"{key} must be a list; it is {value!r}")
+            self._fail(f"{key} must be a list; it is {shown(value)}")
         return value
 
     def _text(self, key: str, value: Any) -> str:
         if not isinstance(value, str) or not value:
-            self._fail(f"{key} must be a name; it is {value!r}")
+            self._fail(f"{key} must be a name; it is {shown(value)}")
         return value
 
     def _number(self, key: str, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            self._fail(f"{key} must be a finite number; it is {value!r}")
-        return float(value)
+        number = float(value) if _is_number(value) else np.nan
+        if not np.isfinite(number):
+            self._fail(f"{key} must be a finite number; it is {shown(value)}")
+        return number
 
     def _positive(self, key: str, value: Any) -> float:
         number = self._number(key, value)
@@ -261,6 +262,13 @@ class _Reader:
 def _pair(joint: Joint) -> tuple[str, str]:
     first, second = sorted((joint.parent, joint.child))
     return first, second
+
+
+def _is_number(value: Any) -> bool:
+    """Tell whether a value is a number that a float can hold."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return isinstance(value, float) or abs(value) < 2**1023
 
 
 def _read_only(array: FloatArray) -> FloatArray:

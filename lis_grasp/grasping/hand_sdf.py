@@ -15,7 +15,16 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.grasping.hand import GeometryKind, Inertial, Joint, JointKind, LinkGeometry
-from lis_grasp.grasping.hand_urdf import HandModel, load_mesh, primitive, resolve_uri, rpy_pose
+from lis_grasp.grasping.hand_urdf import (
+    HandModel,
+    load_mesh,
+    make_inertial,
+    primitive,
+    require_plain_xml,
+    require_pose,
+    resolve_uri,
+    rpy_pose,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -70,12 +79,10 @@ class _Model:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        try:
-            root = ET.parse(path).getroot()
-        except FileNotFoundError:
-            raise InvalidFileError(f"there is no SDF file {path}") from None
-        except (OSError, ET.ParseError, UnicodeDecodeError) as error:
-            raise InvalidFileError(f"{path} is not valid XML: {error}") from None
+        if not path.is_file():
+            raise InvalidFileError(f"there is no SDF file {path}")
+        require_plain_xml(path)
+        root = ET.parse(path).getroot()
         models = root.findall("model")
         if len(models) != 1:
             self._fail(f"the file must hold one model; it holds {len(models)}")
@@ -141,8 +148,7 @@ class _Model:
             for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
         )
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        rotated = X_LI[:3, :3] @ inertia @ X_LI[:3, :3].T
-        return Inertial(mass, _frozen(X_LI[:3, 3]), _frozen(rotated))
+        return make_inertial(link, mass, X_LI, inertia)
 
     def geometries(self, link: str) -> list[LinkGeometry]:
         """Return the collision bodies of a link."""
@@ -287,11 +293,11 @@ class _Model:
             x, y, z, w = numbers[3:]
             X = trimesh.transformations.quaternion_matrix([w, x, y, z])
             X[:3, 3] = numbers[:3]
-            return np.asarray(X, np.float64)
+            return require_pose(np.asarray(X, np.float64))
         if len(numbers) != 6:
             self._fail(f"a pose must have 6 numbers; '{(pose.text or '').strip()}' came")
         angles = np.radians(numbers[3:]) if pose.get("degrees") == "true" else numbers[3:]
-        return rpy_pose(numbers[:3], angles)
+        return require_pose(rpy_pose(numbers[:3], angles))
 
     def _number(self, element: ET.Element | None, name: str, default: float) -> float:
         text = None if element is None else element.findtext(name)

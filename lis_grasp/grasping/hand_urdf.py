@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree
+import xml.parsers.expat
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy.typing as npt
 import trimesh
 import yourdfpy
 
-from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError, shown
 from lis_grasp.grasping.hand import GeometryKind, Inertial, Joint, JointKind, LinkGeometry
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,6 +29,12 @@ _KINDS: Mapping[str, JointKind] = {
 # Facets round a sphere or cylinder: the chord is within 1 % of the radius of the arc.
 _CYLINDER_SECTIONS = 32
 _SPHERE_SUBDIVISIONS = 3
+# How many sizes a body has.
+_SIZES: Mapping[GeometryKind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
+# Of a hand [m], [kg] or [kg m^2]: more is a mistake.
+_LARGEST, _HEAVIEST = 1e3, 1e6
+# Elements within elements: a URDF has five, an SDF six.
+_DEEPEST = 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,11 +102,9 @@ def _parse(path: Path) -> Any:
         raise InvalidFileError(f"there is no URDF file {path}")
     try:
         # yourdfpy logs a syntax error and reads on; a hand that is half read must be refused.
-        xml.etree.ElementTree.parse(path)
+        require_plain_xml(path)
         urdf = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False)
-    except (xml.etree.ElementTree.ParseError, UnicodeDecodeError) as error:
-        raise InvalidFileError(f"{path} is not valid XML: {error}") from None
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, LookupError, TypeError, ValueError, SyntaxError) as error:
         raise InvalidHandError(f"{path.name} is not a URDF that can be read: {error}") from None
     return urdf.robot
 
@@ -200,10 +204,27 @@ def _inertial(link: Any) -> Inertial:
     inertial = link.inertial
     if inertial is None or not inertial.mass:
         return Inertial(0.0, _frozen(np.zeros(3)), _frozen(np.zeros((3, 3))))
-    X_LI = _origin(inertial.origin)
     inertia = np.zeros((3, 3)) if inertial.inertia is None else np.asarray(inertial.inertia)
-    rotated = X_LI[:3, :3] @ inertia @ X_LI[:3, :3].T
-    return Inertial(float(inertial.mass), _frozen(X_LI[:3, 3]), _frozen(rotated))
+    return make_inertial(link.name, float(inertial.mass), _origin(inertial.origin), inertia)
+
+
+def make_inertial(
+    link: str, mass: float, X_LI: FloatArray, inertia_I: npt.NDArray[np.float64]
+) -> Inertial:
+    """Return the mass properties of a link from those in the frame I of its inertial element.
+
+    Raises
+    ------
+    InvalidHandError
+        If a number is not finite, or the mass is negative.
+    """
+    if not (0.0 <= mass <= _HEAVIEST and np.all(np.abs(inertia_I) <= _HEAVIEST)):
+        raise InvalidHandError(
+            f"link '{link}' must have a mass of at least 0 and finite moments of inertia [kg, m];"
+            f" its mass is {mass}"
+        )
+    rotated = X_LI[:3, :3] @ inertia_I @ X_LI[:3, :3].T
+    return Inertial(mass, _frozen(X_LI[:3, 3]), _frozen(rotated))
 
 
 def _geometry(link: str, collision: Any, path: Path) -> LinkGeometry:
@@ -229,6 +250,11 @@ def primitive(
 ) -> LinkGeometry:
     """Return a body of a simple shape, and a mesh of it; dimensions as in `LinkGeometry`."""
     sizes = tuple(float(size) for size in np.asarray(dimensions, np.float64).ravel())
+    if len(sizes) != _SIZES[kind] or not all(0.0 < size <= _LARGEST for size in sizes):
+        raise InvalidHandError(
+            f"a {kind} of link '{link}' must have {_SIZES[kind]} sizes above 0 and at most"
+            f" {_LARGEST:g} m; it has {', '.join(map(str, sizes)) or 'none'}"
+        )
     match kind:
         case "box":
             mesh = trimesh.creation.box(extents=sizes)
@@ -289,8 +315,11 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
     else:
         raise InvalidFileError(f"{named_in}: files are named by path or package:// URI, not {uri}")
     for candidate in candidates:
-        if candidate.is_file():
-            return candidate
+        try:
+            if candidate.is_file():
+                return candidate
+        except (OSError, ValueError) as error:  # no name that a file can have
+            raise InvalidFileError(f"{named_in}: {shown(uri)} is no file: {error}") from None
     tried = ", ".join(str(candidate) for candidate in candidates)
     raise InvalidFileError(
         f"{named_in}: {uri} was not found; looked at {tried}: a package's folder may be listed in"
@@ -304,7 +333,55 @@ def _upwards(folder: Path) -> list[Path]:
 
 
 def _origin(matrix: FloatArray | None) -> FloatArray:
-    return np.eye(4) if matrix is None else np.array(matrix, np.float64)
+    return np.eye(4) if matrix is None else require_pose(np.array(matrix, np.float64))
+
+
+def require_pose(X: FloatArray) -> FloatArray:
+    """Return a pose (4, 4) whose numbers are finite and within reach; refuse any other."""
+    if not np.all(np.abs(X) <= _LARGEST):
+        raise InvalidHandError(
+            f"a pose in the hand's file must be finite, and within {_LARGEST:g} m; it is at"
+            f" {X[:3, 3].tolist()}"
+        )
+    return X
+
+
+def require_plain_xml(path: Path) -> None:
+    """Refuse a file that is no XML, or declares entities.
+
+    Entities let a small file grow to gigabytes, or name files that are none of its business; no
+    hand needs them.
+
+    Raises
+    ------
+    InvalidFileError
+        If it is so.
+    """
+
+    def refuse(*_: object) -> None:
+        raise InvalidFileError(f"{path} must not declare XML entities: write their text out")
+
+    parser = xml.parsers.expat.ParserCreate()
+    parser.EntityDeclHandler = refuse
+    depth = 0
+
+    def enter(*_: object) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _DEEPEST:
+            raise InvalidFileError(f"{path} must not nest elements deeper than {_DEEPEST}")
+
+    def leave(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser.StartElementHandler, parser.EndElementHandler = enter, leave
+    try:
+        parser.Parse(path.read_bytes(), True)
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
+    except (xml.parsers.expat.ExpatError, ValueError) as error:
+        raise InvalidFileError(f"{path} is not valid XML: {error}") from None
 
 
 def _frozen(values: npt.ArrayLike) -> FloatArray:

@@ -190,9 +190,9 @@ def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     """Drop parts so small that they are dirt of a scan, not object."""
     bodies = _each_body(mesh)
     if len(bodies) < 2:
-        return mesh
+        return mesh  # bodies that are all flat have no volume to compare: `mend` refuses them
     volumes = np.array([abs(signed_volume(mesh.triangles[body])) for body in bodies])
-    kept = volumes > _SPECK * volumes.max()
+    kept = volumes >= _SPECK * volumes.max()
     if kept.all():
         return mesh
     repairs.append(f"dropped {_count(int((~kept).sum()), 'loose speck')}")

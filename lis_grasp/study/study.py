@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from lis_grasp.evaluation.paper.contenders import Noise
-from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.exploration import POLICIES
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.pipeline import RunConfig
@@ -67,9 +67,9 @@ class Setup:
         for name in ("mass", "friction", "size"):
             value = getattr(self, name)
             if not isinstance(value, (int, float)) and not (name == "size" and value is None):
-                raise InvalidOptionError(f"{name} must be a number; it is {value!r}")
+                raise InvalidOptionError(f"{name} must be a number; it is {shown(value)}")
         if not isinstance(self.grasps, int):
-            raise InvalidOptionError(f"grasps must be a whole number; it is {self.grasps!r}")
+            raise InvalidOptionError(f"grasps must be a whole number; it is {shown(self.grasps)}")
         # The border of a run is the border of a trial.
         RunConfig(
             prober=self.prober,
@@ -151,7 +151,7 @@ class Study:
                 raise InvalidOptionError(f"{name} must name at least one; none came")
             if len(set(values)) < len(values):
                 twice = next(v for v in values if values.count(v) > 1)
-                raise InvalidOptionError(f"{name} must not repeat; {twice!r} came twice")
+                raise InvalidOptionError(f"{name} must not repeat; {shown(twice)} came twice")
         for name in self.estimators:
             _require("estimators", name, (*ESTIMATORS, TRUTH))
         if self.reference not in self.estimators:
@@ -163,7 +163,7 @@ class Study:
             for value in getattr(self, name):
                 if isinstance(value, bool) or not isinstance(value, int) or value < least:
                     raise InvalidOptionError(
-                        f"{name} must be whole numbers from {least} on; {value!r} came"
+                        f"{name} must be whole numbers from {least} on; {shown(value)} came"
                     )
         for level in self.noise:
             parse_noise(level)
@@ -222,7 +222,7 @@ def load_study(path: Path) -> dict[str, Any]:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise InvalidFileError(f"{path} must be a YAML file; it is not: {reason}") from None
     if not isinstance(content, dict):
@@ -239,7 +239,7 @@ def parse_noise(level: str) -> Noise:
         return Noise()
     match = _NOISE.fullmatch(level) if isinstance(level, str) else None
     if match is None:
-        raise InvalidOptionError(f"noise must be 'none' or like '1mm/3deg'; {level!r} came")
+        raise InvalidOptionError(f"noise must be 'none' or like '1mm/3deg'; {shown(level)} came")
     return Noise(1e-3 * float(match[1]), float(np.deg2rad(float(match[2]))))
 
 
@@ -254,12 +254,12 @@ def _listed(name: str, value: Any) -> tuple[Any, ...]:
             raise InvalidOptionError(f"seeds must be at least 1; {value} came")
         return tuple(range(value))
     if isinstance(value, str) or not isinstance(value, Sequence):
-        raise InvalidOptionError(f"{name} must be a list; {value!r} came")
+        raise InvalidOptionError(f"{name} must be a list; {shown(value)} came")
     kind = int if name in ("touches", "seeds") else str
     for item in value:
         if not isinstance(item, kind):
             wanted = "whole numbers" if kind is int else "names"
-            raise InvalidOptionError(f"{name} must be {wanted}; {item!r} came")
+            raise InvalidOptionError(f"{name} must be {wanted}; {shown(item)} came")
     return tuple(value)
 
 
@@ -269,5 +269,5 @@ def _require(what: str, value: Any, choices: Sequence[str]) -> None:
     close = difflib.get_close_matches(str(value), choices, n=1)
     hint = f"; did you mean '{close[0]}'?" if close else ""
     raise InvalidOptionError(
-        f"{what} must be among {', '.join(choices)}; {str(value)!r} came{hint}"
+        f"{what} must be among {', '.join(choices)}; {shown(value)} came{hint}"
     )
