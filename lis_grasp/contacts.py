@@ -186,7 +186,7 @@ def _frozen_array(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...
         if array.dtype.kind == "c":
             raise TypeError("complex numbers came")
         array = array.astype(np.float64)
-    except (TypeError, ValueError) as error:
+    except (OverflowError, TypeError, ValueError) as error:
         raise InvalidContactsError(
             f"{name} must be numbers in rows of equal length: {error}"
         ) from None

@@ -17,6 +17,16 @@ from lis_grasp.json_lines import Row, append_lines, read_lines
 
 _END = "ended"
 
+# What values that are no probe's raise.
+_DAMAGE = (
+    KeyError,
+    OverflowError,
+    TypeError,
+    ValueError,
+    InvalidContactsError,
+    InvalidOptionError,
+)
+
 
 @dataclass(frozen=True, slots=True)
 class TouchLog:
@@ -112,7 +122,7 @@ def _outcomes(path: Path, rows: list[Row]) -> tuple[ProbeOutcome, ...]:
     for number, row in enumerate(rows, start=2):
         try:
             outcomes.append(_outcome(row))
-        except (KeyError, TypeError, ValueError, InvalidContactsError, InvalidOptionError) as error:
+        except _DAMAGE as error:
             raise InvalidFileError(f"{path}, line {number}, is no probe: {error}") from None
     return tuple(outcomes)
 

@@ -21,6 +21,8 @@ FloatArray = npt.NDArray[np.float64]
 
 # A posture may be this far outside the limits [rad or m]: numbers are written with few digits.
 _LIMIT_TOLERANCE = 1e-4
+# No length, angle or force of a hand is larger [m, rad, N].
+_LARGEST = 1e6
 
 
 def load_hand(path_or_name: str | Path) -> Hand:
@@ -230,10 +232,10 @@ class _Reader:
         return value
 
     def _number(self, key: str, value: Any) -> float:
-        number = float(value) if _is_number(value) else np.nan
-        if not np.isfinite(number):
-            self._fail(f"{key} must be a finite number; it is {shown(value)}")
-        return number
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not abs(value) <= _LARGEST:
+            self._fail(f"{key} must be a finite number, within {_LARGEST:g}; it is {shown(value)}")
+        return float(value)
 
     def _positive(self, key: str, value: Any) -> float:
         number = self._number(key, value)
@@ -262,13 +264,6 @@ class _Reader:
 def _pair(joint: Joint) -> tuple[str, str]:
     first, second = sorted((joint.parent, joint.child))
     return first, second
-
-
-def _is_number(value: Any) -> bool:
-    """Tell whether a value is a number that a float can hold."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return isinstance(value, float) or abs(value) < 2**1023
 
 
 def _read_only(array: FloatArray) -> FloatArray:

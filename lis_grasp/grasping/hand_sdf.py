@@ -185,7 +185,7 @@ class _Model:
         element = self._joints[name].find("axis")
         axis = np.array([0.0, 0.0, 1.0]) if element is None else self._numbers(element, "xyz")
         length = float(np.linalg.norm(axis))
-        if len(axis) != 3 or not length > 0.0:
+        if len(axis) != 3 or not 0.0 < length < np.inf:
             self._fail(f"joint '{name}' must have a nonzero axis")
         described = element.find("xyz") if element is not None else None
         expressed_in = None if described is None else described.get("expressed_in")
@@ -289,6 +289,8 @@ class _Model:
         if pose is None or not (pose.text or "").strip():
             return np.eye(4)
         numbers = self._parse(pose.text or "")
+        if not np.isfinite(numbers).all():
+            self._fail(f"a pose must have finite numbers; '{(pose.text or '').strip()}' came")
         if len(numbers) == 7 and pose.get("rotation_format") == "quat_xyzw":
             x, y, z, w = numbers[3:]
             X = trimesh.transformations.quaternion_matrix([w, x, y, z])

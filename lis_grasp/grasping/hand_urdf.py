@@ -103,7 +103,8 @@ def _parse(path: Path) -> Any:
     try:
         # yourdfpy logs a syntax error and reads on; a hand that is half read must be refused.
         require_plain_xml(path)
-        urdf = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False)
+        with np.errstate(all="ignore"):  # poses are checked one by one below
+            urdf = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False)
     except (AttributeError, LookupError, TypeError, ValueError, SyntaxError) as error:
         raise InvalidHandError(f"{path.name} is not a URDF that can be read: {error}") from None
     return urdf.robot

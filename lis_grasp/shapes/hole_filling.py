@@ -47,6 +47,8 @@ def fill_loop(
 def _forbidden(faces: IndexArray, loop: IndexArray) -> npt.NDArray[np.bool_]:
     """Tell the chords, shape (n, n), that are edges of the mesh already and can take no face."""
     n = len(loop)
+    if n == 3:
+        return np.zeros((n, n), dtype=bool)  # no chords
     i, j = np.triu_indices(n, 2)
     base = int(faces.max()) + 1
     used = np.isin(edge_keys(loop[i], loop[j], base), edge_keys(faces, np.roll(faces, -1, 1), base))

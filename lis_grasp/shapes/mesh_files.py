@@ -26,6 +26,9 @@ UNITS: Mapping[str, float] = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001
 FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 """Endings of the mesh files that can be read."""
 
+# Coordinates beyond this, in whatever unit, are damage.
+_FARTHEST = 1e12
+
 # What trimesh's readers raise on files that are not what their ending says.
 _READ_ERRORS = (
     ArithmeticError,
@@ -72,9 +75,13 @@ def load(path: str | Path, units: str = "m") -> Shape:
     if units not in UNITS:
         raise InvalidOptionError(f"units must be one of {', '.join(UNITS)}; they are '{units}'")
     vertices, faces = _read(path)
-    extent = float(np.ptp(vertices[faces.ravel()], axis=0).max())
-    if not np.isfinite(extent):
-        raise InvalidMeshError(f"{path} has vertices that are no finite numbers: export it again")
+    corners = vertices[faces.ravel()]
+    if not np.all(np.abs(corners) < _FARTHEST):
+        raise InvalidMeshError(
+            f"{path} has vertices that are no finite numbers, or far beyond any object:"
+            " export it again"
+        )
+    extent = float(np.ptp(corners, axis=0).max())
     if not SMALLEST <= extent * UNITS[units] <= LARGEST:
         raise InvalidMeshError(_mistaken_units(path, extent, units))
     try:

@@ -37,6 +37,8 @@ _SPECK = 1e-5
 _SHEET = 1e-4
 # Closing a loop can, at worst, make an edge with too many faces; each round mends the last one's.
 _ROUNDS = 5
+# More holes than this are no holes of a surface: its triangles lie about loose.
+_MOST_HOLES = 2000
 
 
 def mend(vertices: FloatArray, faces: IndexArray) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
@@ -159,6 +161,11 @@ def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
         dropped += int(bad.sum())
         faces = faces[~bad]
         loops = boundary_loops(faces)
+        if len(loops) > _MOST_HOLES:
+            raise InvalidMeshError(
+                f"has {len(loops)} holes, as loose triangles do: merge vertices that belong"
+                " together, for example with MeshLab or Blender"
+            )
         filled += len(loops)
         for loop in loops:
             closing, added = fill_loop(vertices, faces, loop)

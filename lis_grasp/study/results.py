@@ -114,7 +114,7 @@ class StudyResults:
         try:
             # ParquetFile and not read_table: a file alone, no data set around it.
             row: Row = parquet.ParquetFile(path).read().to_pylist()[0]
-        except (OSError, arrow.ArrowInvalid, IndexError) as error:
+        except (OSError, arrow.ArrowException, ValueError, IndexError) as error:
             raise InvalidFileError(
                 f"cannot read {path}: {error}; remove it, and it is made again"
             ) from None
