@@ -40,10 +40,14 @@ def main() -> int:
         return show(kind, options.seed, int(index))
     counts = {name: getattr(options, name) for name in KINDS}
     results = []
-    for result in run_cases(jobs_of(counts, options.seed), options.jobs):
-        results.append(result)
-        if result.verdict.startswith("failed"):
-            print(f"{result.kind}:{result.index} {result.verdict}: {result.message}", flush=True)
+    try:
+        for result in run_cases(jobs_of(counts, options.seed), options.jobs):
+            results.append(result)
+            if result.verdict.startswith("failed"):
+                where = f"{result.kind}:{result.index}"
+                print(f"{where} {result.verdict}: {result.message}", flush=True)
+    except KeyboardInterrupt:
+        print("interrupted; so far:")
     print_table(results)
     return int(any(result.verdict.startswith("failed") for result in results))
 

@@ -75,7 +75,8 @@ def case_of(name: str, kinds: Mapping[str, Kind], seed: int, index: int, folder:
     """Return a case; it depends on nothing but its kind, seed and index."""
     rng = np.random.default_rng([seed, list(kinds).index(name), index])
     kind = kinds[name]
-    return kind.make(kind.group(index), index, rng, folder)
+    with np.errstate(all="ignore"):
+        return kind.make(kind.group(index), index, rng, folder)
 
 
 def verdict_of(case: Case) -> tuple[str, str]:

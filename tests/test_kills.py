@@ -1,0 +1,40 @@
+"""Commands killed at random moments and run again end as if nothing had happened."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from kills import disturbed, half_written, undisturbed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("verb", "count"), [("explore", 5), ("run", 1), ("compare", 1)])
+def test_a_killed_command_run_again_ends_as_an_undisturbed_one(
+    verb: str, count: int, tmp_path: Path
+) -> None:
+    if verb == "compare":
+        pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
+    plain = undisturbed(verb, tmp_path / "plain")
+    for index in range(count):
+        rng = np.random.default_rng([5, index])
+        _, faults = disturbed(verb, tmp_path / f"killed{index}", plain, rng)
+        assert not faults
+
+
+@pytest.mark.slow
+def test_a_torn_file_would_be_noticed(tmp_path: Path) -> None:
+    plain = undisturbed("explore", tmp_path)
+    assert not half_written(tmp_path, plain)
+    log = tmp_path / "touches.jsonl"
+    whole = log.read_bytes()
+    log.write_bytes(whole[: len(whole) // 2])  # an interrupted log is a beginning
+    assert not half_written(tmp_path, plain)
+    log.write_bytes(whole.replace(b"touched", b"missed", 1))
+    contacts = tmp_path / "contacts.ply"
+    contacts.write_bytes(contacts.read_bytes()[:-5])
+    assert half_written(tmp_path, plain) == [
+        "contacts.ply after a kill",
+        "touches.jsonl after a kill",
+    ]
