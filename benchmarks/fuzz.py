@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 import tempfile
 import traceback
@@ -31,6 +32,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for name, count in _DEFAULTS.items():
         parser.add_argument(f"--{name}", type=int, default=count, metavar="N")
+    parser.add_argument("--first", type=int, default=0, help="index of each kind's first case")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument("--only", metavar="KIND:INDEX", help="carry out one case, and show it")
@@ -40,8 +42,10 @@ def main() -> int:
         return show(kind, options.seed, int(index))
     counts = {name: getattr(options, name) for name in KINDS}
     results = []
+    # Stopped early, by Ctrl-C or SIGTERM, it prints the table of what has come.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        for result in run_cases(jobs_of(counts, options.seed), options.jobs):
+        for result in run_cases(jobs_of(counts, options.seed, options.first), options.jobs):
             results.append(result)
             if result.verdict.startswith("failed"):
                 where = f"{result.kind}:{result.index}"
@@ -52,9 +56,9 @@ def main() -> int:
     return int(any(result.verdict.startswith("failed") for result in results))
 
 
-def jobs_of(counts: dict[str, int], seed: int) -> Iterator[Job]:
+def jobs_of(counts: dict[str, int], seed: int, first: int = 0) -> Iterator[Job]:
     for kind, count in counts.items():
-        for index in range(count):
+        for index in range(first, first + count):
             yield kind, seed, index
 
 

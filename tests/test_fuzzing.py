@@ -212,6 +212,16 @@ def test_vertices_beyond_all_measure_are_refused_without_a_warning(tmp_path: Pat
         shapes.load(tmp_path / "a.obj")
 
 
+def test_a_vertex_of_no_face_plays_no_role_however_far(tmp_path: Path) -> None:
+    box = trimesh.creation.box(extents=(0.1, 0.1, 0.1))
+    lines = [f"v {x} {y} {z}" for x, y, z in [*box.vertices.tolist(), [1e308, -1e308, 1e308]]]
+    lines += [f"f {a} {b} {c}" for a, b, c in (box.faces + 1).tolist()]
+    (tmp_path / "box.obj").write_text("\n".join(lines))
+    shape = shapes.load(tmp_path / "box.obj")
+    assert shape.mesh.volume == pytest.approx(1e-3)
+    assert not shape.repairs
+
+
 # Hands.
 
 

@@ -71,8 +71,10 @@ def _roughly_boxed(mesh: trimesh.Trimesh) -> float:
 
 def _merged(vertices: FloatArray, faces: IndexArray) -> trimesh.Trimesh:
     """Join vertices written more than once (every STL; seams of textures elsewhere)."""
-    size = np.ptp(vertices[faces.ravel()], axis=0).max()
-    keys = np.round((vertices - vertices[faces.ravel()].min(axis=0)) / (_SAME_VERTEX * size))
+    used, numbers = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], numbers.reshape(-1, 3)
+    size = np.ptp(vertices, axis=0).max()
+    keys = np.round((vertices - vertices.min(axis=0)) / (_SAME_VERTEX * size))
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # keep the file's order
     rank = np.empty(len(order), dtype=np.int64)
