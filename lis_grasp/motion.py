@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -119,6 +120,7 @@ class Motion:
             RuntimeError,  # an archive that is encrypted, or packed as zipfile does not know
             zipfile.BadZipFile,
             zlib.error,
+            tokenize.TokenError,  # NumPy's, of a torn header
             InvalidOptionError,
         ) as error:
             raise InvalidFileError(

@@ -134,7 +134,7 @@ class RunConfig:
         self.stop_rules(Workspace(1.0, np.zeros(3), 1.0))  # refused here, before any work
         for name in ("mass", "friction"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            if not 0 < value <= 1e9:
                 raise InvalidOptionError(f"{name} must be a positive number; it is {value}")
 
     def sensor(self) -> TactileSensor:

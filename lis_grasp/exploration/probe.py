@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, get_args
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.contacts import Contacts
+from lis_grasp.contacts import FARTHEST, Contacts
 from lis_grasp.exceptions import InvalidOptionError
 
 if TYPE_CHECKING:
@@ -161,9 +161,9 @@ class Prober(Protocol):
 
 def _vector(name: str, values: npt.ArrayLike) -> FloatArray:
     array = np.array(values, dtype=np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all():
+    if array.shape != (3,) or not np.all(np.abs(array) <= FARTHEST):
         raise InvalidOptionError(
-            f"a probe's {name} must be 3 finite numbers; it is {array.tolist()}"
+            f"a probe's {name} must be 3 finite numbers, at most {FARTHEST:g}; it is {array.tolist()}"
         )
     return array
 

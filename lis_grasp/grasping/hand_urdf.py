@@ -193,7 +193,7 @@ def _limits(joint: Any, file: str) -> tuple[float, float, float]:
     if joint.type == "continuous":
         return -np.pi, np.pi, float(effort)
     lower, upper = limit.lower, limit.upper
-    if lower is None or upper is None or not (np.isfinite([lower, upper]).all() and lower < upper):
+    if lower is None or upper is None or not -_LARGEST <= lower < upper <= _LARGEST:
         raise InvalidHandError(
             f"{file}: joint '{joint.name}' must have a lower limit below its upper limit;"
             f" they are {lower} and {upper}"

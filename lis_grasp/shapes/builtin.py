@@ -171,7 +171,7 @@ def _rectangle(a: float, b: float) -> list[tuple[float, float]]:
 
 
 def _require_size(size: float) -> None:
-    if not (np.isfinite(size) and SMALLEST <= size <= LARGEST):
+    if not SMALLEST <= size <= LARGEST:
         raise InvalidOptionError(
             f"size is a largest extent in metres, from {SMALLEST} to {LARGEST}; it is {size}"
         )

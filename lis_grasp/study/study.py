@@ -27,6 +27,8 @@ OWN = "own"
 """As the explorer: each estimator drives an exploration of its own."""
 
 _NOISE = re.compile(r"(\d+(?:\.\d+)?)mm/(\d+(?:\.\d+)?)deg")
+# A study of more seeds ends in nobody's lifetime.
+_MOST_SEEDS = 100_000
 _LISTS = ("objects", "estimators", "touches", "noise", "hands", "seeds")
 
 
@@ -251,7 +253,11 @@ def find_object(name: str, setup: Setup) -> Shape:
 def _listed(name: str, value: Any) -> tuple[Any, ...]:
     if name == "seeds" and isinstance(value, int) and not isinstance(value, bool):
         if value < 1:
-            raise InvalidOptionError(f"seeds must be at least 1; {value} came")
+            raise InvalidOptionError(f"seeds must be at least 1; {shown(value)} came")
+        if value > _MOST_SEEDS:
+            raise InvalidOptionError(
+                f"seeds must be at most {_MOST_SEEDS}; {shown(value)} came: name those that you want"
+            )
         return tuple(range(value))
     if isinstance(value, str) or not isinstance(value, Sequence):
         raise InvalidOptionError(f"{name} must be a list; {shown(value)} came")

@@ -15,7 +15,7 @@ LONE_CONTACT_SPACING = 0.05
 
 # Contacts closer than a nanometre, or than rounding leaves apart so far from the origin, are at one
 # place: no sensor tells them apart.
-_SMALLEST = 1e-9
+SMALLEST = 1e-9
 _ROUNDING = 1e-12
 
 # Contacts this close (of the contacts' extent) whose normals agree this well are one contact.
@@ -62,4 +62,4 @@ def spacing_of(contacts: Contacts) -> float:
 def resolution_of(contacts: Contacts) -> float:
     """Return the distance [m] up to which two contacts are at one place."""
     farthest = float(np.abs(contacts.points).max(initial=0.0))
-    return max(_SMALLEST, _ROUNDING * farthest)
+    return max(SMALLEST, _ROUNDING * farthest)

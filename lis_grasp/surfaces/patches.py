@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from lis_grasp.surfaces.contact_merging import SMALLEST
+
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
@@ -101,7 +103,7 @@ def find_patches(
     position_noise, normal_noise
         One standard deviation of contacts along their normals [m] and of the normals [rad].
     """
-    apart = pairs.distances > 0.0
+    apart = pairs.distances > SMALLEST
     distances = np.where(apart, pairs.distances, 1.0)
     asymmetry = np.abs(pairs.heights - pairs.back_heights) / distances
     # Both heights of a pair err by its normals, and by its positions with opposite signs.
