@@ -163,7 +163,8 @@ def _vector(name: str, values: npt.ArrayLike) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     if array.shape != (3,) or not np.all(np.abs(array) <= FARTHEST):
         raise InvalidOptionError(
-            f"a probe's {name} must be 3 finite numbers, at most {FARTHEST:g}; it is {array.tolist()}"
+            f"a probe's {name} must be 3 finite numbers, at most {FARTHEST:g}; it is"
+            f" {array.tolist()}"
         )
     return array
 

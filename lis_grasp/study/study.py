@@ -256,7 +256,8 @@ def _listed(name: str, value: Any) -> tuple[Any, ...]:
             raise InvalidOptionError(f"seeds must be at least 1; {shown(value)} came")
         if value > _MOST_SEEDS:
             raise InvalidOptionError(
-                f"seeds must be at most {_MOST_SEEDS}; {shown(value)} came: name those that you want"
+                f"seeds must be at most {_MOST_SEEDS}; {shown(value)} came:"
+                " list those that you want"
             )
         return tuple(range(value))
     if isinstance(value, str) or not isinstance(value, Sequence):
