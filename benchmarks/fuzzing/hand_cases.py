@@ -125,7 +125,7 @@ def check_loaded(path: Path) -> None:
     require(bool((hand.effort_limits > 0.0).all()), "efforts are above 0")
     middle = 0.5 * (hand.lower + hand.upper)
     require(bool(np.isfinite(hand.pad_centers(np.eye(4), middle)).all()), "kinematics is finite")
-    require(bool(np.isfinite(hand.pad_jacobian(np.eye(4), middle)).all()), "Jacobian is finite")
+    require(bool(np.isfinite(hand.pad_jacobians(np.eye(4), middle)[2]).all()), "Jacobian is finite")
     poses = hand.forward_kinematics(np.eye(4), middle).values()
     turns = np.array([pose[:3, :3] for pose in poses])
     rigid = np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).max() < 1e-6

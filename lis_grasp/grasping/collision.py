@@ -81,7 +81,7 @@ class HandCollisionChecker:
         # A contact names the two shapes that meet, by identity.
         self._shapes = shapes
         self._index = {id(shape): i for i, shape in enumerate(shapes)}
-        self._pads = _pad_links(hand)
+        self._pads = hand.pad_links
 
     def first_collision(
         self, X_OH: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
@@ -222,15 +222,6 @@ class HandCollisionChecker:
             if first != second and pair not in self._hand.self_collision_exclusions:
                 return True
         return False
-
-
-def _pad_links(hand: Hand) -> frozenset[str]:
-    """Return the links that carry pads, and what is rigidly fixed to those."""
-    links = {pad.link for pad in hand.pads}
-    for joint in hand.joints:  # parents come before their children
-        if joint.kind == "fixed" and joint.parent in links:
-            links.add(joint.child)
-    return frozenset(links)
 
 
 def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:

@@ -91,6 +91,9 @@ class Grasp:
             object.__setattr__(self, name, array)
         if "epsilon" not in self.quality:
             raise InvalidOptionError("a grasp's quality must have a value named 'epsilon'")
+        for name in ("joint_names", "contact_fingers"):
+            if not all(isinstance(item, str) for item in getattr(self, name)):
+                raise InvalidOptionError(f"a grasp's {name} must be texts")
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
         object.__setattr__(self, "contact_fingers", tuple(self.contact_fingers))
         values = {str(name): float(value) for name, value in self.quality.items()}
@@ -156,7 +159,7 @@ def load_grasps(path: Path | str) -> GraspSearch:
         )
     except KeyError as error:
         raise InvalidFileError(f"{path} lacks {error}; write it with `lis-grasp grasp`") from None
-    except (TypeError, ValueError, AttributeError, InvalidOptionError) as error:
+    except (TypeError, ValueError, OverflowError, AttributeError, InvalidOptionError) as error:
         raise InvalidFileError(f"{path} holds no valid grasps: {error}") from None
 
 

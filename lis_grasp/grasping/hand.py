@@ -244,6 +244,15 @@ class Hand:
         return tuple(pad.finger for pad in self.pads)
 
     @property
+    def pad_links(self) -> frozenset[str]:
+        """The links that carry pads, and what is rigidly fixed to those."""
+        links = {pad.link for pad in self.pads}
+        for joint in self.joints:  # parents come before their children
+            if joint.kind == "fixed" and joint.parent in links:
+                links.add(joint.child)
+        return frozenset(links)
+
+    @property
     def base_link(self) -> str:
         """Name of the link that everything else hangs on."""
         return self.links[0]

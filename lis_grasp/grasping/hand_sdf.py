@@ -195,6 +195,8 @@ class _Model:
         offset = not np.allclose(X_JC, np.eye(4), atol=1e-12)
         moving = f"{name}_frame" if offset else child
         multiplier, shift = (1.0, 0.0) if mimic is None else mimic[1:]
+        if not np.isfinite([multiplier, shift]).all():
+            self._fail(f"joint '{name}' must mimic by finite numbers")
         made = [
             Joint(
                 name,

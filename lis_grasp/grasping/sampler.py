@@ -21,13 +21,14 @@ from lis_grasp.grasping.contact_search import (
 from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.inverse_kinematics import PadTargets, Postures, reach
+from lis_grasp.grasping.pose_filter import HandPoseFilter
 
 FloatArray = npt.NDArray[np.float64]
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
 # Contact sets that are worked on together.
-_ROUND = 250
+_ROUND = 100
 # Ranking gains little from more grasps than this many times those asked for.
 _ENOUGH = 5
 _OPENING = 0.02  # [m] that each pad backs off its contact before closing
@@ -39,8 +40,9 @@ class ForceClosureSampler:
     """Finds grasps in force closure, free of collision, that the hand can reach.
 
     Contact sets are drawn where the surface is flat enough for a pad and supported by touches; the
-    palm's pose and the joints follow by inverse kinematics; FCL judges every link at the grasp, at
-    the opened posture, and along the approach; what is left is assessed and ranked by `assess`.
+    palm's pose and the joints follow by inverse kinematics; a filter and FCL judge every link at
+    the grasp, at the opened posture, and along the approach; what is left is assessed and ranked by
+    `GraspAssessor`.
 
     Parameters
     ----------
@@ -102,13 +104,14 @@ class ForceClosureSampler:
             rejected["no_flat_supported_surface"] = self.candidates
             return GraspSearch((), dict(rejected), self.candidates)
         checker = HandCollisionChecker(self.hand, mesh, support_height=support_height)
+        poses = HandPoseFilter(self.hand, mesh)
         assessor = GraspAssessor(self.hand, mesh, friction=self.friction, rng=rng)
         grasps: list[Grasp] = []
         drawn = 0
         while drawn < self.candidates:
             size = min(_ROUND, self.candidates - drawn)
             drawn += size
-            placed = self._place(samples, checker, size, rejected, rng)
+            placed = self._place(samples, poses, checker, size, rejected, rng)
             found = assessor.assess(placed)
             rejected["no_force_closure"] += len(placed) - len(found)
             grasps += found
@@ -123,6 +126,7 @@ class ForceClosureSampler:
     def _place(
         self,
         samples: SurfaceSamples,
+        poses: HandPoseFilter,
         checker: HandCollisionChecker,
         count: int,
         rejected: Counter[str],
@@ -132,8 +136,9 @@ class ForceClosureSampler:
         sets, misses = find_contact_sets(self.hand, samples, count=count, rng=rng)
         rejected.update(misses)
         sets, postures = self._reach(sets, rejected)
-        free = np.ones(len(sets), dtype=bool)
-        for b in range(len(sets)):
+        free = ~poses.collides(postures.X_OH, postures.q, pads_may_touch=True)
+        rejected["grasp_hits_object"] += int((~free).sum())
+        for b in np.flatnonzero(free):
             hit = checker.first_collision(postures.X_OH[b], postures.q[b], pads_may_touch=True)
             if hit is not None:
                 rejected[f"grasp_hits_{hit}"] += 1
@@ -141,8 +146,9 @@ class ForceClosureSampler:
         kept = np.flatnonzero(free)
         sets, postures = sets.subset(kept), postures.subset(kept)
         opened = self._opened(sets, postures)
-        free = np.ones(len(sets), dtype=bool)
-        for b in range(len(sets)):
+        free = ~poses.collides(postures.X_OH, opened)
+        rejected["approach_hits_object"] += int((~free).sum())
+        for b in np.flatnonzero(free):
             hit = self._obstacle_on_the_way(checker, postures.X_OH[b], opened[b])
             if hit is not None:
                 rejected[f"approach_hits_{hit}"] += 1

@@ -65,7 +65,8 @@ def extract_mesh(
     InvalidOptionError
         If bounds or resolution are not usable.
     EstimationError
-        If there is no surface within the bounds, or the function is not a number somewhere.
+        If there is no surface within the bounds, or none as large as a cell, or the function is not
+        a number somewhere.
     """
     box = _checked_bounds(surface.bounds if bounds is None else bounds)
     grid = _checked_grid(box, resolution)
@@ -75,6 +76,11 @@ def extract_mesh(
     vertices, faces = contour(values < 0.0, find_crossings(field, grid, values), grid)
     uncertainty = field.uncertainty(vertices)
     faces = faces[supported_faces(vertices, faces, uncertainty)]
+    if np.linalg.det(vertices[faces] - vertices[faces].mean(axis=(0, 1))).sum() <= 0.0:
+        raise EstimationError(
+            f"what is inside is smaller than the cells of {grid.cell:g} m: mesh with smaller cells,"
+            " or touch the object more"
+        )
     used, faces = _renumbered(faces, len(vertices))
     # process=False: vertices stay in their order and are not merged.
     return trimesh.Trimesh(

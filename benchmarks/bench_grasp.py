@@ -1,0 +1,133 @@
+"""How fast grasps are found and judged, on one core: rates of each step, and the time to a grasp.
+
+    OMP_NUM_THREADS=1 python benchmarks/bench_grasp.py
+
+Times are processor seconds, so that other work on the machine counts less.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from functools import partial
+
+import fcl
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from lis_grasp import ForceClosureSampler, Hand, epsilon_quality, is_force_closure, shapes
+from lis_grasp.grasping.collision import HandCollisionChecker
+from lis_grasp.grasping.pose_filter import HandPoseFilter
+from lis_grasp.grasping.quality import epsilon_qualities
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--searches", type=int, default=10, help="of each object")
+    options = parser.parse_args()
+    rng = np.random.default_rng(0)
+    qualities(rng)
+    poses(rng)
+    antipodal(rng)
+    for hand_name in ("allegro", "wsg50", "barrett"):
+        searches(Hand.load(hand_name), options.searches)
+
+
+def qualities(rng: np.random.Generator) -> None:
+    normals = rng.normal(size=(1024, 4, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    points = normals * rng.uniform(0.5, 1.5, size=(1024, 4, 1))
+    seconds = timed(lambda: epsilon_qualities(points, normals, friction=0.8))
+    print(f"epsilon, 4 contacts, pyramids of 8 edges, batched: {1024 / seconds:.0f} a second")
+    seconds = timed(lambda: epsilon_qualities(points, normals, friction=0.8, edges=4))
+    print(f"epsilon, 4 contacts, pyramids of 4 edges, batched: {1024 / seconds:.0f} a second")
+    few = points[:256], normals[:256]
+    seconds = timed(lambda: epsilon_qualities(*few, friction=0.8, edges=None))
+    print(f"epsilon, 4 contacts, round cones, batched: {256 / seconds:.0f} a second")
+    for name, one in (("epsilon", epsilon_quality), ("force closure", is_force_closure)):
+        pairs = list(zip(points[:100], normals[:100], strict=True))
+        seconds = timed(lambda pairs=pairs, one=one: [one(p, n, friction=0.8) for p, n in pairs])
+        print(f"{name}, 4 contacts, one after the other: {100 / seconds:.0f} a second")
+
+
+def poses(rng: np.random.Generator) -> None:
+    mesh = shapes.build("mallet").mesh
+    for name in ("allegro", "wsg50"):
+        hand = Hand.load(name)
+        start = time.process_time()
+        pose_filter = HandPoseFilter(hand, mesh)
+        made = time.process_time() - start
+        X = np.tile(np.eye(4), (20_000, 1, 1))
+        X[:, :3, :3] = Rotation.random(len(X), random_state=rng).as_matrix()
+        X[:, :3, 3] = rng.normal(scale=0.1, size=(len(X), 3))
+        q = next(iter(hand.pregrasps.values()))
+        seconds = timed(partial(pose_filter.collides, X, q))
+        rejected = pose_filter.collides(X, q)
+        checker = HandCollisionChecker(hand, mesh)
+        touching = np.array([checker.touches_object(pose, q) for pose in X[:2000]])
+        found = (rejected[:2000] & touching).sum() / touching.sum()
+        print(
+            f"poses of {name} filtered: {len(X) / seconds:.0f} a second, after {1e3 * made:.0f} ms;"
+            f" of those that collide {found:.0%} are rejected, of others"
+            f" {(rejected[:2000] & ~touching).sum()}"
+        )
+
+
+def antipodal(rng: np.random.Generator) -> None:
+    """Check pairs of boxes, the jaws of a gripper, against a mesh of 10 000 triangles."""
+    mesh = trimesh.creation.uv_sphere(0.04, count=(50, 50))
+    mesh.apply_scale([1.0, 0.7, 1.3])
+    model = fcl.BVHModel()
+    model.beginModel(len(mesh.vertices), len(mesh.faces))
+    model.addSubModel(mesh.vertices, mesh.faces)
+    model.endModel()
+    hand = Hand.load("wsg50")
+    checker = HandCollisionChecker(hand, mesh)
+    X = np.tile(np.eye(4), (2000, 1, 1))
+    X[:, :3, :3] = Rotation.random(len(X), random_state=rng).as_matrix()
+    center_H = hand.pad_centers(np.eye(4), hand.upper).mean(axis=0)
+    X[:, :3, 3] = -(X[:, :3, :3] @ center_H) + rng.normal(scale=0.02, size=(len(X), 3))
+    seconds = timed(lambda: [checker.first_collision(pose, hand.upper) for pose in X])
+    print(
+        f"jaw poses checked by FCL, every link, {len(mesh.faces)} triangles:"
+        f" {len(X) / seconds:.0f} a second"
+    )
+
+
+def searches(hand: Hand, count: int) -> None:
+    seconds: list[float] = []
+    none = 0
+    for name in shapes.NAMES:
+        mesh = shapes.build(name).mesh
+        for seed in range(count):
+            start = time.process_time()
+            search = ForceClosureSampler(hand).sample(
+                mesh,
+                rng=np.random.default_rng(seed),
+                support_height=mesh.bounds[0, 2],
+                count=1,
+            )
+            seconds.append(time.process_time() - start)
+            none += not search.grasps
+    low, middle, high = np.percentile(seconds, [25, 50, 75])
+    print(
+        f"time to a grasp of {hand.name}, in force closure and free of collision: median"
+        f" {middle:.2f} s (quartiles {low:.2f} to {high:.2f}, longest {max(seconds):.2f});"
+        f" none found in {none} of {len(seconds)} searches"
+    )
+
+
+def timed(work: Callable[[], object]) -> float:
+    """Return the least processor time of three tries [s]."""
+    times = []
+    for _ in range(3):
+        start = time.process_time()
+        work()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+if __name__ == "__main__":
+    main()
