@@ -25,13 +25,13 @@ import numpy as np
 import trimesh
 
 from lis_grasp import shapes
-from lis_grasp.grasping.assessment import epsilon_on, weight_on
+from lis_grasp.grasping.assessment import epsilon_on
 from lis_grasp.grasping.collision import HandCollisionChecker
+from lis_grasp.grasping.force_closure import min_weight, resisted_force
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.grip import balanced_grip
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.inverse_kinematics import PadTargets, reach
-from lis_grasp.grasping.quality import min_weight
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.simulation.lift import LiftOptions, prove_grasp
 
@@ -190,7 +190,9 @@ def judge(
     row = {
         "fingers": len(grasp.contact_fingers),
         "epsilon": epsilon_on(mesh, hand, points, normals, friction=friction),
-        "weight": weight_on(mesh, hand, points, normals, friction=friction),
+        "weight": resisted_force(
+            points, normals, (0.0, 0.0, 1.0), friction=friction, origin=mesh.center_mass
+        ),
         "min_weight": min_weight(points, normals, friction=friction),
         "hits": checker.first_collision(grasp.X_OH, grasp.joint_positions, pads_may_touch=True),
     }

@@ -13,6 +13,7 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.grasping.grasp import GraspSearch, save_grasps
 from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.mesh_files import load_surface
 from lis_grasp.output_files import whole_file
 from lis_grasp.shapes import load
@@ -33,6 +34,9 @@ def add_parser(verbs: Any) -> None:
         metavar="METRES",
         help="height of the plane that the object stands on (default: as recorded, else the"
         " lowest point of MESH)",
+    )
+    parser.add_argument(
+        "--isaac", action="store_true", help="write them for Isaac Sim too, as grasps.isaac.yaml"
     )
     opt.add_hand(parser)
     opt.add_friction(parser)
@@ -66,6 +70,9 @@ def execute(options: argparse.Namespace) -> None:
         save_grasps(temporary, search, header=grasp_header(recorded, config, support))
     say_search(search)
     say(f"wrote {path}")
+    if options.isaac:
+        save_isaac_grasps(path.with_name("grasps.isaac.yaml"), search, hand)
+        say(f"wrote {path.with_name('grasps.isaac.yaml')}")
     if "object" in recorded and search.grasps:
         say(f"next: lis-grasp lift {path}")
 
@@ -87,7 +94,10 @@ def say_search(search: GraspSearch) -> None:
     if search.grasps:
         best = search.grasps[0]
         fingers = ", ".join(best.contact_fingers)
-        say(f"best grasp: epsilon {best.quality['epsilon']:.3f} with {fingers}")
+        say(
+            f"best grasp: holds with a probability of {best.quality['success_probability']:.2f},"
+            f" epsilon {best.quality['epsilon']:.3f}, with {fingers}"
+        )
         return
     say("no grasp found; rejected candidates by reason:")
     for reason, count in sorted(search.rejections.items(), key=lambda item: -item[1]):
