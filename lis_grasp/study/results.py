@@ -170,6 +170,7 @@ COLUMNS = (
     *("key", "object", "edged", "hand", "touches", "noise", "seed", "estimator"),
     *("held", "lifted", "reason", "slip", "acceleration_survived"),
     *("epsilon_estimate", "epsilon_truth", "epsilon_gap"),
+    *("closure_probability", "success_probability"),
     *("grasps_found", "candidates", "rejections"),
     *("rmsd", "rmsd_truth_to_estimate", "edge_rmsd", "hausdorff_95", "chamfer"),
     *("f_score_1mm", "f_score_2mm", "f_score_5mm", "iou", "normal_error", "coverage"),

@@ -153,6 +153,8 @@ def _grasp(
         "epsilon_estimate": on_estimate,
         "epsilon_truth": on_truth,
         "epsilon_gap": on_estimate - on_truth,
+        "closure_probability": float(best.quality["closure_probability"]),
+        "success_probability": float(best.quality["success_probability"]),
     }
     with watch.measure("lift"):
         outcome = pipeline.prove(shape, hand, best, mass=setup.mass, friction=setup.friction)
@@ -207,6 +209,7 @@ def _blank_row(trial: Trial, setup: Setup, estimator: str, shape: Shape) -> Row:
         **dict.fromkeys(("contacts", "contacts_digest", "triangles", "watertight", *_ERRORS)),
         **dict.fromkeys(("grasps_found", "candidates", "rejections")),
         **dict.fromkeys(("epsilon_estimate", "epsilon_truth", "epsilon_gap")),
+        **dict.fromkeys(("closure_probability", "success_probability")),
         "lifted": False,
         "held": False,
         **dict.fromkeys(("slip", "acceleration_survived", "reason", "failure")),

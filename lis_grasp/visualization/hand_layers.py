@@ -58,7 +58,7 @@ def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
             f"Grasp {rank}" + (", the best" if rank == 1 and len(grasps) > 1 else ""),
             True,
             GRASP_COLOURS[turn],
-            note=f"epsilon {grasp.quality['epsilon']:.3g}",
+            note=_worth(grasp),
             detail=f"{grasp.accepted}: {quality}",
         )
         canvas.layers.append(layer)
@@ -154,3 +154,10 @@ def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> Float
         for X_WB in motion.poses[body][moments]
     ]
     return outermost(np.vstack(points))
+
+
+def _worth(grasp: Grasp) -> str:
+    """Return how good a grasp is, in a few words."""
+    epsilon = f"epsilon {grasp.quality['epsilon']:.3g}"
+    likely = grasp.quality.get("success_probability")
+    return epsilon if likely is None else f"holds with {likely:.0%}; {epsilon}"

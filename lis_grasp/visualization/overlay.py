@@ -74,8 +74,9 @@ def _grasp_rows(grasps: Sequence[Layer]) -> str:
     return (
         '<h2>Candidate grasps</h2><ul class="layers">'
         f"{''.join(_row(grasp, None) for grasp in grasps)}</ul>"
-        '<p class="fine">epsilon: how hard a push from the worst side the grasp withstands for the'
-        " force it grips with. Ranked by it and by the weight that the contacts can carry.</p>"
+        '<p class="fine">Ranked by how likely they are to hold, as foretold from the estimate and'
+        " its uncertainty. epsilon: how hard a push from the worst side the grasp withstands for"
+        " the force it grips with.</p>"
     )
 
 
