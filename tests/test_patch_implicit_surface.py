@@ -8,7 +8,7 @@ import reference
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
 from lis_grasp.surfaces.local_quadrics import _CURVATURE, _THIRD_ORDER, LocalQuadrics
 from lis_grasp.surfaces.patches import REACH, ContactPairs, find_patches
@@ -332,3 +332,12 @@ def test_value_and_gradient_in_one_go_are_those_asked_for_apart() -> None:
     values, gradients = surface.value_and_gradient(queries)
     np.testing.assert_array_equal(values, surface.evaluate(queries))
     np.testing.assert_array_equal(gradients, surface.gradient(queries))
+
+
+def test_contacts_that_have_nothing_in_common_are_refused_at_once() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.1, 0.1, size=(3000, 3))
+    normals = rng.normal(size=(3000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    with pytest.raises(EstimationError, match="normal belongs to its point"):
+        PatchImplicitSurface.from_contacts(Contacts(points, normals), position_noise=1e-5)

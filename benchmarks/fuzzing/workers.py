@@ -43,9 +43,13 @@ def run_one(kind: str, seed: int, index: int, folder: Path) -> Result:
     start = time.process_time()
     case = case_of(kind, KINDS, seed, index, folder)
     # A case that spends far more than it may is ended by the system, and counted as a crash.
-    used = int(time.process_time())
-    resource.setrlimit(resource.RLIMIT_CPU, (used + 6 * int(case.limit), resource.RLIM_INFINITY))
-    verdict, message = verdict_of(case)
+    before = resource.getrlimit(resource.RLIMIT_CPU)
+    most = int(time.process_time()) + 6 * int(case.limit)
+    resource.setrlimit(resource.RLIMIT_CPU, (most, before[1]))
+    try:
+        verdict, message = verdict_of(case)
+    finally:
+        resource.setrlimit(resource.RLIMIT_CPU, before)
     seconds = time.process_time() - start
     if seconds > case.limit and not verdict.startswith("failed"):
         verdict, message = "failed TooSlow", f"{seconds:.0f} s ({verdict})"

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.contact_merging import merge_duplicates, spacing_of
 from lis_grasp.surfaces.contact_weights import density_weights
 from lis_grasp.surfaces.kernel_mean import KernelMean
@@ -34,6 +35,9 @@ _SIGMA = 0.2
 # Of contacts, where the caller does not say: a good tactile sensor's.
 _POSITION_NOISE = 0.01  # in spacings
 _NORMAL_NOISE = 0.05  # [rad]
+
+# More smooth patches than this are no object's, and would take minutes.
+_MOST_PATCHES = 1000
 
 # Points evaluated at once: so many, in a box no larger than this many spacings.
 _BLOCK, _BLOCK_EXTENT = 4096, 8.0
@@ -112,6 +116,8 @@ class PatchImplicitSurface:
             If there is no contact.
         InvalidOptionError
             If an option is outside its range.
+        EstimationError
+            If contacts contradict each other so much that they have hardly a patch in common.
         """
         require_contacts(contacts)
         remake = partial(
@@ -132,6 +138,13 @@ class PatchImplicitSurface:
         patch_of = find_patches(
             pairs, len(points), position_noise=position_noise, normal_noise=normal_noise
         )
+        patches = int(patch_of.max()) + 1
+        if patches > _MOST_PATCHES:
+            raise EstimationError(
+                f"{len(points)} contacts fall into {patches} patches that are smooth in themselves,"
+                f" more than {_MOST_PATCHES}: see whether each normal belongs to its point, and"
+                " tell the noise"
+            )
         quadrics = LocalQuadrics.fit(
             points,
             normals,
