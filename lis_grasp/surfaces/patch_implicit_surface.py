@@ -138,10 +138,10 @@ class PatchImplicitSurface:
         patch_of = find_patches(
             pairs, len(points), position_noise=position_noise, normal_noise=normal_noise
         )
-        patches = int(patch_of.max()) + 1
-        if patches > _MOST_PATCHES:
+        separate = int(patch_of.max()) + 1
+        if separate > _MOST_PATCHES:
             raise EstimationError(
-                f"{len(points)} contacts fall into {patches} patches that are smooth in themselves,"
+                f"{len(points)} contacts fall into {separate} patches that are smooth in themselves,"
                 f" more than {_MOST_PATCHES}: see whether each normal belongs to its point, and"
                 " tell the noise"
             )
