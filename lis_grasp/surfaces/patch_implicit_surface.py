@@ -141,8 +141,8 @@ class PatchImplicitSurface:
         separate = int(patch_of.max()) + 1
         if separate > _MOST_PATCHES:
             raise EstimationError(
-                f"{len(points)} contacts fall into {separate} patches that are smooth in themselves,"
-                f" more than {_MOST_PATCHES}: see whether each normal belongs to its point, and"
+                f"{len(points)} contacts fall into {separate} smooth patches, more"
+                f" than {_MOST_PATCHES}: see whether each normal belongs to its point, and"
                 " tell the noise"
             )
         quadrics = LocalQuadrics.fit(
