@@ -21,7 +21,8 @@ def grasp() -> Grasp:
 
 def test_planned_on_the_truth_it_is_worth_what_was_planned(grasp: Grasp) -> None:
     on_truth = epsilon_on_truth(grasp, BOX, JAW, friction=0.8)
-    assert on_truth == pytest.approx(grasp.quality["epsilon"], rel=1e-6)
+    # By a whole hull here, by an expanding polytope there, which is within 6e-6 of it.
+    assert on_truth == pytest.approx(grasp.quality["epsilon"], abs=6e-6)
 
 
 def test_fingers_go_on_until_they_meet_a_smaller_object(grasp: Grasp) -> None:

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 
 from lis_grasp.grasping.contact_cones import contact_cones
-from lis_grasp.grasping.contact_model import CONE_EDGES, ContactModel, contact_wrenches
-from lis_grasp.grasping.grasp_contacts import checked_contacts, frame_of
+from lis_grasp.grasping.contact_model import CONE_EDGES, ContactModel
+from lis_grasp.grasping.grasp_contacts import frame_of, one_grasp, primitive_wrenches
 from lis_grasp.grasping.quality import spans
 
 FloatArray = npt.NDArray[np.float64]
@@ -100,18 +100,16 @@ def prove_force_closure(
 
     Arguments and errors as of `is_force_closure`.
     """
-    points, normals = checked_contacts(points, normals)
-    center, length = frame_of(points, None, None)
-    wrenches = contact_wrenches(
+    points, normals = one_grasp(points, normals)
+    wrenches = primitive_wrenches(
         points,
         normals,
         friction=friction,
-        origin=center,
-        length_scale=length,
         model=model,
         torsion=torsion,
         edges=CONE_EDGES if edges is None else edges,
-    ).reshape(-1, 6)
+    )
+    center, length = frame_of(points, None, None)
     cones = contact_cones(
         points[None],
         normals[None],
@@ -160,19 +158,10 @@ def min_weight(
     A. H. Li, P. Culbertson, J. W. Burdick and A. D. Ames, "FRoGGeR: fast robust grasp generation
     via the min-weight metric", IROS 2023.
     """
-    points, normals = checked_contacts(points, normals)
-    center, length = frame_of(points, None, None)
     weights = _cancelling_weights(
-        contact_wrenches(
-            points,
-            normals,
-            friction=friction,
-            origin=center,
-            length_scale=length,
-            model=model,
-            torsion=torsion,
-            edges=edges,
-        ).reshape(-1, 6)
+        primitive_wrenches(
+            points, normals, friction=friction, model=model, torsion=torsion, edges=edges
+        )
     )
     return 0.0 if weights is None else float(len(weights) * weights.min())
 
@@ -204,18 +193,15 @@ def resisted_force(
     origin
         Shape (3,) [m]: a point that the force passes through.
     """
-    points, normals = checked_contacts(points, normals)
-    center, length = frame_of(points, origin, None)
-    W = contact_wrenches(
+    W = primitive_wrenches(
         points,
         normals,
         friction=friction,
-        origin=center,
-        length_scale=length,
+        origin=origin,
         model=model,
         torsion=torsion,
         edges=edges,
-    ).reshape(-1, 6)
+    )
     task = np.concatenate([np.asarray(direction, dtype=np.float64), np.zeros(3)])
     solution = linprog(
         c=np.append(np.zeros(len(W)), -1.0),

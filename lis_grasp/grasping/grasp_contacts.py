@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidContactsError
+from lis_grasp.grasping.contact_model import CONE_EDGES, ContactModel, contact_wrenches
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -41,6 +42,43 @@ def frame_of(
         return center, np.asarray(length_scale, dtype=np.float64)
     reach = np.linalg.norm(points - center[..., None, :], axis=-1).max(axis=-1)
     return center, np.where(reach > 0.0, reach, 1.0)
+
+
+def primitive_wrenches(
+    points: npt.ArrayLike,
+    normals: npt.ArrayLike,
+    *,
+    friction: float,
+    origin: npt.ArrayLike | None = None,
+    length_scale: float | None = None,
+    model: ContactModel = "coulomb",
+    torsion: float = 0.0,
+    edges: int = CONE_EDGES,
+) -> FloatArray:
+    """Return all primitive wrenches (K, 6) of one grasp's contacts (C, 3).
+
+    Arguments and errors as of `contact_wrenches` and `frame_of`.
+    """
+    points, normals = one_grasp(points, normals)
+    center, length = frame_of(points, origin, length_scale)
+    return contact_wrenches(
+        points,
+        normals,
+        friction=friction,
+        origin=center,
+        length_scale=length,
+        model=model,
+        torsion=torsion,
+        edges=edges,
+    ).reshape(-1, 6)
+
+
+def one_grasp(points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return the contacts of one grasp as arrays of shape (C, 3), or refuse them."""
+    points, normals = checked_contacts(points, normals)
+    if points.ndim != 2:
+        raise InvalidContactsError(f"contacts must be of shape (C, 3); it is {points.shape}")
+    return points, normals
 
 
 def _rows(name: str, values: npt.ArrayLike) -> FloatArray:

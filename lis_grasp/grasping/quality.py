@@ -14,8 +14,13 @@ from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.grasping.contact_cones import contact_cones
-from lis_grasp.grasping.contact_model import CONE_EDGES, ContactModel, contact_wrenches
-from lis_grasp.grasping.grasp_contacts import checked_contacts, frame_of
+from lis_grasp.grasping.contact_model import CONE_EDGES, ContactModel
+from lis_grasp.grasping.grasp_contacts import (
+    checked_contacts,
+    frame_of,
+    one_grasp,
+    primitive_wrenches,
+)
 from lis_grasp.grasping.inner_ball import inner_radii
 
 FloatArray = npt.NDArray[np.float64]
@@ -76,32 +81,31 @@ def epsilon_quality(
     ----------
     C. Ferrari and J. Canny, "Planning optimal grasps", ICRA 1992.
     """
-    points, normals = _one_grasp(points, normals)
-    center, length = frame_of(points, origin, length_scale)
     if edges is None or limit != "sum":
+        points, normals = one_grasp(points, normals)
         return float(
             epsilon_qualities(
                 points[None],
                 normals[None],
                 friction=friction,
-                origin=center,
-                length_scale=length,
+                origin=origin,
+                length_scale=length_scale,
                 model=model,
                 torsion=torsion,
                 edges=edges,
                 limit=limit,
             )[0]
         )
-    wrenches = contact_wrenches(
+    wrenches = primitive_wrenches(
         points,
         normals,
         friction=friction,
-        origin=center,
-        length_scale=length,
+        origin=origin,
+        length_scale=length_scale,
         model=model,
         torsion=torsion,
         edges=edges,
-    ).reshape(-1, 6)
+    )
     hull = _hull(wrenches)
     # A facet is {x : n x + d <= 0} with unit n, so the origin is at depth -d inside it.
     return 0.0 if hull is None else float(max(-hull.equations[:, -1].max(), 0.0))
@@ -184,18 +188,16 @@ def wrench_volume(
     Unlike epsilon it is the same about any origin, and it does not see a weak direction (Miller and
     Allen 1999). Arguments as in `epsilon_quality`.
     """
-    points, normals = _one_grasp(points, normals)
-    center, length = frame_of(points, origin, length_scale)
-    wrenches = contact_wrenches(
+    wrenches = primitive_wrenches(
         points,
         normals,
         friction=friction,
-        origin=center,
-        length_scale=length,
+        origin=origin,
+        length_scale=length_scale,
         model=model,
         torsion=torsion,
         edges=edges,
-    ).reshape(-1, 6)
+    )
     hull = _hull(wrenches)
     return 0.0 if hull is None else float(hull.volume)
 
@@ -219,7 +221,7 @@ def isotropy(
     origin, length_scale
         As in `epsilon_quality`.
     """
-    points, _ = _one_grasp(points, points)
+    points, _ = one_grasp(points, points)
     center, length = frame_of(points, origin, length_scale)
     forces = np.tile(np.eye(3), (len(points), 1))  # (3 C, 3)
     arms = np.repeat((points - center) / length, 3, axis=0)
@@ -244,10 +246,3 @@ def _hull(wrenches: FloatArray) -> ConvexHull | None:
         # Contacts of high symmetry have facets of many coplanar points, whose merging can fail;
         # joggled by some 1e-11 (the same way each time) they have simple facets only.
         return ConvexHull(wrenches, qhull_options="QJ")
-
-
-def _one_grasp(points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    points, normals = checked_contacts(points, normals)
-    if points.ndim != 2:
-        raise InvalidContactsError(f"contacts must be of shape (C, 3); it is {points.shape}")
-    return points, normals
