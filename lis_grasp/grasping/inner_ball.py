@@ -21,7 +21,7 @@ Farthest = Callable[[FloatArray, IntArray], FloatArray]
 LEAST_RADIUS = 1e-4
 _CORNERS = 7
 # Bodies that are worked on together: their facets fit into a processor's cache.
-_TOGETHER = 64
+_TOGETHER = 40
 _MOST_POINTS = 249 - _CORNERS
 # How far a point must be beyond a facet to see it, as a share of the facet's distance.
 _SEEN = 1e-9
