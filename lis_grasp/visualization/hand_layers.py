@@ -158,6 +158,6 @@ def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> Float
 
 def _worth(grasp: Grasp) -> str:
     """Return how good a grasp is, in a few words."""
-    epsilon = f"epsilon {grasp.quality['epsilon']:.3g}"
     likely = grasp.quality.get("success_probability")
-    return epsilon if likely is None else f"holds with {likely:.0%}; {epsilon}"
+    epsilon = grasp.quality["epsilon"]
+    return f"epsilon {epsilon:.3g}" if likely is None else f"{likely:.0%} likely to hold"

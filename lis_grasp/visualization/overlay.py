@@ -75,8 +75,7 @@ def _grasp_rows(grasps: Sequence[Layer]) -> str:
         '<h2>Candidate grasps</h2><ul class="layers">'
         f"{''.join(_row(grasp, None) for grasp in grasps)}</ul>"
         '<p class="fine">Ranked by how likely they are to hold, as foretold from the estimate and'
-        " its uncertainty. epsilon: how hard a push from the worst side the grasp withstands for"
-        " the force it grips with.</p>"
+        " its uncertainty.</p>"
     )
 
 
