@@ -160,4 +160,4 @@ def _worth(grasp: Grasp) -> str:
     """Return how good a grasp is, in a few words."""
     likely = grasp.quality.get("success_probability")
     epsilon = grasp.quality["epsilon"]
-    return f"epsilon {epsilon:.3g}" if likely is None else f"{likely:.0%} likely to hold"
+    return f"epsilon {epsilon:.3g}" if likely is None else f"holds: {likely:.0%}"
