@@ -25,7 +25,7 @@ _ROBUST_SHARE = 0.5
 # Surfaces that the estimate may stand for, to see in how many of them a grasp closes.
 _SAMPLES = 32
 # Logit of success against logarithms of the expected epsilon and of the weight: fitted to 0.2 kg
-# lifts of benchmarks/bench_calibration.py, seeds 2000 and 2001.
+# lifts of benchmarks/bench_calibration.py, seed 2000 and a third of seed 2001.
 _SUCCESS = (6.35, 1.05, 1.0)
 # A flat pad resists turning about its normal with about this lever [m]: a patch of 9 mm radius
 # under even pressure, two thirds of the radius (Howe and Cutkosky 1996).

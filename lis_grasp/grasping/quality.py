@@ -166,7 +166,7 @@ def epsilon_qualities(
         wrenches = cones.farthest(directions, grasps)  # (b, C, 6)
         reach = (wrenches @ directions[:, :, None])[..., 0]  # (b, C)
         if limit == "each":
-            return np.asarray((np.maximum(np.sign(reach), 0.0)[..., None] * wrenches).sum(axis=1))
+            return np.asarray(((reach > 0.0)[..., None] * wrenches).sum(axis=1))
         return wrenches[np.arange(len(reach)), reach.argmax(axis=1)]
 
     return inner_radii(farthest, len(points), tolerance=_ROUND_TOLERANCE if edges is None else 0.0)
