@@ -6,9 +6,9 @@ Each object is touched 15 times by geometry alone. Surfaces of the first 5, 8 an
 (`blend`), 5 and 10 (`gpis`), and 8 (`lis`) are grasped; the best grasp and the last of ten are
 lifted. Prints the expected calibration error (ten bins of equal width, weighted by what is in them)
 of `success_probability`, how well it orders (area under the ROC curve), and a logistic fit to these
-lifts. The constants in use come from seed 2000 of all built-in shapes and six YCB scans, and 2001 of five
-shapes: judge by others. Also: how often grasps held
-that fingers felt to be in force closure at half the friction, and others.
+lifts. The constants in use come from seed 2000 of all built-in shapes and six YCB scans, and
+2001 of five shapes: judge by others. Also: how often grasps held that fingers felt to be in force
+closure at half the friction, and others.
 
 Goes on where it was when run again with the same folder.
 """
