@@ -9,7 +9,10 @@ from lis_grasp import ForceClosureSampler, GraspSearch, Hand, is_force_closure, 
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
+from lis_grasp.grasping import sampler as sampler_module
 from lis_grasp.grasping.collision import HandCollisionChecker
+from lis_grasp.grasping.contact_search import SurfaceSamples
+from lis_grasp.grasping.refinement import vary
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
 
@@ -110,7 +113,10 @@ def test_grasps_are_ranked_by_how_likely_they_are_to_hold(box_search: GraspSearc
         assert quality["closure_probability"] == 1.0
 
 
-def test_the_less_a_surface_is_known_the_less_likely_its_grasps_hold() -> None:
+def test_the_less_a_surface_is_known_the_less_likely_its_grasps_hold(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sampler_module, "_STEPS", ())  # so that some grasps are the same
     found = []
     for deviation in (0.0, 0.001, 0.01):
         mesh = trimesh.creation.box((0.05, 0.06, 0.10))
@@ -128,6 +134,50 @@ def test_the_less_a_surface_is_known_the_less_likely_its_grasps_hold() -> None:
 
 def test_every_candidate_is_accounted_for(box_search: GraspSearch) -> None:
     assert len(box_search.grasps) + sum(box_search.rejections.values()) == box_search.candidates
+
+
+@pytest.mark.parametrize("name", ["box", "mallet", "torus"])
+def test_refined_grasps_are_likelier_to_hold(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    refined = _search(ALLEGRO, name, seed=5)
+    monkeypatch.setattr(sampler_module, "_STEPS", ())
+    drawn = _search(ALLEGRO, name, seed=5)
+    chances = [
+        [grasp.quality["success_probability"] for grasp in search.grasps]
+        for search in (drawn, refined)
+    ]
+    assert all(after >= before for before, after in zip(*chances, strict=True))
+    assert chances[1][0] > chances[0][0]
+    # Ten variations of each are tried at the most.
+    assert drawn.candidates < refined.candidates <= drawn.candidates + 10 * len(drawn.grasps)
+
+
+def test_varied_contacts_lie_on_the_surface_beside_those_they_vary(
+    box_search: GraspSearch,
+) -> None:
+    mesh, rng = shapes.build("box").mesh, np.random.default_rng(0)
+    samples = SurfaceSamples(mesh, lowest=-np.inf, rng=rng)
+    grasps = box_search.grasps
+    parents, sets, X_OH, q = vary(ALLEGRO, grasps, samples, each=30, distance=0.004, rng=rng)
+    assert len(parents) == len(sets) == len(X_OH) == len(q) > 15 * len(grasps)
+    for parent, points, normals, used in zip(
+        parents, sets.points, sets.normals, sets.used, strict=True
+    ):
+        fingers = [f for f, on in zip(ALLEGRO.fingers, used, strict=True) if on]
+        assert fingers == list(grasps[parent].contact_fingers)
+        _, off, faces = mesh.nearest.on_surface(points[used])
+        assert off.max() < 1e-9
+        np.testing.assert_allclose(mesh.face_normals[faces], normals[used], atol=1e-9)
+        assert np.linalg.norm(points[used] - grasps[parent].contact_points, axis=1).max() < 0.03
+
+
+def test_contacts_do_not_move_to_where_no_pad_may_press(box_search: GraspSearch) -> None:
+    mesh, rng = shapes.build("box").mesh, np.random.default_rng(0)
+    lowest = float(mesh.bounds[1, 2]) - 0.03
+    samples = SurfaceSamples(mesh, lowest=lowest, rng=rng)
+    _, sets, _, _ = vary(ALLEGRO, box_search.grasps, samples, each=50, distance=0.02, rng=rng)
+    assert len(sets)
+    # A contact may lie 5 mm beside its sample.
+    assert sets.points[sets.used][:, 2].min() > lowest - 0.005
 
 
 def test_the_same_seed_finds_the_same_grasps_and_another_seed_others() -> None:

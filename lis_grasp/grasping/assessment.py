@@ -94,8 +94,8 @@ class GraspAssessor:
         # The same draws for every grasp, whenever it is assessed.
         self._seed = rng.integers(2**63)
 
-    def assess(self, placed: PlacedHands) -> list[Grasp]:
-        """Return the grasps in force closure among hands, in their order."""
+    def assess(self, placed: PlacedHands) -> dict[int, Grasp]:
+        """Return the grasps in force closure among hands, by their index."""
         fingers = placed.sets.used.sum(axis=1)
         found: dict[int, Grasp] = {}
         for count in np.unique(fingers):
@@ -125,7 +125,21 @@ class GraspAssessor:
                 }
                 b = int(alike[i])
                 found[b] = self._grasp(placed, b, points[i], normals[i], quality)
-        return [found[b] for b in sorted(found)]
+        return dict(sorted(found.items()))
+
+    def robust_epsilons(self, sets: ContactSets) -> FloatArray:
+        """Return ``epsilon_robust`` of B contact sets, before a hand is placed; shape (B,)."""
+        found = np.zeros(len(sets))
+        fingers = sets.used.sum(axis=1)
+        for count in np.unique(fingers):
+            alike = np.flatnonzero(fingers == count)
+            used = sets.used[alike]
+            found[alike] = self.epsilons(
+                sets.points[alike][used].reshape(-1, count, 3),
+                sets.normals[alike][used].reshape(-1, count, 3),
+                share=_ROBUST_SHARE,
+            )
+        return found
 
     def epsilons(self, points: FloatArray, normals: FloatArray, *, share: float) -> FloatArray:
         """Return epsilon of contacts (B, C, 3) at a share of the friction, shape (B,)."""

@@ -103,6 +103,16 @@ class SurfaceSamples:
     def __len__(self) -> int:
         return len(self.points)
 
+    def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+        """Return where points (..., 3) go on the surface, its normals there, and which may."""
+        assert self.tree is not None
+        _, index = self.tree.query(points)
+        normals = self.normals[index]
+        height = ((points - self.points[index]) * normals).sum(axis=-1, keepdims=True)
+        on_surface = points - height * normals
+        beside = np.linalg.norm(on_surface - self.points[index], axis=-1)
+        return on_surface, normals, beside <= _REACH
+
 
 def find_contact_sets(
     hand: Hand, samples: SurfaceSamples, *, count: int, rng: np.random.Generator

@@ -164,7 +164,7 @@ class _Problem:
     def linearise(self, X: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals (B, R) and their Jacobian (B, R, 6 + J)."""
         hand, used = self._hand, self._used
-        batch, joints = len(X), q.shape[1]
+        batch, joints, rows = len(X), q.shape[1], 3 * used.shape[1]
         centers, axes, J_centers, J_axes = hand.pad_jacobians(X, q)
         position = np.where(used[..., None], centers - self._centers, 0.0) / _POSITION_UNIT
         J_position = np.where(used[..., None, None], J_centers, 0.0) / _POSITION_UNIT
@@ -182,11 +182,11 @@ class _Problem:
         J_turn = np.zeros((batch, 3, 6 + joints))
         J_turn[:, :, :3] = np.eye(3)  # exact at the start, good enough for a preference
         residual = np.concatenate(
-            [position.reshape(batch, -1), axis, posture, turn / _TURN_UNIT], axis=1
+            [position.reshape(batch, rows), axis, posture, turn / _TURN_UNIT], axis=1
         )
         jacobian = np.concatenate(
             [
-                J_position.reshape(batch, -1, 6 + joints),
+                J_position.reshape(batch, rows, 6 + joints),
                 J_axis,
                 J_posture,
                 J_turn / _TURN_UNIT,

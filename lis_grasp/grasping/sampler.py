@@ -10,8 +10,7 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
-from lis_grasp.grasping.assessment import GraspAssessor, PlacedHands
-from lis_grasp.grasping.collision import HandCollisionChecker
+from lis_grasp.grasping.assessment import GraspAssessor
 from lis_grasp.grasping.contact_search import (
     ContactSets,
     SurfaceSamples,
@@ -20,19 +19,19 @@ from lis_grasp.grasping.contact_search import (
 )
 from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.grasping.inverse_kinematics import PadTargets, Postures, reach
-from lis_grasp.grasping.pose_filter import HandPoseFilter
+from lis_grasp.grasping.placement import HandPlacer
+from lis_grasp.grasping.refinement import vary
 
 FloatArray = npt.NDArray[np.float64]
 
-_MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
-_MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
 # Contact sets that are worked on together.
 _ROUND = 100
 # Ranking gains little from more grasps than this many times those asked for.
 _ENOUGH = 5
-_OPENING = 0.02  # [m] that each pad backs off its contact before closing
-_STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
+# Refinement goes by steps of these standard deviations [m]; of so many variations of a grasp it
+# tries so many, those of the best epsilon.
+_STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
+_VARIATIONS, _TRIED = 20, 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +40,9 @@ class ForceClosureSampler:
 
     Contact sets are drawn where the surface is flat enough for a pad and supported by touches; the
     palm's pose and the joints follow by inverse kinematics; a filter and FCL judge every link at
-    the grasp, at the opened posture, and along the approach; what is left is assessed and ranked by
-    `GraspAssessor`.
+    the grasp, at the opened posture, and along the approach (`HandPlacer`); what is left is
+    assessed and ranked by `GraspAssessor`. Then the best are refined: contacts beside theirs, ever
+    nearer ones, replace them where a grasp at these is likelier to hold.
 
     Parameters
     ----------
@@ -51,7 +51,8 @@ class ForceClosureSampler:
     friction
         Coulomb coefficient between pads and object.
     candidates
-        Contact sets to draw at the most; fewer, once enough grasps hold.
+        Contact sets to draw at the most; fewer, once enough grasps hold. Refinement tries up to ten
+        more for each grasp asked for.
     """
 
     hand: Hand
@@ -96,94 +97,93 @@ class ForceClosureSampler:
                 "grasps are planned on closed meshes; this one has open edges: repair it with"
                 " lis_grasp.shapes.load, or mesh an estimate with extract_mesh"
             )
-        rejected: Counter[str] = Counter()
         largest_pad = max(pad.radius for pad in self.hand.pads)
         lowest = -np.inf if support_height is None else support_height + largest_pad + 0.004
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng)
         if not len(samples):
-            rejected["no_flat_supported_surface"] = self.candidates
-            return GraspSearch((), dict(rejected), self.candidates)
-        checker = HandCollisionChecker(self.hand, mesh, support_height=support_height)
-        poses = HandPoseFilter(self.hand, mesh)
+            return GraspSearch((), {"no_flat_supported_surface": self.candidates}, self.candidates)
+        placer = HandPlacer(self.hand, mesh, support_height=support_height)
         assessor = GraspAssessor(self.hand, mesh, friction=self.friction, rng=rng)
-        grasps: list[Grasp] = []
-        drawn = 0
-        while drawn < self.candidates:
-            size = min(_ROUND, self.candidates - drawn)
-            drawn += size
-            placed = self._place(samples, poses, checker, size, rejected, rng)
-            found = assessor.assess(placed)
-            rejected["no_force_closure"] += len(placed) - len(found)
-            grasps += found
-            if sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in grasps) >= _ENOUGH * count:
-                break
-        grasps.sort(key=lambda grasp: -grasp.quality["success_probability"])
-        if len(grasps) > count:
-            rejected["outranked"] = len(grasps) - count
-        counts = {reason: n for reason, n in sorted(rejected.items()) if n}
-        return GraspSearch(tuple(grasps[:count]), counts, drawn)
+        search = _Search(self.hand, samples, placer, assessor, rng)
+        while search.drawn < self.candidates and search.robust < _ENOUGH * count:
+            search.draw(min(_ROUND, self.candidates - search.drawn))
+        search.refine(count)
+        return search.result(count)
 
-    def _place(
+
+class _Search:
+    """A search as it goes: grasps so far, and what became of the other candidates."""
+
+    def __init__(
         self,
+        hand: Hand,
         samples: SurfaceSamples,
-        poses: HandPoseFilter,
-        checker: HandCollisionChecker,
-        count: int,
-        rejected: Counter[str],
+        placer: HandPlacer,
+        assessor: GraspAssessor,
         rng: np.random.Generator,
-    ) -> PlacedHands:
-        """Return those of `count` contact sets that the hand can reach without colliding."""
-        sets, misses = find_contact_sets(self.hand, samples, count=count, rng=rng)
-        rejected.update(misses)
-        sets, postures = self._reach(sets, rejected)
-        free = ~poses.collides(postures.X_OH, postures.q, pads_may_touch=True)
-        rejected["grasp_hits_object"] += int((~free).sum())
-        for b in np.flatnonzero(free):
-            hit = checker.first_collision(postures.X_OH[b], postures.q[b], pads_may_touch=True)
-            if hit is not None:
-                rejected[f"grasp_hits_{hit}"] += 1
-                free[b] = False
-        kept = np.flatnonzero(free)
-        sets, postures = sets.subset(kept), postures.subset(kept)
-        opened = self._opened(sets, postures)
-        free = ~poses.collides(postures.X_OH, opened)
-        rejected["approach_hits_object"] += int((~free).sum())
-        for b in np.flatnonzero(free):
-            hit = self._obstacle_on_the_way(checker, postures.X_OH[b], opened[b])
-            if hit is not None:
-                rejected[f"approach_hits_{hit}"] += 1
-                free[b] = False
-        kept = np.flatnonzero(free)
-        return PlacedHands(sets.subset(kept), postures.subset(kept), opened[kept])
+    ) -> None:
+        self._hand, self._samples, self._rng = hand, samples, rng
+        self._placer, self._assessor = placer, assessor
+        self._grasps: list[Grasp] = []
+        self._rejected: Counter[str] = Counter()
+        self.drawn = 0
 
-    def _reach(self, sets: ContactSets, rejected: Counter[str]) -> tuple[ContactSets, Postures]:
-        """Solve the inverse kinematics from the fitting pregrasp, and drop what is not reached."""
-        if not len(sets):
-            none = np.zeros(0)
-            return sets, Postures(
-                np.zeros((0, 4, 4)), np.zeros((0, len(self.hand.lower))), none, none
+    @property
+    def robust(self) -> int:
+        """How many grasps close at half the friction, too."""
+        return sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self._grasps)
+
+    def draw(self, count: int) -> None:
+        """Draw contact sets, and keep the grasps that come of them."""
+        self.drawn += count
+        sets, misses = find_contact_sets(self._hand, self._samples, count=count, rng=self._rng)
+        self._rejected.update(misses)
+        found = self._assessed(sets, *initial_postures(self._hand, sets))
+        self._grasps += found.values()
+
+    def refine(self, count: int) -> None:
+        """Replace the best `count` grasps by better ones near them, step by step."""
+        self._grasps.sort(key=_chance, reverse=True)
+        best = self._grasps[:count]
+        for distance in _STEPS if best else ():
+            parents, sets, X_OH, q = vary(
+                self._hand, best, self._samples, each=_VARIATIONS, distance=distance, rng=self._rng
             )
-        X_OH, start = initial_postures(self.hand, sets)
-        targets = PadTargets(sets.points, sets.normals, sets.used)
-        postures = reach(self.hand, targets, X_OH, start)
-        near = postures.position_error <= _MAX_POSITION_ERROR
-        facing = postures.axis_error <= _MAX_AXIS_ERROR
-        rejected["out_of_reach"] += int((~near).sum())
-        rejected["pad_does_not_face_the_surface"] += int((near & ~facing).sum())
-        kept = np.flatnonzero(near & facing)
-        return sets.subset(kept), postures.subset(kept)
+            chosen = _best_of_each(parents, self._assessor.robust_epsilons(sets))
+            self.drawn += len(chosen)
+            found = self._assessed(sets.subset(chosen), X_OH[chosen], q[chosen])
+            for i, grasp in found.items():
+                parent = parents[chosen[i]]
+                if _chance(grasp) > _chance(best[parent]):
+                    best[parent] = grasp
+            self._rejected["outranked"] += len(found)
+        self._grasps[:count] = best
+        self._grasps.sort(key=_chance, reverse=True)
 
-    def _opened(self, sets: ContactSets, postures: Postures) -> FloatArray:
-        """Return joint positions (B, J) with every used pad off its contact, the palm still."""
-        if not len(sets):
-            return postures.q
-        away = PadTargets(sets.points + _OPENING * sets.normals, sets.normals, sets.used)
-        return reach(self.hand, away, postures.X_OH, postures.q, palm_fixed=True).q
+    def result(self, count: int) -> GraspSearch:
+        """Return the best `count` grasps."""
+        self._rejected["outranked"] += max(len(self._grasps) - count, 0)
+        rejected = self._rejected + self._placer.rejected
+        return GraspSearch(
+            tuple(self._grasps[:count]),
+            {reason: n for reason, n in sorted(rejected.items()) if n},
+            self.drawn,
+        )
 
-    def _obstacle_on_the_way(
-        self, checker: HandCollisionChecker, X_OH: FloatArray, opened: FloatArray
-    ) -> str | None:
-        back = np.linspace(0.0, _STANDOFF, _APPROACH_STEPS)
-        way = np.tile(X_OH, (len(back), 1, 1))
-        way[:, :3, 3] -= back[:, None] * (X_OH[:3, :3] @ self.hand.approach_H)
-        return checker.first_collision_on_the_way(way, opened)
+    def _assessed(self, sets: ContactSets, X_OH: FloatArray, q: FloatArray) -> dict[int, Grasp]:
+        """Return the grasps among contact sets, by the index of the set."""
+        kept, placed = self._placer.place(sets, X_OH, q)
+        found = self._assessor.assess(placed)
+        self._rejected["no_force_closure"] += len(placed) - len(found)
+        return {int(kept[i]): grasp for i, grasp in found.items()}
+
+
+def _chance(grasp: Grasp) -> float:
+    return grasp.quality["success_probability"]
+
+
+def _best_of_each(parents: npt.NDArray[np.intp], promises: FloatArray) -> npt.NDArray[np.intp]:
+    """Return the few variations of each parent that promise most, none that promises nothing."""
+    order = np.lexsort((-promises, parents))
+    ranks = np.arange(len(order)) - np.searchsorted(parents[order], parents[order])
+    return np.sort(order[(ranks < _TRIED) & (promises[order] > 0.0)])
