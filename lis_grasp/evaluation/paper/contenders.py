@@ -86,8 +86,15 @@ OURS: Mapping[str, Contender] = MappingProxyType(
 )
 
 
+CONTENDERS: tuple[str, ...] = (*OURS, *BASELINES)
+"""Every name that `contender` knows; some baselines need packages of their own."""
+
+
 def contender(name: str) -> Contender:
-    """Return an estimator of this package, or one of the baselines, by its name."""
+    """Return an estimator of this package, or one of the baselines, by its name.
+
+    Baselines are not told the sensor's noise: they have no place for it.
+    """
     if name in OURS:
         return OURS[name]
     return lambda contacts, noise: BASELINES[name](contacts)
