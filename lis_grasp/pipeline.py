@@ -21,6 +21,7 @@ from lis_grasp.exploration import (
     Certain,
     Covered,
     Exploration,
+    ProbeOutcome,
     Prober,
     StopRule,
     TactileSensor,
@@ -184,9 +185,13 @@ def touch(
     config: RunConfig,
     *,
     log: TouchLog | None = None,
+    recorded: Sequence[ProbeOutcome] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Exploration:
     """Explore the object by touch, as the configuration says; go on from an interrupted log.
+
+    Without a log, `recorded` are the outcomes to go on from: those of the same exploration for
+    fewer touches.
 
     The object is held, or stands free on a table. What the robot is told of it beforehand is where
     it is and how large: the centre of its bounding box and its largest extent; every contact is
@@ -198,7 +203,7 @@ def touch(
         shape.size,
         support_height(shape) if config.free else None,
     )
-    recorded = log.resume() if log is not None else ()
+    recorded = log.resume() if log is not None else recorded
     exploration = explore(
         _make_prober(config, hand, shape),
         make_policy(config, space),

@@ -14,7 +14,8 @@ import pytest
 from lis_grasp.cli.compare import QUICK
 from lis_grasp.cli.main import main
 from lis_grasp.study.results import StudyResults, without_times
-from lis_grasp.study.study import Study, load_study
+from lis_grasp.study.study import Study
+from lis_grasp.study.study_file import load_study
 
 pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import os
 import signal
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +15,17 @@ import pytest
 from lis_grasp import pipeline, shapes
 from lis_grasp.exceptions import EstimationError, InvalidFileError, InvalidOptionError
 from lis_grasp.exploration import Exploration
+from lis_grasp.grasping.grasp import GraspSearch
+from lis_grasp.json_lines import Row
 from lis_grasp.study import trial as trial_module
+from lis_grasp.study.attempt import attempt
+from lis_grasp.study.exploring import contacts_of, forget
+from lis_grasp.study.keys import row_key
 from lis_grasp.study.results import COLUMNS, StudyResults, job_of, without_times
 from lis_grasp.study.scheduling import DaskCluster, InProcess, LocalPool, run_study
-from lis_grasp.study.study import Setup, Study, Trial, load_study, parse_noise
-from lis_grasp.study.trial import Job, Row, contacts_of, row_key, run_job
+from lis_grasp.study.study import Setup, Study, Trial, parse_noise
+from lis_grasp.study.study_file import load_study
+from lis_grasp.study.trial import Job, run_job
 
 pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
 
@@ -149,13 +157,102 @@ def test_a_file_counts_by_what_is_in_it(tmp_path: Path) -> None:
     assert len(keys) == 2
 
 
+def exported_block(folder: Path, *, size: float = 0.10) -> Path:
+    folder.mkdir(exist_ok=True)
+    shapes.build("box", size).mesh.export(folder / "block.stl")
+    return folder / "block.stl"
+
+
+def test_a_study_of_the_same_file_in_another_folder_is_the_same_study(tmp_path: Path) -> None:
+    here, there = (exported_block(tmp_path / name) for name in ("here", "there"))
+    study = dataclasses.replace(SMALL, objects=("box", str(here)))
+    moved = dataclasses.replace(SMALL, objects=("box", str(there)))
+    run(study, tmp_path / "results", runner=named_rows)
+    assert StudyResults(tmp_path / "results").missing(moved) == []
+    rows = StudyResults(tmp_path / "results").of(moved)
+    assert {row["object"] for row in rows} == {"box", "block.stl"}
+    for row in rows:
+        assert (row["object_digest"] is None) == (row["object"] == "box")
+        assert not any(str(tmp_path) in str(value) for value in row.values())
+    again = exported_block(tmp_path / "there", size=0.12)
+    assert len(StudyResults(tmp_path / "results").missing(moved)) == 4, again
+
+
+def named_rows(job: Job) -> list[Row]:
+    """Return rows as a trial's, at once, of objects in files too."""
+    shape = shapes.build("box")
+    return [trial_module._blank_row(job.trial, job.setup, name, shape) for name in job.estimators]
+
+
+def test_a_row_of_a_file_is_made_again_from_the_file_of_that_content(tmp_path: Path) -> None:
+    block = exported_block(tmp_path / "here")
+    trial = Trial(str(block), "allegro", 6, "none", 0)
+    (row,) = named_rows(Job(trial, Setup(), ("gpis",)))
+    assert job_of(row, [str(block)]) == Job(trial, Setup(), ("gpis",))
+    with pytest.raises(InvalidOptionError, match=r"the row is of the file block\.stl"):
+        job_of(row)
+    exported_block(tmp_path / "here", size=0.12)
+    with pytest.raises(InvalidOptionError, match="has changed since"):
+        job_of(row, [str(block)])
+
+
+def test_files_of_a_study_are_found_from_its_folder_or_among_the_meshes(tmp_path: Path) -> None:
+    block = exported_block(tmp_path / "shapes")
+    path = tmp_path / "study.yaml"
+    path.write_text("objects: [box, shapes/block.stl]\n")
+    assert load_study(path)["objects"] == ["box", str(block)]
+    path.write_text("objects: [box, block.stl]\n")
+    assert load_study(path, block.parent)["objects"] == ["box", str(block)]
+    Study.from_facts(load_study(path, block.parent))
+    with pytest.raises(InvalidFileError, match="is missing, or is no file"):
+        Study.from_facts(load_study(path))
+
+
+def test_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    both = tuple(str(exported_block(tmp_path / name)) for name in ("here", "there"))
+    with pytest.raises(InvalidOptionError, match=r"differ by name.*block\.stl"):
+        dataclasses.replace(SMALL, objects=both)
+
+
+def test_a_study_goes_on_from_the_merged_file_alone(tmp_path: Path) -> None:
+    half = dataclasses.replace(SMALL, seeds=(0,))
+    run(half, tmp_path / "first")
+    merged = StudyResults(tmp_path / "first").write_merged()
+    (tmp_path / "second").mkdir()
+    merged.rename(tmp_path / "second" / "rows.parquet")
+    results = StudyResults(tmp_path / "second")
+    assert {job.trial.seed for job in results.missing(SMALL)} == {1}
+    run(SMALL, tmp_path / "second")
+    run(SMALL, tmp_path / "whole")
+    assert results.of(SMALL) == StudyResults(tmp_path / "whole").of(SMALL)
+    # Merging again loses nothing, whoever wrote it.
+    results.write_merged()
+    assert results.read() == StudyResults(tmp_path / "whole").read()
+
+
+def test_every_contender_can_be_studied_but_those_that_cannot_run() -> None:
+    names = ("gpis", "gpis_rbf", "gpis_thin_plate", "hermite_rbf", "patch", "truth")
+    assert dataclasses.replace(SMALL, estimators=names).estimators == names
+    with pytest.raises(InvalidOptionError, match="did you mean 'gpis_rbf'"):
+        dataclasses.replace(SMALL, estimators=("gpis", "gpis_rfb"))
+    own = Setup(explorer="own", policy="frontier")
+    with pytest.raises(InvalidOptionError, match="estimators must be among lis, gpis"):
+        dataclasses.replace(SMALL, estimators=("gpis", "hermite_rbf"), setup=own)
+
+
+def test_an_estimator_whose_package_is_missing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    with pytest.raises(InvalidOptionError, match="which is not installed"):
+        dataclasses.replace(SMALL, estimators=("gpis", "rimls"))
+
+
 def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
     run(SMALL, tmp_path)
     written = [
         row for job in StudyResults(tmp_path / "no").missing(SMALL) for row in fake_rows(job)
     ]
     assert StudyResults(tmp_path).of(SMALL) == [{n: r.get(n) for n in COLUMNS} for r in written]
-    merged = StudyResults(tmp_path).write_merged(written)
+    merged = StudyResults(tmp_path).write_merged()
     assert merged.is_file()
     assert len(StudyResults(tmp_path).keys()) == len(written)
 
@@ -222,6 +319,7 @@ def test_a_row_is_found_by_the_beginning_of_its_key(tmp_path: Path) -> None:
 
 def test_a_smaller_budget_s_contacts_are_the_first_of_a_larger_one() -> None:
     larger = Trial("mallet", "allegro", 14, "1mm/3deg", 3)
+    forget()
     many, _ = contacts_of(larger, Setup(), "blend")
     few, _ = contacts_of(dataclasses.replace(larger, touches=9), Setup(), "blend")
     assert (len(few), len(many)) == (9, 14)
@@ -231,11 +329,52 @@ def test_a_smaller_budget_s_contacts_are_the_first_of_a_larger_one() -> None:
     np.testing.assert_array_equal(few.free_points, many.free_points[:free])
 
 
+def test_a_larger_budget_goes_on_from_a_smaller_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    smaller = Trial("hollow_cylinder", "wsg50", 5, "1mm/3deg", 2)
+    larger = dataclasses.replace(smaller, touches=11)
+    forget()
+    whole, _ = contacts_of(larger, Setup(), "blend")
+    forget()
+    _, before = contacts_of(smaller, Setup(), "blend")
+    given = []
+    touch = pipeline.touch
+
+    def spy(*arguments: Any, **options: Any) -> Exploration:
+        given.append(len(options["recorded"]))
+        return touch(*arguments, **options)
+
+    monkeypatch.setattr(pipeline, "touch", spy)
+    grown, after = contacts_of(larger, Setup(), "blend")
+    assert given[0] >= 5
+    assert after > before
+    np.testing.assert_array_equal(grown.points, whole.points)
+    np.testing.assert_array_equal(grown.normals, whole.normals)
+    np.testing.assert_array_equal(grown.free_points, whole.free_points)
+
+
+def test_what_is_planned_on_one_mesh_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    planned = []
+    plan = pipeline.plan
+
+    def spy(*arguments: Any, **options: Any) -> GraspSearch:
+        planned.append(options["seed"])
+        return plan(*arguments, **options)
+
+    monkeypatch.setattr(pipeline, "plan", spy)
+    attempt.cache_clear()
+    first, second = (Trial("sphere", "wsg50", touches, "none", 5) for touches in (5, 6))
+    rows = [run_job(Job(trial, Setup(), ("truth", "patch"))) for trial in (first, second)]
+    assert len(planned) == 3  # the truth once, the patches of 5 and of 6 contacts
+    for name in ("held", "epsilon_truth", "slip", "rejections"):
+        assert rows[0][0][name] == rows[1][0][name]
+    assert rows[0][0]["contacts"] != rows[1][0]["contacts"]
+
+
 def test_failures_are_rows_with_their_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     def estimate(*_: object) -> None:
         raise EstimationError("no surface of this kind")
 
-    monkeypatch.setattr(pipeline, "estimate", estimate)
+    monkeypatch.setattr(trial_module, "contender", lambda _: estimate)
     (row,) = run_job(Job(Trial("box", "allegro", 4, "none", 0), Setup(), ("gpis",)))
     assert (row["reason"], row["held"]) == ("failed", False)
     assert row["failure"] == "EstimationError: no surface of this kind"
@@ -247,10 +386,10 @@ def test_an_object_that_was_never_felt_is_a_failure_of_its_trial(
 ) -> None:
     from lis_grasp.contacts import Contacts
 
-    contacts_of.cache_clear()
+    forget()
     monkeypatch.setattr(pipeline, "touch", lambda *_, **__: Exploration(Contacts.empty(), ()))
     (row,) = run_job(Job(Trial("box", "allegro", 4, "none", 99), Setup(), ("gpis",)))
-    contacts_of.cache_clear()
+    forget()
     assert "the exploration made none" in row["failure"]
 
 

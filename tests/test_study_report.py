@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture
 from lis_grasp.study.comparison import compare
+from lis_grasp.study.keys import row_key
 from lis_grasp.study.study import Setup, Study
-from lis_grasp.study.trial import Row, row_key
 from lis_grasp.study_report import write_report, write_tables
 from lis_grasp.study_report.pictures import draw_pictures
 from lis_grasp.study_report.tables import StudyTable, all_tables, losses_table, printed

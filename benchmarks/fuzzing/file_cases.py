@@ -22,7 +22,8 @@ from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasp import Grasp, GraspSearch, load_grasps, save_grasps
 from lis_grasp.mesh_files import load_surface, save_surface
 from lis_grasp.motion import Motion
-from lis_grasp.study.study import Study, load_study
+from lis_grasp.study.study import Study
+from lis_grasp.study.study_file import load_study
 
 Generator = np.random.Generator
 

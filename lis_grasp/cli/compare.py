@@ -42,6 +42,9 @@ _FLAGS = {
 }
 
 
+_SETUP = ("reference", "prober", "explorer", "policy", "mass", "friction")
+
+
 def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
     parser = verbs.add_parser(
@@ -53,6 +56,12 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument("--study", type=Path, metavar="YAML", help="file of the study")
     parser.add_argument("--quick", action="store_true", help="a small study, under five minutes")
+    parser.add_argument(
+        "--meshes",
+        type=Path,
+        metavar="FOLDER",
+        help="where mesh files are (default: beside the study's file, or here)",
+    )
     for name, text in _FLAGS.items():
         kind = int if name == "touches" else str
         parser.add_argument(f"--{name}", nargs="+", type=kind, metavar=name.upper(), help=text)
@@ -93,7 +102,7 @@ def execute(options: argparse.Namespace) -> None:
     output: Path = options.output or _OUTPUT
     results = StudyResults(output)
     if options.rerun is not None:
-        _rerun(results, options.rerun)
+        _rerun(results, options)
         return
     scheduler = _scheduler(options)
     study = Study.from_facts(_facts(options))
@@ -115,7 +124,7 @@ def _report(study: Any, results: StudyResults, output: Path) -> None:
         rows = results.of(study)
         comparisons = compare(rows, study.reference)
         tables = all_tables(rows, comparisons, study.reference)
-        results.write_merged(rows)
+        results.write_merged()
         write_tables(output, tables, rows)
         command = f"lis-grasp compare --study {shlex.quote(str(output / 'study.yaml'))}"
         pictures = list(draw_pictures(rows))
@@ -130,18 +139,19 @@ def _report(study: Any, results: StudyResults, output: Path) -> None:
 
 def _facts(options: argparse.Namespace) -> dict[str, Any]:
     """Return the facts of a study: those of the file, or --quick, and on top those of flags."""
-    from lis_grasp.study.study import load_study
+    from lis_grasp.study.study_file import load_study, with_places
 
     if options.study is not None and options.quick:
         raise InvalidOptionError("--quick is a study of its own: leave out --study, or --quick")
     facts = dict(QUICK) if options.quick else {}
     if options.study is not None:
-        facts = load_study(options.study)
-    for name in (*_FLAGS, "seeds", "reference", "prober", "explorer", "policy", "mass", "friction"):
-        asked = getattr(options, name)
-        if asked is not None:
-            facts[name] = asked
-    return facts
+        facts = load_study(options.study, options.meshes)
+    given = {
+        name: getattr(options, name)
+        for name in (*_FLAGS, "seeds", *_SETUP)
+        if getattr(options, name) is not None
+    }
+    return facts | with_places(given, Path.cwd(), options.meshes)
 
 
 def _scheduler(options: argparse.Namespace) -> Scheduler:
@@ -155,12 +165,15 @@ def _scheduler(options: argparse.Namespace) -> Scheduler:
     return InProcess() if jobs == 1 else LocalPool(jobs)
 
 
-def _rerun(results: StudyResults, key: str) -> None:
+def _rerun(results: StudyResults, options: argparse.Namespace) -> None:
     from lis_grasp.study.results import job_of, without_times
+    from lis_grasp.study.study_file import load_study
     from lis_grasp.study.trial import run_job
 
-    recorded = results.row(key)
-    job = job_of(recorded)
+    recorded = results.row(options.rerun)
+    described = options.study or results.folder / "study.yaml"
+    facts = load_study(described, options.meshes) if described.is_file() else {}
+    job = job_of(recorded, [*facts.get("objects", []), *facts.get("hands", [])])
     with Stage(f"Running {recorded['key']} again") as stage:
         (row,) = run_job(job)
         stage.result = row["reason"]

@@ -2,6 +2,7 @@
 
 from lis_grasp.study.comparison import Comparison, compare
 from lis_grasp.study.results import StudyResults
-from lis_grasp.study.study import Setup, Study, Trial, load_study
+from lis_grasp.study.study import Setup, Study, Trial
+from lis_grasp.study.study_file import load_study
 
 __all__ = ["Comparison", "Setup", "Study", "StudyResults", "Trial", "compare", "load_study"]

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.evaluation.paper.summary import Table, tabulate
+from lis_grasp.json_lines import Row
 from lis_grasp.study.statistics import clustered, holm, mcnemar, rank_biserial, wilcoxon
 from lis_grasp.study.study import TRUTH
-from lis_grasp.study.trial import Row
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Rows of a study, one small Parquet file each, kept as they come and taken up again."""
+"""Rows of a study: one small Parquet file each as they come, one for all in the end."""
 
 from __future__ import annotations
 
@@ -10,9 +10,13 @@ from typing import Any
 
 import lis_grasp
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.grasping.hand import HAND_NAMES
+from lis_grasp.json_lines import Row
 from lis_grasp.output_files import whole_file
+from lis_grasp.shapes import NAMES
+from lis_grasp.study.keys import label, row_key
 from lis_grasp.study.study import Setup, Study, Trial
-from lis_grasp.study.trial import MACHINE, TIMES, Job, Row, row_key
+from lis_grasp.study.trial import MACHINE, TIMES, Job
 
 _PARTS = "rows"
 
@@ -22,7 +26,9 @@ class StudyResults:
     """The rows of a study in a folder: ``rows/<key>.parquet``, each written whole or not at all.
 
     A row's key is a hash of all that decides what is in it, so that whoever writes a row writes the
-    same file, nothing is done twice, and a killed study goes on where it was.
+    same file, nothing is done twice, and a killed study goes on where it was. ``rows.parquet`` has
+    all rows in one file; where there is nothing but that file, on another machine say, a study
+    goes on from it.
 
     Parameters
     ----------
@@ -37,26 +43,38 @@ class StudyResults:
         for row in rows:
             self._write(self.folder / _PARTS / f"{row['key']}.parquet", [row])
 
-    def write_merged(self, rows: Sequence[Row]) -> Path:
-        """Write rows as one file, ``rows.parquet``, and return its path."""
-        path = self.folder / "rows.parquet"
-        self._write(path, rows)
-        return path
+    def write_merged(self) -> Path:
+        """Write all rows that there are as one file, ``rows.parquet``, and return its path."""
+        self._write(self._merged, self.read())
+        return self._merged
 
     def keys(self) -> set[str]:
         """Return the keys of the rows that there are."""
-        return {path.stem for path in self._parts()}
+        return {*self._parts(), *self._merged_keys()}
 
-    def read(self, keys: Iterable[str] | None = None) -> list[Row]:
+    def read(self, keys: Iterable[str] | None = None, *, any_version: bool = False) -> list[Row]:
         """Return rows, all or those of the keys given that there are, ordered by key.
+
+        Parameters
+        ----------
+        keys
+            Of the rows wanted; None for all.
+        any_version
+            Whether rows may be of another version of the package; to go on with a study they must
+            not.
 
         Raises
         ------
         InvalidFileError
             If a file cannot be read, or is of another version.
         """
-        wanted = None if keys is None else set(keys)
-        return [self._read(p) for p in self._parts() if wanted is None or p.stem in wanted]
+        merged = self._read(self._merged, any_version) if self._merged.is_file() else []
+        found = {row["key"]: row for row in merged}
+        wanted = self.keys() if keys is None else set(keys)
+        for key, path in self._parts().items():
+            if key in wanted and key not in found:
+                (found[key],) = self._read(path, any_version)
+        return [found[key] for key in sorted(wanted & found.keys())]
 
     def row(self, key: str) -> Row:
         """Return the row of a key, or of the beginning of one.
@@ -66,13 +84,13 @@ class StudyResults:
         InvalidOptionError
             If there is none, or more than one.
         """
-        found = [path for path in self._parts() if path.stem.startswith(key)]
+        found = [name for name in self.keys() if name.startswith(key)]
         if len(found) != 1:
             raise InvalidOptionError(
                 f"a key must name one row of {self.folder}; '{key}' names {len(found)}: take it"
                 " from the column 'key' of rows.csv"
             )
-        return self._read(found[0])
+        return self.read(found)[0]
 
     def missing(self, study: Study) -> list[Job]:
         """Return what of a study there is to do, in its order."""
@@ -96,40 +114,69 @@ class StudyResults:
         found = {row["key"]: row for row in self.read(order)}
         return [found[key] for key in order if key in found]
 
-    def _parts(self) -> list[Path]:
-        return sorted(
-            path
-            for path in (self.folder / _PARTS).glob("*.parquet")
-            if not path.name.startswith(".")
-        )
+    @property
+    def _merged(self) -> Path:
+        return self.folder / "rows.parquet"
+
+    def _merged_keys(self) -> list[str]:
+        if not self._merged.is_file():
+            return []
+        return [row["key"] for row in _table(self._merged, ["key"])]
+
+    def _parts(self) -> dict[str, Path]:
+        """Return the file of each row that has one of its own, in the order of their keys."""
+        paths = sorted((self.folder / _PARTS).glob("*.parquet"))
+        return {path.stem: path for path in paths if not path.name.startswith(".")}
 
     def _write(self, path: Path, rows: Sequence[Row]) -> None:
         arrow, parquet = _pyarrow()
         table = arrow.Table.from_pylist(list(rows), schema=_schema(arrow))
         with whole_file(path) as temporary:
-            parquet.write_table(table, temporary)
+            parquet.write_table(table, temporary, compression="zstd")
 
-    def _read(self, path: Path) -> Row:
-        arrow, parquet = _pyarrow()
-        try:
-            # ParquetFile and not read_table: a file alone, no data set around it.
-            row: Row = parquet.ParquetFile(path).read().to_pylist()[0]
-        except (OSError, arrow.ArrowException, ValueError, IndexError) as error:
-            raise InvalidFileError(
-                f"cannot read {path}: {error}; remove it, and it is made again"
-            ) from None
-        if row.get("version") != lis_grasp.__version__:
-            raise InvalidFileError(
-                f"{path} must be of lis_grasp {lis_grasp.__version__}; it is of"
-                f" {row.get('version')}: write to another folder, or remove this one"
-            )
-        return row
+    def _read(self, path: Path, any_version: bool) -> list[Row]:
+        rows = _table(path)
+        for row in rows:
+            if not any_version and row.get("version") != lis_grasp.__version__:
+                raise InvalidFileError(
+                    f"{path} must be of lis_grasp {lis_grasp.__version__}; it is of"
+                    f" {row.get('version')}: write to another folder, or remove this one"
+                )
+        return rows
 
 
-def job_of(row: Row) -> Job:
-    """Return the job that makes a row again."""
-    trial = Trial(**{name: row[name] for name in Trial.__dataclass_fields__})
+def job_of(row: Row, files: Iterable[str] = ()) -> Job:
+    """Return the job that makes a row again.
+
+    Parameters
+    ----------
+    row
+        As it was recorded.
+    files
+        Paths of objects and hands; rows have nothing but the files' names.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the file of the row's object or hand is not among them, or has changed.
+    """
+    places = {label(path): path for path in files}
+    named = {name: row[name] for name in Trial.__dataclass_fields__}
+    for what, known in (("object", NAMES), ("hand", HAND_NAMES)):
+        if named[what] not in known:
+            if named[what] not in places:
+                raise InvalidOptionError(
+                    f"the row is of the file {named[what]}, which the study in this folder does"
+                    " not name: give it in study.yaml, or its folder by --meshes"
+                )
+            named[what] = places[named[what]]
+    trial = Trial(**named)
     setup = Setup(**{name: row[name] for name in Setup.__dataclass_fields__})
+    if row_key(trial, setup, row["estimator"]) != row["key"]:
+        raise InvalidOptionError(
+            f"the files of row {row['key']} must be those that it was made of; {row['object']} or"
+            f" {row['hand']} has changed since"
+        )
     return Job(trial, setup, (row["estimator"],))
 
 
@@ -154,6 +201,7 @@ _TEXTS = (
     *(
         "key",
         "object",
+        "object_digest",
         "hand",
         "noise",
         "estimator",
@@ -167,7 +215,7 @@ _TEXTS = (
 )
 
 COLUMNS = (
-    *("key", "object", "edged", "hand", "touches", "noise", "seed", "estimator"),
+    *("key", "object", "object_digest", "edged", "hand", "touches", "noise", "seed", "estimator"),
     *("held", "lifted", "reason", "slip", "acceleration_survived"),
     *("epsilon_estimate", "epsilon_truth", "epsilon_gap"),
     *("closure_probability", "success_probability"),
@@ -179,6 +227,18 @@ COLUMNS = (
     *("version", MACHINE, *TIMES),
 )
 """Columns of the files of results, in their order; lengths in metres, times in seconds."""
+
+
+def _table(path: Path, columns: list[str] | None = None) -> list[Row]:
+    arrow, parquet = _pyarrow()
+    try:
+        # ParquetFile and not read_table: a file alone, no data set around it.
+        rows: list[Row] = parquet.ParquetFile(path).read(columns=columns).to_pylist()
+    except (OSError, arrow.ArrowException, ValueError) as error:
+        raise InvalidFileError(
+            f"cannot read {path}: {error}; remove it, and it is made again"
+        ) from None
+    return rows
 
 
 def _pyarrow() -> tuple[ModuleType, ModuleType]:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.json_lines import Row
 from lis_grasp.study.results import StudyResults
 from lis_grasp.study.study import Study
-from lis_grasp.study.trial import Job, Row, run_job
+from lis_grasp.study.trial import Job, run_job
 from lis_grasp.worker_pool import worker_pool
 
 Runner = Callable[[Job], list[Row]]

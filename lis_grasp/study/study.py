@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from lis_grasp.evaluation.paper.contenders import Noise
-from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.paper.contenders import CONTENDERS, Noise, contender
+from lis_grasp.exceptions import (
+    EstimationError,
+    InvalidContactsError,
+    InvalidOptionError,
+    shown,
+)
 from lis_grasp.exploration import POLICIES
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.pipeline import RunConfig
 from lis_grasp.shapes import NAMES, Shape, find
+from lis_grasp.study.keys import label
 from lis_grasp.surfaces import ESTIMATORS
 
 TRUTH = "truth"
@@ -123,7 +129,7 @@ class Study:
     objects, touches, noise, hands, seeds
         What trials are made of, see `Trial`.
     estimators
-        Keys of `ESTIMATORS`, or "truth": planning on the true mesh.
+        Of `CONTENDERS`, or "truth": planning on the true mesh.
     reference
         The estimator that the others are compared with.
     setup
@@ -154,8 +160,11 @@ class Study:
             if len(set(values)) < len(values):
                 twice = next(v for v in values if values.count(v) > 1)
                 raise InvalidOptionError(f"{name} must not repeat; {shown(twice)} came twice")
+        driving = self.setup.explorer == OWN
         for name in self.estimators:
-            _require("estimators", name, (*ESTIMATORS, TRUTH))
+            _require("estimators", name, (*(ESTIMATORS if driving else CONTENDERS), TRUTH))
+            if name not in (*ESTIMATORS, TRUTH):
+                _require_installed(name)
         if self.reference not in self.estimators:
             raise InvalidOptionError(
                 f"the study compares with '{self.reference}': add it to estimators"
@@ -173,6 +182,14 @@ class Study:
             Hand.load(hand)
         for name in self.objects:
             find_object(name, self.setup)
+        for what in (self.objects, self.hands):
+            names = [label(name) for name in what]
+            if len(set(names)) < len(names):
+                twice = next(n for n in names if names.count(n) > 1)
+                raise InvalidOptionError(
+                    f"files of a study must differ by name, as rows are named after them;"
+                    f" {twice} came from two folders: rename one"
+                )
 
     def trials(self) -> list[Trial]:
         """Return every trial, seed by seed, so that a study stopped early is balanced."""
@@ -212,29 +229,6 @@ class Study:
         return cls(**chosen, setup=setup)
 
 
-def load_study(path: Path) -> dict[str, Any]:
-    """Read the facts of a study from a YAML file, for `Study.from_facts`.
-
-    Raises
-    ------
-    InvalidFileError
-        If it cannot be read, or is no mapping.
-    """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InvalidFileError(f"{path} must be a YAML file; it is not: {reason}") from None
-    if not isinstance(content, dict):
-        raise InvalidFileError(
-            f"{path} must hold keys and values, such as 'objects: [box, sphere]'; it holds"
-            f" {type(content).__name__}"
-        )
-    return content
-
-
 def parse_noise(level: str) -> Noise:
     """Return a level of noise from its name: "none", or "1mm/3deg"."""
     if level == "none":
@@ -248,6 +242,13 @@ def parse_noise(level: str) -> Noise:
 def find_object(name: str, setup: Setup) -> Shape:
     """Return the true object of a name; the size is for built-in shapes, the units for files."""
     return find(name, size=setup.size if name in NAMES else None, units=setup.units)
+
+
+def _require_installed(name: str) -> None:
+    """Refuse an estimator whose packages are missing: each of its rows would be a failure."""
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    with contextlib.suppress(EstimationError, InvalidContactsError):
+        contender(name)(Contacts(0.03 * axes, axes), Noise())
 
 
 def _listed(name: str, value: Any) -> tuple[Any, ...]:

@@ -7,10 +7,10 @@ from html import escape
 from pathlib import Path
 
 import lis_grasp
+from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture, figure_of, scroll, write_page
 from lis_grasp.study.comparison import LEAST_SEEDS, Comparison, losses
 from lis_grasp.study.study import OWN, Study
-from lis_grasp.study.trial import Row
 from lis_grasp.study_report.tables import StudyTable, interval, p_value, printed
 from lis_grasp.visualization.figures.palette import estimator_label
 

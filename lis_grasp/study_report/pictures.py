@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.stats import binomtest
 
+from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture
 from lis_grasp.study.comparison import KINDS, kind_of
-from lis_grasp.study.trial import Row
 from lis_grasp.visualization.figures import png_of
 from lis_grasp.visualization.figures.palette import (
     INK,

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
+from lis_grasp.json_lines import Row
 from lis_grasp.output_files import write_text
 from lis_grasp.study.comparison import KINDS, Comparison, agreements, losses, measure_table
 from lis_grasp.study.results import COLUMNS
-from lis_grasp.study.trial import Row
 from lis_grasp.visualization.figures.palette import estimator_label
 
 MEASURE_LABELS = {
