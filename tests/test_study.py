@@ -205,7 +205,7 @@ def test_files_of_a_study_are_found_from_its_folder_or_among_the_meshes(tmp_path
     assert load_study(path, block.parent)["objects"] == ["box", str(block)]
     Study.from_facts(load_study(path, block.parent))
     with pytest.raises(InvalidFileError, match="is missing, or is no file"):
-        Study.from_facts(load_study(path))
+        Study.from_facts(load_study(path)).require_files()
 
 
 def test_files_of_one_name_are_refused(tmp_path: Path) -> None:
@@ -244,6 +244,31 @@ def test_an_estimator_whose_package_is_missing_is_refused(monkeypatch: pytest.Mo
     monkeypatch.setitem(sys.modules, "pymeshlab", None)
     with pytest.raises(InvalidOptionError, match="which is not installed"):
         dataclasses.replace(SMALL, estimators=("gpis", "rimls"))
+
+
+def test_rows_are_reported_on_without_any_mesh(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block = exported_block(tmp_path / "here")
+    study = dataclasses.replace(SMALL, objects=("box", str(block)))
+    run(study, tmp_path, runner=named_rows)
+    rows = StudyResults(tmp_path).of(study)
+    block.unlink()
+    elsewhere = dataclasses.replace(study, objects=("box", "/nowhere/block.stl"))
+    monkeypatch.setattr("lis_grasp.__version__", "9.9.9")
+    assert StudyResults(tmp_path).alike(elsewhere) == rows
+    assert StudyResults(tmp_path).alike(dataclasses.replace(study, setup=Setup(mass=0.3))) == []
+    with pytest.raises(InvalidFileError, match="is missing, or is no file"):
+        StudyResults(tmp_path).missing(elsewhere)
+
+
+def test_rows_of_two_files_of_one_name_are_not_mixed(tmp_path: Path) -> None:
+    for size in (0.10, 0.12):
+        block = exported_block(tmp_path / "here", size=size)
+        study = dataclasses.replace(SMALL, objects=(str(block),))
+        run(study, tmp_path, runner=named_rows)
+    with pytest.raises(InvalidFileError, match=r"has two of block\.stl"):
+        StudyResults(tmp_path).alike(study)
 
 
 def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,8 +16,16 @@ from lis_grasp.study.comparison import compare
 from lis_grasp.study.keys import row_key
 from lis_grasp.study.study import Setup, Study
 from lis_grasp.study_report import write_report, write_tables
+from lis_grasp.study_report.answer import answer
 from lis_grasp.study_report.pictures import draw_pictures
-from lis_grasp.study_report.tables import StudyTable, all_tables, losses_table, printed
+from lis_grasp.study_report.tables import (
+    StudyTable,
+    all_tables,
+    differences_table,
+    held_table,
+    losses_table,
+    printed,
+)
 
 STUDY = Study(
     objects=("box", "sphere"),
@@ -43,6 +52,7 @@ def rows_of(study: Study = STUDY) -> list[Row]:
                     "estimator": name,
                     "edged": trial.object == "box",
                     "held": held,
+                    "version": "0.1",
                     "reason": "held" if held else "no_grasp",
                     "failure": None if held else "<b>no</b> surface",
                     "epsilon_estimate": 0.2 if held else None,
@@ -86,10 +96,43 @@ def test_the_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:
 
 def test_the_page_says_who_holds_more_and_by_how_much(tmp_path: Path) -> None:
     page = report(tmp_path, rows_of())
-    # Edged: 11 of 12 against 1 of 12; curved: 12 against 0. Both p-values survive Holm's method.
-    assert "blend held 92 % of edged objects, GPIS 8 %, noise none: <b>more</b> (+83 points" in page
-    assert "11 pairs won, 1 lost of 12" in page
-    assert "blend held 100 % of curved objects, GPIS 0 %, noise none: <b>more</b>" in page
+    text = html.unescape(re.sub("<[^>]*>", "", page))
+    # 23 of 24 against 1 of 24, in twelve clusters; p is 2 / 2^12 for all clusters but one.
+    assert "all objects, hands and touches, GPIS held 4 (" in text
+    assert "More than GPIS: blend +91.7 (" in text
+    assert "points, p < 0.001. Fewer than GPIS: none." in text
+    assert "at 10 touches +83.3 (" in text
+    assert "at 20 touches +100.0 (" in text
+    # The error at edges is the same; blend is nearer to the truth, and held 23 of 24 times.
+    assert "from the estimate to the truth, in 96 % of 24 pairs (p < 0.001)" in text
+
+
+def test_held_shares_are_told_for_each_budget_with_their_intervals() -> None:
+    table = held_table(rows_of(), "all")
+    assert table.head == ("estimator", "noise", "10 touches", "20 touches", "all")
+    assert [row[:2] for row in table.body] == [("GPIS", "none"), ("blend", "none")]
+    # All of 12: Wilson's interval of 12 of 12.
+    assert table.body[1][3] == "100 (76 to 100)"
+    assert re.fullmatch(r"96 \(\d+ to 100\)", table.body[1][4])
+    differences = differences_table(rows_of(), "gpis")
+    assert [row[0] for row in differences.body] == ["blend"]
+    assert differences.body[0][2].startswith("+83.3 (")
+    assert held_table(rows_of(), "curved").body[1][2] == "100"  # too few clusters
+
+
+def test_no_difference_is_told_as_none() -> None:
+    rows = rows_of()
+    for row in rows:
+        row["held"] = row["seed"] % 2 == 0
+    told = answer(rows, compare(rows, "gpis"), "gpis")
+    assert "No difference from GPIS is shown for blend." in told[0]
+    assert "More than GPIS: none." in told[0]
+    assert told[1].startswith("Of no pair with a measured surface did only one hold")
+
+
+def test_tables_become_markdown() -> None:
+    table = StudyTable("t", "t", ("a", "b"), (("1", "2"),))
+    assert table.markdown() == "| a | b |\n| --- | --- |\n| 1 | 2 |\n"
 
 
 def test_a_study_that_is_not_done_says_so(tmp_path: Path) -> None:
@@ -130,7 +173,7 @@ def test_text_that_latex_reads_as_commands_is_escaped() -> None:
 @pytest.mark.parametrize(
     ("measure", "value", "text"),
     [
-        ("held", 0.5, "50"),
+        ("held", 0.5, "50.0"),
         ("epsilon_truth", 0.1234, "0.123"),
         ("rmsd", 0.00234, "2.34"),
         ("rmsd", None, "–"),

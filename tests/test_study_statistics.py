@@ -10,12 +10,16 @@ import pytest
 from scipy import stats
 
 from lis_grasp.study.comparison import agreements, compare, losses, measure_table
+from lis_grasp.study.shares import share_of
 from lis_grasp.study.statistics import (
+    bootstrap_interval,
+    cluster_sums,
     clustered,
     holm,
     mcnemar,
     rank_biserial,
     sign_flip_p_value,
+    signed_ranks,
     wilcoxon,
 )
 
@@ -68,6 +72,47 @@ def test_clusters_of_one_are_mcnemar_s_test_and_copies_add_no_evidence() -> None
     assert mcnemar(27, 6) < 0.05 * mcnemar(9, 2)
 
 
+def test_signed_ranks_in_clusters_of_one_are_wilcoxon_s_test() -> None:
+    differences = np.random.default_rng(1).normal(0.4, 1.0, 15).round(1)
+    alone = cluster_sums(signed_ranks(differences), np.arange(15))
+    assert clustered(alone) == pytest.approx(wilcoxon(differences), rel=1e-9)
+    # Each three times in a cluster: nearly the same weights (3 r - 1 for r), the same evidence. As
+    # 45 pairs it would seem to be more.
+    thrice = np.repeat(differences, 3)
+    together = cluster_sums(signed_ranks(thrice), np.repeat(np.arange(15), 3))
+    assert clustered(together) == pytest.approx(wilcoxon(differences), rel=0.1)
+    assert wilcoxon(thrice) < 0.1 * wilcoxon(differences)
+
+
+def test_clusters_of_differences_err_as_often_as_they_say_and_pairs_alone_more_often() -> None:
+    # No estimator is better, but pairs of a cluster agree: 20 clusters of 8 pairs.
+    rng = np.random.default_rng(0)
+    clusters = np.repeat(np.arange(20), 8)
+    errs = []
+    for _ in range(400):
+        lean = rng.normal(0.0, 1.5, 20)[clusters]
+        signs = np.where(rng.random(160) < 1.0 / (1.0 + np.exp(-lean)), 1, -1)
+        wins = int((signs > 0).sum())
+        p = clustered(cluster_sums(signs, clusters)), mcnemar(wins, 160 - wins)
+        errs.append([value <= 0.05 for value in p])
+    together, alone = np.mean(errs, axis=0)
+    # Three standard deviations of a share of 5 % in 400 are 3.3 points.
+    assert together <= 0.05 + 0.033
+    assert alone > 0.15
+
+
+def test_bootstrap_intervals_are_those_of_the_normal_law_and_widen_where_clusters_agree() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(2.0, 1.0, 400)
+    low, high = bootstrap_interval(values, np.arange(400), rng=rng)
+    # 1.96 / sqrt(400) each way; ends of 4000 resamples are known to a twentieth of that.
+    assert high - low == pytest.approx(2 * 1.96 * values.std() / 20.0, rel=0.05)
+    assert low < values.mean() < high
+    # Each value four times, in a cluster: as wide as without the copies.
+    copied = bootstrap_interval(np.repeat(values, 4), np.repeat(np.arange(400), 4), rng=rng)
+    np.testing.assert_allclose(copied, (low, high), atol=0.01)
+
+
 def test_rank_biserial_is_the_balance_of_ranks() -> None:
     assert rank_biserial([1.0, 2.0, 3.0]) == 1.0
     assert rank_biserial([-1.0, -2.0]) == -1.0
@@ -84,14 +129,18 @@ def test_holm_steps_down_and_never_goes_back() -> None:
 
 
 def study_rows(
-    held: dict[str, list[int]], *, edged: bool = True, rmsd: dict[str, float] | None = None
+    held: dict[str, list[int]],
+    *,
+    edged: bool = True,
+    rmsd: dict[str, float] | None = None,
+    touches: int = 10,
 ) -> list[dict]:
     return [
         {
-            "object": "box",
+            "object": "box" if edged else "sphere",
             "edged": edged,
             "hand": "allegro",
-            "touches": 10,
+            "touches": touches,
             "noise": "none",
             "seed": seed,
             "estimator": name,
@@ -108,19 +157,30 @@ def study_rows(
 
 
 def test_the_risk_difference_is_that_of_the_pairs() -> None:
-    rows = study_rows({"gpis": [0, 0, 0, 1, 1], "blend": [1, 1, 1, 1, 0]}, rmsd={"gpis": 2e-3})
+    gpis, blend = [0, 0, 0, 1, 1] * 2, [1, 1, 1, 1, 0] * 2
+    rows = study_rows({"gpis": gpis, "blend": blend}, rmsd={"gpis": 2e-3})
     found = {c.measure: c for c in compare(rows, "gpis")}
     held = found["held"]
-    assert (held.wins, held.losses, held.pairs) == (3, 1, 5)
+    assert (held.wins, held.losses, held.pairs, held.clusters) == (6, 2, 10, 10)
     assert held.effect == pytest.approx(0.8 - 0.4)
     assert held.low is not None
     assert held.high is not None
     assert held.low < held.effect < held.high
-    assert held.p == pytest.approx(mcnemar(3, 1))
+    assert held.p == held.p_pairs == pytest.approx(mcnemar(6, 2))
     assert held.rank_biserial is None
     # No grasp has an epsilon of 0; a surface error that one lacks is compared for neither.
     assert found["epsilon_truth"].effect == pytest.approx(0.1 * 0.4)
     assert set(found) == {"held", "epsilon_truth"}
+
+
+def test_budgets_of_one_object_and_seed_are_one_cluster() -> None:
+    trials = {"gpis": [0] * 6, "blend": [1] * 6}
+    rows = study_rows(trials) + study_rows(trials, touches=20)
+    held = compare(rows, "gpis")[0]
+    assert (held.pairs, held.clusters) == (12, 6)
+    assert held.p == pytest.approx(mcnemar(6, 0))
+    assert held.p_pairs == pytest.approx(mcnemar(12, 0))
+    assert held.p_holm >= held.p
 
 
 def test_smaller_errors_are_wins() -> None:
@@ -134,12 +194,48 @@ def test_smaller_errors_are_wins() -> None:
     assert rmsd.p == pytest.approx(2 / 2**6)
 
 
-def test_p_values_are_adjusted_over_all_comparisons() -> None:
+def test_p_values_are_adjusted_over_the_estimators_of_a_measure_and_kind() -> None:
     rows = study_rows({"gpis": [0] * 8, "blend": [1] * 8, "lis": [1] * 8, "truth": [1] * 8})
     found = compare(rows, "gpis")
-    # held and epsilon_truth for two estimators: four equal p-values, each times 4; truth is none.
+    # Of held and of epsilon_truth two equal p-values each, each times 2; truth is no estimator.
     assert {c.estimator for c in found} == {"blend", "lis"}
-    assert [c.p_holm for c in found] == pytest.approx([4 * 2 / 2**8] * 4)
+    assert [c.p_holm for c in found] == pytest.approx([2 * 2 / 2**8] * 4)
+
+
+def test_all_objects_come_first_where_there_are_several_kinds() -> None:
+    trials = {"gpis": [0] * 6, "blend": [1] * 6}
+    rows = study_rows(trials) + study_rows(trials, edged=False)
+    scan = [row | {"object": "can.ply", "object_digest": "ab"} for row in study_rows(trials)]
+    held = [c for c in compare(rows + scan, "gpis") if c.measure == "held"]
+    assert [(c.kind, c.pairs) for c in held] == [
+        ("all", 18),
+        ("edged", 6),
+        ("curved", 6),
+        ("files", 6),
+    ]
+    assert [c.kind for c in compare(rows[:12], "gpis") if c.measure == "held"] == ["edged"]
+
+
+def test_shares_have_intervals_over_objects_and_seeds() -> None:
+    rows = study_rows({"gpis": [1] * 8 + [0] * 4})
+    share = share_of(rows)
+    assert share is not None
+    assert (share.held, share.trials, share.clusters) == (8, 12, 12)
+    assert share.low is not None
+    assert share.high is not None
+    assert share.low < 8 / 12 < share.high
+    assert share_of([]) is None
+    few = share_of(rows[:9])
+    assert few is not None
+    assert few.low is None
+    # Four budgets of twelve explorations, all held: as sure as twelve trials make it, not 48.
+    sure = share_of(
+        [row for n in (5, 10, 20, 40) for row in study_rows({"a": [1] * 12}, touches=n)]
+    )
+    assert sure is not None
+    assert (sure.held, sure.trials) == (48, 48)
+    wilson = stats.binomtest(12, 12).proportion_ci(method="wilson")
+    assert (sure.low, sure.high) == (pytest.approx(wilson.low), pytest.approx(wilson.high))
 
 
 def test_losses_are_pairs_that_only_the_reference_held() -> None:
@@ -157,7 +253,7 @@ def test_measures_are_told_apart_by_noise_and_kind() -> None:
     assert measure_table(rows, "held", kind="curved", noise="none").overall("gpis") == 1.0
 
 
-def test_too_few_seeds_have_no_interval() -> None:
+def test_too_few_clusters_have_no_interval() -> None:
     (held, _) = compare(study_rows({"gpis": [0, 1], "blend": [1, 1]}), "gpis")
     assert (held.effect, held.low, held.high) == (0.5, None, None)
 

@@ -19,8 +19,10 @@ from lis_grasp.pipeline import PROBERS
 from lis_grasp.worker_pool import process_count
 
 if TYPE_CHECKING:
+    from lis_grasp.json_lines import Row
     from lis_grasp.study.results import StudyResults
     from lis_grasp.study.scheduling import Scheduler
+    from lis_grasp.study.study import Study
 
 _OUTPUT = Path("results/compare")
 
@@ -87,6 +89,11 @@ def add_parser(verbs: Any) -> None:
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster to run on, tcp://host:port"
     )
     parser.add_argument(
+        "--report-only",
+        action="store_true",
+        help="run nothing: report on the rows that --output has, also without any mesh file",
+    )
+    parser.add_argument(
         "--rerun", metavar="KEY", help="run one row of --output again, and compare; writes nothing"
     )
     opt.add_output(parser, str(_OUTPUT))
@@ -106,25 +113,32 @@ def execute(options: argparse.Namespace) -> None:
         return
     scheduler = _scheduler(options)
     study = Study.from_facts(_facts(options))
-    write_text(output / "study.yaml", yaml.safe_dump(study.facts(), sort_keys=False))
+    if options.report_only:
+        _report(study, results.alike(study), output)
+        return
+    study.require_files()
+    described = output / "study.yaml"
+    if options.study is None or described.resolve() != options.study.resolve():
+        write_text(described, yaml.safe_dump(study.facts(), sort_keys=False))
     with Stage(f"Running {len(study.trials())} trials") as stage:
         for done, total in run_study(study, results, scheduler):
             stage.count(done, total)
         stage.result = f"{len(study.estimators)} estimators each"
-    _report(study, results, output)
+    results.write_merged()
+    _report(study, results.of(study), output)
 
 
-def _report(study: Any, results: StudyResults, output: Path) -> None:
+def _report(study: Study, rows: list[Row], output: Path) -> None:
     from lis_grasp.study.comparison import compare
     from lis_grasp.study_report import write_report, write_tables
     from lis_grasp.study_report.pictures import draw_pictures
     from lis_grasp.study_report.tables import all_tables
 
     with Stage("Reporting") as stage:
-        rows = results.of(study)
+        if not rows:
+            raise InvalidOptionError(f"a report needs rows of its study; {output} has none")
         comparisons = compare(rows, study.reference)
         tables = all_tables(rows, comparisons, study.reference)
-        results.write_merged()
         write_tables(output, tables, rows)
         command = f"lis-grasp compare --study {shlex.quote(str(output / 'study.yaml'))}"
         pictures = list(draw_pictures(rows))
@@ -132,7 +146,7 @@ def _report(study: Any, results: StudyResults, output: Path) -> None:
             output / "report.html", study, rows, comparisons, tables, pictures, command=command
         )
         stage.result = f"{len(rows)} rows, {len(comparisons)} comparisons"
-    say(f"wrote {output}/report.html, study.yaml, rows.parquet, rows.csv, and each table as")
+    say(f"wrote {output}/report.html, rows.csv, and each table as")
     say(f"      {', '.join(table.name for table in tables)} in .csv and .tex")
     say(f"next: open {output}/report.html in a browser")
 

@@ -11,20 +11,32 @@ import numpy.typing as npt
 
 from lis_grasp.evaluation.paper.summary import Table, tabulate
 from lis_grasp.json_lines import Row
-from lis_grasp.study.statistics import clustered, holm, mcnemar, rank_biserial, wilcoxon
+from lis_grasp.study.statistics import (
+    bootstrap_interval,
+    cluster_sums,
+    clustered,
+    holm,
+    mcnemar,
+    rank_biserial,
+    signed_ranks,
+    wilcoxon,
+)
 from lis_grasp.study.study import TRUTH
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 Measure = Literal[
     "held", "epsilon_truth", "epsilon_gap", "rmsd", "rmsd_truth_to_estimate", "edge_rmsd"
 ]
-Kind = Literal["edged", "curved"]
+Kind = Literal["all", "edged", "curved", "files"]
 
 MEASURES: tuple[Measure, ...] = get_args(Measure)
 KINDS: tuple[Kind, ...] = get_args(Kind)
+"""All objects; built-in shapes with sharp edges, and without; mesh files, of whose edges nobody
+says which are real and which are a scan's noise."""
 
-LEAST_SEEDS = 5
+LEAST_CLUSTERS = 10
 """Of a bootstrap interval: all resamples of fewer are too few to have tails of 2.5 %."""
 
 # Where less is better.
@@ -46,28 +58,30 @@ class Comparison:
         absolute value, where both found a grasp. The rest are surface errors [m], where both have
         them.
     kind
-        Objects with sharp edges, or without.
+        Of the objects, see `KINDS`.
     noise
         Of the sensor.
     pairs
         Trials that count: same object, hand, touches and seed.
+    clusters
+        Of pairs: those of one object and seed, which share their first touches.
     wins, losses
         Pairs in which the estimator is better, and worse.
     mean, mean_reference
-        Over objects, hands and touches of the means over seeds.
+        Over the pairs.
     effect, low, high
         Difference of the two means (of "held": the risk difference), with its 95 % bootstrap
-        interval over seeds; None for fewer than `LEAST_SEEDS`, of which no interval can be told.
+        interval over clusters; None for fewer than `LEAST_CLUSTERS`.
     rank_biserial
         Effect size of the measures that are no yes or no: 1 where the estimator is always better,
         -1 where it is always worse.
     p
-        McNemar's exact test for "held", else Wilcoxon's signed ranks, two-sided.
-    p_clustered
-        The exact sign test of wins less losses in which all pairs of one object and seed flip
-        together: these share their first touches, which `p` does not know.
+        The exact test of McNemar ("held") or of Wilcoxon's signed ranks in which all pairs of a
+        cluster flip together, two-sided.
+    p_pairs
+        The same with each pair a cluster of its own: too small where pairs of a cluster agree.
     p_holm
-        `p`, adjusted for all comparisons of a study.
+        `p`, adjusted for all comparisons of the same measure and kind of objects.
     """
 
     estimator: str
@@ -76,6 +90,7 @@ class Comparison:
     kind: Kind
     noise: str
     pairs: int
+    clusters: int
     wins: int
     losses: int
     mean: float
@@ -85,7 +100,7 @@ class Comparison:
     high: float | None
     rank_biserial: float | None
     p: float
-    p_clustered: float
+    p_pairs: float
     p_holm: float = 1.0
 
 
@@ -94,17 +109,75 @@ def compare(rows: Sequence[Row], reference: str) -> list[Comparison]:
 
     Planning on the truth is no estimator, and is left out. So is what has no pair.
     """
-    estimators = [name for name in _names(rows, "estimator") if name not in (reference, TRUTH)]
-    found = [
-        comparison
-        for noise in _names(rows, "noise")
-        for kind in KINDS
-        for measure in MEASURES
-        for name in estimators
-        if (comparison := _compare(rows, name, reference, measure, kind, noise)) is not None
+    found = []
+    for measure in MEASURES:
+        for kind in kinds_of(rows):
+            family = [
+                comparison
+                for noise in names(rows, "noise")
+                for name in names(rows, "estimator")
+                if name not in (reference, TRUTH)
+                and (comparison := compare_one(rows, name, reference, measure, kind, noise))
+            ]
+            adjusted = holm([comparison.p for comparison in family])
+            found += [replace(c, p_holm=float(p)) for c, p in zip(family, adjusted, strict=True)]
+    return found
+
+
+def compare_one(
+    rows: Sequence[Row],
+    estimator: str,
+    reference: str,
+    measure: Measure,
+    kind: Kind,
+    noise: str,
+) -> Comparison | None:
+    """Return one comparison, not adjusted for others; None where there is no pair."""
+    chosen = [row for row in rows if row["noise"] == noise and is_kind(row, kind)]
+    theirs = {pair_of(row): row for row in chosen if row["estimator"] == reference}
+    pairs = [
+        (mine, theirs[pair_of(mine)])
+        for mine in chosen
+        if mine["estimator"] == estimator and pair_of(mine) in theirs
     ]
-    adjusted = holm([comparison.p for comparison in found])
-    return [replace(c, p_holm=float(p)) for c, p in zip(found, adjusted, strict=True)]
+    known = [
+        (mine, its, value, other)
+        for mine, its in pairs
+        if (value := value_of(mine, measure)) is not None
+        and (other := value_of(its, measure)) is not None
+    ]
+    if not known:
+        return None
+    values, others = (np.array([pair[k] for pair in known]) for k in (2, 3))
+    clusters = clusters_of([pair[0] for pair in known])
+    differences = values - others
+    gains = -differences if measure in _ERRORS else differences
+    wins, lost = int((gains > 0.0).sum()), int((gains < 0.0).sum())
+    count = int(clusters.max()) + 1
+    low, high = None, None
+    if count >= LEAST_CLUSTERS:
+        low, high = bootstrap_interval(differences, clusters, rng=np.random.default_rng(0))
+    yes_no = measure == "held"
+    weights = np.sign(gains) if yes_no else signed_ranks(gains)
+    return Comparison(
+        estimator=estimator,
+        reference=reference,
+        measure=measure,
+        kind=kind,
+        noise=noise,
+        pairs=len(known),
+        clusters=count,
+        wins=wins,
+        losses=lost,
+        mean=float(values.mean()),
+        mean_reference=float(others.mean()),
+        effect=float(differences.mean()),
+        low=low,
+        high=high,
+        rank_biserial=None if yes_no else rank_biserial(gains),
+        p=clustered(cluster_sums(weights, clusters)),
+        p_pairs=mcnemar(wins, lost) if yes_no else wilcoxon(gains),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +193,8 @@ class Agreement:
     agree, disagree
         Pairs in which the one that held had the smaller error, and the larger.
     p
-        The exact sign test of both being as likely.
+        The exact sign test of both being as likely, in which all pairs of one object and seed flip
+        together.
     """
 
     measure: Measure
@@ -135,40 +209,47 @@ def agreements(rows: Sequence[Row], reference: str) -> list[Agreement]:
 
     Pairs are those of `compare`, of all estimators against the reference.
     """
-    paired = {_pair(row): row for row in rows if row["estimator"] == reference}
+    paired = {pair_of(row): row for row in rows if row["estimator"] == reference}
     split = [
-        (row, paired[_pair(row)])
+        (row, paired[pair_of(row)])
         for row in rows
         if row["estimator"] not in (reference, TRUTH)
-        and _pair(row) in paired
-        and bool(row["held"]) != bool(paired[_pair(row)]["held"])
+        and pair_of(row) in paired
+        and bool(row["held"]) != bool(paired[pair_of(row)]["held"])
     ]
     found = []
-    for kind in KINDS:
+    for kind in kinds_of(rows):
         for measure in MEASURES[3:]:
-            signs = [
-                np.sign(theirs[measure] - mine[measure]) * (1 if mine["held"] else -1)
-                for mine, theirs in split
-                if kind_of(mine) == kind and None not in (mine[measure], theirs[measure])
+            known = [
+                (mine, its)
+                for mine, its in split
+                if is_kind(mine, kind) and None not in (mine[measure], its[measure])
             ]
-            agree, disagree = signs.count(1), signs.count(-1)
+            signs = np.array(
+                [
+                    np.sign(its[measure] - mine[measure]) * (1 if mine["held"] else -1)
+                    for mine, its in known
+                ]
+            )
+            agree, disagree = int((signs > 0).sum()), int((signs < 0).sum())
             if agree + disagree:
-                p = mcnemar(agree, disagree)
+                clusters = clusters_of([mine for mine, _ in known])
+                p = clustered(cluster_sums(signs, clusters))
                 found.append(Agreement(measure, kind, agree, disagree, p))
     return found
 
 
 def losses(rows: Sequence[Row], reference: str) -> list[tuple[Row, Row]]:
     """Return every pair in which the reference held and another estimator did not."""
-    held = {_pair(row): row for row in rows if row["estimator"] == reference and row["held"]}
+    held = {pair_of(row): row for row in rows if row["estimator"] == reference and row["held"]}
     return [
-        (row, held[_pair(row)])
+        (row, held[pair_of(row)])
         for row in rows
-        if row["estimator"] not in (reference, TRUTH) and not row["held"] and _pair(row) in held
+        if row["estimator"] not in (reference, TRUTH) and not row["held"] and pair_of(row) in held
     ]
 
 
-def measure_table(rows: Sequence[Row], measure: str, *, kind: str, noise: str) -> Table:
+def measure_table(rows: Sequence[Row], measure: str, *, kind: Kind, noise: str) -> Table:
     """Return a measure as a table whose objects are cells of object, hand and touches."""
     return tabulate(
         [
@@ -180,7 +261,7 @@ def measure_table(rows: Sequence[Row], measure: str, *, kind: str, noise: str) -
                 measure: value_of(row, measure),
             }
             for row in rows
-            if row["noise"] == noise and kind_of(row) == kind
+            if row["noise"] == noise and is_kind(row, kind)
         ],
         kind,
         measure,
@@ -200,65 +281,39 @@ def value_of(row: Row, measure: str) -> float | None:
 
 
 def kind_of(row: Row) -> Kind:
-    """Return whether a row's object has sharp edges."""
+    """Return whether a row's object has sharp edges, or is of a file and nobody knows."""
+    if row.get("object_digest") is not None:
+        return "files"
     return "edged" if row["edged"] else "curved"
 
 
-def _compare(
-    rows: Sequence[Row], estimator: str, reference: str, measure: Measure, kind: Kind, noise: str
-) -> Comparison | None:
-    table = measure_table(rows, measure, kind=kind, noise=noise)
-    if not {estimator, reference} <= set(table.estimators):
-        return None
-    mine, theirs = table.of(estimator), table.of(reference)  # (cells, seeds)
-    both = ~np.isnan(mine) & ~np.isnan(theirs)
-    if not both.any():
-        return None
-    better = -1.0 if measure in _ERRORS else 1.0
-    gains = better * np.where(both, mine - theirs, 0.0)
-    wins, lost = int((gains > 0.0).sum()), int((gains < 0.0).sum())
-    effect, low, high = table.difference(estimator, reference)
-    told = len(table.seeds) >= LEAST_SEEDS
-    yes_no = measure == "held"
-    return Comparison(
-        estimator=estimator,
-        reference=reference,
-        measure=measure,
-        kind=kind,
-        noise=noise,
-        pairs=int(both.sum()),
-        wins=wins,
-        losses=lost,
-        mean=_mean_over_cells(mine, both),
-        mean_reference=_mean_over_cells(theirs, both),
-        effect=effect,
-        low=low if told else None,
-        high=high if told else None,
-        rank_biserial=None if yes_no else rank_biserial(gains[both]),
-        p=mcnemar(wins, lost) if yes_no else wilcoxon(gains[both]),
-        p_clustered=clustered(_by_object(table.objects, np.sign(gains))),
-    )
+def is_kind(row: Row, kind: Kind) -> bool:
+    """Tell whether a row's object is of a kind; all are of "all"."""
+    return kind in ("all", kind_of(row))
 
 
-def _mean_over_cells(values: FloatArray, both: npt.NDArray[np.bool_]) -> float:
-    cells = both.any(axis=1)
-    sums = np.where(both, values, 0.0).sum(axis=1)
-    return float((sums[cells] / both.sum(axis=1)[cells]).mean())
+def kinds_of(rows: Sequence[Row]) -> list[Kind]:
+    """Return the kinds of objects that there are; "all" where there is more than one."""
+    there = {kind_of(row) for row in rows}
+    return [kind for kind in KINDS if kind in there or (kind == "all" and len(there) > 1)]
 
 
-def _by_object(cells: Sequence[str], signs: FloatArray) -> FloatArray:
-    """Return the sums over hands and touches, for each object and seed, shape (C,)."""
-    names = np.array([cell.split("\n")[0] for cell in cells])
-    return np.concatenate([signs[names == name].sum(axis=0) for name in np.unique(names)])
+def clusters_of(rows: Sequence[Row]) -> IntArray:
+    """Return which object and seed each row is of, as numbers from 0, shape (N,)."""
+    places: dict[tuple[Any, Any], int] = {}
+    found = [places.setdefault((row["object"], row["seed"]), len(places)) for row in rows]
+    return np.array(found, dtype=np.int64)
+
+
+def pair_of(row: Row) -> tuple[Any, ...]:
+    """Return what the rows of a pair have in common."""
+    return tuple(row[name] for name in ("object", "hand", "touches", "noise", "seed"))
+
+
+def names(rows: Sequence[Row], column: str) -> list[Any]:
+    """Return the values of a column, each once, in the order in which they come."""
+    return list(dict.fromkeys(row[column] for row in rows))
 
 
 def _cell(row: Row) -> str:
     return f"{row['object']}\n{row['hand']}\n{row['touches']}"
-
-
-def _pair(row: Row) -> tuple[Any, ...]:
-    return tuple(row[name] for name in ("object", "hand", "touches", "noise", "seed"))
-
-
-def _names(rows: Sequence[Row], column: str) -> list[str]:
-    return list(dict.fromkeys(row[column] for row in rows))

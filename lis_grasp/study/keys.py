@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from lis_grasp.study.study import Setup, Trial
 
 KEY_LENGTH = 16
+HAND_SUFFIXES = (".yaml", ".yml")
 
 
 def row_key(trial: Trial, setup: Setup, estimator: str) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -93,7 +94,8 @@ class StudyResults:
         return self.read(found)[0]
 
     def missing(self, study: Study) -> list[Job]:
-        """Return what of a study there is to do, in its order."""
+        """Return what of a study there is to do, in its order; its files must be there."""
+        study.require_files()
         known = self.keys()
         jobs = []
         for trial in study.trials():
@@ -113,6 +115,35 @@ class StudyResults:
         ]
         found = {row["key"]: row for row in self.read(order)}
         return [found[key] for key in order if key in found]
+
+    def alike(self, study: Study) -> list[Row]:
+        """Return the rows that a study names, in its order, without looking at any mesh.
+
+        Rows may be of another version.
+
+        Raises
+        ------
+        InvalidFileError
+            If rows are of different files of one name.
+        """
+        order = {
+            (label(t.object), label(t.hand), t.touches, t.noise, t.seed, name): number
+            for number, (t, name) in enumerate(product(study.trials(), study.estimators))
+        }
+        places = ("object", "hand", "touches", "noise", "seed", "estimator")
+        setup = asdict(study.setup)
+        found: dict[int, Row] = {}
+        for row in self.read(any_version=True):
+            place = order.get(tuple(row[name] for name in places))  # type: ignore[arg-type]
+            if place is None or any(row[name] != value for name, value in setup.items()):
+                continue
+            if place in found:
+                raise InvalidFileError(
+                    f"{self.folder} must have one row of each trial; it has two of"
+                    f" {row['object']}, of different files: write them to different folders"
+                )
+            found[place] = row
+        return [found[place] for place in sorted(found)]
 
     @property
     def _merged(self) -> Path:

@@ -1,4 +1,4 @@
-"""Paired tests and effect sizes, exact and free of distributions.
+"""Paired tests, effect sizes and intervals, free of distributions; the tests are exact.
 
 All three tests ask one question: if each difference were as likely to be of the other sign, how
 often would their weighted sum be as far from zero as it is (Fisher 1935)? Weights of 1 make it
@@ -14,6 +14,8 @@ from scipy.stats import rankdata
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+
+_RESAMPLES = 4000
 
 
 def sign_flip_p_value(weights: npt.ArrayLike, observed: int) -> float:
@@ -86,13 +88,67 @@ def rank_biserial(differences: npt.ArrayLike) -> float:
 def clustered(sums: npt.ArrayLike) -> float:
     """Return the p-value of differences that come in clusters, whose signs flip together.
 
+    What is summed in a cluster decides which test it is: the signs of differences make it McNemar's
+    (or the sign test), their `signed_ranks` Wilcoxon's, each for clusters of one.
+
     Parameters
     ----------
     sums
-        Shape (C,): the sum of each cluster, in whole numbers. Clusters of one are McNemar's test.
+        Shape (C,): the sum of each cluster, in whole numbers.
     """
     whole = np.asarray(sums, dtype=np.int64)
     return sign_flip_p_value(np.abs(whole), int(whole.sum()))
+
+
+def signed_ranks(differences: npt.ArrayLike) -> IntArray:
+    """Return twice the rank of each difference's size, with its sign; 0 for no difference.
+
+    Parameters
+    ----------
+    differences
+        Shape (N,).
+    """
+    values = np.asarray(differences, dtype=np.float64)
+    ranks = np.zeros(len(values), dtype=np.int64)
+    doubled, signs = _doubled_ranks(values)
+    ranks[values != 0.0] = doubled * signs
+    return ranks
+
+
+def cluster_sums(values: npt.ArrayLike, clusters: npt.ArrayLike) -> FloatArray:
+    """Return the sum of the values of each cluster, shape (C,).
+
+    Parameters
+    ----------
+    values
+        Shape (N,).
+    clusters
+        Shape (N,): which cluster each is of, from 0 to C - 1.
+    """
+    weights = np.asarray(values, dtype=np.float64)
+    return np.bincount(np.asarray(clusters), weights=weights).astype(np.float64)
+
+
+def bootstrap_interval(
+    values: npt.ArrayLike, clusters: npt.ArrayLike, *, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Return the 95 % interval of a mean, for values that come in clusters.
+
+    Draws as many clusters as there are, each whole, again and again (percentile interval of the
+    cluster bootstrap: Efron 1979; Field and Welsh 2007).
+
+    Parameters
+    ----------
+    values
+        Shape (N,).
+    clusters
+        Shape (N,): which cluster each is of, from 0 to C - 1.
+    """
+    sums = cluster_sums(values, clusters)
+    counts = cluster_sums(np.ones(np.shape(values)), clusters)
+    drawn = rng.multinomial(len(sums), np.full(len(sums), 1.0 / len(sums)), size=_RESAMPLES)
+    low, high = np.quantile((drawn @ sums) / (drawn @ counts), [0.025, 0.975])
+    return float(low), float(high)
 
 
 def holm(p_values: npt.ArrayLike) -> FloatArray:

@@ -7,6 +7,7 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,8 @@ from lis_grasp.exceptions import (
 from lis_grasp.exploration import POLICIES
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.pipeline import RunConfig
-from lis_grasp.shapes import NAMES, Shape, find
-from lis_grasp.study.keys import label
+from lis_grasp.shapes import FORMATS, NAMES, Shape, find
+from lis_grasp.study.keys import HAND_SUFFIXES, label
 from lis_grasp.surfaces import ESTIMATORS
 
 TRUTH = "truth"
@@ -138,9 +139,8 @@ class Study:
     Raises
     ------
     InvalidOptionError
-        If a list is empty, names something twice, or names something that there is not.
-    InvalidFileError, InvalidMeshError, InvalidHandError
-        If an object's or a hand's file cannot be used.
+        If a list is empty, names something twice, or names something that there is not; files are
+        not looked for before `require_files`.
     """
 
     objects: tuple[str, ...] = ("box", "cylinder", "pentagon", "mallet", "sphere", "torus")
@@ -179,9 +179,11 @@ class Study:
         for level in self.noise:
             parse_noise(level)
         for hand in self.hands:
-            Hand.load(hand)
+            if Path(hand).suffix.lower() not in HAND_SUFFIXES:
+                Hand.load(hand)  # which says what the names are
         for name in self.objects:
-            find_object(name, self.setup)
+            if Path(name).suffix.lower() not in FORMATS:
+                find_object(name, self.setup)
         for what in (self.objects, self.hands):
             names = [label(name) for name in what]
             if len(set(names)) < len(names):
@@ -190,6 +192,19 @@ class Study:
                     f"files of a study must differ by name, as rows are named after them;"
                     f" {twice} came from two folders: rename one"
                 )
+
+    def require_files(self) -> None:
+        """Read all files of objects and hands, before any work.
+
+        Raises
+        ------
+        InvalidFileError, InvalidMeshError, InvalidHandError
+            If one cannot be used.
+        """
+        for hand in self.hands:
+            Hand.load(hand)
+        for name in self.objects:
+            find_object(name, self.setup)
 
     def trials(self) -> list[Trial]:
         """Return every trial, seed by seed, so that a study stopped early is balanced."""

@@ -9,7 +9,7 @@ import yaml
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.shapes import FORMATS
-from lis_grasp.study.keys import located
+from lis_grasp.study.keys import HAND_SUFFIXES, located
 
 
 def load_study(path: Path, meshes: Path | None = None) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def with_places(facts: dict[str, Any], folder: Path, meshes: Path | None = None)
     meshes
         Where those of meshes start; None for the same.
     """
-    places = {"objects": (meshes or folder, FORMATS), "hands": (folder, (".yaml", ".yml"))}
+    places = {"objects": (meshes or folder, FORMATS), "hands": (folder, HAND_SUFFIXES)}
     found = dict(facts)
     for name, (start, suffixes) in places.items():
         names = found.get(name)

@@ -9,13 +9,14 @@ from pathlib import Path
 import lis_grasp
 from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture, figure_of, scroll, write_page
-from lis_grasp.study.comparison import LEAST_SEEDS, Comparison, losses
+from lis_grasp.study.comparison import LEAST_CLUSTERS, Comparison, losses, names
+from lis_grasp.study.keys import label
 from lis_grasp.study.study import OWN, Study
-from lis_grasp.study_report.tables import StudyTable, interval, p_value, printed
+from lis_grasp.study_report.answer import answer
+from lis_grasp.study_report.tables import StudyTable
 from lis_grasp.visualization.figures.palette import estimator_label
 
 _TITLE = "Does a better surface give a better grasp?"
-_ALPHA = 0.05
 
 
 def write_report(
@@ -46,8 +47,8 @@ def write_report(
     sections = [
         f"<h1>{_TITLE}</h1>",
         _what(study, rows, command),
-        "<h2>Who holds more</h2>",
-        _verdicts(comparisons),
+        "<h2>The answer</h2>",
+        *(f"<p>{escape(text)}</p>" for text in answer(rows, comparisons, study.reference)),
         *(figure_of(picture) for picture in pictures),
         _how(study),
     ]
@@ -67,12 +68,13 @@ def _what(study: Study, rows: Sequence[Row], command: str) -> str:
         if setup.explorer == OWN
         else "the same for all estimators"
     )
+    objects, hands = (", ".join(label(n) for n in of) for of in (study.objects, study.hands))
     whole = "" if len(rows) == wanted else f" <b>Only {len(rows)} of {wanted} rows are done.</b>"
     return (
-        f"<p>Made by <code>{escape(command)}</code> with lis_grasp {escape(lis_grasp.__version__)}:"
-        f" {len(study.objects)} objects ({escape(', '.join(study.objects))}),"
+        f"<p>Made by <code>{escape(command)}</code> with lis_grasp {escape(_version(rows))}:"
+        f" {len(study.objects)} objects ({escape(objects)}),"
         f" {escape(', '.join(str(n) for n in sorted(study.touches)))} touches, noise"
-        f" {escape(', '.join(study.noise))}, {escape(', '.join(study.hands))},"
+        f" {escape(', '.join(study.noise))}, {escape(hands)},"
         f" {len(study.seeds)} seeds, {len(trials)} trials of {len(study.estimators)} estimators."
         f" Contacts are {setup.prober}, chosen by the policy {setup.policy}, {explorer}. The best"
         f" of {setup.grasps} grasps planned on each estimate is executed in Drake on the true"
@@ -81,40 +83,28 @@ def _what(study: Study, rows: Sequence[Row], command: str) -> str:
     )
 
 
-def _verdicts(comparisons: Sequence[Comparison]) -> str:
-    """Return a sentence on each comparison of held grasps."""
-    items = []
-    for c in (c for c in comparisons if c.measure == "held"):
-        if c.p_holm > _ALPHA:
-            verdict = "no difference is shown"
-        else:
-            verdict = "more" if c.effect > 0 else "fewer"
-        items.append(
-            f"<li>{escape(estimator_label(c.estimator))} held {printed('held', c.mean)} % of"
-            f" {c.kind} objects, {escape(estimator_label(c.reference))}"
-            f" {printed('held', c.mean_reference)} %, noise {escape(c.noise)}:"
-            f" <b>{verdict}</b> ({printed('held', c.effect, signed=True)} points"
-            f"{f', {interval(c)}' if c.low is not None else ''};"
-            f" {c.wins} pairs won, {c.losses} lost of {c.pairs}; adjusted p"
-            f" {p_value(c.p_holm)})</li>"
-        )
-    return f"<ul>{''.join(items)}</ul>" if items else "<p>Nothing to compare yet.</p>"
+def _version(rows: Sequence[Row]) -> str:
+    return ", ".join(names(rows, "version")) if rows else lis_grasp.__version__
 
 
 def _how(study: Study) -> str:
+    who = escape(estimator_label(study.reference))
     return (
         "<h2>How it is compared</h2><p>Pairs are trials of the same object, hand, touches, noise"
         " and seed. Failures count: no surface or no grasp is not held, and has an epsilon of 0 on"
-        " the truth. Held or not: McNemar's exact test, and the risk difference. The rest:"
-        " Wilcoxon's signed ranks, exact with ties and two-sided, and the matched rank-biserial"
-        " correlation (+1: better in every pair). Intervals are paired bootstrap intervals that"
-        f" draw the {len(study.seeds)} seeds anew, told for {LEAST_SEEDS} seeds and more: they are"
-        " about these objects, not about all there are. All p-values of the table are one family,"
-        " adjusted by Holm's method. Trials of one object and seed share their first touches, which"
-        " these tests do not know: “p by object and seed” is an exact sign test in which all pairs"
-        " of one object and seed flip together. Differences are the estimator's mean less the"
-        f" {escape(estimator_label(study.reference))} mean; of errors and gaps less is better."
-        " Surface errors are taken within a quarter of the object's size of a contact.</p>"
+        " the truth. Trials of one object and seed are not independent, as they share their first"
+        " touches: they are a cluster, drawn and flipped together. Intervals are of 95 % and"
+        f" bootstrap clusters (told for {LEAST_CLUSTERS} clusters and more; where all trials came"
+        " out the same, Wilson's for as many trials as clusters): they are about objects like"
+        " these. Tests are exact and two-sided: McNemar's for held or not, Wilcoxon's signed ranks"
+        " for the rest, in which all pairs of a cluster flip together; “pairs alone” is the same"
+        " test without clusters, which is too sure of itself. p-values are adjusted by Holm's"
+        " method over all estimators and noises of one measure and kind of objects. Differences are"
+        f" the estimator's mean less the {who} mean, over the pairs that both have; of errors and"
+        " gaps less is better. The rank-biserial correlation is +1 where the estimator is better in"
+        " every pair. Surface errors are taken within a quarter of the object's size of a contact."
+        " Edged and curved are built-in shapes, whose edges are known; in mesh files an edge is"
+        " where faces meet at more than 30 degrees, which a scan's noise does too.</p>"
     )
 
 

@@ -5,15 +5,28 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from types import MappingProxyType
 
 from lis_grasp.json_lines import Row
 from lis_grasp.output_files import write_text
-from lis_grasp.study.comparison import KINDS, Comparison, agreements, losses, measure_table
+from lis_grasp.study.comparison import (
+    Comparison,
+    Kind,
+    agreements,
+    compare_one,
+    is_kind,
+    kinds_of,
+    losses,
+    measure_table,
+    names,
+)
 from lis_grasp.study.results import COLUMNS
+from lis_grasp.study.shares import Share, share_of
+from lis_grasp.study.study import TRUTH
 from lis_grasp.visualization.figures.palette import estimator_label
 
 MEASURE_LABELS = {
@@ -26,8 +39,18 @@ MEASURE_LABELS = {
 }
 """What each measure is called."""
 
+KIND_LABELS: Mapping[Kind, str] = MappingProxyType(
+    {
+        "all": "all objects",
+        "edged": "edged objects",
+        "curved": "curved objects",
+        "files": "objects of mesh files",
+    }
+)
+"""What each kind of objects is called."""
+
 # Measure -> factor to what is printed, and its digits.
-_PRINTED = {"held": (1e2, 0), "epsilon_truth": (1.0, 3), "epsilon_gap": (1.0, 3)}
+_PRINTED = {"held": (1e2, 1), "epsilon_truth": (1.0, 3), "epsilon_gap": (1.0, 3)}
 _LENGTH = (1e3, 2)
 
 _LATEX = str.maketrans(
@@ -68,6 +91,11 @@ class StudyTable:
         """Return the table as CSV."""
         return _csv([self.head, *self.body])
 
+    def markdown(self) -> str:
+        """Return the table as Markdown."""
+        lines = [self.head, ("---",) * len(self.head), *self.body]
+        return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
     def latex(self) -> str:
         """Return the table for LaTeX with the package booktabs."""
         lines = [" & ".join(text.translate(_LATEX) for text in row) for row in self.body]
@@ -83,11 +111,14 @@ def all_tables(
     rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str
 ) -> list[StudyTable]:
     """Return the tables of a study, in the order of the report."""
+    noises = names(rows, "noise")
     return [
+        *(held_table(rows, kind) for kind in kinds_of(rows)),
+        differences_table(rows, reference),
         comparisons_table(comparisons),
         agreements_table(rows, reference),
         overview_table(rows),
-        *(objects_table(rows, noise) for noise in dict.fromkeys(row["noise"] for row in rows)),
+        *(objects_table(rows, noise) for noise in noises),
         reasons_table(rows),
         losses_table(rows, reference),
     ]
@@ -102,21 +133,61 @@ def write_tables(folder: Path, tables: Iterable[StudyTable], rows: Sequence[Row]
     write_text(folder / "rows.csv", _csv([COLUMNS, *content]))
 
 
+def held_table(rows: Sequence[Row], kind: Kind) -> StudyTable:
+    """Return the share of held grasps, with its interval, of each estimator at each budget."""
+    chosen = [row for row in rows if is_kind(row, kind)]
+    budgets = sorted(names(chosen, "touches"))
+    body = []
+    for noise in names(chosen, "noise"):
+        for name in names(chosen, "estimator"):
+            of = [r for r in chosen if r["noise"] == noise and r["estimator"] == name]
+            cells = [share_of([r for r in of if r["touches"] == n]) for n in budgets]
+            told = (share_text(share) for share in (*cells, share_of(of)))
+            body.append((estimator_label(name), noise, *told))
+    head = ("estimator", "noise", *(f"{n} touches" for n in budgets), "all")
+    title = f"Held, in percent, with 95 % intervals: {KIND_LABELS[kind]}"
+    return StudyTable(f"held_{kind}", title, head, tuple(body))
+
+
+def differences_table(rows: Sequence[Row], reference: str) -> StudyTable:
+    """Return by how many points each estimator holds more than the reference, at each budget."""
+    budgets = sorted(names(rows, "touches"))
+    kind = kinds_of(rows)[0]
+    body = []
+    for noise in names(rows, "noise"):
+        for name in names(rows, "estimator"):
+            if name in (reference, TRUTH):
+                continue
+            found = [
+                compare_one(chosen, name, reference, "held", kind, noise)
+                for chosen in (*([r for r in rows if r["touches"] == n] for n in budgets), rows)
+            ]
+            cells = ("–" if c is None else difference_text(c) for c in found)
+            body.append((estimator_label(name), noise, *cells))
+    head = ("estimator", "noise", *(f"{n} touches" for n in budgets), "all")
+    title = (
+        f"Held more (+) or less (−) than {estimator_label(reference)}, in points, with 95 %"
+        f" intervals: {KIND_LABELS[kind]}"
+    )
+    return StudyTable("differences", title, head, tuple(body))
+
+
 def comparisons_table(comparisons: Sequence[Comparison]) -> StudyTable:
     """Return every comparison: pairs, means, effect and what it is worth."""
     head = (
-        *("estimator", "against", "objects", "noise", "measure", "pairs", "better", "worse"),
-        *("mean", "reference", "difference", "95 % interval", "rank-biserial"),
-        *("p", "p by object and seed", "p, Holm"),
+        *("estimator", "against", "objects", "noise", "measure", "pairs", "clusters"),
+        *("better", "worse", "mean", "reference", "difference", "95 % interval", "rank-biserial"),
+        *("p, Holm", "p", "p, pairs alone"),
     )
     body = tuple(
         (
             estimator_label(c.estimator),
             estimator_label(c.reference),
-            c.kind,
+            KIND_LABELS[c.kind],
             c.noise,
             _label(c.measure),
             str(c.pairs),
+            str(c.clusters),
             str(c.wins),
             str(c.losses),
             printed(c.measure, c.mean),
@@ -124,9 +195,9 @@ def comparisons_table(comparisons: Sequence[Comparison]) -> StudyTable:
             printed(c.measure, c.effect, signed=True),
             interval(c),
             "–" if c.rank_biserial is None else f"{c.rank_biserial:+.2f}".replace("-", "−"),
-            p_value(c.p),
-            p_value(c.p_clustered),
             p_value(c.p_holm),
+            p_value(c.p),
+            p_value(c.p_pairs),
         )
         for c in comparisons
     )
@@ -136,7 +207,7 @@ def comparisons_table(comparisons: Sequence[Comparison]) -> StudyTable:
 def agreements_table(rows: Sequence[Row], reference: str) -> StudyTable:
     """Return whether smaller surface errors go with grasps that hold, pair by pair."""
     body = tuple(
-        (_label(a.measure), a.kind, str(a.agree), str(a.disagree), p_value(a.p))
+        (_label(a.measure), KIND_LABELS[a.kind], str(a.agree), str(a.disagree), p_value(a.p))
         for a in agreements(rows, reference)
     )
     head = ("error", "objects", "the nearer surface held", "the farther one held", "p")
@@ -148,11 +219,11 @@ def overview_table(rows: Sequence[Row]) -> StudyTable:
     """Return the means of every measure, for each estimator, kind of objects and noise."""
     body = []
     for noise in dict.fromkeys(row["noise"] for row in rows):
-        for kind in KINDS:
+        for kind in kinds_of(rows):
             tables = {m: measure_table(rows, m, kind=kind, noise=noise) for m in MEASURE_LABELS}
             for name in tables["held"].estimators:
                 values = [printed(m, t.overall(name)) for m, t in tables.items()]
-                body.append((estimator_label(name), kind, noise, *values))
+                body.append((estimator_label(name), KIND_LABELS[kind], noise, *values))
     head = ("estimator", "objects", "noise", *(_label(measure) for measure in MEASURE_LABELS))
     return StudyTable("overview", "Means over objects, hands, touches and seeds", head, tuple(body))
 
@@ -160,30 +231,30 @@ def overview_table(rows: Sequence[Row]) -> StudyTable:
 def objects_table(rows: Sequence[Row], noise: str) -> StudyTable:
     """Return how many grasps held of how many, for each object and number of touches."""
     chosen = [row for row in rows if row["noise"] == noise]
-    names = list(dict.fromkeys(row["estimator"] for row in chosen))
+    estimators = names(chosen, "estimator")
     cells: dict[tuple[str, str, str], dict[str, list[bool]]] = {}
     for row in chosen:
         cell = cells.setdefault((row["object"], row["hand"], str(row["touches"])), {})
         cell.setdefault(row["estimator"], []).append(bool(row["held"]))
     body = tuple(
-        (*cell, *(f"{sum(of[n])} of {len(of[n])}" if n in of else "–" for n in names))
+        (*cell, *(f"{sum(of[n])} of {len(of[n])}" if n in of else "–" for n in estimators))
         for cell, of in cells.items()
     )
-    head = ("object", "hand", "touches", *(estimator_label(name) for name in names))
+    head = ("object", "hand", "touches", *(estimator_label(name) for name in estimators))
     name = "objects_" + noise.replace("/", "_").replace(".", "_")
     return StudyTable(name, f"Grasps that held, noise: {noise}", head, body)
 
 
 def reasons_table(rows: Sequence[Row]) -> StudyTable:
     """Return how trials ended, counted."""
-    names = list(dict.fromkeys(row["estimator"] for row in rows))
+    who = names(rows, "estimator")
     counts: dict[str, dict[str, int]] = {}
     for row in rows:
-        of = counts.setdefault(row["reason"], dict.fromkeys(names, 0))
+        of = counts.setdefault(row["reason"], dict.fromkeys(who, 0))
         of[row["estimator"]] += 1
     ordered = sorted(counts, key=lambda reason: (reason != "held", -sum(counts[reason].values())))
-    body = tuple((reason, *(str(counts[reason][name]) for name in names)) for reason in ordered)
-    head = ("ended as", *(estimator_label(name) for name in names))
+    body = tuple((reason, *(str(counts[reason][name]) for name in who)) for reason in ordered)
+    head = ("ended as", *(estimator_label(name) for name in who))
     return StudyTable("reasons", "How trials ended", head, body)
 
 
@@ -226,6 +297,22 @@ def interval(comparison: Comparison) -> str:
         return "–"
     ends = (comparison.low, comparison.high)
     return " to ".join(printed(comparison.measure, end, signed=True) for end in ends)
+
+
+def share_text(share: Share | None) -> str:
+    """Return a share in percent with its interval, as it is printed."""
+    if share is None:
+        return "–"
+    told = f"{100.0 * share.value:.0f}"
+    if share.low is None or share.high is None:
+        return told
+    return f"{told} ({100.0 * share.low:.0f} to {100.0 * share.high:.0f})"
+
+
+def difference_text(comparison: Comparison) -> str:
+    """Return a comparison's effect with its interval, as they are printed."""
+    told = printed(comparison.measure, comparison.effect, signed=True)
+    return told if comparison.low is None else f"{told} ({interval(comparison)})"
 
 
 def p_value(p: float) -> str:

@@ -28,6 +28,7 @@ ESTIMATOR_COLOURS: Mapping[str, str] = MappingProxyType(
         "blend": "#009e73",
         "hermite_rbf": "#7a7a7a",
         "offset_rbf": "#b5b5b5",
+        "truth": "#262626",
     }
 )
 """Colour of each estimator, by its short name."""
@@ -46,6 +47,7 @@ ESTIMATOR_LABELS: Mapping[str, str] = MappingProxyType(
         "poisson": "screened Poisson",
         "rimls": "RIMLS",
         "apss": "APSS",
+        "truth": "the true mesh",
     }
 )
 """Name of each estimator as people write it; those not here are called by their short name."""

@@ -1,0 +1,60 @@
+"""How many grasps held: shares of trials, with intervals that know which trials belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binomtest
+
+from lis_grasp.json_lines import Row
+from lis_grasp.study.comparison import LEAST_CLUSTERS, clusters_of
+from lis_grasp.study.statistics import bootstrap_interval
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A share of trials that held.
+
+    Parameters
+    ----------
+    held, trials
+        How many of how many.
+    clusters
+        Of trials: those of one object and seed, which share their first touches.
+    low, high
+        Its 95 % interval, from 0 to 1; None where there are too few clusters.
+    """
+
+    held: int
+    trials: int
+    clusters: int
+    low: float | None
+    high: float | None
+
+    @property
+    def value(self) -> float:
+        """The share, from 0 to 1."""
+        return self.held / self.trials
+
+
+def share_of(rows: Sequence[Row]) -> Share | None:
+    """Return the share of rows that held; None of no rows.
+
+    The interval is the cluster bootstrap's over objects and seeds. Where all trials came out the
+    same, there is nothing to draw from: then it is Wilson's (1927), of as many trials as clusters.
+    """
+    if not rows:
+        return None
+    held = np.array([bool(row["held"]) for row in rows])
+    clusters = clusters_of(rows)
+    count, total = int(clusters.max()) + 1, int(held.sum())
+    low, high = None, None
+    if count >= LEAST_CLUSTERS:
+        if total in (0, len(rows)):
+            wilson = binomtest(count if total else 0, count).proportion_ci(method="wilson")
+            low, high = float(wilson.low), float(wilson.high)
+        else:
+            low, high = bootstrap_interval(held, clusters, rng=np.random.default_rng(0))
+    return Share(total, len(rows), count, low, high)

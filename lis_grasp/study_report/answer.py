@@ -1,0 +1,119 @@
+"""The answer of a study in plain words, made of its numbers and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lis_grasp.json_lines import Row
+from lis_grasp.study.comparison import (
+    Agreement,
+    Comparison,
+    agreements,
+    compare_one,
+    kinds_of,
+    names,
+)
+from lis_grasp.study.shares import share_of
+from lis_grasp.study.study import TRUTH
+from lis_grasp.study_report.tables import (
+    KIND_LABELS,
+    difference_text,
+    p_value,
+    share_text,
+)
+from lis_grasp.visualization.figures.palette import estimator_label
+
+ALPHA = 0.05
+"""Adjusted p-values up to here are told as differences."""
+
+
+def answer(rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str) -> list[str]:
+    """Return paragraphs: one for each level of noise, and one on surfaces and grasps."""
+    told = [_of_noise(rows, comparisons, reference, noise) for noise in names(rows, "noise")]
+    return [*(paragraph for paragraph in told if paragraph), _of_surfaces(rows, reference)]
+
+
+def _of_noise(
+    rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str, noise: str
+) -> str:
+    kind = kinds_of(rows)[0]
+    chosen = [row for row in rows if row["noise"] == noise]
+    of = {n: [r for r in chosen if r["estimator"] == n] for n in names(chosen, "estimator")}
+    shares = {name: share for name, r in of.items() if (share := share_of(r)) is not None}
+    against = [c for c in comparisons if (c.measure, c.kind, c.noise) == ("held", kind, noise)]
+    if reference not in shares or not against:
+        return ""
+    who = estimator_label(reference)
+    ranked = sorted(against, key=lambda c: -c.effect)
+    more = [c for c in ranked if c.p_holm <= ALPHA and c.effect > 0.0]
+    fewer = [c for c in reversed(ranked) if c.p_holm <= ALPHA and c.effect < 0.0]
+    same = [estimator_label(c.estimator) for c in ranked if c.p_holm > ALPHA]
+    where = "Without noise" if noise == "none" else f"With noise of {noise}"
+    text = (
+        f"{where}, over {KIND_LABELS[kind]}, hands and touches, {who} held"
+        f" {share_text(shares[reference])} % of its grasps"
+    )
+    if TRUTH in shares:
+        text += f", planning on the true mesh {share_text(shares[TRUTH])} %"
+    text += f". {_listed('More', more, who)} {_listed('Fewer', fewer, who)}"
+    if same:
+        text += f" No difference from {who} is shown for {_joined(same)}."
+    first = ranked[0]
+    steps = [
+        (n, compare_one(_of_budget(chosen, n), first.estimator, reference, "held", kind, noise))
+        for n in sorted(names(chosen, "touches"))
+    ]
+    parts = [f"at {n} touches {difference_text(c)}" for n, c in steps if c is not None]
+    name = estimator_label(first.estimator)
+    return f"{text} {name}, which held most of them, less {who}, in points: {', '.join(parts)}."
+
+
+def _of_surfaces(rows: Sequence[Row], reference: str) -> str:
+    kind = kinds_of(rows)[0]
+    found = {a.measure: a for a in agreements(rows, reference) if a.kind == kind}
+    if not found:
+        return (
+            "Of no pair with a measured surface did only one hold: whether the nearer surface is"
+            " the better one to grasp cannot be told."
+        )
+    words = {
+        "edge_rmsd": "at the edges",
+        "rmsd": "from the estimate to the truth",
+        "rmsd_truth_to_estimate": "from the truth to the estimate",
+    }
+    parts = [
+        f"measured {words[measure]}, in {_share(found[measure])}"  # type: ignore[index]
+        for measure in words
+        if measure in found
+    ]
+    return (
+        f"Where, of an estimator and {estimator_label(reference)}, only one held, it was the one"
+        f" with the smaller error: {'; '.join(parts)}. Half of the pairs would be chance."
+    )
+
+
+def _share(found: Agreement) -> str:
+    count = found.agree + found.disagree
+    return f"{100.0 * found.agree / count:.0f} % of {count} pairs (p {_p(found.p)})"
+
+
+def _listed(word: str, found: Sequence[Comparison], who: str) -> str:
+    if not found:
+        return f"{word} than {who}: none."
+    parts = [
+        f"{estimator_label(c.estimator)} {difference_text(c)} points, p {_p(c.p_holm)}"
+        for c in found
+    ]
+    return f"{word} than {who}: {'; '.join(parts)}."
+
+
+def _p(p: float) -> str:
+    return p_value(p) if p < 0.001 else f"= {p_value(p)}"
+
+
+def _joined(items: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(items[:-1]), items[-1]]))
+
+
+def _of_budget(rows: Sequence[Row], touches: int) -> list[Row]:
+    return [row for row in rows if row["touches"] == touches]
