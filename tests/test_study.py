@@ -5,7 +5,11 @@ from __future__ import annotations
 import dataclasses
 import os
 import signal
+import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -258,7 +262,7 @@ def test_rows_are_reported_on_without_any_mesh(
     monkeypatch.setattr("lis_grasp.__version__", "9.9.9")
     assert StudyResults(tmp_path).alike(elsewhere) == rows
     assert StudyResults(tmp_path).alike(dataclasses.replace(study, setup=Setup(mass=0.3))) == []
-    with pytest.raises(InvalidFileError, match="is missing, or is no file"):
+    with pytest.raises(InvalidFileError, match=r"cannot read /nowhere/block\.stl"):
         StudyResults(tmp_path).missing(elsewhere)
 
 
@@ -461,6 +465,76 @@ REAL = Study(
     noise=("none",),
     seeds=(0,),
 )
+
+
+def test_a_job_runs_in_one_thread_whatever_the_process_was_started_with() -> None:
+    program = """
+import lis_grasp.study.trial as trial
+from threadpoolctl import threadpool_info
+
+def rows(job):
+    from lis_grasp.meshing import extract_mesh
+    from lis_grasp.grasping.sampler import ForceClosureSampler
+    import lis_grasp.simulation.lift, lis_grasp.simulation.kinematic_probing
+    yield {library["filepath"]: library["num_threads"] for library in threadpool_info()}
+
+trial._rows = rows
+print(max(trial.run_job(None)[0].values()))
+"""
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "2")
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=os.environ | threads,
+        check=True,
+    )
+    assert done.stdout == "1\n"
+
+
+def test_jobs_of_one_process_wait_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_work: list[int] = []
+    most = []
+
+    def rows(job: Job) -> Iterator[Row]:
+        at_work.append(1)
+        time.sleep(0.05)
+        most.append(len(at_work))
+        at_work.pop()
+        yield {}
+
+    monkeypatch.setattr(trial_module, "_rows", rows)
+    job = Job(SMALL.trials()[0], Setup(), ("gpis",))
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(run_job, [job] * 3))
+    assert most == [1, 1, 1]
+
+
+@pytest.mark.slow
+def test_a_worker_that_joins_late_works_and_one_that_dies_is_made_up_for(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
+        results, first = StudyResults(tmp_path), next(iter(cluster.workers.values())).pid
+        steps = run_study(
+            SMALL, results, DaskCluster(cluster.scheduler_address), runner=who_made_them
+        )
+        for done, _ in steps:
+            if done == 1:
+                cluster.scale(2)
+            if done == 5:
+                os.kill(first, signal.SIGKILL)
+    rows = results.of(SMALL)
+    assert len(rows) == len(SMALL.trials()) * len(SMALL.estimators)
+    assert len({row["contacts_digest"] for row in rows}) >= 2  # the processes that made them
+
+
+def who_made_them(job: Job) -> list[Row]:
+    """Return rows that name their process, not at once."""
+    time.sleep(0.5)
+    return [row | {"contacts_digest": str(os.getpid())} for row in fake_rows(job)]
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.grasping.hand import HAND_NAMES
 from lis_grasp.shapes import NAMES
 
@@ -70,8 +71,11 @@ def _hand_digests(name: str) -> list[str]:
 
 
 def _file_digest(path: Path) -> str:
-    facts = path.stat()
-    return _digest(path, facts.st_mtime_ns, facts.st_size)
+    try:
+        facts = path.stat()
+        return _digest(path, facts.st_mtime_ns, facts.st_size)
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
 
 
 @lru_cache(maxsize=4096)

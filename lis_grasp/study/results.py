@@ -95,7 +95,6 @@ class StudyResults:
 
     def missing(self, study: Study) -> list[Job]:
         """Return what of a study there is to do, in its order; its files must be there."""
-        study.require_files()
         known = self.keys()
         jobs = []
         for trial in study.trials():

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import lru_cache
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
 from threadpoolctl import threadpool_limits
@@ -63,6 +64,8 @@ def run_job(job: Job) -> list[Row]:
     That holds wherever it runs, also in a worker that joined a cluster late and has more threads:
     there jobs wait for each other.
     """
+    # Only libraries that are loaded can be limited, and Drake brings one of its own.
+    import_module("lis_grasp.simulation.lift")
     with _ALONE, threadpool_limits(1):
         return list(_rows(job))
 

@@ -1,0 +1,79 @@
+"""How many rows of a study workers of a cluster make a minute, and what a large study takes.
+
+Starts a cluster of Dask on this machine with each number of workers in turn, lets every worker do
+one trial beforehand (imports, caches of files), and times the same trials on each. Ratios mean
+something where no other work takes the machine's cores.
+
+    python benchmarks/bench_study.py                # 1 and 2 workers
+    python benchmarks/bench_study.py --workers 1 8 --seeds 4
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from pathlib import Path
+
+from distributed import Client, LocalCluster
+
+from lis_grasp.study.results import StudyResults
+from lis_grasp.study.scheduling import DaskCluster, run_study
+from lis_grasp.study.study import Study
+from lis_grasp.study.trial import run_job
+
+OBJECTS = ("box", "mallet", "sphere", "hollow_cylinder")
+ESTIMATORS = ("gpis", "blend")
+
+
+def rate(workers: int, seeds: int) -> tuple[float, float]:
+    """Return rows a minute, and processor seconds of the workers a row."""
+    study = Study(OBJECTS, ESTIMATORS, (10,), ("none",), seeds=tuple(range(seeds)))
+    warm = Study(("cylinder",), ESTIMATORS, (5,), ("none",), seeds=(0,))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+    ):
+        address = cluster.scheduler_address
+        with Client(address) as client:
+            (job,) = StudyResults(Path(folder)).missing(warm)
+            client.run(run_job, job)
+            before = client.run(time.process_time)
+            start = time.perf_counter()
+            for _ in run_study(study, StudyResults(Path(folder)), DaskCluster(address)):
+                pass
+            seconds = time.perf_counter() - start
+            after = client.run(time.process_time)
+        rows = len(StudyResults(Path(folder)).of(study))
+    spent = sum(after[worker] - before[worker] for worker in after)
+    return 60.0 * rows / seconds, spent / rows
+
+
+def main() -> None:
+    """Print a line for each number of workers, and the arithmetic of a large study."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--seeds", type=int, default=3)
+    options = parser.parse_args()
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before")
+    rates = {}
+    for workers in options.workers:
+        rates[workers], spent = rate(workers, options.seeds)
+        ratio = rates[workers] / rates[options.workers[0]]
+        print(
+            f"{workers} workers: {rates[workers]:.1f} rows a minute ({ratio:.2f} times"
+            f" {options.workers[0]}), {spent:.2f} s of processor a row",
+            flush=True,
+        )
+    rows, workers = 10_000 * 7, 100
+    hours = rows * spent / 3600.0
+    print(
+        f"10 000 objects of 7 estimators, one hand, budget, noise and seed: {rows} rows of"
+        f" {spent:.2f} s, {hours:.0f} hours of processor, {60.0 * hours / workers:.0f} minutes on"
+        f" {workers} workers"
+    )
+
+
+if __name__ == "__main__":
+    main()
