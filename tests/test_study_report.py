@@ -5,16 +5,21 @@ from __future__ import annotations
 import csv
 import html
 import re
+import runpy
 from collections.abc import Iterable
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 
+import lis_grasp
 from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture
 from lis_grasp.study.comparison import compare
 from lis_grasp.study.keys import row_key
+from lis_grasp.study.results import StudyResults
 from lis_grasp.study.study import Setup, Study
+from lis_grasp.study.study_file import load_study
 from lis_grasp.study_report import write_report, write_tables
 from lis_grasp.study_report.answer import answer
 from lis_grasp.study_report.pictures import draw_pictures
@@ -52,7 +57,7 @@ def rows_of(study: Study = STUDY) -> list[Row]:
                     "estimator": name,
                     "edged": trial.object == "box",
                     "held": held,
-                    "version": "0.1",
+                    "version": lis_grasp.__version__,
                     "reason": "held" if held else "no_grasp",
                     "failure": None if held else "<b>no</b> surface",
                     "epsilon_estimate": 0.2 if held else None,
@@ -182,3 +187,26 @@ def test_text_that_latex_reads_as_commands_is_escaped() -> None:
 )
 def test_values_are_printed_in_their_units(measure: str, value: float, text: str) -> None:
     assert printed(measure, value) == text
+
+
+def test_the_page_of_the_published_study_is_made_of_its_rows_alone(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
+    here = Path(__file__).parent.parent / "docs" / "study"
+    study = Study.from_facts(load_study(here / "study.yaml"))
+    some = replace(study, objects=("box", "sphere", "mallet"), touches=(5, 10), seeds=(0, 1, 2, 3))
+    rows = []
+    for row in rows_of(some):
+        scan = row["object"] == "mallet"
+        facts = {"object": "004_sugar_box.ply", "object_digest": "ab"} if scan else {}
+        rows.append(row | facts | asdict(Setup()) | {"seconds_lift": 3600.0})
+    StudyResults(tmp_path).write(rows)
+    module = runpy.run_path(str(here / "make_page.py"))
+    page = module["make_page"](here / "study.yaml", tmp_path, tmp_path / "docs").read_text()
+    assert f"{len(rows)} rows." in page
+    assert f"add up to {len(rows)}.0 hours" in page
+    assert "objects of mesh files" in page
+    assert "over all objects, hands and touches, GPIS held" in page
+    assert not re.search(r"\$[a-z]|\bnan\b|/tmp", page)
+    pictures = re.findall(r"\]\((images/[a-z_]*\.png)\)", page)
+    assert len(pictures) == 3
+    assert all((tmp_path / "docs" / picture).is_file() for picture in pictures)

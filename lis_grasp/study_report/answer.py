@@ -112,7 +112,7 @@ def _p(p: float) -> str:
 
 
 def _joined(items: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(items[:-1]), items[-1]]))
+    return "; ".join(items)  # names have commas
 
 
 def _of_budget(rows: Sequence[Row], touches: int) -> list[Row]:

@@ -1,0 +1,89 @@
+"""Make docs/study.md and its figures from the rows of the published study, and nothing else.
+
+python docs/study/make_page.py          # from docs/study/rows.parquet
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from string import Template
+
+from lis_grasp.json_lines import Row
+from lis_grasp.output_files import write_text
+from lis_grasp.study import Study, StudyResults, compare, load_study
+from lis_grasp.study.comparison import kinds_of, names
+from lis_grasp.study.keys import label
+from lis_grasp.study.trial import TIMES
+from lis_grasp.study_report.answer import answer
+from lis_grasp.study_report.pictures import draw_pictures
+from lis_grasp.study_report.tables import (
+    agreements_table,
+    differences_table,
+    held_table,
+    reasons_table,
+)
+from lis_grasp.visualization.figures.palette import estimator_label
+
+_HERE = Path(__file__).parent
+
+
+def make_page(study_file: Path, rows_folder: Path, docs: Path) -> Path:
+    """Write study.md and its figures below `docs`; return its path."""
+    study = Study.from_facts(load_study(study_file))
+    rows = StudyResults(rows_folder).alike(study)
+    template = Template((_HERE / "study.md.in").read_text(encoding="utf-8"))
+    words = _facts(study, rows)
+    pictures = dict(zip(("figure", "noisy", "promise", "edge"), draw_pictures(rows), strict=True))
+    for name, picture in pictures.items():
+        file = f"images/study_{name}.png"
+        (docs / "images").mkdir(parents=True, exist_ok=True)
+        (docs / file).write_bytes(picture.png)
+        prefix = "figure" if name == "figure" else f"{name}_figure"
+        words[prefix] = file
+        stem = "figure" if name == "figure" else name
+        words[f"{stem}_title"], words[f"{stem}_caption"] = picture.title, picture.caption
+    write_text(docs / "study.md", template.substitute(words))
+    return docs / "study.md"
+
+
+def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
+    comparisons = compare(rows, study.reference)
+    held = [held_table(rows, kind) for kind in kinds_of(rows)]
+    seconds = sum(row[name] or 0.0 for row in rows for name in TIMES)
+    objects = ", ".join(label(name) for name in study.objects)
+    estimators = " / ".join(estimator_label(name) for name in study.estimators)
+    count = len(study.trials())
+    return {
+        "answer": "\n\n".join(answer(rows, comparisons, study.reference)),
+        "what": (
+            f"{len(study.objects)} objects ({objects}); estimators {estimators};"
+            f" {', '.join(map(str, study.touches))} touches; noise {', '.join(study.noise)};"
+            f" hands {' and '.join(study.hands)}; {len(names(rows, 'seed'))} seeds."
+        ),
+        "trials_text": f"{count} trials, {len(rows)} rows.",
+        "trials": str(count),
+        "grasps": str(study.setup.grasps),
+        "mass": f"{study.setup.mass:g}",
+        "friction": f"{study.setup.friction:g}",
+        "held": "\n".join(f"{table.title}:\n\n{table.markdown()}" for table in held),
+        "reference": estimator_label(study.reference),
+        "differences": differences_table(rows, study.reference).markdown(),
+        "agreements": agreements_table(rows, study.reference).markdown(),
+        "reasons": reasons_table(rows).markdown(),
+        "hours": f"{seconds / 3600.0:.1f}",
+    }
+
+
+def main() -> None:
+    """Make the page."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--rows", type=Path, default=_HERE, help="folder with rows.parquet")
+    parser.add_argument("--docs", type=Path, default=_HERE.parent, help="where study.md goes")
+    options = parser.parse_args()
+    print(make_page(_HERE / "study.yaml", options.rows, options.docs))
+
+
+if __name__ == "__main__":
+    main()
