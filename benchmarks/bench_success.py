@@ -27,7 +27,7 @@ from lis_grasp.regrasp import grasp_by_touch
 from lis_grasp.worker_pool import worker_pool
 
 PLANS = (("allegro", "truth"), ("allegro", 40), ("allegro", 15), ("wsg50", "truth"), ("wsg50", 40))
-HEADER = {"benchmark": "success", "format": 1}
+HEADER = {"benchmark": "success", "format": 2}
 
 Row = dict
 
@@ -60,7 +60,7 @@ def trials(name: str, seed: int) -> list[Row]:
         config = RunConfig(object=name, hand=hand_name, seed=seed, prober="kinematic")
         contacts = touch(shape, hand, config).contacts
         for planned_on in [on for which, on in PLANS if which == hand_name]:
-            attempts, outcome = 1, None
+            attempts, outcome, foretold = 1, None, None
             if planned_on == "truth":
                 search = plan(
                     shape.mesh,
@@ -71,6 +71,7 @@ def trials(name: str, seed: int) -> list[Row]:
                     seed=seed,
                 )
                 if search.grasps:
+                    foretold = search.grasps[0].quality["success_probability"]
                     outcome = prove(
                         shape, hand, search.grasps[0], mass=config.mass, friction=config.friction
                     )
@@ -78,6 +79,9 @@ def trials(name: str, seed: int) -> list[Row]:
                 known = contacts.subset(slice(int(planned_on)))
                 tried = list(grasp_by_touch(shape, hand, known, config))
                 attempts, outcome = len(tried), tried[-1].outcome
+                if outcome is not None:
+                    grasp = tried[-1].search.grasps[tried[-1].rank]
+                    foretold = grasp.quality["success_probability"]
             rows.append(
                 {
                     "object": name,
@@ -85,6 +89,7 @@ def trials(name: str, seed: int) -> list[Row]:
                     "hand": hand_name,
                     "planned_on": planned_on,
                     "attempts": attempts,
+                    "foretold": foretold,
                     "reason": "no_grasp" if outcome is None else outcome.reason,
                     "lifted": outcome is not None and outcome.lifted,
                     "survived": 0.0 if outcome is None else outcome.acceleration_survived,
@@ -113,6 +118,10 @@ def report(rows: list[Row]) -> None:
             f" {survived} of {len(lifted)}; {np.mean([r['attempts'] for r in chosen]):.2f};"
             f" {dict(failures)}"
         )
+        tried = [row for row in chosen if row["foretold"] is not None]
+        mean = np.mean([row["foretold"] for row in tried])
+        share = np.mean([row["reason"] == "held" for row in tried])
+        print(f"    of {len(tried)} grasps executed, {mean:.1%} foretold to hold, {share:.1%} held")
 
 
 if __name__ == "__main__":
