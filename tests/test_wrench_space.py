@@ -58,6 +58,16 @@ def test_a_ball_inside_an_ellipsoid_has_its_shortest_half_axis() -> None:
     assert np.all(radii >= np.array([1.0, 0.3]) / 1.05)
 
 
+def test_a_tolerance_makes_epsilon_smaller_by_that_share_at_the_most() -> None:
+    rng = np.random.default_rng(12)
+    normals = rng.normal(size=(200, 4, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    exact = epsilon_qualities(normals, normals, friction=0.6)
+    coarse = epsilon_qualities(normals, normals, friction=0.6, tolerance=0.1)
+    assert (coarse <= exact + 1e-9).all() and (coarse >= exact / 1.1 - 1e-4).all()
+    assert (coarse < 0.999 * exact).any()
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_round_cones_lie_between_their_inner_and_outer_pyramids(seed: int) -> None:
     points, normals = _grasps(seed, 10, 4)

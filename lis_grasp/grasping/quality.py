@@ -122,6 +122,7 @@ def epsilon_qualities(
     torsion: float = 0.0,
     edges: int | None = CONE_EDGES,
     limit: ForceLimit = "sum",
+    tolerance: float = 0.0,
 ) -> FloatArray:
     """Return the epsilon of many grasps at once, several times as fast as one after the other.
 
@@ -137,6 +138,9 @@ def epsilon_qualities(
         Shape (3,) or (B, 3) [m], and scalar or (B,) [m]; None as in `epsilon_quality`.
     friction, model, torsion, edges, limit
         As in `epsilon_quality`.
+    tolerance
+        Share of epsilon by which the result may be too small; with 0.05 it takes two thirds of the
+        time, and is off by less than a hundredth mostly.
 
     Returns
     -------
@@ -169,7 +173,8 @@ def epsilon_qualities(
             return np.asarray(((reach > 0.0)[..., None] * wrenches).sum(axis=1))
         return wrenches[np.arange(len(reach)), reach.argmax(axis=1)]
 
-    return inner_radii(farthest, len(points), tolerance=_ROUND_TOLERANCE if edges is None else 0.0)
+    least = _ROUND_TOLERANCE if edges is None else 0.0
+    return inner_radii(farthest, len(points), tolerance=max(tolerance, least))
 
 
 def wrench_volume(
