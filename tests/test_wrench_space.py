@@ -64,7 +64,8 @@ def test_a_tolerance_makes_epsilon_smaller_by_that_share_at_the_most() -> None:
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     exact = epsilon_qualities(normals, normals, friction=0.6)
     coarse = epsilon_qualities(normals, normals, friction=0.6, tolerance=0.1)
-    assert (coarse <= exact + 1e-9).all() and (coarse >= exact / 1.1 - 1e-4).all()
+    assert (coarse <= exact + 1e-9).all()
+    assert (coarse >= exact / 1.1 - 1e-4).all()
     assert (coarse < 0.999 * exact).any()
 
 

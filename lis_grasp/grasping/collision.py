@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from lis_grasp.grasping.hand import Hand, LinkGeometry
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand_parts import LinkGeometry
 from lis_grasp.winding import any_inside
 
 FloatArray = npt.NDArray[np.float64]

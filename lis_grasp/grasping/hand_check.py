@@ -10,7 +10,8 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.grasping.collision import HandCollisionChecker
-from lis_grasp.grasping.hand import Hand, Pad, ProbePosture
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand_parts import Pad, ProbePosture
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,9 +12,12 @@ import numpy.typing as npt
 import yaml
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError, shown
-from lis_grasp.grasping.hand import HAND_NAMES, Hand, HandKind, Joint, Pad, ProbePosture
+from lis_grasp.grasping.file_uri import resolve_uri
+from lis_grasp.grasping.hand import HAND_NAMES, Hand, HandKind
+from lis_grasp.grasping.hand_model import HandModel, rpy_pose
+from lis_grasp.grasping.hand_parts import Joint, Pad, ProbePosture
 from lis_grasp.grasping.hand_sdf import read_sdf
-from lis_grasp.grasping.hand_urdf import HandModel, read_urdf, resolve_uri, rpy_pose
+from lis_grasp.grasping.hand_urdf import read_urdf
 from lis_grasp.model_files import model_path
 
 FloatArray = npt.NDArray[np.float64]

@@ -14,26 +14,22 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
-from lis_grasp.grasping.hand import GeometryKind, Inertial, Joint, JointKind, LinkGeometry
-from lis_grasp.grasping.hand_urdf import (
+from lis_grasp.grasping.file_uri import resolve_uri
+from lis_grasp.grasping.hand_model import (
+    JOINT_KINDS,
     HandModel,
+    frozen,
     load_mesh,
     make_inertial,
     primitive,
-    require_plain_xml,
     require_pose,
-    resolve_uri,
     rpy_pose,
 )
+from lis_grasp.grasping.hand_parts import GeometryKind, Inertial, Joint, JointKind, LinkGeometry
+from lis_grasp.grasping.plain_xml import require_plain_xml
 
 FloatArray = npt.NDArray[np.float64]
 
-_KINDS: Mapping[str, JointKind] = {
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "prismatic": "prismatic",
-    "fixed": "fixed",
-}
 _PRIMITIVES: Mapping[GeometryKind, tuple[str, ...]] = {
     "box": ("size",),
     "sphere": ("radius",),
@@ -64,9 +60,9 @@ def read_sdf(path: Path) -> HandModel:
     limits = [model.limits(joint) for joint in joints if joint.is_actuated]
     return HandModel(
         joint_names=tuple(joint.name for joint in joints if joint.is_actuated),
-        lower=_frozen([low for low, _, _ in limits]),
-        upper=_frozen([high for _, high, _ in limits]),
-        effort_limits=_frozen([effort for _, _, effort in limits]),
+        lower=frozen([low for low, _, _ in limits]),
+        upper=frozen([high for _, high, _ in limits]),
+        effort_limits=frozen([effort for _, _, effort in limits]),
         links=names,
         joints=joints,
         inertials=MappingProxyType({name: model.inertial(name) for name in names}),
@@ -141,7 +137,7 @@ class _Model:
         element = self._links[link].find("inertial") if link in self._links else None
         mass = self._number(element, "mass", 0.0)
         if element is None or mass <= 0.0:
-            return Inertial(0.0, _frozen(np.zeros(3)), _frozen(np.zeros((3, 3))))
+            return Inertial(0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3))))
         X_LI = self._raw_pose(element)
         xx, yy, zz, xy, xz, yz = (
             self._number(element.find("inertia"), f"i{axes}", 0.0)
@@ -157,7 +153,7 @@ class _Model:
         return [self._geometry(link, c) for c in self._links[link].findall("collision")]
 
     def _geometry(self, link: str, collision: ET.Element) -> LinkGeometry:
-        X_LG = _frozen(self._raw_pose(collision))
+        X_LG = frozen(self._raw_pose(collision))
         shape = collision.find("geometry")
         mesh = None if shape is None else shape.find("mesh")
         if mesh is not None:
@@ -181,7 +177,7 @@ class _Model:
         X_PJ = np.linalg.inv(self._pose(parent)) @ self._pose(name)
         X_JC = np.linalg.inv(self._pose(name)) @ self._pose(child)
         if kind == "fixed":
-            return [Joint(name, kind, parent, child, _frozen(X_PJ @ X_JC), _frozen([0.0] * 3), -1)]
+            return [Joint(name, kind, parent, child, frozen(X_PJ @ X_JC), frozen([0.0] * 3), -1)]
         element = self._joints[name].find("axis")
         axis = np.array([0.0, 0.0, 1.0]) if element is None else self._numbers(element, "xyz")
         length = float(np.linalg.norm(axis))
@@ -203,8 +199,8 @@ class _Model:
                 kind,
                 parent,
                 moving,
-                _frozen(X_PJ),
-                _frozen(axis / length),
+                frozen(X_PJ),
+                frozen(axis / length),
                 0,
                 mimic is not None,
                 multiplier,
@@ -212,8 +208,8 @@ class _Model:
             )
         ]
         if offset:
-            zero = _frozen(np.zeros(3))
-            made.append(Joint(f"{name}_mount", "fixed", moving, child, _frozen(X_JC), zero, -1))
+            zero = frozen(np.zeros(3))
+            made.append(Joint(f"{name}_mount", "fixed", moving, child, frozen(X_JC), zero, -1))
         if self.inertial(child).mass <= 0.0:
             self._fail(
                 f"link '{child}' moves on joint '{name}' and must have an inertial with a mass"
@@ -259,11 +255,12 @@ class _Model:
 
     def _kind(self, name: str) -> JointKind:
         given = self._joints[name].get("type", "")
-        if given not in _KINDS:
+        if given not in JOINT_KINDS:
             self._fail(
-                f"joint '{name}' is of type '{given}'; a hand's joints must be {', '.join(_KINDS)}"
+                f"joint '{name}' is of type '{given}'; a hand's joints must be"
+                f" {', '.join(JOINT_KINDS)}"
             )
-        return _KINDS[given]
+        return JOINT_KINDS[given]
 
     def _pose(self, name: str, below: tuple[str, ...] = ()) -> FloatArray:
         """Return the pose (4, 4) of a link, joint or frame in the model frame."""
@@ -321,9 +318,3 @@ class _Model:
 
     def _fail(self, reason: str) -> Any:
         raise InvalidHandError(f"{self._path.name}: {reason}")
-
-
-def _frozen(values: npt.ArrayLike) -> FloatArray:
-    array = np.array(values, np.float64)
-    array.flags.writeable = False
-    return array

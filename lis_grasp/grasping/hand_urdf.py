@@ -2,53 +2,30 @@
 
 from __future__ import annotations
 
-import os
-import xml.parsers.expat
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 import yourdfpy
 
-from lis_grasp.exceptions import InvalidFileError, InvalidHandError, shown
-from lis_grasp.grasping.hand import GeometryKind, Inertial, Joint, JointKind, LinkGeometry
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.grasping.file_uri import resolve_uri
+from lis_grasp.grasping.hand_model import (
+    JOINT_KINDS,
+    LARGEST,
+    HandModel,
+    frozen,
+    load_mesh,
+    make_inertial,
+    primitive,
+    require_pose,
+)
+from lis_grasp.grasping.hand_parts import Inertial, Joint, LinkGeometry
+from lis_grasp.grasping.plain_xml import require_plain_xml
 
 FloatArray = npt.NDArray[np.float64]
-
-_KINDS: Mapping[str, JointKind] = {
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "prismatic": "prismatic",
-    "fixed": "fixed",
-}
-# Facets round a sphere or cylinder: the chord is within 1 % of the radius of the arc.
-_CYLINDER_SECTIONS = 32
-_SPHERE_SUBDIVISIONS = 3
-# How many sizes a body has.
-_SIZES: Mapping[GeometryKind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
-# Of a hand [m], [kg] or [kg m^2]: more is a mistake.
-_LARGEST, _HEAVIEST = 1e3, 1e6
-# Elements within elements: a URDF has five, an SDF six.
-_DEEPEST = 50
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HandModel:
-    """What a URDF or SDF says about a hand; the fields are those of `Hand`."""
-
-    joint_names: tuple[str, ...]
-    lower: FloatArray
-    upper: FloatArray
-    effort_limits: FloatArray
-    links: tuple[str, ...]
-    joints: tuple[Joint, ...]
-    inertials: Mapping[str, Inertial]
-    link_geometries: tuple[LinkGeometry, ...]
 
 
 def read_urdf(path: Path) -> HandModel:
@@ -79,21 +56,14 @@ def read_urdf(path: Path) -> HandModel:
     ]
     return HandModel(
         joint_names=tuple(joint.name for joint in movable),
-        lower=_frozen([low for low, _, _ in limits]),
-        upper=_frozen([high for _, high, _ in limits]),
-        effort_limits=_frozen([effort for _, _, effort in limits]),
+        lower=frozen([low for low, _, _ in limits]),
+        upper=frozen([high for _, high, _ in limits]),
+        effort_limits=frozen([effort for _, _, effort in limits]),
         links=names,
         joints=joints,
         inertials=MappingProxyType(inertials),
         link_geometries=tuple(geometries),
     )
-
-
-def rpy_pose(translation: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
-    """Return a pose (4, 4) from a translation [m] and the URDF's fixed-axis angles [rad]."""
-    pose = trimesh.transformations.euler_matrix(*np.asarray(rpy, np.float64), axes="sxyz")
-    pose[:3, 3] = translation
-    return np.asarray(pose, np.float64)
 
 
 def _parse(path: Path) -> Any:
@@ -120,10 +90,10 @@ def _ordered_joints(robot: Any, file: str) -> tuple[Joint, ...]:
             f"{file}: the links must form one tree; links without a parent: {', '.join(roots)}"
         )
     for joint in robot.joints:
-        if joint.type not in _KINDS:
+        if joint.type not in JOINT_KINDS:
             raise InvalidHandError(
                 f"{file}: joint '{joint.name}' is of type '{joint.type}'; a hand's joints must be"
-                f" {', '.join(_KINDS)}"
+                f" {', '.join(JOINT_KINDS)}"
             )
         if joint.parent not in names or joint.child not in names:
             raise InvalidHandError(f"{file}: joint '{joint.name}' joins a link that is not there")
@@ -154,7 +124,7 @@ def _actuated(robot: Any) -> list[Any]:
 
 
 def _joint(joint: Any, movable: list[str], file: str) -> Joint:
-    kind = _KINDS[joint.type]
+    kind = JOINT_KINDS[joint.type]
     axis = np.zeros(3)
     if kind != "fixed":
         axis = np.asarray(joint.axis, np.float64)
@@ -173,8 +143,8 @@ def _joint(joint: Any, movable: list[str], file: str) -> Joint:
         kind=kind,
         parent=joint.parent,
         child=joint.child,
-        X_PJ=_frozen(_origin(joint.origin)),
-        axis_J=_frozen(axis),
+        X_PJ=frozen(_origin(joint.origin)),
+        axis_J=frozen(axis),
         index=movable.index(leader) if kind != "fixed" else -1,
         follows=mimic is not None,
         multiplier=multiplier,
@@ -193,7 +163,7 @@ def _limits(joint: Any, file: str) -> tuple[float, float, float]:
     if joint.type == "continuous":
         return -np.pi, np.pi, float(effort)
     lower, upper = limit.lower, limit.upper
-    if lower is None or upper is None or not -_LARGEST <= lower < upper <= _LARGEST:
+    if lower is None or upper is None or not -LARGEST <= lower < upper <= LARGEST:
         raise InvalidHandError(
             f"{file}: joint '{joint.name}' must have a lower limit below its upper limit;"
             f" they are {lower} and {upper}"
@@ -204,32 +174,13 @@ def _limits(joint: Any, file: str) -> tuple[float, float, float]:
 def _inertial(link: Any) -> Inertial:
     inertial = link.inertial
     if inertial is None or not inertial.mass:
-        return Inertial(0.0, _frozen(np.zeros(3)), _frozen(np.zeros((3, 3))))
+        return Inertial(0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3))))
     inertia = np.zeros((3, 3)) if inertial.inertia is None else np.asarray(inertial.inertia)
     return make_inertial(link.name, float(inertial.mass), _origin(inertial.origin), inertia)
 
 
-def make_inertial(
-    link: str, mass: float, X_LI: FloatArray, inertia_I: npt.NDArray[np.float64]
-) -> Inertial:
-    """Return the mass properties of a link from those in the frame I of its inertial element.
-
-    Raises
-    ------
-    InvalidHandError
-        If a number is not finite, or the mass is negative.
-    """
-    if not (0.0 <= mass <= _HEAVIEST and np.all(np.abs(inertia_I) <= _HEAVIEST)):
-        raise InvalidHandError(
-            f"link '{link}' must have a mass of at least 0 and finite moments of inertia [kg, m];"
-            f" its mass is {mass}"
-        )
-    rotated = X_LI[:3, :3] @ inertia_I @ X_LI[:3, :3].T
-    return Inertial(mass, _frozen(X_LI[:3, 3]), _frozen(rotated))
-
-
 def _geometry(link: str, collision: Any, path: Path) -> LinkGeometry:
-    geometry, X_LG = collision.geometry, _frozen(_origin(collision.origin))
+    geometry, X_LG = collision.geometry, frozen(_origin(collision.origin))
     if geometry.box is not None:
         return primitive(link, X_LG, "box", np.asarray(geometry.box.size))
     if geometry.sphere is not None:
@@ -246,146 +197,5 @@ def _geometry(link: str, collision: Any, path: Path) -> LinkGeometry:
     )
 
 
-def primitive(
-    link: str, X_LG: FloatArray, kind: GeometryKind, dimensions: npt.ArrayLike
-) -> LinkGeometry:
-    """Return a body of a simple shape, and a mesh of it; dimensions as in `LinkGeometry`."""
-    sizes = tuple(float(size) for size in np.asarray(dimensions, np.float64).ravel())
-    if len(sizes) != _SIZES[kind] or not all(0.0 < size <= _LARGEST for size in sizes):
-        raise InvalidHandError(
-            f"a {kind} of link '{link}' must have {_SIZES[kind]} sizes above 0 and at most"
-            f" {_LARGEST:g} m; it has {', '.join(map(str, sizes)) or 'none'}"
-        )
-    match kind:
-        case "box":
-            mesh = trimesh.creation.box(extents=sizes)
-        case "sphere":
-            mesh = trimesh.creation.icosphere(subdivisions=_SPHERE_SUBDIVISIONS, radius=sizes[0])
-        case "cylinder":
-            mesh = trimesh.creation.cylinder(
-                radius=sizes[0], height=sizes[1], sections=_CYLINDER_SECTIONS
-            )
-        case _:
-            mesh = trimesh.creation.capsule(radius=sizes[0], height=sizes[1])
-    return LinkGeometry(link, X_LG, kind, sizes, mesh)
-
-
-def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
-    """Read the mesh of a link's body.
-
-    Raises
-    ------
-    InvalidFileError
-        If it cannot be read, or is empty.
-    """
-    try:
-        loaded = trimesh.load(file, force="mesh")
-    except (OSError, ValueError, KeyError, IndexError, NotImplementedError) as error:
-        raise InvalidFileError(f"the mesh {file} cannot be read: {error}") from None
-    if len(loaded.faces) == 0:
-        raise InvalidFileError(f"the mesh {file} has no triangles")
-    if scale is not None:
-        loaded.apply_scale(scale)
-    return loaded
-
-
-def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
-    """Find a file that another one names.
-
-    A plain path counts from `folder`; ``package://NAME/...`` is looked for in a folder NAME above
-    it, in `folder` itself, and in folders NAME beside those of ``ROS_PACKAGE_PATH`` (a copy of
-    drake_models, for example).
-
-    Raises
-    ------
-    InvalidFileError
-        If there is no such file; says where it was looked for.
-    """
-    scheme, separator, rest = uri.partition("://")
-    if not separator:
-        candidates = [folder / uri]
-    elif scheme == "file":
-        candidates = [Path(rest)]
-    elif scheme == "package":
-        package, _, inside = rest.partition("/")
-        above = [parent / inside for parent in _upwards(folder) if parent.name == package]
-        roots = [Path(r) for r in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if r]
-        listed = [root / package / inside for root in roots]
-        listed += [root / inside for root in roots if root.name == package]
-        candidates = [*above, folder / inside, *listed]
-    else:
-        raise InvalidFileError(f"{named_in}: files are named by path or package:// URI, not {uri}")
-    for candidate in candidates:
-        try:
-            if candidate.is_file():
-                return candidate
-        except (OSError, ValueError) as error:  # no name that a file can have
-            raise InvalidFileError(f"{named_in}: {shown(uri)} is no file: {error}") from None
-    tried = ", ".join(str(candidate) for candidate in candidates)
-    raise InvalidFileError(
-        f"{named_in}: {uri} was not found; looked at {tried}: a package's folder may be listed in"
-        " ROS_PACKAGE_PATH"
-    )
-
-
-def _upwards(folder: Path) -> list[Path]:
-    resolved = folder.resolve()
-    return [resolved, *resolved.parents]
-
-
 def _origin(matrix: FloatArray | None) -> FloatArray:
     return np.eye(4) if matrix is None else require_pose(np.array(matrix, np.float64))
-
-
-def require_pose(X: FloatArray) -> FloatArray:
-    """Return a pose (4, 4) whose numbers are finite and within reach; refuse any other."""
-    if not np.all(np.abs(X) <= _LARGEST):
-        raise InvalidHandError(
-            f"a pose in the hand's file must be finite, and within {_LARGEST:g} m; it is at"
-            f" {X[:3, 3].tolist()}"
-        )
-    return X
-
-
-def require_plain_xml(path: Path) -> None:
-    """Refuse a file that is no XML, or declares entities.
-
-    Entities let a small file grow to gigabytes, or name files that are none of its business; no
-    hand needs them.
-
-    Raises
-    ------
-    InvalidFileError
-        If it is so.
-    """
-
-    def refuse(*_: object) -> None:
-        raise InvalidFileError(f"{path} must not declare XML entities: write their text out")
-
-    parser = xml.parsers.expat.ParserCreate()
-    parser.EntityDeclHandler = refuse
-    depth = 0
-
-    def enter(*_: object) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > _DEEPEST:
-            raise InvalidFileError(f"{path} must not nest elements deeper than {_DEEPEST}")
-
-    def leave(_: str) -> None:
-        nonlocal depth
-        depth -= 1
-
-    parser.StartElementHandler, parser.EndElementHandler = enter, leave
-    try:
-        parser.Parse(path.read_bytes(), True)
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
-    except (xml.parsers.expat.ExpatError, ValueError) as error:
-        raise InvalidFileError(f"{path} is not valid XML: {error}") from None
-
-
-def _frozen(values: npt.ArrayLike) -> FloatArray:
-    array = np.array(values, np.float64)
-    array.flags.writeable = False
-    return array

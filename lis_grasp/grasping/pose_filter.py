@@ -8,7 +8,8 @@ import trimesh
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from lis_grasp.grasping.hand import Hand, LinkGeometry
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand_parts import LinkGeometry
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.exploration.probe import Probe
-from lis_grasp.grasping.hand import Hand, ProbePosture
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand_parts import ProbePosture
 
 FloatArray = npt.NDArray[np.float64]
 

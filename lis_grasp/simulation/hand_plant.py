@@ -39,8 +39,9 @@ from pydrake.multibody.tree import (
     UnitInertia,
 )
 
-from lis_grasp.grasping.hand import Hand, Inertial, LinkGeometry
-from lis_grasp.grasping.hand import Joint as HandJoint
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand_parts import Inertial, LinkGeometry
+from lis_grasp.grasping.hand_parts import Joint as HandJoint
 
 FloatArray = npt.NDArray[np.float64]
 
