@@ -15,13 +15,16 @@ import pytest
 import lis_grasp
 from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture
+from lis_grasp.study.case import extremes
 from lis_grasp.study.comparison import compare
 from lis_grasp.study.keys import row_key
 from lis_grasp.study.results import StudyResults
 from lis_grasp.study.study import Setup, Study
 from lis_grasp.study.study_file import load_study
+from lis_grasp.study.trial import Job, run_job
 from lis_grasp.study_report import write_report, write_tables
 from lis_grasp.study_report.answer import answer
+from lis_grasp.study_report.cases import draw_cases
 from lis_grasp.study_report.pictures import draw_pictures
 from lis_grasp.study_report.tables import (
     StudyTable,
@@ -210,3 +213,35 @@ def test_the_page_of_the_published_study_is_made_of_its_rows_alone(tmp_path: Pat
     pictures = re.findall(r"\]\((images/[a-z_]*\.png)\)", page)
     assert len(pictures) == 3
     assert all((tmp_path / "docs" / picture).is_file() for picture in pictures)
+
+
+def test_the_clearest_pairs_are_those_with_the_greatest_difference_on_the_truth() -> None:
+    rows = rows_of()
+    for row in rows:
+        if (row["object"], row["touches"], row["seed"]) == ("sphere", 20, 4) and row["held"]:
+            row["epsilon_truth"] = 0.4
+    (winner, loser), (other, lost) = extremes(rows, "gpis")
+    assert (winner["estimator"], winner["object"], winner["seed"]) == ("blend", "sphere", 4)
+    assert loser["estimator"] == "gpis"
+    assert (other["estimator"], lost["estimator"]) == ("gpis", "blend")
+    assert (lost["object"], lost["touches"], lost["seed"]) == ("box", 10, 3)
+    assert extremes([row for row in rows if row["estimator"] == "gpis"], "gpis") == []
+
+
+@pytest.mark.slow
+def test_clearest_pairs_become_a_picture_and_a_scene_each(tmp_path: Path) -> None:
+    trial = replace(STUDY, objects=("sphere",), touches=(6,), seeds=(0,)).trials()[0]
+    rows = [
+        row | asdict(Setup()) | {"held": held}
+        for row, held in zip(run_job(Job(trial, Setup(), ("gpis", "blend"))), (0, 1), strict=True)
+    ]
+    (picture,) = draw_cases(tmp_path, rows, "gpis", ())
+    assert picture.title == "The clearest pair that blend won"
+    scenes = sorted(path.stem for path in (tmp_path / "cases").iterdir())
+    assert scenes == sorted(row["key"] for row in rows)
+    assert all(f"cases/{key}.html" in picture.caption for key in scenes)
+    # Rows of another version, or whose mesh is not there, are not made again.
+    old = [row | {"version": "0"} for row in rows]
+    gone = [row | {"object": "can.ply", "object_digest": "ab"} for row in rows]
+    assert list(draw_cases(tmp_path, old, "gpis", ())) == []
+    assert list(draw_cases(tmp_path, gone, "gpis", ())) == []

@@ -131,6 +131,7 @@ def execute(options: argparse.Namespace) -> None:
 def _report(study: Study, rows: list[Row], output: Path) -> None:
     from lis_grasp.study.comparison import compare
     from lis_grasp.study_report import write_report, write_tables
+    from lis_grasp.study_report.cases import draw_cases
     from lis_grasp.study_report.pictures import draw_pictures
     from lis_grasp.study_report.tables import all_tables
 
@@ -141,7 +142,8 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
         tables = all_tables(rows, comparisons, study.reference)
         write_tables(output, tables, rows)
         command = f"lis-grasp compare --study {shlex.quote(str(output / 'study.yaml'))}"
-        pictures = list(draw_pictures(rows))
+        files = (*study.objects, *study.hands)
+        pictures = [*draw_pictures(rows), *draw_cases(output, rows, study.reference, files)]
         write_report(
             output / "report.html", study, rows, comparisons, tables, pictures, command=command
         )

@@ -70,6 +70,14 @@ def run_job(job: Job) -> list[Row]:
         return list(_rows(job))
 
 
+def explorer_of(setup: Setup, estimator: str) -> str:
+    """Return the estimator that drives the exploration for an estimator."""
+    if setup.explorer != OWN:
+        return setup.explorer
+    # The truth needs no contacts; they say what was explored.
+    return Setup().explorer if estimator == TRUTH else estimator
+
+
 def _rows(job: Job) -> Iterator[Row]:
     # What cannot be read is a mistake of the study, and no result of its trials.
     shape, hand = find_object(job.trial.object, job.setup), Hand.load(job.trial.hand)
@@ -93,9 +101,7 @@ def _fill(
     watch: pipeline.Stopwatch,
 ) -> None:
     """Write into a row what a trial comes to, as far as it comes."""
-    explorer = setup.explorer if setup.explorer != OWN else estimator
-    if explorer == TRUTH:
-        explorer = Setup().explorer  # the truth needs no contacts; they say what was explored
+    explorer = explorer_of(setup, estimator)
     contacts, watch.seconds["touch"] = contacts_of(trial, setup, explorer)
     row |= {"contacts": len(contacts), "contacts_digest": _digest(contacts)}
     if not len(contacts):

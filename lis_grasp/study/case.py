@@ -1,0 +1,110 @@
+"""Trials worth a look: which they are, and what was felt, estimated, planned and lifted in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import trimesh
+from threadpoolctl import threadpool_limits
+
+from lis_grasp import pipeline
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.paper.contenders import contender
+from lis_grasp.grasping.grasp import Grasp
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.json_lines import Row
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.motion import Motion
+from lis_grasp.shapes import Shape
+from lis_grasp.study.comparison import names, pair_of
+from lis_grasp.study.exploring import contacts_of
+from lis_grasp.study.shares import share_of
+from lis_grasp.study.study import TRUTH, find_object, parse_noise
+from lis_grasp.study.trial import Job, explorer_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One trial of one estimator, with all its geometry.
+
+    Parameters
+    ----------
+    shape, hand
+        The true object, and who grasps it.
+    contacts, mesh
+        What was felt, and the surface that was made of it, in O.
+    grasps
+        What was planned on it, best first; the first is executed.
+    motion
+        Of the lift; None where there is no grasp.
+    """
+
+    shape: Shape
+    hand: Hand
+    contacts: Contacts
+    mesh: trimesh.Trimesh
+    grasps: tuple[Grasp, ...]
+    motion: Motion | None
+
+
+def extremes(rows: Sequence[Row], reference: str) -> list[tuple[Row, Row]]:
+    """Return the clearest pair won and the clearest lost, each the winner's row and the loser's.
+
+    Of the estimator that holds most, against the reference; clearest is where epsilon on the truth
+    differs most. None of a kind that there is not.
+    """
+    others = [name for name in names(rows, "estimator") if name not in (reference, TRUTH)]
+    shares = {
+        name: share.value
+        for name in others
+        if (share := share_of([row for row in rows if row["estimator"] == name])) is not None
+    }
+    if not shares:
+        return []
+    leader = max(shares, key=lambda name: shares[name])
+    its = {pair_of(row): row for row in rows if row["estimator"] == reference}
+    pairs = [
+        (row, its[pair_of(row)])
+        for row in rows
+        if row["estimator"] == leader and pair_of(row) in its
+    ]
+    won = [(mine, other) for mine, other in pairs if mine["held"] and not other["held"]]
+    lost = [(other, mine) for mine, other in pairs if other["held"] and not mine["held"]]
+    return [max(found, key=_margin) for found in (won, lost) if found]
+
+
+def make_case(job: Job) -> Case:
+    """Make the first row of a job again, and keep what is not in a row.
+
+    Raises
+    ------
+    LisGraspError
+        If that trial came to no surface.
+    """
+    trial, setup, estimator = job.trial, job.setup, job.estimators[0]
+    with threadpool_limits(1):
+        shape, hand = find_object(trial.object, setup), Hand.load(trial.hand)
+        contacts, _ = contacts_of(trial, setup, explorer_of(setup, estimator))
+        surface = contender(estimator)(contacts, parse_noise(trial.noise))
+        mesh = extract_mesh(surface)
+        grasps = pipeline.plan(
+            mesh,
+            hand,
+            support=pipeline.support_height(shape),
+            friction=setup.friction,
+            count=setup.grasps,
+            seed=trial.seed,
+        ).grasps
+        motion = None
+        if grasps:
+            outcome = pipeline.prove(
+                shape, hand, grasps[0], mass=setup.mass, friction=setup.friction
+            )
+            motion = outcome.motion
+    return Case(shape, hand, contacts, mesh, tuple(grasps), motion)
+
+
+def _margin(pair: tuple[Row, Row]) -> tuple[float, str]:
+    winner, loser = pair
+    return (winner["epsilon_truth"] or 0.0) - (loser["epsilon_truth"] or 0.0), winner["key"]
