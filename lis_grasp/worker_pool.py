@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 
 from lis_grasp.exceptions import InvalidOptionError
 
 
 @contextmanager
 def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of processes that leave interrupts to this one; cancel what is not begun."""
+    """Open a pool of processes that leave interrupts to this one; cancel what is not begun.
+
+    They end when this process does, however it does.
+    """
     pool = ProcessPoolExecutor(
-        processes, mp_context=get_context("spawn"), initializer=_leave_interrupts_to_the_parent
+        processes, mp_context=get_context("spawn"), initializer=_depend_on_the_parent
     )
     try:
         yield pool
@@ -33,5 +37,14 @@ def process_count(jobs: int | None) -> int:
     return jobs
 
 
-def _leave_interrupts_to_the_parent() -> None:
+def _depend_on_the_parent() -> None:
+    """Leave interrupts to the parent, but end with it, and do not wait for work forever."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_the_parent, daemon=True).start()
+
+
+def _end_with_the_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

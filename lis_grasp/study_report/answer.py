@@ -51,7 +51,7 @@ def _of_noise(
     where = "Without noise" if noise == "none" else f"With noise of {noise}"
     text = (
         f"{where}, over {KIND_LABELS[kind]}, hands and touches, {who} held"
-        f" {share_text(shares[reference])} % of its grasps"
+        f" {share_text(shares[reference])} % of its trials"
     )
     if TRUTH in shares:
         text += f", planning on the true mesh {share_text(shares[TRUTH])} %"
@@ -94,7 +94,8 @@ def _of_surfaces(rows: Sequence[Row], reference: str) -> str:
 
 def _share(found: Agreement) -> str:
     count = found.agree + found.disagree
-    return f"{100.0 * found.agree / count:.0f} % of {count} pairs (p {_p(found.p)})"
+    pairs = "pair" if count == 1 else "pairs"
+    return f"{100.0 * found.agree / count:.0f} % of {count} {pairs} (p {_p(found.p)})"
 
 
 def _listed(word: str, found: Sequence[Comparison], who: str) -> str:

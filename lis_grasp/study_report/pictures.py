@@ -112,6 +112,8 @@ def promise_against_truth(rows: Sequence[Row]) -> Figure:
             )
         axes.set_xlim(0.0, largest)
         axes.set_ylim(-0.02 * largest, largest)
+        axes.locator_params(nbins=4)
+        axes.tick_params(labelleft=k % 4 == 0)
         _finish(
             axes, estimator_label(name), "on the estimate", "on the truth" if k % 4 == 0 else ""
         )
