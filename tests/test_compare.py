@@ -32,6 +32,9 @@ pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
         (["--quick", "--study", "none.yaml"], "leave out --study, or --quick"),
         (["--jobs", "2", "--scheduler", "tcp://x:1"], "leave out --jobs"),
         (["--rerun", "abc"], "a key must name one row"),
+        (["--report-only"], "a report needs rows of its study"),
+        (["--objects", "no.stl"], "no.stl is missing, or is no file"),
+        (["--objects", "a/box.stl", "b/box.stl"], "must differ by name"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(

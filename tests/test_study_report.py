@@ -136,6 +136,11 @@ def test_no_difference_is_told_as_none() -> None:
     assert "No difference from GPIS is shown for blend." in told[0]
     assert "More than GPIS: none." in told[0]
     assert told[1].startswith("Of no pair with a measured surface did only one hold")
+    # Half of twelve clusters held: half the interval of a bootstrap is about 1.96 x 0.5 / sqrt(12).
+    widths = re.findall(r"±([\d.]+) points", told[2])
+    assert [float(width) for width in widths] == pytest.approx([28.3, 28.3], abs=4.0)
+    few = rows[:4]
+    assert answer(few, compare(few, "gpis"), "gpis")[-1].startswith("There are too few objects")
 
 
 def test_tables_become_markdown() -> None:

@@ -28,9 +28,9 @@ ALPHA = 0.05
 
 
 def answer(rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str) -> list[str]:
-    """Return paragraphs: one for each level of noise, and one on surfaces and grasps."""
+    """Return paragraphs: one for each level of noise, on surfaces and grasps, how sure it is."""
     told = [_of_noise(rows, comparisons, reference, noise) for noise in names(rows, "noise")]
-    return [*(paragraph for paragraph in told if paragraph), _of_surfaces(rows, reference)]
+    return [p for p in (*told, _of_surfaces(rows, reference), _of_precision(rows)) if p]
 
 
 def _of_noise(
@@ -89,6 +89,25 @@ def _of_surfaces(rows: Sequence[Row], reference: str) -> str:
     return (
         f"Where, of an estimator and {estimator_label(reference)}, only one held, it was the one"
         f" with the smaller error: {'; '.join(parts)}. Half of the pairs would be chance."
+    )
+
+
+def _of_precision(rows: Sequence[Row]) -> str:
+    """Tell half the width of the widest interval, over all touches and of a number of touches."""
+    widths = []
+    for columns in (("noise", "estimator"), ("noise", "estimator", "touches")):
+        cells: dict[tuple[object, ...], list[Row]] = {}
+        for row in rows:
+            cells.setdefault(tuple(row[name] for name in columns), []).append(row)
+        shares = [share for of in cells.values() if (share := share_of(of)) is not None]
+        known = [s.high - s.low for s in shares if s.low is not None and s.high is not None]
+        if len(known) < len(shares):
+            return "There are too few objects and seeds for intervals of all shares."
+        widths.append(50.0 * max(known))
+    kind = KIND_LABELS[kinds_of(rows)[0]]
+    return (
+        f"Over {kind}, shares of all touches together are known to ±{widths[0]:.1f} points or"
+        f" better, those of one number of touches to ±{widths[1]:.1f} points."
     )
 
 
