@@ -34,7 +34,7 @@ from lis_grasp.visualization.figures.style import (
 
 _LEFT, _WIDE = 0.075, 0.915
 _BELOW = 0.85  # [in] between rows of panels, for labels and titles
-_MARKERS = "osD^vPX"
+_MARKERS = "osD^vPX*"
 _BINS, _LEAST = 4, 8  # bins of equal numbers of trials, at the most; trials in one
 
 
@@ -90,7 +90,7 @@ def held_against_touches(rows: Sequence[Row]) -> Figure:
 def promise_against_truth(rows: Sequence[Row]) -> Figure:
     """Draw epsilon on the truth over epsilon on the estimate, a panel each estimator."""
     who = names(rows, "estimator")
-    figure, panels = _panels(len(who), columns=4, high=2.1, legend=0.0)
+    figure, panels = _panels(len(who), columns=4, high=2.1, legend=0.15)
     known = [row for row in rows if row["epsilon_truth"] is not None]
     largest = 1.05 * max(
         [max(row["epsilon_estimate"], row["epsilon_truth"]) for row in known], default=1.0
