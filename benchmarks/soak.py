@@ -14,8 +14,8 @@ memory, Python's threads, the process's threads, open files, and files left in t
 temporary ones. The first cycles, which import and fill caches, are warm-up. Of the rest the median
 of the last fifth must not exceed that of the first by more than 5 % of memory, and by nothing of
 threads and open files; no temporary file may be left. Exit code 1 if that does not hold, or if a
-cycle ended with an exit code other than 0. Stopped early, by Ctrl-C or SIGTERM, it tells of the cycles so
-far.
+cycle ended with an exit code other than 0. Stopped early, by Ctrl-C or SIGTERM, it tells of the
+cycles so far.
 
 Blocks that C libraries hold in the heap of a thread ("arena") cannot be given back from here: set
 MALLOC_ARENA_MAX=1 to tell what is used from what is held.
