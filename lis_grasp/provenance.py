@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from lis_grasp.exceptions import InvalidFileError
 _MARK = "lis_grasp "
 # A PLY header is a few hundred bytes; reading further would only read data.
 _HEADER_BYTES = 65536
+_DIGEST_LENGTH = 16
 
 
 def describe(**facts: Any) -> str:
@@ -22,6 +25,16 @@ def describe(**facts: Any) -> str:
     (no times, no places), so that equal runs write equal bytes.
     """
     return _MARK + json.dumps({"version": lis_grasp.__version__, **facts}, sort_keys=True)
+
+
+@lru_cache(maxsize=1)
+def source_digest() -> str:
+    """Return a hash of the package's source, which tells two states of one version apart."""
+    folder = Path(lis_grasp.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:_DIGEST_LENGTH]
 
 
 def parse(header: str) -> dict[str, Any]:

@@ -9,9 +9,9 @@ from typing import Any
 from lis_grasp import pipeline, provenance
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.results import result_file
 from lis_grasp.contacts import Contacts
 from lis_grasp.mesh_files import save_surface
-from lis_grasp.output_files import whole_file
 
 
 def add_parser(verbs: Any) -> None:
@@ -42,7 +42,7 @@ def execute(options: argparse.Namespace) -> None:
         _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
         stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
     path = output / "surface.ply"
-    with whole_file(path) as temporary:
+    with result_file(path) as temporary:
         header = provenance.merge(
             recorded,
             estimator=config.estimator,

@@ -9,11 +9,15 @@ from typing import Any
 from lis_grasp import pipeline, provenance
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.results import remove_made_from
 from lis_grasp.exploration import Exploration, TouchLog
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.output_files import whole_file
 
 LOG = "touches.jsonl"
+
+# What facts in a log's header are called, where their names do not say it.
+_MEANING = {"source": "state of lis_grasp", "touch_log": "format"}
 
 
 def add_parser(verbs: Any) -> None:
@@ -54,11 +58,22 @@ def execute(options: argparse.Namespace) -> None:
 def touch_with_log(
     config: pipeline.RunConfig, shape: pipeline.Shape, hand: Hand, output: Path
 ) -> Exploration:
-    """Touch, with a log in the folder of results; go on where an interrupted log ends."""
-    log = TouchLog(output / LOG, provenance.parse(explored_header(config, shape)))
+    """Touch, with a log in the folder of results; go on where an interrupted log ends.
+
+    A log of another configuration, or by another state of the package, which might have chosen
+    other probes, is begun anew. So are the results of an earlier exploration in the folder.
+    """
+    facts = provenance.parse(explored_header(config, shape))
+    log = TouchLog(output / LOG, facts | {"source": provenance.source_digest()})
+    differing = log.differing()
     known = len(log.resume())
     if known:
         say(f"going on from {known} probes in {log.path}")
+    elif differing:
+        names = ", ".join(_MEANING.get(name, name) for name in differing)
+        say(f"beginning anew: {log.path} is of another {names}")
+    if not known:
+        remove_made_from(output / "contacts.ply", with_itself=True)
     with Stage(f"Touching {shape.name} with {hand.name}") as stage:
         exploration = pipeline.touch(shape, hand, config, log=log, progress=stage.count)
         stage.result = exploration.summary()

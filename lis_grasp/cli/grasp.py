@@ -11,11 +11,11 @@ import trimesh
 from lis_grasp import pipeline, provenance
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.results import result_file
 from lis_grasp.grasping.grasp import GraspSearch, save_grasps
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.mesh_files import load_surface
-from lis_grasp.output_files import whole_file
 from lis_grasp.shapes import load
 
 
@@ -66,7 +66,7 @@ def execute(options: argparse.Namespace) -> None:
         )
         stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
     path = (options.output or options.mesh.parent) / "grasps.json"
-    with whole_file(path) as temporary:
+    with result_file(path) as temporary:
         save_grasps(temporary, search, header=grasp_header(recorded, config, support))
     say_search(search)
     say(f"wrote {path}")

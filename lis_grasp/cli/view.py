@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.cli.progress import say
+from lis_grasp.cli.results import scene_is_outdated
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.scene_files import write_scene_of
 
@@ -20,11 +21,11 @@ def add_parser(verbs: Any) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Serve the scene until Ctrl-C, making it first from the files at hand where it is missing."""
+    """Serve the scene until Ctrl-C, made anew where it is missing or older than what it shows."""
     from lis_grasp.visualization import serve_scene
 
     if not options.directory.is_dir():
         raise InvalidFileError(f"{options.directory} is not a folder: name a folder of results")
-    if not (options.directory / "scene.html").exists():
+    if scene_is_outdated(options.directory):
         say(f"wrote {write_scene_of(options.directory)}")
     serve_scene(options.directory, port=options.port)

@@ -57,16 +57,38 @@ class TouchLog:
         InvalidFileError
             If the file is there and is no log of touches.
         """
+        header, rows = self._read()
+        if header != self._header() or _has_ended(rows):
+            self.path.unlink(missing_ok=True)
+            return ()
+        return _outcomes(self.path, rows)
+
+    def differing(self) -> tuple[str, ...]:
+        """Return the facts for which `resume` will not go on with an interrupted exploration.
+
+        Empty if it will, and if there is none.
+
+        Raises
+        ------
+        InvalidFileError
+            If the file is there and is no log of touches.
+        """
+        header, rows = self._read()
+        if not rows or _has_ended(rows):
+            return ()
+        ours = self._header()
+        return tuple(
+            name for name in sorted({*header, *ours}) if header.get(name) != ours.get(name)
+        )
+
+    def _read(self) -> tuple[Row, list[Row]]:
         header, rows = read_lines(self.path)
         if header and "touch_log" not in header:
             raise InvalidFileError(
                 f"{self.path} must be a log of touches, to go on with or to replace; it is"
                 " something else: write to another folder"
             )
-        if header != self._header() or any(_END in row for row in rows):
-            self.path.unlink(missing_ok=True)
-            return ()
-        return _outcomes(self.path, rows)
+        return header, rows
 
     def append(self, outcome: ProbeOutcome) -> None:
         """Add an outcome, on the disk when this returns."""
@@ -95,6 +117,10 @@ def load_outcomes(path: Path) -> tuple[ProbeOutcome, ...]:
             f" {'something else' if header else 'missing or empty'}"
         )
     return _outcomes(path, [row for row in rows if _END not in row])
+
+
+def _has_ended(rows: list[Row]) -> bool:
+    return any(_END in row for row in rows)
 
 
 def _row(outcome: ProbeOutcome) -> Row:
