@@ -341,3 +341,31 @@ def test_contacts_that_have_nothing_in_common_are_refused_at_once() -> None:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     with pytest.raises(EstimationError, match="normal belongs to its point"):
         PatchImplicitSurface.from_contacts(Contacts(points, normals), position_noise=1e-5)
+
+
+def contradicting_touches(places: int, each: int) -> Contacts:
+    """Touches of `places`**3 places on a grid, `each` of a place, of any normal."""
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.meshgrid(*[0.025 * np.arange(places)] * 3), axis=-1).reshape(-1, 3)
+    normals = rng.normal(size=(each * len(grid), 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Contacts(np.repeat(grid, each, axis=0), normals)
+
+
+def test_contacts_that_contradict_each_other_at_every_place_are_refused() -> None:
+    with pytest.raises(EstimationError, match="1090 contacts contradict each other"):
+        PatchImplicitSurface.from_contacts(contradicting_touches(4, 20))
+
+
+def test_formulas_of_many_pieces_are_their_literal_minima_of_maxima() -> None:
+    surface = PatchImplicitSurface.from_contacts(contradicting_touches(2, 12))
+    assert np.mean([len(formula) for formula in surface.formulas]) > 5
+    queries = np.random.default_rng(1).uniform(-0.02, 0.05, (30, 3))
+    told = [patch.evaluate(queries, with_gradient=True) for patch in surface.patches]
+    near, shares = surface.mean.shares(queries)
+    expected = np.zeros(len(queries))
+    for node, share in zip(near, shares, strict=True):
+        formula = surface.formulas[surface.formula_of[node]]
+        pieces = [np.max([told[p][0] for p in piece], axis=0) for piece in formula]
+        expected += share * np.min(pieces, axis=0)
+    np.testing.assert_allclose(surface.evaluate(queries), expected, rtol=1e-9, atol=1e-12)

@@ -16,7 +16,7 @@ from lis_grasp.surfaces.contact_weights import density_weights
 from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.local_quadrics import LocalQuadrics
 from lis_grasp.surfaces.patch import Patch, values_of_patches
-from lis_grasp.surfaces.patch_relations import Formula, Piece, compose_formulas
+from lis_grasp.surfaces.patch_relations import Formula, compose_formulas
 from lis_grasp.surfaces.patches import REACH, ContactPairs, find_patches
 from lis_grasp.surfaces.queries import (
     flat_points,
@@ -254,31 +254,24 @@ class PatchImplicitSurface:
         `ask` gives a patch's values, shape (P,), and what comes along with them, shape (P, K).
         """
         used = sorted({int(k) for k in self.formula_of[near]})
-        involved = sorted({p for k in used for piece in self.formulas[k] for p in piece})
-        patches = {p: ask(self.patches[p]) for p in involved}
-        return {k: _apply(self.formulas[k], patches) for k in used}
+        pieces = sorted({piece for k in used for piece in self.formulas[k]})
+        involved = sorted({p for piece in pieces for p in piece})
+        asked = [ask(self.patches[p]) for p in involved]
+        values = np.stack([value for value, _ in asked])  # (patches, P)
+        along = np.stack([other for _, other in asked])  # (patches, P, K)
+        place = {p: row for row, p in enumerate(involved)}
+        columns = np.arange(values.shape[1])
 
-
-def _apply(
-    formula: Formula, patches: dict[int, tuple[FloatArray, FloatArray]]
-) -> tuple[FloatArray, FloatArray]:
-    """Return min over pieces of max over patches, and what comes along with whichever it is."""
-    value, along = _largest(formula[0], patches)
-    for piece in formula[1:]:
-        other, other_along = _largest(piece, patches)
-        less = other < value
-        value = np.where(less, other, value)
-        along = np.where(less[:, None], other_along, along)
-    return value, along
-
-
-def _largest(
-    piece: Piece, patches: dict[int, tuple[FloatArray, FloatArray]]
-) -> tuple[FloatArray, FloatArray]:
-    value, along = patches[piece[0]]
-    for p in piece[1:]:
-        other, other_along = patches[p]
-        more = other > value
-        value = np.where(more, other, value)
-        along = np.where(more[:, None], other_along, along)
-    return value, along
+        # Of each piece the largest patch, of each formula the smallest piece; ties to the first.
+        winners = np.empty((len(pieces), len(columns)), dtype=np.intp)
+        for row, piece in enumerate(pieces):
+            rows = np.array([place[p] for p in piece])
+            winners[row] = rows[values[rows].argmax(axis=0)]
+        heights = values[winners, columns]  # (pieces, P)
+        number = {piece: row for row, piece in enumerate(pieces)}
+        fields = {}
+        for k in used:
+            rows = np.array([number[piece] for piece in self.formulas[k]])
+            winner = winners[rows[heights[rows].argmin(axis=0)], columns]
+            fields[k] = values[winner, columns], along[winner, columns]
+        return fields
