@@ -11,6 +11,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
 from lis_grasp.surfaces.local_quadrics import _CURVATURE, _THIRD_ORDER, LocalQuadrics
+from lis_grasp.surfaces.patch import values_of_patches
+from lis_grasp.surfaces.patch_relations import Meetings, compose_formulas
 from lis_grasp.surfaces.patches import REACH, ContactPairs, find_patches
 
 NOISELESS = {"position_noise": 0.0, "normal_noise": 0.0}
@@ -369,3 +371,28 @@ def test_formulas_of_many_pieces_are_their_literal_minima_of_maxima() -> None:
         pieces = [np.max([told[p][0] for p in piece], axis=0) for piece in formula]
         expected += share * np.min(pieces, axis=0)
     np.testing.assert_allclose(surface.evaluate(queries), expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "mallet", "contradicting"])
+def test_formulas_need_no_values_but_those_that_are_asked_for(kind: str) -> None:
+    if kind == "contradicting":
+        contacts = contradicting_touches(3, 5)
+    else:
+        mesh = shapes.build(kind).mesh
+        chosen = np.random.default_rng(3).permutation(len(mesh.triangles_center))[:150]
+        contacts = Contacts(mesh.triangles_center[chosen], mesh.face_normals[chosen])
+    surface = PatchImplicitSurface.from_contacts(contacts)
+    patch_of = np.empty(len(surface.points), dtype=np.intp)
+    for number, patch in enumerate(surface.patches):
+        patch_of[patch.members] = number
+    pairs = ContactPairs.within(surface.points, surface.normals, REACH * surface.spacing)
+    meetings = Meetings.of(pairs, patch_of, surface.spacing)
+    whole = np.ones((len(patch_of), len(surface.patches)), dtype=bool)
+    formulas = []
+    values = values_of_patches(surface.points, surface.patches, surface.patches[0].quadrics, whole)
+    for wanted in (whole, meetings.asked_for()[patch_of]):
+        formulas.append(
+            compose_formulas(pairs, meetings, np.where(wanted, values, np.nan), surface.spacing)
+        )
+    assert formulas[0] == formulas[1]
+    assert formulas[0] == [surface.formulas[k] for k in surface.formula_of]

@@ -68,20 +68,30 @@ class Patch:
 
 
 def values_of_patches(
-    points: FloatArray, patches: tuple[Patch, ...], quadrics: LocalQuadrics
+    points: FloatArray,
+    patches: tuple[Patch, ...],
+    quadrics: LocalQuadrics,
+    wanted: npt.NDArray[np.bool_],
 ) -> FloatArray:
-    """Return the function of each of K patches at points, shape (P, K) [m]."""
-    values = np.empty((len(points), len(patches)))
+    """Return the function of each of K patches at points, shape (P, K) [m].
+
+    Only what is wanted, shape (P, K), is sure to be there; the rest may be NaN.
+    """
+    values = np.full((len(points), len(patches)), np.nan)
     for index in compact_blocks(points, _BLOCK):
+        asked = np.flatnonzero(wanted[index].any(axis=0))
+        if not len(asked):
+            continue
         nodes, cells, weights = [], [], []
-        for k, patch in enumerate(patches):
+        for column, patch in enumerate(patches[k] for k in asked):
             near, shares = patch.mean.shares(points[index])
             node, row = np.nonzero(shares > LEAST_SHARE)
             nodes.append(patch.members[near[node]])
-            cells.append(row * len(patches) + k)
+            cells.append(row * len(asked) + column)
             weights.append(shares[node, row])
         cell = np.concatenate(cells)
-        terms = quadrics.values(np.concatenate(nodes), points[index][cell // len(patches)])
+        terms = quadrics.values(np.concatenate(nodes), points[index][cell // len(asked)])
         terms *= np.concatenate(weights)
-        values[index] = np.bincount(cell, terms, len(index) * len(patches)).reshape(len(index), -1)
+        sums = np.bincount(cell, terms, len(index) * len(asked))
+        values[np.ix_(index, asked)] = sums.reshape(len(index), -1)
     return values

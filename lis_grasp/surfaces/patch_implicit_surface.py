@@ -16,7 +16,7 @@ from lis_grasp.surfaces.contact_weights import density_weights
 from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.local_quadrics import LocalQuadrics
 from lis_grasp.surfaces.patch import Patch, values_of_patches
-from lis_grasp.surfaces.patch_relations import Formula, compose_formulas
+from lis_grasp.surfaces.patch_relations import Formula, Meetings, compose_formulas
 from lis_grasp.surfaces.patches import REACH, ContactPairs, find_patches
 from lis_grasp.surfaces.queries import (
     flat_points,
@@ -157,8 +157,9 @@ class PatchImplicitSurface:
             Patch.of(np.flatnonzero(patch_of == p), quadrics, _PATCH_SIGMA * spacing)
             for p in range(patch_of.max() + 1)
         )
-        values = values_of_patches(points, patches, quadrics)
-        formulas = compose_formulas(pairs, patch_of, values, spacing)
+        meetings = Meetings.of(pairs, patch_of, spacing)
+        values = values_of_patches(points, patches, quadrics, meetings.asked_for()[patch_of])
+        formulas = compose_formulas(pairs, meetings, values, spacing)
         distinct = sorted(set(formulas))
         number = {formula: k for k, formula in enumerate(distinct)}
         sigma = _SIGMA * spacing
