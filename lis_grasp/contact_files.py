@@ -164,7 +164,7 @@ def _finger_names(path: Path, comments: list[str], index: FloatArray) -> tuple[s
         return tuple(str(i) for i in whole)
     try:
         names = [str(name) for name in json.loads(listed[-1])]
-    except (json.JSONDecodeError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         raise InvalidFileError(f"{path} has a comment 'fingers' that is no list of names") from None
     if len(whole) and not (whole.min() >= 0 and whole.max() < len(names)):
         raise InvalidFileError(f"{path} has a finger {whole.max()}, but names {len(names)} fingers")

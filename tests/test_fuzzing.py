@@ -32,6 +32,7 @@ from lis_grasp.exceptions import (
     shown,
 )
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
+from lis_grasp.grasping.grasp import load_grasps
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.mesh_files import load_surface, save_surface
 from lis_grasp.motion import Motion
@@ -349,6 +350,17 @@ def test_json_that_no_reader_takes_is_refused(line: str, tmp_path: Path) -> None
     with pytest.raises(InvalidFileError, match="one JSON object a line"):
         load_outcomes(path)
     assert parse("lis_grasp " + line) == {}
+    grasps = tmp_path / "grasps.json"
+    grasps.write_text(line)
+    with pytest.raises(InvalidFileError, match="no JSON of grasps"):
+        load_grasps(grasps)
+    contacts = tmp_path / "contacts.ply"
+    Contacts([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], fingers=("thumb",)).save(contacts)
+    text = contacts.read_text()
+    assert '["thumb"]' in text
+    contacts.write_text(text.replace('["thumb"]', line))
+    with pytest.raises(InvalidFileError, match="no list of names"):
+        Contacts.load(contacts)
 
 
 # Laws, for any contacts.

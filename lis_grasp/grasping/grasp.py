@@ -149,7 +149,7 @@ def load_grasps(path: Path | str) -> GraspSearch:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidFileError(f"{path} is no JSON of grasps: {error}") from None
     try:
         return GraspSearch(
