@@ -34,6 +34,7 @@ from lis_grasp.exceptions import (
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasp import load_grasps
 from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand_urdf import load_mesh
 from lis_grasp.mesh_files import load_surface, save_surface
 from lis_grasp.motion import Motion
 from lis_grasp.provenance import parse
@@ -257,6 +258,26 @@ def test_numbers_of_no_hand_are_refused(
     model.write_text(text.replace(old, new))
     with pytest.raises(InvalidHandError, match=message):
         Hand.load(hand)
+
+
+@pytest.mark.parametrize(
+    ("scale", "message"),
+    [
+        ("inf 1 1", "1 or 3 finite numbers other than 0"),
+        ("1 0 1", "1 or 3 finite numbers other than 0"),
+        ("1 2", "1 or 3 finite numbers other than 0"),
+        ("1 1 1e300", "within 1000 m"),
+    ],
+)
+def test_a_scale_that_makes_no_mesh_of_a_body_is_refused(
+    scale: str, message: str, tmp_path: Path
+) -> None:
+    trimesh.creation.box(extents=(0.1, 0.1, 0.1)).export(tmp_path / "body.stl")
+    assert load_mesh(tmp_path / "body.stl", [0.5, 1.0, -2.0]).extents == pytest.approx(
+        [0.05, 0.1, 0.2]
+    )
+    with pytest.raises(InvalidHandError, match=message):
+        load_mesh(tmp_path / "body.stl", [float(word) for word in scale.split()])
 
 
 @pytest.mark.parametrize("group", ["urdf", "sdf"])

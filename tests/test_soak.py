@@ -16,7 +16,7 @@ STEADY = Counts(memory=200.0, python_threads=1, threads=2, files=8, temporary=0)
 
 @pytest.mark.slow
 def test_cycles_in_one_process_accumulate_nothing() -> None:
-    command = [sys.executable, str(Path(soak.__file__)), "--cycles", "41"]
+    command = [sys.executable, str(Path(soak.__file__)), "--cycles", "21"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
     assert ended.returncode == 0, ended.stdout[-3000:] + ended.stderr[-3000:]
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError, shown
 from lis_grasp.grasping.hand_parts import GeometryKind, Inertial, Joint, JointKind, LinkGeometry
 
 FloatArray = npt.NDArray[np.float64]
@@ -120,13 +120,26 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
     ------
     InvalidFileError
         If it cannot be read, or is empty.
+    InvalidHandError
+        If the scale is none, or makes a mesh of it that is none.
     """
+    factors = None if scale is None else np.atleast_1d(np.asarray(scale, np.float64))
+    if factors is not None and (
+        factors.shape not in ((1,), (3,)) or not (np.isfinite(factors) & (factors != 0.0)).all()
+    ):
+        raise InvalidHandError(
+            f"the scale of {file.name} must be 1 or 3 finite numbers other than 0; it is"
+            f" {shown(factors.tolist())}"
+        )
     try:
         loaded = trimesh.load(file, force="mesh")
     except (OSError, ValueError, KeyError, IndexError, NotImplementedError) as error:
         raise InvalidFileError(f"the mesh {file} cannot be read: {error}") from None
     if len(loaded.faces) == 0:
         raise InvalidFileError(f"the mesh {file} has no triangles")
-    if scale is not None:
-        loaded.apply_scale(scale)
+    if factors is not None:
+        with np.errstate(all="ignore"):
+            loaded.apply_scale(factors if len(factors) == 3 else float(factors[0]))
+    if not (np.abs(loaded.vertices) <= LARGEST).all():
+        raise InvalidHandError(f"the mesh {file.name} must be within {LARGEST:g} m of its origin")
     return loaded
