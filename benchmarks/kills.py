@@ -7,7 +7,8 @@ Each time the command is killed once to three times, by SIGKILL, SIGTERM or SIGI
 is random or just after a file of its folder has changed; then it is run to its end. After every
 kill, files under their final names must be whole (the log of touches, which grows, a beginning of
 the undisturbed one's); at the end all files must be those of an undisturbed run, byte for byte but
-for times. Exit code 1 if any was not.
+for times. Exit code 1 if any was not. After SIGTERM it ends the command it is at, and tells of
+those so far.
 """
 
 from __future__ import annotations
@@ -161,24 +162,31 @@ def main() -> int:
     parser.add_argument("--verbs", nargs="+", choices=list(COMMANDS), default=list(COMMANDS))
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
+    asked_to_stop: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: asked_to_stop.append(number))
     failed = 0
     for number, verb in enumerate(options.verbs):
+        if asked_to_stop:
+            break
         count = options.count // len(options.verbs)
         count += number < options.count % len(options.verbs)
         signals: Counter[str] = Counter()
-        faulty = 0
+        faulty = done = 0
         with tempfile.TemporaryDirectory(prefix="kills-") as name:
             plain = undisturbed(verb, Path(name) / "plain")
             for index in range(count):
+                if asked_to_stop:
+                    break
                 rng = np.random.default_rng([options.seed, number, index])
                 sent, faults = disturbed(verb, Path(name) / f"killed{index}", plain, rng)
                 signals.update(sent)
                 faulty += bool(faults)
+                done += 1
                 for fault in faults:
                     print(f"{verb} {index}, {', '.join(sent)}: {fault}", flush=True)
         failed += faulty
         listed = ", ".join(f"{key} {value}" for key, value in sorted(signals.items()))
-        print(f"{verb}: {count} disturbed, {faulty} with faults; kills: {listed}", flush=True)
+        print(f"{verb}: {done} disturbed, {faulty} with faults; kills: {listed}", flush=True)
     return int(failed > 0)
 
 
