@@ -12,6 +12,7 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
 from lis_grasp.surfaces.local_quadrics import _CURVATURE, _THIRD_ORDER, LocalQuadrics
 from lis_grasp.surfaces.patch import values_of_patches
+from lis_grasp.surfaces.patch_implicit_surface import _most_patches
 from lis_grasp.surfaces.patch_relations import Meetings, compose_formulas
 from lis_grasp.surfaces.patches import REACH, ContactPairs, find_patches
 
@@ -396,3 +397,11 @@ def test_formulas_need_no_values_but_those_that_are_asked_for(kind: str) -> None
         )
     assert formulas[0] == formulas[1]
     assert formulas[0] == [surface.formulas[k] for k in surface.formula_of]
+
+
+def test_a_lone_contact_among_very_many_is_a_patch_and_no_contradiction() -> None:
+    # Of random contacts half a per cent have none within reach, however many there are.
+    assert _most_patches(2_000) == 1000
+    assert _most_patches(95_000) == 1900
+    # One value of each patch at each contact, 8 bytes, must fit into memory.
+    assert 1e6 * _most_patches(1_000_000) <= 2e8

@@ -36,8 +36,11 @@ _SIGMA = 0.2
 _POSITION_NOISE = 0.01  # in spacings
 _NORMAL_NOISE = 0.05  # [rad]
 
-# More smooth patches than this are no object's, and would take minutes.
-_MOST_PATCHES = 1000
+# More smooth patches than these are no object's, and would take minutes: so many, or where contacts
+# are very many this share of them (1 % of random contacts on a sphere lie out of reach of others,
+# and are patches of their own); but no more values of patches at contacts than memory holds.
+_MOST_PATCHES, _MOST_PATCHES_OF_CONTACTS = 1000, 0.02
+_MOST_VALUES = 200_000_000
 
 # Points evaluated at once: so many, in a box no larger than this many spacings.
 _BLOCK, _BLOCK_EXTENT = 4096, 8.0
@@ -139,10 +142,11 @@ class PatchImplicitSurface:
             pairs, len(points), position_noise=position_noise, normal_noise=normal_noise
         )
         separate = int(patch_of.max()) + 1
-        if separate > _MOST_PATCHES:
+        most = _most_patches(len(points))
+        if separate > most:
             raise EstimationError(
                 f"{len(points)} contacts fall into {separate} smooth patches, more"
-                f" than {_MOST_PATCHES}: see whether each normal belongs to its point, and"
+                f" than {most}: see whether each normal belongs to its point, and"
                 " tell the noise"
             )
         quadrics = LocalQuadrics.fit(
@@ -276,3 +280,9 @@ class PatchImplicitSurface:
             winner = winners[rows[heights[rows].argmin(axis=0)], columns]
             fields[k] = values[winner, columns], along[winner, columns]
         return fields
+
+
+def _most_patches(contacts: int) -> int:
+    """Return into how many patches so many contacts may fall."""
+    most = max(_MOST_PATCHES, int(_MOST_PATCHES_OF_CONTACTS * contacts))
+    return min(most, _MOST_VALUES // contacts)
