@@ -33,7 +33,7 @@ def rate(workers: int, seeds: int) -> tuple[float, float]:
     warm = Study(("cylinder",), ESTIMATORS, (5,), ("none",), seeds=(0,))
     with (
         tempfile.TemporaryDirectory() as folder,
-        LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0") as cluster,
     ):
         address = cluster.scheduler_address
         with Client(address) as client:

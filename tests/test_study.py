@@ -515,7 +515,7 @@ def test_jobs_of_one_process_wait_for_each_other(monkeypatch: pytest.MonkeyPatch
 def test_a_worker_that_joins_late_works_and_one_that_dies_is_made_up_for(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, dashboard_address=None
+        n_workers=1, threads_per_worker=1, dashboard_address=":0"
     ) as cluster:
         results, first = StudyResults(tmp_path), next(iter(cluster.workers.values())).pid
         steps = run_study(
@@ -555,7 +555,7 @@ def test_rows_are_equal_whoever_makes_them(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent.parent)]))
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
+        n_workers=2, threads_per_worker=1, dashboard_address=":0"
     ) as cluster:
         results, killed = StudyResults(tmp_path / "dask"), False
         for done, _ in run_study(REAL, results, DaskCluster(cluster.scheduler_address)):
@@ -577,7 +577,7 @@ def test_a_cluster_that_cannot_be_used_is_refused(tmp_path: Path) -> None:
         run(SMALL, tmp_path, DaskCluster("tcp://127.0.0.1:1"))
     with (
         distributed.LocalCluster(
-            n_workers=1, threads_per_worker=2, dashboard_address=None
+            n_workers=1, threads_per_worker=2, dashboard_address=":0"
         ) as cluster,
         pytest.raises(InvalidOptionError, match="must have one thread each"),
     ):
