@@ -38,7 +38,7 @@ from lis_grasp.grasping.hand_urdf import load_mesh
 from lis_grasp.mesh_files import load_surface, save_surface
 from lis_grasp.motion import Motion
 from lis_grasp.provenance import parse
-from lis_grasp.study.study import load_study
+from lis_grasp.study.study_file import load_study
 from lis_grasp.surfaces import ESTIMATORS, LocalImplicitSurface
 
 every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))
