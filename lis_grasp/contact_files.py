@@ -1,11 +1,12 @@
 """Contacts in files: PLY, an oriented point cloud that every point-cloud program opens, and CSV.
 
 PLY, as written: ASCII; element ``vertex`` with x y z nx ny nz and, where known, force, time and
-finger (an index into the names in a ``fingers`` comment); element ``free_point`` with x y z.
+finger (an index into the names in a ``fingers`` comment); element ``free_point`` with x y z and
+the radius that is free round it.
 CSV, as written: a header row ``x,y,z,nx,ny,nz``, then force, time, finger where known, and
-``kind`` (contact or free) where there are free points. Both give every number back to the bit and
-the same contacts as the same bytes. As read: any order and precision of properties, text or
-binary; what is not named here is passed over.
+``kind`` (contact or free) and ``radius`` where there are free points. Both give every number back
+to the bit and the same contacts as the same bytes. As read: any order and precision of properties,
+text or binary; what is not named here is passed over.
 """
 
 from __future__ import annotations
@@ -97,8 +98,8 @@ def _ply_bytes(contacts: Contacts, header: str) -> bytes:
         comments.append(_FINGERS + json.dumps(names))
     elements = [_element("vertex", columns)]
     if len(contacts.free_points):
-        free = dict(zip(_POINT, contacts.free_points.T, strict=True))
-        elements.append(_element("free_point", free))
+        free: dict[str, npt.NDArray[Any]] = dict(zip(_POINT, contacts.free_points.T, strict=True))
+        elements.append(_element("free_point", free | {"radius": contacts.free_radii}))
     ascii_comments = [c.encode("ascii", "backslashreplace").decode() for c in comments]
     file = io.BytesIO()
     PlyData(elements, text=True, comments=ascii_comments).write(file)
@@ -129,6 +130,7 @@ def _load_ply(path: Path) -> Contacts:
     if index is not None:
         fingers = _finger_names(path, data.comments, index)
     free = elements.get("free_point")
+    radii = None if free is None else _optional(free, "radius")
     return Contacts(
         points,
         normals,
@@ -136,6 +138,7 @@ def _load_ply(path: Path) -> Contacts:
         fingers,
         _optional(rows, "time"),
         np.empty((0, 3)) if free is None else _ply_columns(path, free, _POINT),
+        radii if radii is not None else np.empty(0),
     )
 
 
@@ -176,7 +179,7 @@ def _csv_bytes(contacts: Contacts) -> bytes:
     names = [*_POINT, *_NORMAL]
     names += [n for n, v in (("force", forces), ("time", times)) if v is not None]
     names += ["finger"] if fingers else []
-    names += ["kind"] if len(contacts.free_points) else []
+    names += ["kind", "radius"] if len(contacts.free_points) else []
     text = io.StringIO()
     writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
     writer.writeheader()
@@ -188,8 +191,9 @@ def _csv_bytes(contacts: Contacts) -> bytes:
         row |= {"finger": fingers[i]} if fingers else {}
         row |= {"kind": "contact"} if len(contacts.free_points) else {}
         writer.writerow(row)
-    for point in contacts.free_points.tolist():
-        writer.writerow({**dict(zip(_POINT, point, strict=True)), "kind": "free"})
+    for point, radius in zip(contacts.free_points.tolist(), contacts.free_radii, strict=True):
+        place = dict(zip(_POINT, point, strict=True))
+        writer.writerow({**place, "kind": "free", "radius": float(radius)})
     return text.getvalue().encode("utf-8")
 
 
@@ -232,6 +236,7 @@ def _load_csv(path: Path) -> Contacts:
         tuple(columns["finger"][i] for i in felt) if "finger" in columns else (),
         numbers(["time"], felt)[:, 0] if "time" in columns else None,
         numbers(_POINT, free),
+        numbers(["radius"], free)[:, 0] if "radius" in columns else np.empty(0),
     )
 
 

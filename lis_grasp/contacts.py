@@ -26,6 +26,10 @@ def _no_points() -> FloatArray:
     return np.empty((0, 3))
 
 
+def _no_lengths() -> FloatArray:
+    return np.empty(0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
     """Oriented contact points of an object, in its frame O.
@@ -44,12 +48,15 @@ class Contacts:
         Shape (N,) [s], when, or None.
     free_points
         Shape (K, 3) [m], places that the hand passed through and felt nothing (free space).
+    free_radii
+        Shape (K,) [m]: so far round each free point there is no object; 0 where only the point is
+        known to be free, as of all of them if this is left empty.
 
     Raises
     ------
     InvalidContactsError
         If shapes disagree, a number is not finite, a point is farther than `FARTHEST` from the
-        origin, or a normal is not of unit length.
+        origin, a normal is not of unit length, or a radius is negative.
     """
 
     points: FloatArray
@@ -58,6 +65,7 @@ class Contacts:
     fingers: tuple[str, ...] = ()
     times: FloatArray | None = None
     free_points: FloatArray = field(default_factory=_no_points)
+    free_radii: FloatArray = field(default_factory=_no_lengths)
 
     def __post_init__(self) -> None:
         points = _frozen_array("points", self.points, (None, 3))
@@ -93,6 +101,7 @@ class Contacts:
         free_points = _frozen_array("free_points", self.free_points, (None, 3))
         _require_near("free_points", free_points)
         object.__setattr__(self, "free_points", free_points)
+        object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
 
     @classmethod
     def empty(cls) -> Contacts:
@@ -137,20 +146,24 @@ class Contacts:
             tuple(self.fingers[i] for i in chosen) if self.fingers else (),
             None if self.times is None else self.times[chosen],
             self.free_points,
+            self.free_radii,
         )
 
     def append(self, other: Contacts) -> Contacts:
         """Return these contacts followed by `other`; what only one of the two knows is dropped."""
+        free_points = np.vstack([self.free_points, other.free_points])
+        free_radii = np.concatenate([self.free_radii, other.free_radii])
         if not len(self) or not len(other):
             kept = self if len(self) else other
-            return replace(kept, free_points=np.vstack([self.free_points, other.free_points]))
+            return replace(kept, free_points=free_points, free_radii=free_radii)
         return Contacts(
             np.vstack([self.points, other.points]),
             np.vstack([self.normals, other.normals]),
             _join(self.forces, other.forces),
             self.fingers + other.fingers if self.fingers and other.fingers else (),
             _join(self.times, other.times),
-            np.vstack([self.free_points, other.free_points]),
+            free_points,
+            free_radii,
         )
 
     @classmethod
@@ -169,6 +182,17 @@ class Contacts:
 
 def _join(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
     return None if first is None or second is None else np.concatenate([first, second])
+
+
+def checked_radii(radii: npt.ArrayLike, count: int) -> FloatArray:
+    """Return the radii of `count` balls of free space, read-only; 0 of all where none came."""
+    array = _frozen_array("free_radii", radii if np.size(radii) else np.zeros(count), (count,))
+    if np.any((array < 0.0) | (array > FARTHEST)):
+        raise InvalidContactsError(
+            f"free_radii must be lengths from 0 to {FARTHEST:g} m; the smallest is"
+            f" {array.min():.3g}, the largest {array.max():.3g}"
+        )
+    return array
 
 
 def _require_near(name: str, points: FloatArray) -> None:

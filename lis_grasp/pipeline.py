@@ -36,7 +36,7 @@ from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes import Shape
-from lis_grasp.surfaces import ESTIMATORS, Estimator, ImplicitSurface
+from lis_grasp.surfaces import ESTIMATORS, Estimator, ImplicitSurface, carved
 
 if TYPE_CHECKING:
     from lis_grasp.simulation.lift import Judge, LiftOutcome
@@ -252,8 +252,9 @@ def _told(estimator: str, sensor: TactileSensor | None) -> Estimator:
 def estimate(
     contacts: Contacts, estimator: str, sensor: TactileSensor | None = None
 ) -> tuple[ImplicitSurface, trimesh.Trimesh]:
-    """Estimate the surface from contacts of a sensor, and mesh it."""
-    surface = _told(estimator, sensor)(contacts)
+    """Estimate the surface from contacts of a sensor, without their free space, and mesh it."""
+    margin = 0.0 if sensor is None else sensor.free_margin
+    surface = carved(_told(estimator, sensor)(contacts), contacts, margin=margin)
     return surface, extract_mesh(surface)
 
 

@@ -16,7 +16,7 @@ from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces import ImplicitSurface, carved
 
 # Two contacts closer than this are one contact felt twice [m].
 _SAME_CONTACT = 1e-3
@@ -120,7 +120,8 @@ def explore(
     policy
         Chooses them.
     estimate
-        Estimates the surface from at least one contact; done anew after every new contact.
+        Estimates the surface from at least one contact; done anew after every new contact. What the
+        hand passed through is carved off before the surface is used.
     touches
         Contacts to make.
     rng
@@ -155,8 +156,10 @@ def explore(
     outcomes = list(recorded)
     contacts = Exploration.replay(outcomes, touches=touches).contacts
     clock = sum(outcome.duration for outcome in outcomes)
-    surface = estimate(contacts) if len(contacts) else None
+    margin = 0.0 if sensor is None else sensor.free_margin
+    estimated = estimate(contacts) if len(contacts) else None
     while True:
+        surface = None if estimated is None else carved(estimated, contacts, margin=margin)
         ended = _reason_to_end(contacts, surface, outcomes, touches, max_probes, stop)
         if ended:
             return Exploration(contacts, tuple(outcomes), ended)
@@ -175,7 +178,7 @@ def explore(
         contacts = _with_outcome(contacts, outcome, clock, touches)
         clock += outcome.duration
         if len(contacts) > before:
-            surface = estimate(contacts)
+            estimated = estimate(contacts)
         if progress is not None:
             progress(len(contacts), touches)
 
@@ -210,6 +213,7 @@ def _with_outcome(
     felt = replace(
         new,
         free_points=outcome.free_points,
+        free_radii=outcome.free_radii,
         times=None if new.times is None else new.times + clock,
     )
     return contacts.append(felt)

@@ -26,7 +26,8 @@ class KnownShape:
     contacts
         Felt so far.
     surface
-        Estimated from these contacts; None as long as there are none.
+        Estimated from these contacts, without what the hand passed through (`carved`); None as long
+        as there are no contacts.
     """
 
     space: Workspace
@@ -38,26 +39,22 @@ class KnownShape:
         """Radius of the ball about the workspace's centre that holds all of the object [m]."""
         return 0.5 * float(np.sqrt(3.0)) * self.space.size
 
-    def blocks(self, points: FloatArray, *, tip_radius: float) -> npt.NDArray[np.bool_]:
+    def blocks(self, points: FloatArray) -> npt.NDArray[np.bool_]:
         """Tell which points (P, 3) [m] are known to be in the object or the table, shape (P,).
 
         The estimate counts within half a step of a contact; farther away, and so behind a wall, it
-        is a guess, and a guarded motion may find out. What a tip passed through is free, whatever
-        is estimated.
+        is a guess, and a guarded motion may find out.
 
         Parameters
         ----------
         points
             Shape (P, 3) [m], in O.
-        tip_radius
-            Of the tip that passed the contacts' free points with its centre [m].
         """
         height = self.space.support_height
         blocked = points[:, 2] < (-np.inf if height is None else height)
         if self.surface is None:
             return blocked
         near = np.flatnonzero(_within(self.contacts.points, points, 0.5 * self.space.step))
-        near = near[~_within(self.contacts.free_points, points[near], tip_radius)]
         if len(near):
             blocked[near] |= self.surface.evaluate(points[near]) < 0.0
         return blocked

@@ -15,7 +15,7 @@ from lis_grasp.exploration import aiming, choices
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces import ImplicitSurface, carved, uncarved
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -59,8 +59,9 @@ class TargetPolicy:
     approached against the estimated outward normal, and after a miss aslant, from beyond the edge
     that the missed probe must have crossed. A hollow that the estimate bridges, although a tip was
     in it, is touched from within. Targets probed before, and places that a tip passed through, are
-    not tried again. When the estimate offers nothing, a straight pass through the object's known
-    box is drawn. All this is the same for every choice, so that choices can be compared.
+    not tried again; where any link passed, there is no target. When the estimate offers nothing, a
+    straight pass through the object's known box is drawn. All this is the same for every choice, so
+    that choices can be compared.
 
     Parameters
     ----------
@@ -93,10 +94,11 @@ class TargetPolicy:
             return aiming.opening(space, outcomes, rng)
         if surface is None or not len(contacts):
             return aiming.across(space, rng)
-        sought = surface if self.guess is None else self.guess(contacts)
-        sideways = aiming.from_within(space, contacts, sought, outcomes, rng)
+        guessed = uncarved(surface) if self.guess is None else self.guess(contacts)
+        sideways = aiming.from_within(space, contacts, guessed, outcomes, rng)
         if sideways is not None:
             return sideways
+        sought = surface if self.guess is None else carved(guessed, contacts)
         best = self._best(sought, contacts, outcomes, rng)
         if self.guess is not None and (best is None or best.gap <= space.step):
             own = self._best(surface, contacts, outcomes, rng)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, get_args
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.contacts import FARTHEST, Contacts
+from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError
 
 if TYPE_CHECKING:
@@ -100,12 +100,17 @@ class ProbeOutcome:
         Why a motion was blocked; empty otherwise.
     moved
         By how much the touch moved the object, at its farthest point [m].
+    free_radii
+        Shape (K,) [m]: so far round each of the free points the hand filled space; 0 where only the
+        point is known to be free, as of all of them if this is left empty.
 
     Raises
     ------
     InvalidOptionError
         If status and contacts contradict each other, the duration or the way that the object
         moved is negative, or the reason is no text.
+    InvalidContactsError
+        If the radii are not one length of at least 0 for each free point.
     """
 
     probe: Probe
@@ -115,6 +120,7 @@ class ProbeOutcome:
     duration: float = 0.0
     reason: str = ""
     moved: float = 0.0
+    free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         if self.status not in get_args(ProbeStatus):
@@ -130,6 +136,7 @@ class ProbeOutcome:
         if not np.isfinite(free_points).all():
             raise InvalidOptionError("free_points must be finite numbers")
         object.__setattr__(self, "free_points", _read_only(free_points))
+        object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
         for name, unit in (("duration", "s"), ("moved", "m")):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0):

@@ -56,6 +56,15 @@ class TactileSensor:
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InvalidOptionError(f"{name} must be from 0 to 1; it is {getattr(self, name)}")
 
+    @property
+    def free_margin(self) -> float:
+        """How much less than its links the space that the hand passed counts as free [m].
+
+        Two standard deviations of a contact: a hand that feels no better knows no better where it
+        is, and what it felt must not be carved off for its noise.
+        """
+        return 2.0 * self.position_noise
+
     def sense(self, contacts: Contacts, *, rng: np.random.Generator) -> Contacts:
         """Return what is reported of contacts: some of them, moved and turned."""
         felt = np.ones(len(contacts), dtype=bool)

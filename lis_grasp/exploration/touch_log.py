@@ -140,6 +140,7 @@ def _row(outcome: ProbeOutcome) -> Row:
         "fingers": list(contacts.fingers),
         "times": _list(contacts.times),
         "free_points": outcome.free_points.tolist(),
+        "free_radii": outcome.free_radii.tolist(),
     }
 
 
@@ -169,6 +170,7 @@ def _outcome(row: Row) -> ProbeOutcome:
         row["duration"],
         row["reason"],
         row["moved"],
+        np.array(row.get("free_radii", [])),
     )
 
 

@@ -37,7 +37,7 @@ class HandPoseFilter:
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh) -> None:
         self._hand = hand
-        balls = [(g, *_balls_inside(g)) for g in hand.link_geometries]
+        balls = [(g, *balls_inside(g)) for g in hand.link_geometries]
         self._links = [(g.link, g.X_LG, centers) for g, centers, _ in balls]
         self._radii = np.concatenate([radii for _, _, radii in balls])  # (S,)
         self._of_pads = np.concatenate(
@@ -88,7 +88,7 @@ class HandPoseFilter:
         )
 
 
-def _balls_inside(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
+def balls_inside(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
     """Return centres (S, 3) in G and radii (S,) of balls inside a body; none for a shell."""
     match geometry.kind:
         case "sphere":

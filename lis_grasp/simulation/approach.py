@@ -96,12 +96,11 @@ class ApproachPlanner:
             )
         chosen = tuple(postures.values()) if finger is None else (postures[finger],)
         self._bodies = [(posture, *_in_palm(hand, posture)) for posture in chosen]
-        self._tip_radius = max(posture.radius for posture in chosen)
 
     def plan(self, probe: Probe, known: KnownShape) -> Approach | None:
         """Return the first approach that keeps clear of what is known; None if there is none."""
         centers = [probe.start - posture.radius * probe.direction for posture, _, _ in self._bodies]
-        if known.blocks(np.array(centers), tip_radius=self._tip_radius).all():
+        if known.blocks(np.array(centers)).all():
             return None
         for axis in np.vstack([probe.direction, _ASLANT @ rotation_to_x(probe.direction)]):
             for posture, center_H, points_H in self._bodies:
@@ -121,7 +120,7 @@ class ApproachPlanner:
 
     def _blocked(self, points: FloatArray, known: KnownShape) -> npt.NDArray[np.bool_]:
         """Tell which places of the hand, points (R, P, 3), meet the known, shape (R,)."""
-        blocked = known.blocks(points.reshape(-1, 3), tip_radius=self._tip_radius)
+        blocked = known.blocks(points.reshape(-1, 3))
         return np.asarray(blocked.reshape(points.shape[:2]).any(axis=1))
 
     def _blocked_on_the_way(

@@ -12,7 +12,8 @@ from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.grasping.collision import HandCollisionChecker, NearestLink
-from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand import Hand, ProbePosture
+from lis_grasp.grasping.pose_filter import balls_inside
 from lis_grasp.simulation.approach import NO_FREE_START, NO_FREE_WAY, Approach, ApproachPlanner
 from lis_grasp.winding import any_inside
 
@@ -22,7 +23,7 @@ SPEED = 0.1
 """Of a guarded motion [m/s]."""
 
 FREE_POINT_SPACING = 0.01
-"""Distance between places that a tip is recorded to have passed [m]."""
+"""Distance between places that the hand is recorded to have passed [m]."""
 
 # On the way in, and back out the same way [m/s].
 _TRANSIT_SPEED = 0.25
@@ -42,6 +43,8 @@ class Course:
         Shape (4, 4): the palm where the last leg began: the way in, or the probe's own motion.
     direction
         Shape (3,), unit, in O: of that leg.
+    arrived
+        Whether the way in was gone to its end: the last leg is the probe's own motion.
     came
         What was gone on the way in [m], the last leg included.
     travelled
@@ -55,6 +58,7 @@ class Course:
     approach: Approach
     X_OH: FloatArray
     direction: FloatArray
+    arrived: bool
     came: float
     travelled: float
     left: float
@@ -63,7 +67,7 @@ class Course:
     @property
     def _along(self) -> float:
         """How far the hand went along the probe's own motion [m]."""
-        return 0.0 if self.came < self.approach.run_in else self.travelled
+        return self.travelled if self.arrived else 0.0
 
     @property
     def until_contact(self) -> float:
@@ -75,12 +79,15 @@ class Course:
         """Time of the motion, there and back the same way [s]."""
         return self.until_contact + (self.came + self._along) / _TRANSIT_SPEED
 
-    def free_points(self, probe: Probe) -> FloatArray:
-        """Return places that the leading sphere's centre passed, shape (K, 3) [m], in O."""
-        start = probe.start - self.approach.posture.radius * probe.direction
-        outside = start - self.approach.run_in * self.approach.axis
-        way_in = outside + _steps(self.came) * self.approach.axis
-        return np.vstack([way_in, start + _steps(self._along) * probe.direction])
+    def poses(self, probe: Probe) -> FloatArray:
+        """Return poses of the palm on the way, shape (K, 4, 4), the end of each leg among them."""
+        places = self.approach.X_OH_outside[:3, 3] + _steps(self.came) * self.approach.axis
+        if self.arrived:  # where the way in ends, the probe's own motion begins
+            along = self.approach.X_OH[:3, 3] + _steps(self._along) * probe.direction
+            places = np.vstack([places[:-1], along])
+        poses = np.tile(self.approach.X_OH, (len(places), 1, 1))
+        poses[:, :3, 3] = places
+        return poses
 
 
 class GuardedMotion:
@@ -116,6 +123,31 @@ class GuardedMotion:
             name: self._checker.poses_in_hand(posture.joint_positions)
             for name, posture in hand.probe_postures.items()
         }
+        self._balls = {
+            name: _balls_in_hand(hand, posture) for name, posture in hand.probe_postures.items()
+        }
+
+    def free_space(
+        self, course: Course, probe: Probe, known: KnownShape | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return balls that a course has found free: centres (K, 3) in O, and radii (K,) [m].
+
+        The leading sphere's come first, all the way. Then those inside all links, as far as they
+        reach where the object can be.
+        """
+        balls = self._balls[course.approach.posture.finger]
+        X_OH = course.poses(probe)
+        centers = (balls[:, :3] @ X_OH[:, :3, :3].transpose(0, 2, 1)) + X_OH[:, None, :3, 3]
+        tip, others = centers[:, 0], centers[:, 1:].reshape(-1, 3)
+        radii = np.tile(balls[1:, 3], len(X_OH))
+        if known is not None:
+            apart = np.linalg.norm(others - known.space.center, axis=1)
+            reaching = apart < known.radius + radii
+            others, radii = others[reaching], radii[reaching]
+        return (
+            np.vstack([tip, others]),
+            np.concatenate([np.full(len(tip), balls[0, 3]), radii]),
+        )
 
     def run(self, probe: Probe, known: KnownShape | None) -> Course | str:
         """Carry a probe out up to the first contact, or say why it cannot be.
@@ -137,12 +169,19 @@ class GuardedMotion:
                 met, came = self._advance(approach.axis, approach.run_in)
                 if met is not None:
                     left, outside = approach.run_in - came, approach.X_OH_outside
-                    return Course(approach, outside, approach.axis, came, came, left, met)
+                    return Course(approach, outside, approach.axis, False, came, came, left, met)
         self._place(approach, approach.X_OH)
         length = probe.standoff + probe.overshoot
         met, gone = self._advance(probe.direction, length)
         return Course(
-            approach, approach.X_OH, probe.direction, approach.run_in, gone, length - gone, met
+            approach=approach,
+            X_OH=approach.X_OH,
+            direction=probe.direction,
+            arrived=True,
+            came=approach.run_in,
+            travelled=gone,
+            left=length - gone,
+            met=met,
         )
 
     def _place(self, approach: Approach, X_OH: FloatArray) -> bool:
@@ -173,5 +212,19 @@ class GuardedMotion:
             travelled = min(travelled + nearest.distance, length)
 
 
+def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:
+    """Return balls inside the links, centres in H and radii [m], shape (S, 4); the leader first."""
+    links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
+    leader = links[posture.link][:3, :3] @ posture.center_L + links[posture.link][:3, 3]
+    balls = [np.append(leader, posture.radius)[None]]
+    for geometry in hand.link_geometries:
+        centers, radii = balls_inside(geometry)
+        X_HG = links[geometry.link] @ geometry.X_LG
+        inside = np.column_stack([centers @ X_HG[:3, :3].T + X_HG[:3, 3], radii])
+        balls.append(inside[np.linalg.norm(inside - balls[0], axis=1) > _TOUCHING])
+    return np.concatenate(balls)
+
+
 def _steps(length: float) -> FloatArray:
-    return np.arange(0.0, length, FREE_POINT_SPACING)[:, None]  # (K, 1)
+    """Return places on a way, its end among them, shape (K, 1) [m]."""
+    return np.append(np.arange(0.0, length, FREE_POINT_SPACING), length)[:, None]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import trimesh
 
@@ -45,14 +47,22 @@ class KinematicProber:
         course = self._motion.run(probe, known)
         if isinstance(course, str):
             return ProbeOutcome(probe, "blocked", reason=course)
-        passed, duration = course.free_points(probe), course.duration
+        free_points, free_radii = self._motion.free_space(course, probe, known)
+        missed = ProbeOutcome(
+            probe,
+            "missed",
+            free_points=free_points,
+            duration=course.duration,
+            free_radii=free_radii,
+        )
         if course.met is None:
-            return ProbeOutcome(probe, "missed", free_points=passed, duration=duration)
+            return missed
         contacts = Contacts(
             points=course.met.point[None],
             normals=self._normals[course.met.face][None],
             fingers=(course.met.link,),
             times=np.array([course.until_contact]),
-            free_points=passed,
+            free_points=free_points,
+            free_radii=free_radii,
         )
-        return ProbeOutcome(probe, "touched", contacts, passed, duration)
+        return replace(missed, status="touched", contacts=contacts)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import trimesh
@@ -92,18 +94,23 @@ class DynamicProber:
         course = self._motion.run(probe, known)
         if isinstance(course, str):
             return ProbeOutcome(probe, "blocked", reason=course)
-        passed, duration = course.free_points(probe), course.duration
+        free_points, free_radii = self._motion.free_space(course, probe, known)
+        missed = ProbeOutcome(
+            probe,
+            "missed",
+            free_points=free_points,
+            duration=course.duration,
+            free_radii=free_radii,
+        )
         if course.met is None:
-            return ProbeOutcome(probe, "missed", free_points=passed, duration=duration)
+            return missed
         patches, X_WO = self._feel(course)
         moved, tilt = self._moved()
         reason = TOPPLED if tilt > _TOPPLED else GRAZED if not patches else ""
         if reason:
-            return ProbeOutcome(
-                probe, "blocked", free_points=passed, duration=duration, reason=reason, moved=moved
-            )
+            return replace(missed, status="blocked", reason=reason, moved=moved)
         contacts = _contacts(patches, X_WO, course.until_contact)
-        return ProbeOutcome(probe, "touched", contacts, passed, duration, moved=moved)
+        return replace(missed, status="touched", contacts=contacts, moved=moved)
 
     def _feel(self, course: Course) -> tuple[list[Patch], FloatArray]:
         """Simulate the last of a course; return what is felt, and the object's pose then."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
+from lis_grasp.surfaces.carved_implicit_surface import CarvedImplicitSurface, carved, uncarved
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
@@ -25,9 +26,12 @@ ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
 __all__ = [
     "ESTIMATORS",
     "BlendedImplicitSurface",
+    "CarvedImplicitSurface",
     "Estimator",
     "GaussianProcessImplicitSurface",
     "ImplicitSurface",
     "LocalImplicitSurface",
     "PatchImplicitSurface",
+    "carved",
+    "uncarved",
 ]

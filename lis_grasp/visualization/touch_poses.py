@@ -10,11 +10,11 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import Exploration, ProbeOutcome, Workspace
+from lis_grasp.exploration import Exploration, ProbeOutcome, TactileSensor, Workspace
 from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.simulation.guarded_motion import Course, GuardedMotion
-from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces import ImplicitSurface, carved
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -72,18 +72,20 @@ def replay_touches(
         Of the sensor: one standard deviation along each axis [m].
     """
     motion = GuardedMotion(hand, mesh, None)
-    felt, surface = Contacts.empty(), None
+    felt, estimated = Contacts.empty(), None
+    margin = TactileSensor(position_noise=position_noise).free_margin
     poses: list[TouchPose | None] = []
     for number, outcome in enumerate(outcomes, start=1):
         if len(felt) >= contacts:
             break
         after = Exploration.replay(outcomes[:number], touches=contacts).contacts
         if len(after) > len(felt):
+            surface = None if estimated is None else carved(estimated, felt, margin=margin)
             course = motion.run(outcome.probe, KnownShape(space, felt, surface))
             reach = _AGREES + 4.0 * position_noise
             pose = _pose_at_end(course, outcome.contacts.points, reach)
             poses += [pose] * (len(after) - len(felt))
-            surface = estimate(after)
+            estimated = estimate(after)
         felt = after
     return poses
 
