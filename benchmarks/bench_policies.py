@@ -1,4 +1,4 @@
-"""Coverage and edge error against touches and probes, for every policy: objects x seeds, a plot.
+"""Coverage and edge error against touches, probes and time, for every policy: objects x seeds.
 
     python benchmarks/bench_policies.py --seeds 10
 
@@ -7,7 +7,8 @@ reachable surface is what a ball of the fingertip's radius can touch; it counts 
 step (50 mm) of a contact. Edge errors are those of the `blend` surface of the first contacts, over
 all sharp edges of the object, touched or not, so that policies are judged by where they touch and
 by nothing else. `uncertainty` follows a Gaussian process, the usual rule; `spread` and `frontier`
-serve `blend`.
+serve `blend`. Time is that of the hand's motion: in from outside of the object, to the touch, back
+out, and round the object to the next.
 
 Goes on where it was when run again with the same folder. Intervals: 95 %, bootstrap over seeds.
 """
@@ -28,6 +29,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
 from lis_grasp.exploration import Exploration, Workspace, explore
+from lis_grasp.exploration.motion_time import motion_seconds
 from lis_grasp.json_lines import append_lines, read_lines
 from lis_grasp.pipeline import RunConfig, make_policy
 from lis_grasp.shapes import Shape
@@ -38,7 +40,13 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 TIP_RADIUS = 0.012
-POLICIES = {"spread": "blend", "frontier": "blend", "uncertainty": "gpis", "random": "blend"}
+POLICIES = {
+    "spread": "blend",
+    "swift": "blend",
+    "frontier": "blend",
+    "uncertainty": "gpis",
+    "random": "blend",
+}
 EDGE_COUNTS = range(6, 41, 2)
 COVERED, EDGE_GOAL = 0.9, 0.002
 
@@ -79,13 +87,16 @@ def run(name: str, policy: str, seed: int, touches: int) -> Row:
             for k in EDGE_COUNTS:
                 if k <= len(contacts):
                     edges[str(k)] = edge_error(shape, contacts.subset(slice(0, k)))
+    probes = _probes_at_contacts(exploration)
+    seconds = motion_seconds(exploration.outcomes, space)
     return {
         "object": name,
         "policy": policy,
         "seed": seed,
         "touches": touches,
         "coverage": np.mean(nearest < space.step, axis=0).tolist(),
-        "probes": _probes_at_contacts(exploration),
+        "probes": probes,
+        "seconds": seconds[np.array(probes) - 1].tolist(),
         "edges": edges,
     }
 
@@ -114,6 +125,21 @@ def touches_to_edges(row: Row) -> int:
     return min(good, default=EDGE_COUNTS[-1] + 2)
 
 
+def seconds_until(row: Row, touches: int) -> float:
+    """Return the seconds of motion until so many touches; of all that were made if it is more."""
+    return row["seconds"][min(touches, len(row["seconds"])) - 1]
+
+
+MEASURES = {
+    "touches to 90 %": lambda row: touches_to_cover(row, probes=False),
+    "probes to 90 %": lambda row: touches_to_cover(row, probes=True),
+    "seconds to 90 %": lambda row: seconds_until(row, touches_to_cover(row, probes=False)),
+    "touches to 2 mm": touches_to_edges,
+    "seconds to 2 mm": lambda row: seconds_until(row, touches_to_edges(row)),
+}
+OF_EDGES = ("touches to 2 mm", "seconds to 2 mm")
+
+
 def interval(values: np.ndarray) -> tuple[float, float, float]:
     """Return the mean of (objects, seeds), and its 95 % interval over seeds."""
     rng = np.random.default_rng(0)
@@ -130,27 +156,23 @@ def by_object(rows: list[Row], policy: str, measure) -> np.ndarray:
 
 def tell(rows: list[Row]) -> None:
     edged = [row for row in rows if row["edges"]]
-    print(
-        f"{'policy':12s} {'touches to 90 %':>22s} {'probes to 90 %':>22s} {'touches to 2 mm':>22s}"
-    )
+    print("policy      " + "".join(f"{name:>23s}" for name in MEASURES))
     for policy in POLICIES:
         values = [
-            by_object(rows, policy, lambda row: touches_to_cover(row, probes=False)),
-            by_object(rows, policy, lambda row: touches_to_cover(row, probes=True)),
-            by_object(edged, policy, touches_to_edges),
+            by_object(edged if name in OF_EDGES else rows, policy, measure)
+            for name, measure in MEASURES.items()
         ]
         cells = ["{:.1f} ({:.1f} to {:.1f})".format(*interval(v)) for v in values]
         print(f"{policy:12s}" + "".join(f"{cell:>23s}" for cell in cells))
-    for reference in ("random", "uncertainty"):
+    for mine, reference in (("spread", "random"), ("spread", "uncertainty"), ("swift", "spread")):
         shares = []
-        for rows_, measure in (
-            (rows, lambda row: touches_to_cover(row, probes=False)),
-            (rows, lambda row: touches_to_cover(row, probes=True)),
-            (edged, touches_to_edges),
-        ):
-            mine, theirs = (by_object(rows_, p, measure) for p in ("spread", reference))
-            shares.append(100.0 * (1.0 - mine.mean() / theirs.mean()))
-        print(f"spread against {reference}: " + ", ".join(f"{s:.0f} % fewer" for s in shares))
+        for name, measure in MEASURES.items():
+            one, other = (
+                by_object(edged if name in OF_EDGES else rows, policy, measure).mean()
+                for policy in (mine, reference)
+            )
+            shares.append(f"{name} {100.0 * (1.0 - one / other):.0f} %")
+        print(f"{mine} below {reference}: " + ", ".join(shares))
     print("\nper object, touches to 90 % | touches to 2 mm (mean over seeds)")
     for name in dict.fromkeys(row["object"] for row in rows):
         cells = []

@@ -23,6 +23,7 @@ from lis_grasp.surfaces import ESTIMATORS
 
 RADIUS = 0.05
 NEAREST = np.array([0.01, 0.03, 0.05, 0.02, 0.04])
+SECONDS = np.array([1.0, 1.0, 3.0, 1.0, 1.5])
 
 
 class Ball:
@@ -44,7 +45,7 @@ class Ball:
 
 def targets(new: list[bool]) -> Targets:
     points = np.array([[0.0, 0.0, z] for z in (0.05, 0.01, 0.02, 0.04, 0.03)])
-    return Targets(points, points / 0.05, NEAREST, NEAREST, NEAREST, np.array(new), 0.02)
+    return Targets(points, points / 0.05, NEAREST, NEAREST, NEAREST, np.array(new), 0.02, SECONDS)
 
 
 def chosen(choice: choices.Choice, new: list[bool], seed: int = 0) -> int | None:
@@ -54,6 +55,11 @@ def chosen(choice: choices.Choice, new: list[bool], seed: int = 0) -> int | None
 def test_spreading_takes_the_largest_gap_that_is_new() -> None:
     assert chosen(choices.spread, [True] * 5) == 2
     assert chosen(choices.spread, [True, True, False, True, True]) == 4
+
+
+def test_being_swift_takes_the_largest_gap_squared_per_second() -> None:
+    assert chosen(choices.swift, [True] * 5) == 4  # 11 cm^2 / s, of 1, 9, 8 and 4
+    assert chosen(choices.swift, [True, True, True, True, False]) == 1
 
 
 def test_uncertainty_takes_what_is_least_known() -> None:

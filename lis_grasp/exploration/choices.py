@@ -61,6 +61,17 @@ def spread(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generat
     return int(new[np.argmax(targets.nearest[new])]) if len(new) else None
 
 
+def swift(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
+    """Choose what covers most in a second of motion: the square of `spread`'s gap over the time.
+
+    A touch covers about as much area as the square of the gap that it is in the middle of.
+    """
+    new = np.flatnonzero(targets.new)
+    if not len(new):
+        return None
+    return int(new[np.argmax(targets.nearest[new] ** 2 / targets.seconds[new])])
+
+
 def anywhere(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
     """Choose at random: every place of the estimated surface is as likely."""
     new = np.flatnonzero(targets.new)

@@ -37,7 +37,7 @@ class KnownShape:
     @property
     def radius(self) -> float:
         """Radius of the ball about the workspace's centre that holds all of the object [m]."""
-        return 0.5 * float(np.sqrt(3.0)) * self.space.size
+        return self.space.radius
 
     def blocks(self, points: FloatArray) -> npt.NDArray[np.bool_]:
         """Tell which points (P, 3) [m] are known to be in the object or the table, shape (P,).

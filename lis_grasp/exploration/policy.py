@@ -148,9 +148,10 @@ class PolicyKind:
 POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
     {
         "spread": PolicyKind(choices.spread, guesses=True),
+        "swift": PolicyKind(choices.swift, guesses=True),
         "frontier": PolicyKind(choices.frontier),
         "uncertainty": PolicyKind(choices.most_uncertain),
         "random": PolicyKind(choices.anywhere),
     }
 )
-"""Policies by name: ours, the paper's, the greatest uncertainty of the estimate, and chance."""
+"""Policies by name: ours, by touches and by time; the paper's; the greatest uncertainty; chance."""

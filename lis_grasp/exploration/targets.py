@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.aiming import SAME_DIRECTION
+from lis_grasp.exploration.motion_time import seconds_to_touch
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
@@ -43,6 +44,8 @@ class Targets:
         Shape (P,): whether the point may be aimed at: no earlier target, no place found empty.
     step
         Distance between touches that is aimed at [m].
+    seconds
+        Shape (P,) [s]: what touching the point next would take.
     """
 
     points: FloatArray
@@ -52,6 +55,7 @@ class Targets:
     emptiness: FloatArray
     new: Mask
     step: float
+    seconds: FloatArray
 
     @classmethod
     def find(
@@ -72,7 +76,8 @@ class Targets:
             new &= points[:, 2] > space.support_height + _PASSED * space.step
             new &= normals[:, 2] > _FROM_BELOW
         new &= ~_tried(points, normals, np.minimum(nearest, space.step), outcomes)
-        return cls(points, normals, nearest, second, emptiness, new, space.step)
+        seconds = seconds_to_touch(points, normals, space, outcomes)
+        return cls(points, normals, nearest, second, emptiness, new, space.step, seconds)
 
 
 def gaps(

@@ -58,6 +58,26 @@ class Workspace:
         center.flags.writeable = False
         object.__setattr__(self, "center", center)
 
+    @property
+    def radius(self) -> float:
+        """Radius of the ball about the centre that holds all of the object [m]."""
+        return 0.5 * float(np.sqrt(3.0)) * self.size
+
+    def way_in(self, points: FloatArray, directions: FloatArray) -> FloatArray:
+        """Return how far back along directions each point is outside of the object's ball [m].
+
+        Parameters
+        ----------
+        points, directions
+            Shapes (..., 3) [m] and (..., 3), unit. 0 for lines that miss the ball or end before it.
+        """
+        offsets = points - self.center
+        along = np.sum(offsets * directions, axis=-1)
+        inside = self.radius**2 - np.sum(offsets * offsets, axis=-1) + along**2
+        return np.where(
+            inside > 0.0, np.maximum(along + np.sqrt(np.maximum(inside, 0.0)), 0.0), 0.0
+        )
+
     def sample(
         self, surface: ImplicitSurface, *, rng: np.random.Generator | None = None
     ) -> tuple[FloatArray, FloatArray]:

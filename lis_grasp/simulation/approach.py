@@ -104,7 +104,8 @@ class ApproachPlanner:
             return None
         for axis in np.vstack([probe.direction, _ASLANT @ rotation_to_x(probe.direction)]):
             for posture, center_H, points_H in self._bodies:
-                run_in = _run_in(probe.start - posture.radius * probe.direction, axis, known)
+                center = probe.start - posture.radius * probe.direction
+                run_in = float(known.space.way_in(center, axis))
                 turned = list(_turned(posture, center_H, probe, axis, run_in))
                 X_OH = np.array([approach.X_OH for approach in turned])  # (R, 4, 4)
                 points = points_H @ X_OH[:, :3, :3].transpose(0, 2, 1) + X_OH[:, None, :3, 3]
@@ -158,14 +159,6 @@ def _in_palm(hand: Hand, posture: ProbePosture) -> tuple[FloatArray, FloatArray]
     every = np.concatenate(points)
     _, first = np.unique(np.round(2.0 * every / _POINT_SPACING), axis=0, return_index=True)
     return X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3], every[np.sort(first)]
-
-
-def _run_in(center: FloatArray, axis: FloatArray, known: KnownShape) -> float:
-    """Return how far back along the axis the leading sphere is outside of the object's ball [m]."""
-    offset = center - known.space.center
-    along, radius = float(offset @ axis), known.radius
-    inside = radius**2 - float(offset @ offset) + along**2
-    return max(along + float(np.sqrt(inside)), 0.0) if inside > 0.0 else 0.0
 
 
 def rotation_to_x(direction: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.known_shape import KnownShape
+from lis_grasp.exploration.motion_time import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.grasping.collision import HandCollisionChecker, NearestLink
 from lis_grasp.grasping.hand import Hand, ProbePosture
@@ -19,14 +20,9 @@ from lis_grasp.winding import any_inside
 
 FloatArray = npt.NDArray[np.float64]
 
-SPEED = 0.1
-"""Of a guarded motion [m/s]."""
-
 FREE_POINT_SPACING = 0.01
 """Distance between places that the hand is recorded to have passed [m]."""
 
-# On the way in, and back out the same way [m/s].
-_TRANSIT_SPEED = 0.25
 # Nearer than this counts as touching [m].
 _TOUCHING = 2e-5
 
@@ -72,12 +68,12 @@ class Course:
     @property
     def until_contact(self) -> float:
         """Time of the motion to where it ended [s]."""
-        return self.came / _TRANSIT_SPEED + self._along / SPEED
+        return self.came / TRANSIT_SPEED + self._along / PROBE_SPEED
 
     @property
     def duration(self) -> float:
         """Time of the motion, there and back the same way [s]."""
-        return self.until_contact + (self.came + self._along) / _TRANSIT_SPEED
+        return self.until_contact + (self.came + self._along) / TRANSIT_SPEED
 
     def poses(self, probe: Probe) -> FloatArray:
         """Return poses of the palm on the way, shape (K, 4, 4), the end of each leg among them."""
@@ -142,7 +138,7 @@ class GuardedMotion:
         radii = np.tile(balls[1:, 3], len(X_OH))
         if known is not None:
             apart = np.linalg.norm(others - known.space.center, axis=1)
-            reaching = apart < known.radius + radii
+            reaching = apart < known.space.radius + radii
             others, radii = others[reaching], radii[reaching]
         return (
             np.vstack([tip, others]),

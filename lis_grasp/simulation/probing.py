@@ -10,9 +10,10 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.known_shape import KnownShape
+from lis_grasp.exploration.motion_time import PROBE_SPEED
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.simulation.guarded_motion import SPEED, Course, GuardedMotion
+from lis_grasp.simulation.guarded_motion import Course, GuardedMotion
 from lis_grasp.simulation.patches import Patch
 from lis_grasp.simulation.probing_scene import FreeObject, ProbingScene
 
@@ -118,7 +119,7 @@ class DynamicProber:
         palm_to_base = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
         X_OB = course.X_OH @ palm_to_base[self._hand.base_link]
         scene.place(posture.joint_positions, X_OB, course.direction)
-        speed = SPEED if self._free is None else _GENTLE_SPEED
+        speed = PROBE_SPEED if self._free is None else _GENTLE_SPEED
         start = max(course.travelled - _BEFORE, 0.0)
         scene.start_motion(start, speed)
         step = speed * scene.time_step
@@ -131,7 +132,7 @@ class DynamicProber:
                 break
         X_WO = scene.X_WO
         if self._free is not None:
-            scene.retreat(start + n * step, SPEED)
+            scene.retreat(start + n * step, PROBE_SPEED)
         return felt, X_WO
 
     def _moved(self) -> tuple[float, float]:
