@@ -85,7 +85,7 @@ def test_a_lobe_that_the_hand_passed_through_is_carved_off() -> None:
 def test_the_value_is_the_larger_of_the_estimates_and_the_depth_in_a_ball() -> None:
     center, radius = np.array([0.06, 0.0, 0.0]), 0.015
     contacts = on_ball(some_directions(3), free_points=center[None], free_radii=[radius])
-    surface = carved(BallWithLobe(), contacts)
+    surface = carved(BallWithLobe(), contacts, growth=0.0)
     points = np.random.default_rng(0).uniform(-0.08, 0.08, size=(5, 100, 3))
     depths = radius - np.linalg.norm(points - center, axis=-1)
     expected = np.maximum(BallWithLobe().evaluate(points), depths)
@@ -94,10 +94,8 @@ def test_the_value_is_the_larger_of_the_estimates_and_the_depth_in_a_ball() -> N
 
 def test_what_is_outside_stays_outside_and_beside_the_balls_nothing_changes() -> None:
     contacts = free_beside_the_ball()
-    surface, points = (
-        carved(BallWithLobe(), contacts),
-        np.random.default_rng(2).uniform(-0.08, 0.08, size=(4000, 3)),
-    )
+    surface = carved(BallWithLobe(), contacts, growth=0.0)
+    points = np.random.default_rng(2).uniform(-0.08, 0.08, size=(4000, 3))
     before, after = BallWithLobe().evaluate(points), surface.evaluate(points)
     assert np.all(after >= before)
     apart = np.linalg.norm(points[:, None] - contacts.free_points, axis=-1) - contacts.free_radii
@@ -106,7 +104,7 @@ def test_what_is_outside_stays_outside_and_beside_the_balls_nothing_changes() ->
 
 
 def test_the_gradient_is_that_of_the_value() -> None:
-    surface = carved(BallWithLobe(), free_beside_the_ball())
+    surface = carved(BallWithLobe(), free_beside_the_ball(), growth=0.0)
     assert isinstance(surface, CarvedImplicitSurface)
     points = np.random.default_rng(3).uniform(-0.07, 0.07, size=(2000, 3))
     step = 1e-6
@@ -133,7 +131,7 @@ def test_the_carved_surface_closes_and_faces_outward() -> None:
 def test_uncertainty_grows_by_how_deep_the_estimate_was_wrong() -> None:
     center = np.array([0.06, 0.0, 0.0])
     contacts = on_ball(some_directions(3), free_points=center[None], free_radii=[0.015])
-    surface = carved(BallWithLobe(), contacts)
+    surface = carved(BallWithLobe(), contacts, growth=0.0)
     at = np.array([[0.046, 0.0, 0.0], [0.0, RADIUS, 0.0]])  # 16 mm deep in the lobe; on the ball
     np.testing.assert_allclose(surface.uncertainty(at), [np.hypot(1e-3, 0.016), 1e-3])
 
@@ -174,12 +172,34 @@ def test_an_estimate_that_nothing_contradicts_is_returned_as_it_is(free: dict) -
 
 def test_a_margin_leaves_as_much_of_what_was_found_free() -> None:
     contacts = on_ball(some_directions(3), free_points=[[0.06, 0.0, 0.0]], free_radii=[0.015])
-    surface = carved(BallWithLobe(), contacts, margin=0.002)
+    surface = carved(BallWithLobe(), contacts, margin=0.002, growth=0.0)
     assert isinstance(surface, CarvedImplicitSurface)
     np.testing.assert_allclose(surface.radii, 0.013)
     assert uncarved(surface) is surface.surface
-    with pytest.raises(InvalidOptionError, match="margin"):
-        carved(BallWithLobe(), contacts, margin=-0.001)
+    for option in ("margin", "growth"):
+        with pytest.raises(InvalidOptionError, match=option):
+            carved(BallWithLobe(), contacts, **{option: -0.001})
+
+
+@pytest.mark.parametrize(
+    ("center", "grown"),
+    [
+        # 4 mm inside the lobe: 4 mm more, and half the way to the nearest contact is farther.
+        ([0.066, 0.0, 0.0], 0.009),
+        # 17 mm inside, 9 mm from the contact at the pole of x: halfway between 5 and 9.
+        ([0.049, 0.0, 0.0], 0.007),
+        # Its centre is outside of the lobe, its edge is not: it stays as it is.
+        ([0.074, 0.0, 0.0], 0.005),
+    ],
+)
+def test_a_ball_deep_inside_grows_as_deep_but_halfway_to_a_contact(
+    center: list[float], grown: float
+) -> None:
+    pole = np.array([[1.0, 0.0, 0.0]])
+    contacts = on_ball(pole, free_points=[center], free_radii=[0.005])
+    surface = carved(BallWithLobe(), contacts)
+    assert isinstance(surface, CarvedImplicitSurface)
+    np.testing.assert_allclose(surface.radii, [grown], atol=1e-12)
 
 
 # ---------------------------------------------------------------- the hand
@@ -218,7 +238,7 @@ def test_carving_brings_no_point_of_the_estimate_off_the_object() -> None:
     true = trimesh.proximity.signed_distance(shape.mesh, points) > 1e-4
     for name, estimator in ESTIMATORS.items():
         before = estimator(contacts)
-        after = carved(before, contacts)
+        after = carved(before, contacts, growth=0.0)
         changed = (before.evaluate(points) < 0.0) & (after.evaluate(points) >= 0.0)
         assert changed.any(), name
         assert not (changed & true).any(), name

@@ -15,7 +15,7 @@ from lis_grasp.exploration import aiming, choices
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.surfaces import ImplicitSurface, carved, uncarved
+from lis_grasp.surfaces import ImplicitSurface, uncarved
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -98,7 +98,7 @@ class TargetPolicy:
         sideways = aiming.from_within(space, contacts, guessed, outcomes, rng)
         if sideways is not None:
             return sideways
-        sought = surface if self.guess is None else carved(guessed, contacts)
+        sought = surface if self.guess is None else guessed
         best = self._best(sought, contacts, outcomes, rng)
         if self.guess is not None and (best is None or best.gap <= space.step):
             own = self._best(surface, contacts, outcomes, rng)

@@ -38,8 +38,8 @@ class CarvedImplicitSurface:
     f = max(g, max_i (r_i - |x - c_i|))
 
     with the estimate g and balls of centres c_i and radii r_i: the difference of two solids. It is
-    outside wherever g is, and besides in every ball; where no ball is, it is g. So it is nearer to
-    the truth than g at every point, if the balls are free in truth. Made by `carved`.
+    outside wherever g is, and besides in every ball; where no ball is, it is g. Where the balls are
+    free in truth, it is wrong about no point of space that g is right about. Made by `carved`.
 
     Parameters
     ----------
@@ -111,12 +111,20 @@ def uncarved(surface: ImplicitSurface) -> ImplicitSurface:
     return surface.surface if isinstance(surface, CarvedImplicitSurface) else surface
 
 
-def carved(surface: ImplicitSurface, contacts: Contacts, *, margin: float = 0.0) -> ImplicitSurface:
+def carved(
+    surface: ImplicitSurface, contacts: Contacts, *, margin: float = 0.0, growth: float = 1.0
+) -> ImplicitSurface:
     """Return an estimate without what contradicts the free space of its contacts.
 
-    A ball never reaches beyond the contact that is nearest to its centre, so every contact of the
-    surface stays on it. Only balls that the estimate is inside of are kept; where there is none,
-    the estimate itself is returned.
+    Only balls that the estimate reaches into are kept; where there is none, the estimate itself is
+    returned. A ball never reaches beyond the contact that is nearest to its centre, so every
+    contact of the surface stays on it.
+
+    Where a hand passed deep inside the estimate, the estimate is wrong by more than the hand's
+    width: a tunnel through a plug that is not there leaves a plug with a tunnel. So such a ball
+    grows, by as much as its centre is inside, but no farther than halfway to the nearest contact:
+    between what is known to be free and what is known to be surface the middle is as good a guess
+    as any. Without growth only what is certain is carved off.
 
     Parameters
     ----------
@@ -127,23 +135,35 @@ def carved(surface: ImplicitSurface, contacts: Contacts, *, margin: float = 0.0)
     margin
         By how much balls are made smaller [m]: two standard deviations of where the hand is known
         to be, say.
+    growth
+        How much a ball grows, in depths of its centre inside the estimate; 0 for not at all.
 
     Raises
     ------
     InvalidOptionError
-        If the margin is negative or not finite.
+        If the margin or the growth is negative or not finite.
     """
     require_range("margin", margin, 0.0, unit="m")
+    require_range("growth", growth, 0.0)
     centers, radii = contacts.free_points, contacts.free_radii - margin
     low, high = surface.bounds
     reaches = (radii > 0.0) & np.all((centers + radii[:, None] > low), axis=1)
     reaches &= np.all(centers - radii[:, None] < high, axis=1)
     centers, radii = centers[reaches], radii[reaches]
-    if len(contacts) and len(centers):
-        radii = np.minimum(radii, cKDTree(contacts.points).query(centers)[0])
-    near = np.flatnonzero(surface.evaluate(centers) < _FAR * radii)
+    nearest = _to_nearest(contacts, centers)
+    radii = np.minimum(radii, nearest)
+    values = surface.evaluate(centers)
+    near = np.flatnonzero(values < _FAR * radii)
     places = centers[near, None] + radii[near, None, None] * _PLACES  # (B, 15, 3)
     kept = near[(surface.evaluate(places) < 0.0).any(axis=1)]
     if not len(kept):
         return surface
-    return CarvedImplicitSurface(surface, centers[kept], radii[kept])
+    grown = np.minimum(radii - growth * values, 0.5 * (radii + nearest))[kept]
+    return CarvedImplicitSurface(surface, centers[kept], np.maximum(grown, radii[kept]))
+
+
+def _to_nearest(contacts: Contacts, centers: FloatArray) -> FloatArray:
+    """Return the distance from each centre to the nearest contact, shape (K,) [m]."""
+    if not len(contacts) or not len(centers):
+        return np.full(len(centers), np.inf)
+    return np.asarray(cKDTree(contacts.points).query(centers)[0])
