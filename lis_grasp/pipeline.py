@@ -46,6 +46,9 @@ FloatArray = npt.NDArray[np.float64]
 PROBERS = ("dynamic", "kinematic")
 """What can carry out touches."""
 
+FINGERS = ("one", "all")
+"""Which fingers touch in one approach."""
+
 # One independent random stream a stage, so that a stage run alone repeats what it did in a row.
 _TOUCH_STREAM, _GRASP_STREAM = 1, 2
 
@@ -68,6 +71,9 @@ class RunConfig:
         Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`.
     prober
         "dynamic": the hand touches in Drake; "kinematic": by geometry alone, some times faster.
+    fingers
+        "one": one touch a probe; "all": then the other fingers stretch out until they touch too
+        (kinematic prober only).
     free
         Whether the object stands on a table and may be pushed while it is touched; else it is held.
     policy
@@ -98,6 +104,7 @@ class RunConfig:
     hand: str = "allegro"
     estimator: str = "blend"
     prober: str = "dynamic"
+    fingers: str = "one"
     free: bool = False
     policy: str = "spread"
     until_coverage: float | None = None
@@ -116,6 +123,7 @@ class RunConfig:
         for name, choices in (
             ("estimator", tuple(ESTIMATORS)),
             ("prober", PROBERS),
+            ("fingers", FINGERS),
             ("policy", tuple(POLICIES)),
         ):
             if getattr(self, name) not in choices:
@@ -128,6 +136,10 @@ class RunConfig:
         if self.free and self.prober != "dynamic":
             raise InvalidOptionError(
                 f"an object that stands free needs the dynamic prober; it is '{self.prober}'"
+            )
+        if self.fingers != "one" and self.prober != "kinematic":
+            raise InvalidOptionError(
+                f"touching with all fingers needs the kinematic prober; it is '{self.prober}'"
             )
         if self.seed < 0:
             raise InvalidOptionError(f"seed must not be negative; it is {self.seed}")
@@ -233,7 +245,9 @@ def _make_prober(config: RunConfig, hand: Hand, shape: Shape) -> Prober:
     if config.prober == "kinematic":
         from lis_grasp.simulation.kinematic_probing import KinematicProber
 
-        return KinematicProber(hand, shape.mesh)
+        return KinematicProber(
+            hand, shape.mesh, fingers="all" if config.fingers == "all" else "one"
+        )
     from lis_grasp.simulation.probing import DynamicProber
     from lis_grasp.simulation.probing_scene import FreeObject
 

@@ -19,6 +19,7 @@ from lis_grasp.exploration import (
     Workspace,
     explore,
 )
+from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.zero_set import sample_zero_set
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
@@ -467,3 +468,22 @@ def test_a_target_is_not_tried_twice_from_the_same_side() -> None:
 def test_no_touch_at_all_is_a_result() -> None:
     exploration = Exploration(Contacts.empty(), ())
     assert exploration.summary() == "0 contacts from 0 probes (0 touched, 0 missed, 0 blocked)"
+
+
+def test_no_target_is_in_free_space() -> None:
+    # The estimate is a ball of 1 m; a link filled a ball about its pole, and touched nothing.
+    pole = np.array([[0.0, 0.0, 1.0]])
+    touched = Contacts([[-1.0, 0.0, 0.0]], [[-1.0, 0.0, 0.0]])
+    felt = Contacts(touched.points, touched.normals, free_points=pole, free_radii=[0.4])
+    space = Workspace(0.5, np.zeros(3), 2.0)
+    outcomes = [
+        ProbeOutcome(Probe([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.1, 0.1), "touched", touched)
+    ]
+    before = Targets.find(space, touched, Ball(1.0), outcomes, rng=np.random.default_rng(0))
+    after = Targets.find(space, felt, Ball(1.0), outcomes, rng=np.random.default_rng(0))
+    near = np.linalg.norm(after.points - pole, axis=1) < 0.3
+    far = np.linalg.norm(after.points - pole, axis=1) > 0.9
+    assert near.any()
+    assert before.new[near].all()
+    assert not after.new[near].any()
+    np.testing.assert_array_equal(after.new[far], before.new[far])

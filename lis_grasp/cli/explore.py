@@ -27,6 +27,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_hand(parser)
     opt.add_estimator(parser)
     opt.add_prober(parser)
+    opt.add_fingers(parser)
     opt.add_free(parser)
     opt.add_physics(parser)
     opt.add_friction(parser)

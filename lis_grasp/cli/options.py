@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.exploration import POLICIES
-from lis_grasp.pipeline import PROBERS, RunConfig
+from lis_grasp.pipeline import FINGERS, PROBERS, RunConfig
 from lis_grasp.shapes import NAMES, UNITS, Shape, find
 from lis_grasp.surfaces import ESTIMATORS
 
@@ -57,6 +57,16 @@ def add_prober(parser: argparse.ArgumentParser) -> None:
         choices=PROBERS,
         help="touch in Drake's dynamics, or by geometry alone, some times faster (default:"
         f" {_DEFAULTS.prober})",
+    )
+
+
+def add_fingers(parser: argparse.ArgumentParser) -> None:
+    """Add which fingers touch in one approach."""
+    parser.add_argument(
+        "--fingers",
+        choices=FINGERS,
+        help="whether the other fingers stretch out too once one has touched, with --prober"
+        f" kinematic (default: {_DEFAULTS.fingers})",
     )
 
 

@@ -36,6 +36,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_hand(parser)
     opt.add_estimator(parser)
     opt.add_prober(parser)
+    opt.add_fingers(parser)
     opt.add_free(parser)
     opt.add_policy(parser)
     opt.add_noise(parser)

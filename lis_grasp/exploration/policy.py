@@ -94,11 +94,12 @@ class TargetPolicy:
             return aiming.opening(space, outcomes, rng)
         if surface is None or not len(contacts):
             return aiming.across(space, rng)
-        guessed = uncarved(surface) if self.guess is None else self.guess(contacts)
-        sideways = aiming.from_within(space, contacts, guessed, outcomes, rng)
+        # What free space is carved off ends in walls of its own, which are no places to touch.
+        surface = uncarved(surface)
+        sought = surface if self.guess is None else self.guess(contacts)
+        sideways = aiming.from_within(space, contacts, sought, outcomes, rng)
         if sideways is not None:
             return sideways
-        sought = surface if self.guess is None else guessed
         best = self._best(sought, contacts, outcomes, rng)
         if self.guess is not None and (best is None or best.gap <= space.step):
             own = self._best(surface, contacts, outcomes, rng)

@@ -13,7 +13,7 @@ from lis_grasp.exploration.aiming import SAME_DIRECTION
 from lis_grasp.exploration.motion_time import seconds_to_touch
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces import ImplicitSurface, carved
 
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -22,6 +22,8 @@ Mask = npt.NDArray[np.bool_]
 _SAME_TARGET = 0.4
 # Where a tip passed and felt nothing there is no surface, within this share of a step.
 _PASSED = 0.2
+# Nor is there where any link passed, but for the last of its way to a touch; in steps.
+_IN_FREE_SPACE = 0.05
 # A surface that looks down more than this is not touched above a table (45 degrees).
 _FROM_BELOW = -float(np.sqrt(0.5))
 # A contact says nothing of a surface that faces away from it, as the far side of a thin wall does.
@@ -41,7 +43,8 @@ class Targets:
     emptiness
         Shape (P,) [m]: distance to where a tip passed and felt nothing.
     new
-        Shape (P,): whether the point may be aimed at: no earlier target, no place found empty.
+        Shape (P,): whether the point may be aimed at: no earlier target, no place found empty, nor
+        in free space.
     step
         Distance between touches that is aimed at [m].
     seconds
@@ -67,11 +70,12 @@ class Targets:
         *,
         rng: np.random.Generator,
     ) -> Targets:
-        """Return the targets that an estimate offers."""
+        """Return the targets that an estimate offers, as it is before free space is carved off."""
         points, normals = space.sample(surface, rng=rng)
         nearest, second = gaps(points, normals, contacts)
         emptiness = _distance_to_passed(points, outcomes)
         new = emptiness > _PASSED * space.step
+        new &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
         if space.support_height is not None:  # nothing comes in from below a table
             new &= points[:, 2] > space.support_height + _PASSED * space.step
             new &= normals[:, 2] > _FROM_BELOW
