@@ -52,10 +52,12 @@ def test_fingers_stop_where_they_meet_the_surface() -> None:
     shape = shapes.build("mallet", 0.2)
     hand = Hand.load("allegro")
     motion, others = GuardedMotion(hand, shape.mesh, None), OtherFingers(hand, shape.mesh)
-    points, faces = trimesh.sample.sample_surface(shape.mesh, 12, seed=1)
+    rng = np.random.default_rng(1)
+    points, faces = trimesh.sample.sample_surface(shape.mesh, 20, seed=rng)
     met = 0
     for point, normal in zip(points, shape.mesh.face_normals[faces], strict=True):
-        course = motion.run(Probe(point, -normal, 0.03, 0.02), None)
+        aslant = np.cross(normal, rng.normal(size=3)) - normal  # fingers ahead of the leading one
+        course = motion.run(Probe(point, aslant, 0.03, 0.02), None)
         if not isinstance(course, Course) or course.met is None:
             continue
         X_OH = course.X_OH.copy()
