@@ -62,12 +62,12 @@ def lifts(name: str, seed: int, hand_name: str) -> list[Row]:
     shape = shapes.build(name) if name in shapes.NAMES else shapes.load(name)
     hand = Hand.load(hand_name)
     config = RunConfig(object=name, hand=hand_name, touches=15, seed=seed, prober="kinematic")
-    contacts = touch(shape, hand, config).contacts
+    exploration = touch(shape, hand, config)
     rows: list[Row] = [{"object": name, "seed": seed, "hand": hand_name, "reason": None}]
     for estimator, count in BUDGETS:
         rows += [
             {**rows[0], "estimator": estimator, "touches": count, **row}
-            for row in _lifts_on(shape, hand, contacts.subset(slice(count)), estimator, seed)
+            for row in _lifts_on(shape, hand, exploration.first(count), estimator, seed)
         ]
     return rows
 

@@ -58,7 +58,7 @@ def trials(name: str, seed: int) -> list[Row]:
     for hand_name in dict.fromkeys(hand for hand, _ in PLANS):
         hand = Hand.load(hand_name)
         config = RunConfig(object=name, hand=hand_name, seed=seed, prober="kinematic")
-        contacts = touch(shape, hand, config).contacts
+        exploration = touch(shape, hand, config)
         for planned_on in [on for which, on in PLANS if which == hand_name]:
             attempts, outcome, foretold = 1, None, None
             if planned_on == "truth":
@@ -76,7 +76,7 @@ def trials(name: str, seed: int) -> list[Row]:
                         shape, hand, search.grasps[0], mass=config.mass, friction=config.friction
                     )
             else:
-                known = contacts.subset(slice(int(planned_on)))
+                known = exploration.first(int(planned_on))
                 tried = list(grasp_by_touch(shape, hand, known, config))
                 attempts, outcome = len(tried), tried[-1].outcome
                 if outcome is not None:

@@ -84,6 +84,8 @@ class RunConfig:
     position_noise, normal_noise
         Of the tactile sensor: one standard deviation of positions along each axis [m], of each
         component of normals [rad]. The estimator is told.
+    free_space
+        Whether the space that the hand passed through is carved off the estimate.
     touches
         Contacts to make before grasping.
     seed
@@ -112,6 +114,7 @@ class RunConfig:
     max_seconds: float | None = None
     position_noise: float = 0.0
     normal_noise: float = 0.0
+    free_space: bool = True
     touches: int = 40
     seed: int = 0
     mass: float = 0.2
@@ -264,11 +267,20 @@ def _told(estimator: str, sensor: TactileSensor | None) -> Estimator:
 
 
 def estimate(
-    contacts: Contacts, estimator: str, sensor: TactileSensor | None = None
+    contacts: Contacts,
+    estimator: str,
+    sensor: TactileSensor | None = None,
+    *,
+    free_space: bool = True,
 ) -> tuple[ImplicitSurface, trimesh.Trimesh]:
-    """Estimate the surface from contacts of a sensor, without their free space, and mesh it."""
-    margin = 0.0 if sensor is None else sensor.free_margin
-    surface = carved(_told(estimator, sensor)(contacts), contacts, margin=margin)
+    """Estimate the surface from contacts of a sensor, and mesh it.
+
+    With `free_space`, what the contacts know to be free is carved off.
+    """
+    surface = _told(estimator, sensor)(contacts)
+    if free_space:
+        margin = 0.0 if sensor is None else sensor.free_margin
+        surface = carved(surface, contacts, margin=margin)
     return surface, extract_mesh(surface)
 
 

@@ -117,7 +117,9 @@ def grasp_by_touch(
 
 def _planner(shape: Shape, hand: Hand, config: pipeline.RunConfig) -> Planner:
     def estimate_and_plan(contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
-        _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
+        _, mesh = pipeline.estimate(
+            contacts, config.estimator, config.sensor(), free_space=config.free_space
+        )
         return mesh, pipeline.plan(
             mesh,
             hand,

@@ -120,8 +120,9 @@ def estimates_on_the_way(
     growth = []
     for count in counts_on_the_way(len(contacts)):
         try:
+            # What was known to be free by then, these contacts do not tell.
             _, mesh = pipeline.estimate(
-                contacts.subset(np.arange(count)), estimator, _sensor(facts)
+                contacts.subset(np.arange(count)), estimator, _sensor(facts), free_space=False
             )
         except LisGraspError:  # too few contacts, or nothing that they enclose
             continue

@@ -29,6 +29,7 @@ def make_contacts(count: int = 7, *, seed: int = 0, full: bool = True) -> Contac
         tuple(rng.choice(["index", "middle", "thumb, left"], count).tolist()),
         np.sort(rng.uniform(0.0, 60.0, count)),
         rng.normal(size=(5, 3)),
+        rng.uniform(0.0, 0.02, 5),
     )
 
 
@@ -45,6 +46,7 @@ def same(a: Contacts, b: Contacts) -> bool:
         and equal(a.times, b.times)
         and a.fingers == b.fingers
         and equal(a.free_points, b.free_points)
+        and equal(a.free_radii, b.free_radii)
     )
 
 
@@ -89,6 +91,8 @@ def test_normals_of_few_digits_become_unit_length() -> None:
         ({"times": [[0.0]]}, r"times must have shape \(1\)"),
         ({"fingers": ("a", "b")}, "one finger a contact"),
         ({"free_points": [[0, 0]]}, "free_points must have shape"),
+        ({"free_points": [[0, 0, 0]], "free_radii": [-0.1]}, "free_radii must be lengths"),
+        ({"free_points": [[0, 0, 0]], "free_radii": [0.1, 0.1]}, "free_radii must have shape"),
     ],
 )
 def test_what_is_no_contact_is_refused(fields: dict, message: str) -> None:
@@ -341,3 +345,15 @@ def test_a_saved_csv_is_a_plain_table(tmp_path: Path) -> None:
     rows = list(csv.DictReader(io.StringIO((tmp_path / "a.csv").read_text())))
     assert list(rows[0]) == ["x", "y", "z", "nx", "ny", "nz"]
     assert len(rows) == 3
+
+
+def test_free_points_of_files_without_radii_are_points(tmp_path: Path) -> None:
+    path = tmp_path / "old.csv"
+    path.write_text("x,y,z,nx,ny,nz,kind\n0,0,0,0,0,1,contact\n0,0,1,,,,free\n")
+    contacts = Contacts.load(path)
+    np.testing.assert_array_equal(contacts.free_points, [[0.0, 0.0, 1.0]])
+    np.testing.assert_array_equal(contacts.free_radii, [0.0])
+    make_contacts().save(tmp_path / "new.ply")
+    text = (tmp_path / "new.ply").read_text().replace("property double radius", "property double r")
+    (tmp_path / "old.ply").write_text(text)
+    np.testing.assert_array_equal(Contacts.load(tmp_path / "old.ply").free_radii, np.zeros(5))

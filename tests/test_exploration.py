@@ -487,3 +487,12 @@ def test_no_target_is_in_free_space() -> None:
     assert before.new[near].all()
     assert not after.new[near].any()
     np.testing.assert_array_equal(after.new[far], before.new[far])
+
+
+def test_the_first_contacts_come_with_what_was_free_by_then() -> None:
+    exploration = run(Scripted([touch_at(0.0), Contacts.empty(), touch_at(0.1, 0.2)]), 5)
+    first = exploration.first(2)
+    np.testing.assert_array_equal(first.points[:, 2], [0.0, 0.1])
+    np.testing.assert_array_equal(first.free_points[:, 0], [2, 2, 1, 1, 0, 0])
+    np.testing.assert_array_equal(exploration.first(1).free_points[:, 0], [2, 2])
+    assert len(exploration.first(9)) == len(exploration.contacts)

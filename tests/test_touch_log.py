@@ -113,7 +113,9 @@ def test_contacts_of_any_kind_survive(tmp_path: Path) -> None:
     )
     probes = [Probe(rng.normal(size=3), rng.normal(size=3), 0.1, 0.2) for _ in range(2)]
     outcomes: Sequence[ProbeOutcome] = [
-        ProbeOutcome(probe, "touched", contacts, rng.normal(size=(4, 3)), 0.3)
+        ProbeOutcome(
+            probe, "touched", contacts, rng.normal(size=(4, 3)), 0.3, free_radii=rng.random(4)
+        )
         for probe, contacts in zip(probes, (bare, full), strict=True)
     ]
     for outcome in outcomes:
@@ -122,6 +124,7 @@ def test_contacts_of_any_kind_survive(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read.probe.direction, written.probe.direction)
         np.testing.assert_array_equal(read.contacts.normals, written.contacts.normals)
         np.testing.assert_array_equal(read.free_points, written.free_points)
+        np.testing.assert_array_equal(read.free_radii, written.free_radii)
         assert (read.contacts.forces is None) == (written.contacts.forces is None)
         assert read.contacts.fingers == written.contacts.fingers
 

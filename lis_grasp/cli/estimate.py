@@ -27,6 +27,7 @@ def add_parser(verbs: Any) -> None:
         " columns x,y,z,nx,ny,nz",
     )
     opt.add_estimator(parser)
+    opt.add_free_space(parser)
     opt.add_noise(parser)
     opt.add_output(parser, "the folder of CONTACTS")
     parser.set_defaults(execute=execute)
@@ -39,7 +40,9 @@ def execute(options: argparse.Namespace) -> None:
     config = opt.configure(options, recorded)
     output = options.output or options.contacts.parent
     with Stage(f"Estimating the surface ({config.estimator})") as stage:
-        _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
+        _, mesh = pipeline.estimate(
+            contacts, config.estimator, config.sensor(), free_space=config.free_space
+        )
         stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
     path = output / "surface.ply"
     with result_file(path) as temporary:
@@ -48,6 +51,7 @@ def execute(options: argparse.Namespace) -> None:
             estimator=config.estimator,
             position_noise=config.position_noise,
             normal_noise=config.normal_noise,
+            free_space=config.free_space,
         )
         save_surface(mesh, temporary, header=header)
     say(f"wrote {path}")

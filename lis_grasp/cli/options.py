@@ -50,6 +50,17 @@ def add_estimator(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_free_space(parser: argparse.ArgumentParser) -> None:
+    """Add whether the estimate may reach into space that the hand passed through."""
+    parser.add_argument(
+        "--free-space",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="whether space that the hand passed through is carved off the estimate (default: it"
+        " is)",
+    )
+
+
 def add_prober(parser: argparse.ArgumentParser) -> None:
     """Add the choice of what carries out touches."""
     parser.add_argument(

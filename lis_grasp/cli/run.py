@@ -39,6 +39,7 @@ def add_parser(verbs: Any) -> None:
     opt.add_fingers(parser)
     opt.add_free(parser)
     opt.add_policy(parser)
+    opt.add_free_space(parser)
     opt.add_noise(parser)
     opt.add_touches(parser)
     opt.add_grasps(parser)
@@ -124,7 +125,9 @@ def _estimate(
 ) -> trimesh.Trimesh:
     title = f"Estimating the surface ({config.estimator})"
     with Stage(title) as stage, watch.measure("estimate"):
-        _, mesh = pipeline.estimate(contacts, config.estimator, config.sensor())
+        _, mesh = pipeline.estimate(
+            contacts, config.estimator, config.sensor(), free_space=config.free_space
+        )
         with whole_file(output / "surface.ply") as temporary:
             recorded = provenance.read(output / "contacts.ply")
             header = provenance.merge(recorded, estimator=config.estimator)

@@ -59,6 +59,22 @@ class Exploration:
             clock += outcome.duration
         return cls(contacts, tuple(outcomes), "replayed")
 
+    def first(self, touches: int) -> Contacts:
+        """Return the first contacts, and what was known to be free when the last of them was felt.
+
+        Parameters
+        ----------
+        touches
+            How many contacts; all where there are no more.
+        """
+        contacts, clock = Contacts.empty(), 0.0
+        for outcome in self.outcomes:
+            if len(contacts) >= touches:
+                break
+            contacts = _with_outcome(contacts, outcome, clock, touches)
+            clock += outcome.duration
+        return contacts
+
     @property
     def touched(self) -> int:
         """Number of probes that felt something."""
