@@ -1,5 +1,7 @@
 """Free space taken out of an estimate: closed forms, contacts that stay, and the true objects."""
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lis_grasp import shapes
+from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidOptionError
@@ -242,3 +245,24 @@ def test_carving_brings_no_point_of_the_estimate_off_the_object() -> None:
         changed = (before.evaluate(points) < 0.0) & (after.evaluate(points) >= 0.0)
         assert changed.any(), name
         assert not (changed & true).any(), name
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".csv"])
+def test_the_command_line_carves_what_a_file_of_contacts_knows_to_be_free(
+    tmp_path: Path, suffix: str
+) -> None:
+    # Five touches leave one side of a ball to guess; a hand was there, 1 cm before the guess.
+    normals = np.vstack([np.eye(3), -np.eye(3)])[:5]
+    contacts = Contacts(
+        RADIUS * normals, normals, free_points=[[0.0, 0.0, -0.8 * RADIUS]], free_radii=[0.015]
+    )
+    path = tmp_path / f"contacts{suffix}"
+    contacts.save(path)
+    volumes = {}
+    for flag in ("--free-space", "--no-free-space"):
+        output = tmp_path / flag
+        output.mkdir()
+        arguments = ["estimate", str(path), "--estimator", "gpis", flag, "--output", str(output)]
+        assert main(arguments) == 0
+        volumes[flag] = trimesh.load(output / "surface.ply").volume
+    assert volumes["--free-space"] < 0.99 * volumes["--no-free-space"]
