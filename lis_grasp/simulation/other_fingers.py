@@ -11,7 +11,7 @@ import trimesh
 
 from lis_grasp.exploration.motion_time import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.grasping.collision import HandCollisionChecker, NearestLink
-from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand import Hand, Joint
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -127,8 +127,18 @@ class OtherFingers:
 
 
 def _reach(hand: Hand, index: int) -> float:
-    """Return how far a joint moves any point of the hand's bodies, at the most [m per rad or m]."""
-    moved = next(joint for joint in hand.joints if joint.index == index)
+    """Return how far a joint moves any point of the hand's bodies, at the most [m per rad or m].
+
+    Joints that follow it count too.
+    """
+    return sum(
+        abs(joint.multiplier) * _reach_of(hand, joint)
+        for joint in hand.joints
+        if joint.index == index
+    )
+
+
+def _reach_of(hand: Hand, moved: Joint) -> float:
     if moved.kind == "prismatic":
         return 1.0
     by_child = {joint.child: joint for joint in hand.joints}
