@@ -70,7 +70,10 @@ def test_an_estimate_without_surface_is_no_reason_to_stop() -> None:
         ({"until_coverage": 1.2}, "coverage must be above 0"),
         ({"until_uncertainty": 0.0}, "uncertainty must be above 0"),
         ({"max_seconds": float("nan")}, "time must be above 0"),
-        ({"policy": "psychic"}, "policy must be one of spread, frontier, uncertainty, random"),
+        (
+            {"policy": "psychic"},
+            "policy must be one of spread, swift, frontier, uncertainty, random",
+        ),
     ],
 )
 def test_rules_that_never_or_always_stop_are_refused(options: dict, message: str) -> None:
