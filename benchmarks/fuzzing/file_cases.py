@@ -274,11 +274,15 @@ def _rows_reader() -> dict[str, Any]:
         row |= {"key": "a" * 16, "object": "box", "version": lis_grasp.__version__, "seed": 0}
 
         def save(path: Path) -> None:
-            StudyResults(path.parent).write_merged([row])
+            results = StudyResults(path.parent)
+            results.write([row])
+            results.write_merged()
 
         return _saved(save, "rows.parquet")
 
     def check(path: Path) -> None:
+        (row,) = StudyResults(path.parent).read()  # all rows in one file, then a row's own file
+        require(isinstance(row, dict), "a row comes back")
         part = path.parent / "rows" / "aa.parquet"
         part.parent.mkdir()
         path.rename(part)
