@@ -37,8 +37,8 @@ _POSITION_NOISE = 0.01  # in spacings
 _NORMAL_NOISE = 0.05  # [rad]
 
 # More smooth patches than these are no object's, and would take minutes: so many, or where contacts
-# are very many this share of them (1 % of random contacts on a sphere lie out of reach of others,
-# and are patches of their own); but no more values of patches at contacts than memory holds.
+# are very many this share of them (random contacts on a sphere leave islands out of reach of the
+# rest, patches of their own, 1 % as many as contacts); but no more values of patches at contacts than memory holds.
 _MOST_PATCHES, _MOST_PATCHES_OF_CONTACTS = 1000, 0.02
 _MOST_VALUES = 200_000_000
 
