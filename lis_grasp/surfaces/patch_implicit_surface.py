@@ -38,7 +38,8 @@ _NORMAL_NOISE = 0.05  # [rad]
 
 # More smooth patches than these are no object's, and would take minutes: so many, or where contacts
 # are very many this share of them (random contacts on a sphere leave islands out of reach of the
-# rest, patches of their own, 1 % as many as contacts); but no more values of patches at contacts than memory holds.
+# rest, patches of their own, 1 % as many as contacts); but no more values of patches at contacts
+# than memory holds.
 _MOST_PATCHES, _MOST_PATCHES_OF_CONTACTS = 1000, 0.02
 _MOST_VALUES = 200_000_000
 
