@@ -5,13 +5,13 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
 import yaml
 
 from fuzzing.cases import Case, Kind, require
+from fuzzing.claw import SDF, YAML
 from fuzzing.mutations import damage_bytes, damage_plain, damage_xml
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.hand_check import check_hand
@@ -19,60 +19,11 @@ from lis_grasp.model_files import model_path
 
 Generator = np.random.Generator
 
-_MASS = (
-    "<inertial><mass>0.2</mass><inertia><ixx>2e-4</ixx><iyy>3e-4</iyy><izz>2.5e-4</izz>"
-    "<ixy>1e-5</ixy><ixz>0</ixz><iyz>-2e-5</iyz></inertia></inertial>"
+# One body is a mesh, so that its file can be mangled too.
+_SDF = SDF.replace("<pose>0.01 0 0 0 0 0.3</pose>", "").replace(
+    "<box><size>0.06 0.05 0.04</size></box>",
+    "<mesh><uri>body.stl</uri><scale>1 1 1</scale></mesh>",
 )
-_LIMIT = "<limit><lower>-0.5</lower><upper>1.2</upper><effort>3</effort></limit>"
-_SDF = f"""<?xml version="1.0"?>
-<sdf version="1.9" xmlns:drake="http://drake.mit.edu"><model name="claw">
-  <link name="palm">{_MASS}<collision name="c"><pose>0 0 0.01 0.1 0 0</pose>
-    <geometry><mesh><uri>body.stl</uri><scale>1 1 1</scale></mesh></geometry></collision></link>
-  <frame name="knuckle" attached_to="palm"><pose>0.02 0.01 0.03 0.2 -0.1 0.4</pose></frame>
-  <link name="finger"><pose relative_to="knuckle">0.01 0 0 0 0.3 0</pose>{_MASS}
-    <collision name="c"><geometry><capsule><radius>0.008</radius><length>0.05</length></capsule>
-    </geometry></collision></link>
-  <joint name="bend" type="revolute"><pose>0 0.002 -0.02 0.1 0 0</pose>
-    <parent>palm</parent><child>finger</child>
-    <axis><xyz expressed_in="knuckle">0 1 0.2</xyz>{_LIMIT}</axis></joint>
-  <link name="tip"><pose degrees="true" relative_to="bend">0 0 0.06 0 30 0</pose>{_MASS}
-    <collision name="c"><geometry><sphere><radius>0.009</radius></sphere></geometry></collision>
-  </link>
-  <joint name="curl" type="revolute"><parent>finger</parent><child>tip</child>
-    <axis><xyz>0 1 0</xyz>{_LIMIT}</axis>
-    <drake:mimic joint="bend" multiplier="0.5" offset="0.1"/></joint>
-  <link name="thumb"><pose>-0.03 0 0.02 0 0 0</pose>{_MASS}
-    <collision name="c"><pose>0 0 0.03 0 0 0</pose><geometry><cylinder><radius>0.007</radius>
-    <length>0.06</length></cylinder></geometry></collision></link>
-  <joint name="slide" type="prismatic"><pose relative_to="palm">-0.02 0 0 0 0 0.5</pose>
-    <parent>palm</parent><child>thumb</child>
-    <axis><xyz>1 0 0</xyz>{_LIMIT}</axis></joint>
-  <link name="plate"><pose relative_to="thumb">0 0 0.06 0 0 0</pose></link>
-  <joint name="mount" type="fixed"><parent>thumb</parent><child>plate</child></joint>
-</model></sdf>
-"""
-_YAML: dict[str, Any] = {
-    "name": "claw",
-    "kind": "multi_finger",
-    "urdf": "claw.sdf",
-    "joints": ["bend", "slide"],
-    "palm_frame": {"translation": [0, 0, 0.03], "rpy": [0, 0, 0]},
-    "approach": [0, 0, 1],
-    "max_contact_force": 5,
-    "pads": {
-        name: {"link": link, "center": [0, 0, 0], "radius": 0.009, "axis": axis, "half_angle": 1}
-        for name, link, axis in (("finger", "tip", [-1, 0, 0]), ("thumb", "plate", [1, 0, 0]))
-    },
-    "pregrasps": {"wide": [0.1, 0.1]},
-    "probe_postures": {
-        "finger": {
-            "positions": [0, 0],
-            "direction": [0, 0, 1],
-            "tip": {"link": "tip", "center": [0, 0, 0], "radius": 0.009},
-        }
-    },
-    "self_collision_exclusions": [],
-}
 
 
 def write_hand(folder: Path, group: str, rng: Generator) -> tuple[Path, Path]:
@@ -81,7 +32,7 @@ def write_hand(folder: Path, group: str, rng: Generator) -> tuple[Path, Path]:
     trimesh.creation.box(extents=(0.06, 0.05, 0.04)).export(folder / "body.stl")
     if group == "sdf" or (group == "yaml" and rng.random() < 0.3):
         (folder / "claw.sdf").write_text(_SDF)
-        (folder / "claw.yaml").write_text(yaml.safe_dump(_YAML))
+        (folder / "claw.yaml").write_text(yaml.safe_dump(YAML))
         return folder / "claw.yaml", folder / "claw.sdf"
     name = str(rng.choice(["wsg50", "wsg50", "barrett"]))
     for ending in (".yaml", ".urdf"):
