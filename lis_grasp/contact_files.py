@@ -24,6 +24,7 @@ from plyfile import PlyData, PlyElement, PlyParseError
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidFileError
+from lis_grasp.output_files import write_bytes
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -73,10 +74,7 @@ def save_contacts(contacts: Contacts, path: Path, *, header: str = "") -> None:
     _require_format(path)
     is_ply = path.suffix.lower() == ".ply"
     content = _ply_bytes(contacts, header) if is_ply else _csv_bytes(contacts)
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise InvalidFileError(f"cannot write {path}: {error.strerror}") from None
+    write_bytes(path, content)
 
 
 def _require_format(path: Path) -> None:

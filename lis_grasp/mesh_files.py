@@ -17,6 +17,7 @@ import trimesh
 from plyfile import PlyData, PlyElement, PlyParseError
 
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError
+from lis_grasp.output_files import write_bytes
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -49,10 +50,7 @@ def save_surface(mesh: trimesh.Trimesh, path: Path | str, *, header: str = "") -
     path = Path(path)
     _require_ply(path)
     content = _ply_bytes(mesh, header)
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise InvalidFileError(f"cannot write {path}: {error.strerror}") from None
+    write_bytes(path, content)
 
 
 def load_surface(path: Path | str) -> trimesh.Trimesh:

@@ -1,6 +1,9 @@
 """The command line as a user meets it: exit codes, messages, files, equal bytes."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +57,28 @@ def test_the_same_seed_writes_the_same_bytes(cube_contacts: Path, tmp_path: Path
         surface = folder / "surface.ply"
         assert main(["grasp", str(surface), "--hand", "wsg50", "--seed", "5"]) == 0
         written.append([surface.read_bytes(), (folder / "grasps.json").read_bytes()])
+    assert written[0] == written[1]
+
+
+def test_the_number_of_threads_changes_no_byte(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(60, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = 0.04 * normals + rng.normal(scale=0.001, size=(60, 3))
+    Contacts(points, normals).save(tmp_path / "contacts.ply")
+    written = []
+    for threads in ("1", "2"):
+        output = tmp_path / threads
+        subprocess.run(
+            [
+                *(sys.executable, "-m", "lis_grasp.cli.main", "estimate"),
+                *(str(tmp_path / "contacts.ply"), "--estimator", "gpis", "--output", str(output)),
+            ],
+            env={**os.environ, "OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads},
+            check=True,
+            capture_output=True,
+        )
+        written.append((output / "surface.ply").read_bytes())
     assert written[0] == written[1]
 
 

@@ -329,7 +329,10 @@ def test_a_missing_file_is_refused_by_name(tmp_path: Path, name: str) -> None:
         Contacts.load(tmp_path / name)
 
 
-def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_there_is_made_where_it_can_be(tmp_path: Path) -> None:
+    make_contacts().save(tmp_path / "new" / "contacts.ply")
+    assert len(Contacts.load(tmp_path / "new" / "contacts.ply")) == len(make_contacts())
+    (tmp_path / "absent").write_text("a file")
     with pytest.raises(InvalidFileError, match="cannot write"):
         make_contacts().save(tmp_path / "absent" / "contacts.ply")
 

@@ -142,7 +142,8 @@ def test_another_ending_is_refused(mesh: trimesh.Trimesh, tmp_path: Path) -> Non
         load_surface(tmp_path / "surface.stl")
 
 
-def test_a_folder_that_is_not_there_is_named(mesh: trimesh.Trimesh, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_is_named(mesh: trimesh.Trimesh, tmp_path: Path) -> None:
+    (tmp_path / "nowhere").write_text("a file")
     with pytest.raises(InvalidFileError, match="cannot write"):
         save_surface(mesh, tmp_path / "nowhere" / "surface.ply")
 

@@ -12,7 +12,6 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results import remove_made_from
 from lis_grasp.exploration import Exploration, TouchLog
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.output_files import whole_file
 
 LOG = "touches.jsonl"
 
@@ -49,8 +48,7 @@ def execute(options: argparse.Namespace) -> None:
     hand = Hand.load(config.hand)
     exploration = touch_with_log(config, shape, hand, output)
     path = output / "contacts.ply"
-    with whole_file(path) as temporary:
-        exploration.contacts.save(temporary, header=explored_header(config, shape))
+    exploration.contacts.save(path, header=explored_header(config, shape))
     say(f"ended: {exploration.ended}")
     say(f"wrote {path} ({len(exploration.contacts)} contacts), {output / LOG}")
     say(f"next: lis-grasp estimate {path}")

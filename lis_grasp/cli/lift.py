@@ -12,7 +12,7 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasp import load_grasps
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.output_files import whole_file, write_json
+from lis_grasp.output_files import write_json
 from lis_grasp.reporting import lift_facts
 from lis_grasp.worker_pool import process_count
 
@@ -63,8 +63,7 @@ def execute(options: argparse.Namespace) -> None:
             outcome = next(trials)
             stage.result = outcome.reason
         if not outcomes:
-            with whole_file(output / "motion.npz") as temporary:
-                outcome.motion.save(temporary)
+            outcome.motion.save(output / "motion.npz")
         outcomes.append({"rank": rank, **lift_facts(outcome)})
     write_json(
         output / "lifts.json",

@@ -6,6 +6,8 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from threadpoolctl import threadpool_limits
+
 import lis_grasp
 from lis_grasp.cli import compare, doctor, estimate, explore, grasp, lift, paper, run, view
 from lis_grasp.exceptions import (
@@ -44,7 +46,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 when done, 1 when it failed, 2 on misuse, 130 on Ctrl-C."""
     options = build_parser().parse_args(arguments)
     try:
-        options.execute(options)
+        # Threads change the order of sums, and so last digits: the same bytes on any machine's cores.
+        with threadpool_limits(1):
+            options.execute(options)
     except _MISUSE as error:
         print(f"lis-grasp: {error}", file=sys.stderr)
         return 2

@@ -17,7 +17,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasp import GraspSearch, save_grasps
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.mesh_files import load_surface, save_surface
-from lis_grasp.output_files import whole_file, write_json
+from lis_grasp.output_files import write_json
 from lis_grasp.regrasp import Attempt, grasp_by_touch
 from lis_grasp.reporting import build_report
 from lis_grasp.scene_files import write_scene_of
@@ -64,8 +64,7 @@ def execute(options: argparse.Namespace) -> None:
     with watch.measure("touch"):
         exploration = touch_with_log(config, shape, hand, output)
         # Later stages take what the files hold, so that each repeats exactly when run alone.
-        with whole_file(output / "contacts.ply") as temporary:
-            exploration.contacts.save(temporary, header=explored_header(config, shape))
+        exploration.contacts.save(output / "contacts.ply", header=explored_header(config, shape))
         contacts = Contacts.load(output / "contacts.ply")
 
     attempts = _attempts(shape, hand, config, contacts, output, watch)
@@ -102,8 +101,7 @@ def _attempts(
 
     def plan(contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
         if len(contacts) > known:
-            with whole_file(output / "contacts.ply") as temporary:
-                contacts.save(temporary, header=provenance.merge(recorded))
+            contacts.save(output / "contacts.ply", header=provenance.merge(recorded))
             contacts = Contacts.load(output / "contacts.ply")
         mesh = _estimate(config, contacts, output, watch)
         return mesh, _plan(config, mesh, hand, support, output, watch)
@@ -111,8 +109,7 @@ def _attempts(
     def lift(*arguments: Any, **options: Any) -> LiftOutcome:
         with Stage(f"Lifting the true {shape.name}") as stage, watch.measure("lift"):
             outcome = pipeline.prove(*arguments, **options)
-            with whole_file(output / "motion.npz") as temporary:
-                outcome.motion.save(temporary)
+            outcome.motion.save(output / "motion.npz")
             stage.result = outcome.reason
         return outcome
 
@@ -128,10 +125,9 @@ def _estimate(
         _, mesh = pipeline.estimate(
             contacts, config.estimator, config.sensor(), free_space=config.free_space
         )
-        with whole_file(output / "surface.ply") as temporary:
-            recorded = provenance.read(output / "contacts.ply")
-            header = provenance.merge(recorded, estimator=config.estimator)
-            save_surface(mesh, temporary, header=header)
+        recorded = provenance.read(output / "contacts.ply")
+        header = provenance.merge(recorded, estimator=config.estimator)
+        save_surface(mesh, output / "surface.ply", header=header)
         stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
     return load_surface(output / "surface.ply")
 
@@ -153,9 +149,9 @@ def _plan(
             count=config.grasps,
             seed=config.seed,
         )
-        with whole_file(output / "grasps.json") as temporary:
-            recorded = provenance.read(output / "contacts.ply")
-            save_grasps(temporary, search, header=grasp_header(recorded, config, support))
+        recorded = provenance.read(output / "contacts.ply")
+        header = grasp_header(recorded, config, support)
+        save_grasps(output / "grasps.json", search, header=header)
         stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
     return search
 
