@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 when done, 1 when it failed, 2 on misuse, 130 on Ctrl-C."""
     options = build_parser().parse_args(arguments)
     try:
-        # Threads change the order of sums, and so last digits: the same bytes on any machine's cores.
+        # Threads change the order of sums, and so the last digits of results.
         with threadpool_limits(1):
             options.execute(options)
     except _MISUSE as error:
