@@ -136,6 +136,30 @@ def test_every_candidate_is_accounted_for(box_search: GraspSearch) -> None:
     assert len(box_search.grasps) + sum(box_search.rejections.values()) == box_search.candidates
 
 
+@pytest.mark.parametrize(("hand", "name"), [(ALLEGRO, "mallet"), (JAW, "box")])
+def test_grasps_turn_and_move_with_the_object(hand: Hand, name: str) -> None:
+    mesh = shapes.build(name).mesh
+    X = trimesh.transformations.rotation_matrix(0.7, [0.0, 0.0, 1.0])
+    X[:3, 3] = [0.3, -0.2, 0.05]
+    moved = mesh.copy()
+    moved.apply_transform(X)
+    here, there = (
+        ForceClosureSampler(hand, candidates=200).sample(
+            body,
+            rng=np.random.default_rng(0),
+            support_height=float(body.bounds[0, 2]),
+            count=5,
+        )
+        for body in (mesh, moved)
+    )
+    assert len(here.grasps) == len(there.grasps) > 2
+    for first, second in zip(here.grasps, there.grasps, strict=True):
+        np.testing.assert_allclose(X @ first.X_OH, second.X_OH, atol=1e-9)
+        # Epsilon in a batch is exact to some millionths.
+        chances = [g.quality["success_probability"] for g in (first, second)]
+        assert chances[0] == pytest.approx(chances[1], abs=1e-4)
+
+
 @pytest.mark.parametrize("name", ["box", "mallet", "torus"])
 def test_refined_grasps_are_likelier_to_hold(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     refined = _search(ALLEGRO, name, seed=5)

@@ -26,8 +26,9 @@ def vary(
     """Return contact sets near those of grasps, and the postures of the grasps to start from.
 
     All contacts of a set move by one random step together, and each by one of its own, whose share
-    is random too; then they go to the surface. Sets with a contact that finds no usable surface
-    where it should be are left out.
+    is random too; steps are drawn in the palm's frame, so that grasps turn with the object. Then
+    contacts go to the surface. Sets with one that finds no usable surface where it should be are
+    left out.
 
     Parameters
     ----------
@@ -56,11 +57,13 @@ def vary(
         points[g, pads], used[g, pads] = grasp.contact_points, True
     points, used = points[parents], used[parents]
     alone = rng.random((len(parents), 1, 1))
-    steps = rng.normal(scale=distance, size=(len(parents), 1 + len(hand.pads), 3))
+    poses = np.array([grasp.X_OH for grasp in grasps])
+    steps_H = rng.normal(scale=distance, size=(len(parents), 1 + len(hand.pads), 3))
+    steps = steps_H @ np.swapaxes(poses[parents, :3, :3], -1, -2)
     moved = points + (1.0 - alone) * steps[:, :1] + alone * steps[:, 1:]
     on_surface, normals, usable = samples.nearest(moved)
     kept = (usable | ~used).all(axis=1)
-    X_OH = np.array([grasp.X_OH for grasp in grasps])[parents[kept]]
+    X_OH = poses[parents[kept]]
     q = np.array([grasp.joint_positions for grasp in grasps])[parents[kept]]
     mask = used[kept][..., None]
     sets = ContactSets(
