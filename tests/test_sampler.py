@@ -188,7 +188,7 @@ def test_varied_contacts_lie_on_the_surface_beside_those_they_vary(
     ):
         fingers = [f for f, on in zip(ALLEGRO.fingers, used, strict=True) if on]
         assert fingers == list(grasps[parent].contact_fingers)
-        _, off, faces = mesh.nearest.on_surface(points[used])
+        off, faces = distances_to_mesh(points[used], mesh)
         assert off.max() < 1e-9
         np.testing.assert_allclose(mesh.face_normals[faces], normals[used], atol=1e-9)
         assert np.linalg.norm(points[used] - grasps[parent].contact_points, axis=1).max() < 0.03
