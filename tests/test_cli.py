@@ -168,7 +168,7 @@ def test_a_noisy_sensor_s_contacts_are_recorded_as_such_and_the_estimate_is_told
 @pytest.mark.slow
 def test_what_fingers_feel_is_learned_and_kept_with_the_results(tmp_path: Path) -> None:
     # Six touches tell so little of a torus that the first grasp of this seed meets it on the way.
-    arguments = ["--touches", "6", "--prober", "kinematic", "--seed", "3"]
+    arguments = ["--touches", "6", "--prober", "kinematic", "--seed", "2"]
     assert main(["run", "torus", *arguments, "--output", str(tmp_path)]) == 0
     report = json.loads((tmp_path / "report.json").read_text())
     declined = report["attempts"][:-1]
