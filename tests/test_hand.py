@@ -333,6 +333,19 @@ def test_a_mesh_of_the_urdf_is_found_beside_it_and_scaled(tmp_path: Path) -> Non
     np.testing.assert_allclose(body.mesh.extents, [0.146, 0.0495, 0.0725], rtol=1e-6)  # float32
 
 
+def test_a_package_uri_does_not_lead_out_of_its_package(tmp_path: Path) -> None:
+    folder = tmp_path / "hand"
+    folder.mkdir()
+    document, path = shipped(folder)
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    trimesh.creation.box().export(tmp_path / "body.stl")
+    urdf = folder / "wsg50.urdf"
+    mesh = '<mesh filename="package://hand/../body.stl"/>'
+    urdf.write_text(urdf.read_text().replace('<box size="0.146 0.0495 0.0725"/>', mesh))
+    with pytest.raises(InvalidHandError, match="must not lead out of its package"):
+        Hand.load(path)
+
+
 def test_what_is_no_hand_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidHandError, match="one of allegro, wsg50, barrett"):
         Hand.load("shadow")

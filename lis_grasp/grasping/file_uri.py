@@ -18,7 +18,8 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
     Raises
     ------
     InvalidFileError
-        If there is no such file; says where it was looked for.
+        If there is no such file, and where it was looked for; or if the URI leads out of its
+        package.
     """
     scheme, separator, rest = uri.partition("://")
     if not separator:
@@ -27,6 +28,8 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
         candidates = [Path(rest)]
     elif scheme == "package":
         package, _, inside = rest.partition("/")
+        if ".." in Path(inside).parts:
+            raise InvalidFileError(f"{named_in}: {uri} must not lead out of its package")
         above = [parent / inside for parent in _upwards(folder) if parent.name == package]
         roots = [Path(r) for r in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if r]
         listed = [root / package / inside for root in roots]
