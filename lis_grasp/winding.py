@@ -1,4 +1,4 @@
-"""Inside or outside of a triangle mesh, by winding number: no ray, no luck, no random draw."""
+"""Inside or outside of a triangle mesh, by winding number: no luck, no random draw."""
 
 from __future__ import annotations
 

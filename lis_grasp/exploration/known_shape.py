@@ -34,11 +34,6 @@ class KnownShape:
     contacts: Contacts
     surface: ImplicitSurface | None
 
-    @property
-    def radius(self) -> float:
-        """Radius of the ball about the workspace's centre that holds all of the object [m]."""
-        return self.space.radius
-
     def blocks(self, points: FloatArray) -> npt.NDArray[np.bool_]:
         """Tell which points (P, 3) [m] are known to be in the object or the table, shape (P,).
 

@@ -98,13 +98,8 @@ class GraspAssessor:
 
     def assess(self, placed: PlacedHands) -> dict[int, Grasp]:
         """Return the grasps in force closure among hands, by their index."""
-        fingers = placed.sets.used.sum(axis=1)
         found: dict[int, Grasp] = {}
-        for count in np.unique(fingers):
-            alike = np.flatnonzero(fingers == count)
-            used = placed.sets.used[alike]
-            points = placed.sets.points[alike][used].reshape(-1, count, 3)
-            normals = placed.sets.normals[alike][used].reshape(-1, count, 3)
+        for alike, points, normals in placed.sets.by_count():
             plain, robust = (
                 self.epsilons(points, normals, share=share) for share in (1.0, _ROBUST_SHARE)
             )
@@ -132,15 +127,8 @@ class GraspAssessor:
     def robust_epsilons(self, sets: ContactSets) -> FloatArray:
         """Return ``epsilon_robust`` of B contact sets, before a hand is placed; shape (B,)."""
         found = np.zeros(len(sets))
-        fingers = sets.used.sum(axis=1)
-        for count in np.unique(fingers):
-            alike = np.flatnonzero(fingers == count)
-            used = sets.used[alike]
-            found[alike] = self.epsilons(
-                sets.points[alike][used].reshape(-1, count, 3),
-                sets.normals[alike][used].reshape(-1, count, 3),
-                share=_ROBUST_SHARE,
-            )
+        for alike, points, normals in sets.by_count():
+            found[alike] = self.epsilons(points, normals, share=_ROBUST_SHARE)
         return found
 
     def epsilons(

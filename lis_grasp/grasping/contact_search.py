@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +53,15 @@ class ContactSets:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def by_count(self) -> Iterator[tuple[npt.NDArray[np.intp], FloatArray, FloatArray]]:
+        """Yield sets of equally many contacts: their indices (b,), points and normals (b, C, 3)."""
+        counts = self.used.sum(axis=1)
+        for count in np.unique(counts):
+            alike = np.flatnonzero(counts == count)
+            used = self.used[alike]
+            points, normals = self.points[alike][used], self.normals[alike][used]
+            yield alike, points.reshape(-1, count, 3), normals.reshape(-1, count, 3)
 
     def subset(self, index: npt.NDArray[np.intp] | npt.NDArray[np.bool_]) -> ContactSets:
         """Return some of the sets."""

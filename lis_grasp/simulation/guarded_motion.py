@@ -11,9 +11,10 @@ import trimesh
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.exploration.motion_time import PROBE_SPEED, TRANSIT_SPEED
-from lis_grasp.exploration.probe import Probe
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.grasping.collision import HandCollisionChecker, NearestLink
-from lis_grasp.grasping.hand import Hand, ProbePosture
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand_parts import ProbePosture
 from lis_grasp.grasping.pose_filter import balls_inside
 from lis_grasp.simulation.approach import NO_FREE_START, NO_FREE_WAY, Approach, ApproachPlanner
 from lis_grasp.winding import any_inside
@@ -23,8 +24,8 @@ FloatArray = npt.NDArray[np.float64]
 FREE_POINT_SPACING = 0.01
 """Distance between places that the hand is recorded to have passed [m]."""
 
-# Nearer than this counts as touching [m].
-_TOUCHING = 2e-5
+TOUCHING = 2e-5
+"""Nearer than this counts as touching [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +124,18 @@ class GuardedMotion:
             name: _balls_in_hand(hand, posture) for name, posture in hand.probe_postures.items()
         }
 
-    def free_space(
+    def nothing_felt(self, course: Course, probe: Probe, known: KnownShape | None) -> ProbeOutcome:
+        """Return what came of a course if nothing was felt: the space that was found free."""
+        free_points, free_radii = self._free_space(course, probe, known)
+        return ProbeOutcome(
+            probe,
+            "missed",
+            free_points=free_points,
+            duration=course.duration,
+            free_radii=free_radii,
+        )
+
+    def _free_space(
         self, course: Course, probe: Probe, known: KnownShape | None
     ) -> tuple[FloatArray, FloatArray]:
         """Return balls that a course has found free: centres (K, 3) in O, and radii (K,) [m].
@@ -201,7 +213,7 @@ class GuardedMotion:
         travelled = 0.0
         while True:
             nearest = self._checker.nearest(travelled * direction)
-            if nearest.distance < _TOUCHING:
+            if nearest.distance < TOUCHING:
                 return nearest, travelled
             if travelled >= length:
                 return None, length
@@ -217,7 +229,7 @@ def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:
         centers, radii = balls_inside(geometry)
         X_HG = links[geometry.link] @ geometry.X_LG
         inside = np.column_stack([centers @ X_HG[:3, :3].T + X_HG[:3, 3], radii])
-        balls.append(inside[np.linalg.norm(inside - balls[0], axis=1) > _TOUCHING])
+        balls.append(inside[np.linalg.norm(inside - balls[0], axis=1) > TOUCHING])
     return np.concatenate(balls)
 
 

@@ -63,14 +63,7 @@ class KinematicProber:
         course = self._motion.run(probe, known)
         if isinstance(course, str):
             return ProbeOutcome(probe, "blocked", reason=course)
-        free_points, free_radii = self._motion.free_space(course, probe, known)
-        missed = ProbeOutcome(
-            probe,
-            "missed",
-            free_points=free_points,
-            duration=course.duration,
-            free_radii=free_radii,
-        )
+        missed = self._motion.nothing_felt(course, probe, known)
         if course.met is None:
             return missed
         touches = [(course.until_contact, course.met)]
@@ -86,8 +79,8 @@ class KinematicProber:
             normals=self._normals[[met.face for _, met in touches]],
             fingers=tuple(met.link for _, met in touches),
             times=np.array([time for time, _ in touches]),
-            free_points=free_points,
-            free_radii=free_radii,
+            free_points=missed.free_points,
+            free_radii=missed.free_radii,
         )
         return replace(
             missed, status="touched", contacts=contacts, duration=course.duration + longer

@@ -11,12 +11,12 @@ import trimesh
 
 from lis_grasp.exploration.motion_time import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.grasping.collision import HandCollisionChecker, NearestLink
-from lis_grasp.grasping.hand import Hand, Joint
+from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.hand_parts import Joint
+from lis_grasp.simulation.guarded_motion import TOUCHING
 
 FloatArray = npt.NDArray[np.float64]
 
-# Nearer than this counts as touching [m].
-_TOUCHING = 2e-5
 # Of a pad's way, for its length.
 _PATH_POINTS = 33
 # Of its way, a finger goes on at least by this, so that a graze comes to an end.
@@ -105,7 +105,7 @@ class OtherFingers:
             posture[joints] = q[joints] + share * way
             checker.place(X_OH, checker.poses_in_hand(posture))
             nearest = checker.nearest(np.zeros(3))
-            if nearest.distance < _TOUCHING:
+            if nearest.distance < TOUCHING:
                 return Stretching(nearest, gone(share))
             if share >= 1.0:
                 return Stretching(None, gone(1.0))

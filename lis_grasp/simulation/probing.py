@@ -95,14 +95,7 @@ class DynamicProber:
         course = self._motion.run(probe, known)
         if isinstance(course, str):
             return ProbeOutcome(probe, "blocked", reason=course)
-        free_points, free_radii = self._motion.free_space(course, probe, known)
-        missed = ProbeOutcome(
-            probe,
-            "missed",
-            free_points=free_points,
-            duration=course.duration,
-            free_radii=free_radii,
-        )
+        missed = self._motion.nothing_felt(course, probe, known)
         if course.met is None:
             return missed
         patches, X_WO = self._feel(course)

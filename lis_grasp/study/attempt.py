@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
@@ -13,10 +14,14 @@ import trimesh
 from lis_grasp import pipeline
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.exceptions import LisGraspError
+from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.json_lines import Row
 from lis_grasp.shapes import Shape
 from lis_grasp.study.study import Setup
+
+if TYPE_CHECKING:
+    from lis_grasp.simulation.lift_outcome import LiftOutcome
 
 NO_GRASP, FAILED = "no_grasp", "failed"
 """Reasons of rows that came to no lift."""
@@ -74,17 +79,27 @@ def mesh_digest(mesh: trimesh.Trimesh) -> str:
     return digest.hexdigest()
 
 
+def plan(mesh: trimesh.Trimesh, shape: Shape, hand: Hand, setup: Setup, seed: int) -> GraspSearch:
+    """Plan grasps on a mesh of an object, as trials do."""
+    return pipeline.plan(
+        mesh,
+        hand,
+        support=pipeline.support_height(shape),
+        friction=setup.friction,
+        count=setup.grasps,
+        seed=seed,
+    )
+
+
+def prove(grasp: Grasp, shape: Shape, hand: Hand, setup: Setup) -> LiftOutcome:
+    """Execute a grasp on the true object, as trials do."""
+    return pipeline.prove(shape, hand, grasp, mass=setup.mass, friction=setup.friction)
+
+
 def _fill(row: Row, task: Attempt, watch: pipeline.Stopwatch) -> None:
     setup, shape, hand = task.setup, task.shape, task.hand
     with watch.measure("grasp"):
-        search = pipeline.plan(
-            task.mesh,
-            hand,
-            support=pipeline.support_height(shape),
-            friction=setup.friction,
-            count=setup.grasps,
-            seed=task.seed,
-        )
+        search = plan(task.mesh, shape, hand, setup, task.seed)
     row |= {
         "grasps_found": len(search.grasps),
         "candidates": search.candidates,
@@ -104,7 +119,7 @@ def _fill(row: Row, task: Attempt, watch: pipeline.Stopwatch) -> None:
         "success_probability": float(best.quality["success_probability"]),
     }
     with watch.measure("lift"):
-        outcome = pipeline.prove(shape, hand, best, mass=setup.mass, friction=setup.friction)
+        outcome = prove(best, shape, hand, setup)
     row |= {
         "lifted": bool(outcome.lifted),
         "held": bool(outcome.held),

@@ -8,20 +8,18 @@ from dataclasses import dataclass
 import trimesh
 from threadpoolctl import threadpool_limits
 
-from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.paper.contenders import contender
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.json_lines import Row
-from lis_grasp.meshing import extract_mesh
 from lis_grasp.motion import Motion
 from lis_grasp.shapes import Shape
+from lis_grasp.study.attempt import plan, prove
 from lis_grasp.study.comparison import names, pair_of
 from lis_grasp.study.exploring import contacts_of
 from lis_grasp.study.shares import share_of
-from lis_grasp.study.study import TRUTH, find_object, parse_noise
-from lis_grasp.study.trial import Job, explorer_of
+from lis_grasp.study.study import TRUTH, find_object
+from lis_grasp.study.trial import Job, estimate, explorer_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,23 +84,10 @@ def make_case(job: Job) -> Case:
     with threadpool_limits(1):
         shape, hand = find_object(trial.object, setup), Hand.load(trial.hand)
         contacts, _ = contacts_of(trial, setup, explorer_of(setup, estimator))
-        surface = contender(estimator)(contacts, parse_noise(trial.noise))
-        mesh = extract_mesh(surface)
-        grasps = pipeline.plan(
-            mesh,
-            hand,
-            support=pipeline.support_height(shape),
-            friction=setup.friction,
-            count=setup.grasps,
-            seed=trial.seed,
-        ).grasps
-        motion = None
-        if grasps:
-            outcome = pipeline.prove(
-                shape, hand, grasps[0], mass=setup.mass, friction=setup.friction
-            )
-            motion = outcome.motion
-    return Case(shape, hand, contacts, mesh, tuple(grasps), motion)
+        mesh = estimate(trial, estimator, contacts)
+        grasps = plan(mesh, shape, hand, setup, trial.seed).grasps
+        motion = prove(grasps[0], shape, hand, setup).motion if grasps else None
+    return Case(shape, hand, contacts, mesh, grasps, motion)
 
 
 def _margin(pair: tuple[Row, Row]) -> tuple[float, str]:

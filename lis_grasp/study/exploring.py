@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import ProbeOutcome, TactileSensor
+from lis_grasp.exploration import ProbeOutcome
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.study.study import Setup, Trial, find_object, parse_noise
 
@@ -63,12 +63,6 @@ def forget() -> None:
     """Forget what was explored."""
     contacts_of.cache_clear()
     _explored.cache_clear()
-
-
-def sensor_of(trial: Trial) -> TactileSensor:
-    """Return the sensor that a trial's contacts are felt with."""
-    noise = parse_noise(trial.noise)
-    return TactileSensor(position_noise=noise.position, normal_noise=noise.normal)
 
 
 @lru_cache(maxsize=4)

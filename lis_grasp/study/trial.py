@@ -12,6 +12,7 @@ from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 
+import trimesh
 from threadpoolctl import threadpool_limits
 
 import lis_grasp
@@ -78,6 +79,11 @@ def explorer_of(setup: Setup, estimator: str) -> str:
     return Setup().explorer if estimator == TRUTH else estimator
 
 
+def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimesh:
+    """Return the mesh that an estimator makes of a trial's contacts, and of nothing else."""
+    return extract_mesh(contender(estimator)(contacts, parse_noise(trial.noise)))
+
+
 def _rows(job: Job) -> Iterator[Row]:
     # What cannot be read is a mistake of the study, and no result of its trials.
     shape, hand = find_object(job.trial.object, job.setup), Hand.load(job.trial.hand)
@@ -107,11 +113,7 @@ def _fill(
     if not len(contacts):
         raise EstimationError("a surface needs at least one contact; the exploration made none")
     with watch.measure("estimate"):
-        mesh = (
-            shape.mesh
-            if estimator == TRUTH
-            else extract_mesh(contender(estimator)(contacts, parse_noise(trial.noise)))
-        )
+        mesh = shape.mesh if estimator == TRUTH else estimate(trial, estimator, contacts)
     row |= {"triangles": len(mesh.faces), "watertight": bool(mesh.is_watertight)}
     row |= asdict(surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size))
     task = Attempt(
