@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.grasping.hand_parts import Inertial, Joint, LinkGeometry, Pad, ProbePosture
+from lis_grasp.grasping.kinematics import Kinematics
 from lis_grasp.read_only import reduce_record
 
 FloatArray = npt.NDArray[np.float64]
@@ -22,7 +24,7 @@ HandKind = Literal["multi_finger", "jaw"]
 HAND_NAMES = ("allegro", "wsg50", "barrett")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # no slots: what follows from the fields is kept beside them
 class Hand:
     """A robot hand, read by `Hand.load` from a URDF and one YAML file.
 
@@ -154,26 +156,15 @@ class Hand:
         dict
             Link name -> poses X_OL, shape (..., 4, 4), in the order of `links`.
         """
-        X_OH, q = self._broadcast(X_OH, q)
-        poses = {self.base_link: X_OH @ _inverse(self.X_LH)}
-        for joint in self.joints:
-            X_PC: FloatArray = joint.X_PJ
-            if joint.kind == "revolute":
-                X_PC = joint.X_PJ @ _rotation(joint.axis_J, joint.position(q))
-            elif joint.kind == "prismatic":
-                X_PC = joint.X_PJ @ _translation(joint.axis_J, joint.position(q))
-            poses[joint.child] = poses[joint.parent] @ X_PC
-        return {link: poses[link] for link in self.links}
+        return self._kinematics.poses(*self._bases(X_OH, q))
 
     def pad_centers(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
         """Return the pads' centres in O, (..., F, 3) [m]; arguments as `forward_kinematics`."""
-        poses = self.forward_kinematics(X_OH, q)
-        return np.stack([_apply(poses[pad.link], pad.center_L) for pad in self.pads], axis=-2)
+        return self._kinematics.pads(*self._bases(X_OH, q))[0]
 
     def pad_axes(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
         """Return the pads' axes in O, (..., F, 3); arguments as `forward_kinematics`."""
-        poses = self.forward_kinematics(X_OH, q)
-        return np.stack([poses[pad.link][..., :3, :3] @ pad.axis_L for pad in self.pads], axis=-2)
+        return self._kinematics.pads(*self._bases(X_OH, q))[1]
 
     def pad_jacobians(
         self, X_OH: npt.ArrayLike, q: npt.ArrayLike
@@ -194,29 +185,12 @@ class Hand:
             palm's origin [m/rad]; 3 to 5: moving the palm along O's axes; then the joints
             [m/rad or 1], zero for those that do not move that pad.
         """
-        X_OH, q = self._broadcast(X_OH, q)
-        poses = self.forward_kinematics(X_OH, q)
-        shape = (*q.shape[:-1], len(self.pads), 3)
-        centers, axes = np.empty(shape), np.empty(shape)
-        of_centers = np.zeros((*shape, 6 + len(self.joint_names)))
-        of_axes = np.zeros_like(of_centers)
-        for f, pad in enumerate(self.pads):
-            centers[..., f, :] = center = _apply(poses[pad.link], pad.center_L)
-            axes[..., f, :] = direction = poses[pad.link][..., :3, :3] @ pad.axis_L
-            of_centers[..., f, :, 0:3] = -_cross_matrix(center - X_OH[..., :3, 3])
-            of_centers[..., f, :, 3:6] = np.eye(3)
-            of_axes[..., f, :, 0:3] = -_cross_matrix(direction)
-            for joint in self._chain(pad.link):
-                if joint.index < 0:
-                    continue
-                # The joint's axis is the same in the child link's frame as in the joint frame.
-                X_OC = poses[joint.child]
-                axis = joint.multiplier * (X_OC[..., :3, :3] @ joint.axis_J)  # (..., 3)
-                if joint.kind == "revolute":
-                    of_axes[..., f, :, 6 + joint.index] += _cross(axis, direction)
-                    axis = _cross(axis, center - X_OC[..., :3, 3])
-                of_centers[..., f, :, 6 + joint.index] += axis
-        return centers, axes, of_centers, of_axes
+        pivot = np.asarray(X_OH, np.float64)[..., :3, 3]
+        return self._kinematics.pad_jacobians(*self._bases(X_OH, q), pivot)
+
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        return Kinematics(self.links, self.joints, self.pads, len(self.joint_names))
 
     def _chain(self, link: str) -> tuple[Joint, ...]:
         """Return the joints from the base to a link."""
@@ -227,51 +201,12 @@ class Hand:
             link = by_child[link].parent
         return tuple(reversed(chain))
 
-    def _broadcast(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        poses, positions = np.asarray(X_OH, np.float64), np.asarray(q, np.float64)
-        batch = np.broadcast_shapes(poses.shape[:-2], positions.shape[:-1])
+    def _bases(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the base link's poses (..., 4, 4) and the joints (..., J), broadcast."""
+        X_OB = np.asarray(X_OH, np.float64) @ np.linalg.inv(self.X_LH)
+        positions = np.asarray(q, np.float64)
+        batch = np.broadcast_shapes(X_OB.shape[:-2], positions.shape[:-1])
         return (
-            np.broadcast_to(poses, (*batch, 4, 4)),
+            np.broadcast_to(X_OB, (*batch, 4, 4)),
             np.broadcast_to(positions, (*batch, len(self.joint_names))),
         )
-
-
-def _apply(X: FloatArray, point: FloatArray) -> FloatArray:
-    return X[..., :3, :3] @ point + X[..., :3, 3]
-
-
-def _inverse(X: FloatArray) -> FloatArray:
-    inverse = np.eye(4)
-    inverse[:3, :3] = X[:3, :3].T
-    inverse[:3, 3] = -X[:3, :3].T @ X[:3, 3]
-    return inverse
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a x b, shape (..., 3), faster than NumPy does for many short vectors."""
-    turned, back = np.array([1, 2, 0]), np.array([2, 0, 1])
-    result: FloatArray = a[..., turned] * b[..., back] - a[..., back] * b[..., turned]
-    return result
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    """Return [v]x, shape (..., 3, 3), with [v]x w = v x w."""
-    matrix = np.zeros((*v.shape[:-1], 3, 3))
-    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return matrix - np.swapaxes(matrix, -1, -2)
-
-
-def _rotation(axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """Return poses (..., 4, 4) turned about an axis by angles (...) (Rodrigues' formula)."""
-    k = _cross_matrix(axis)
-    pose = np.zeros((*angle.shape, 4, 4))
-    sine, cosine = np.sin(angle)[..., None, None], np.cos(angle)[..., None, None]
-    pose[..., :3, :3] = np.eye(3) + sine * k + (1.0 - cosine) * (k @ k)
-    pose[..., 3, 3] = 1.0
-    return pose
-
-
-def _translation(axis: FloatArray, distance: FloatArray) -> FloatArray:
-    pose = np.broadcast_to(np.eye(4), (*distance.shape, 4, 4)).copy()
-    pose[..., :3, 3] = distance[..., None] * axis
-    return pose
