@@ -55,6 +55,32 @@ def test_normals_tilt_by_the_slope_of_the_error() -> None:
     assert per_direction == pytest.approx(0.0004 / 0.02, rel=0.03)
 
 
+def test_normals_tilt_where_the_deviation_grows() -> None:
+    # A deviation that rises along z by 0.1 m/m, and is as good as none where the contact is: all of
+    # the slope is the field's own value times 0.1, and it tilts the normal about y alone.
+    surface = _uncertain(0.1 * np.maximum(BALL.vertices[:, 2], -1.0) + 1e-9)
+    points, normals = np.array([[[0.04, 0.0, 0.0]]]), np.array([[[1.0, 0.0, 0.0]]])
+    _, tilted = surface.sample_contacts(points, normals, samples=4000, rng=np.random.default_rng(4))
+    slopes = tilted[0, :, 0] / tilted[0, :, 0, :1]
+    assert slopes[:, 2].std() == pytest.approx(0.1, rel=0.035)
+    assert np.abs(slopes[:, 1]).max() < 1e-3
+
+
+def test_a_lean_goes_against_the_rise() -> None:
+    # Where the surface is higher than estimated and the more so the higher z, its normal leans
+    # towards lower z.
+    surface = _uncertain(0.002 + 0.02 * BALL.vertices[:, 2])
+    points, normals = np.array([[[0.04, 0.0, 0.0]]]), np.array([[[1.0, 0.0, 0.0]]])
+    moved, tilted = surface.sample_contacts(
+        points, normals, samples=4000, rng=np.random.default_rng(5)
+    )
+    heights = (moved - points[:, None])[0, :, 0, 0] / 0.002
+    lean = tilted[0, :, 0, 2] / tilted[0, :, 0, 0]
+    # Least squares over 4000 draws; the other term of the slope is noise of 0.002 / 0.02.
+    slope = float(heights @ lean / (heights @ heights))
+    assert slope == pytest.approx(-0.02, abs=3.0 * 0.1 / np.sqrt(4000))
+
+
 def test_deviations_are_those_of_the_nearest_vertex_and_none_without_an_estimate() -> None:
     deviations = np.where(BALL.vertices[:, 2] > 0.0, 0.001, 0.005)
     surface = _uncertain(deviations)

@@ -20,21 +20,26 @@ _CORRELATION_SHARE = 0.25
 class UncertainSurface:
     """An estimated surface whose error along its normals is a Gaussian field.
 
-    The field has the estimate's own standard deviation and a squared-exponential correlation, so
-    its slope, by which normals err, is the deviation over the correlation length.
+    The field is ``s g``: the estimate's own standard deviation s, which grows with the distance
+    from a touch, times a field g of unit deviation and squared-exponential correlation. Normals err
+    by its slope, ``s grad g + g grad s``: near a touch the surface is where it should be, but where
+    s grows fast it soon is not. The slope of g has the deviation 1 over the correlation length.
 
     Parameters
     ----------
     vertices
         Shape (V, 3) [m].
     deviations
-        Shape (V,) [m]: one standard deviation of the surface along its normal.
+        Shape (V,) [m]: s, one standard deviation of the surface along its normal.
+    gradients
+        Shape (V, 3): of the deviations along the surface.
     correlation_length
         [m].
     """
 
     vertices: cKDTree
     deviations: FloatArray
+    gradients: FloatArray
     correlation_length: float
 
     @classmethod
@@ -43,12 +48,15 @@ class UncertainSurface:
         known = mesh.vertex_attributes.get("uncertainty")
         deviations = np.zeros(len(mesh.vertices)) if known is None else np.asarray(known)
         length = _CORRELATION_SHARE * float(mesh.extents.max())
-        return cls(cKDTree(mesh.vertices), deviations, length)
+        return cls(cKDTree(mesh.vertices), deviations, _gradients(mesh, deviations), length)
 
     def deviations_at(self, points: FloatArray) -> FloatArray:
         """Return the standard deviation at the vertices nearest to points (..., 3), shape (...)."""
-        _, nearest = self.vertices.query(points)
-        return self.deviations[nearest]
+        return self.deviations[self._nearest(points)]
+
+    def _nearest(self, points: FloatArray) -> npt.NDArray[np.intp]:
+        nearest: npt.NDArray[np.intp] = self.vertices.query(points)[1]
+        return nearest
 
     def sample_contacts(
         self,
@@ -82,13 +90,32 @@ class UncertainSurface:
             rng.normal(size=(samples, contacts)),
             rng.normal(size=(samples, contacts, 3)),
         )
-        deviations = self.deviations_at(points)  # (B, C)
+        nearest = self._nearest(points)  # (B, C)
+        deviations, gradients = self.deviations[nearest], self.gradients[nearest]
         between = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)  # (B, C, C)
         correlation = np.exp(-0.5 * (between / self.correlation_length) ** 2)
         factor = np.linalg.cholesky(correlation + 1e-9 * np.eye(contacts))
-        moved = np.einsum("bcd,sd->bsc", factor, heights) * deviations[:, None]
-        tilt = slopes * (deviations / self.correlation_length)[:, None, :, None]  # (B, S, C, 3)
+        units = np.einsum("bcd,sd->bsc", factor, heights)  # g
+        moved = units * deviations[:, None]
+        # (B, S, C, 3): where the surface rises, its normal leans back.
+        tilt = slopes * (deviations / self.correlation_length)[:, None, :, None]
+        tilt -= units[..., None] * gradients[:, None]
         along = (tilt * normals[:, None]).sum(axis=-1, keepdims=True)
         tilted = normals[:, None] + tilt - along * normals[:, None]
         tilted /= np.linalg.norm(tilted, axis=-1, keepdims=True)
         return points[:, None] + moved[..., None] * normals[:, None], tilted
+
+
+def _gradients(mesh: trimesh.Trimesh, values: FloatArray) -> FloatArray:
+    """Return the gradient (V, 3) along a mesh of values (V,) that are linear on its triangles.
+
+    The mean over the triangles at a vertex, by area; 0 at a vertex without any.
+    """
+    first, second, third = np.moveaxis(mesh.triangles, 1, 0)
+    opposite = np.stack([third - second, first - third, second - first], axis=1)  # (F, 3, 3)
+    turned = np.cross(mesh.face_normals[:, None], opposite)
+    by_face = 0.5 * (values[mesh.faces][..., None] * turned).sum(axis=1)  # gradient times area
+    members = mesh.faces_sparse  # (V, F)
+    areas = members @ mesh.area_faces
+    gradients: FloatArray = (members @ by_face) / np.where(areas > 0.0, areas, np.inf)[:, None]
+    return gradients
