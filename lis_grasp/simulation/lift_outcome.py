@@ -120,7 +120,8 @@ class LiftOutcome:
     felt
         Where the hand first felt the object, at most once each finger, in the same frame.
     X_WO
-        Shape (4, 4): where the object was in the end, in the same frame.
+        Shape (4, 4): where the object was in the end, in the same frame; if the simulation
+        diverged, where it was last recorded.
     """
 
     lifted: bool

@@ -21,6 +21,7 @@ from pydrake.systems.framework import DiagramBuilder
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.motion import OBJECT
+from lis_grasp.simulation.advancing import advance
 from lis_grasp.simulation.hand_plant import add_hand, add_wrist, ignore_self_collision
 from lis_grasp.simulation.lift_mesh import merge_flat_faces
 from lis_grasp.simulation.object_plant import add_object
@@ -212,14 +213,9 @@ class LiftScene:
             If Drake could not take the step, or the object's pose is no longer finite.
         """
         self._steps += 1
-        try:
-            self._simulator.AdvanceTo(self.time)
-        except RuntimeError as error:
-            raise SimulationError(
-                f"the grasp trial diverged at {self.time:.3f} s: {error}"
-            ) from None
+        advance(self._simulator, self.time, of="a grasp trial")
         if not np.isfinite(self._plant.GetPositions(self._context)).all():
-            raise SimulationError(f"the grasp trial diverged at {self.time:.3f} s")
+            raise SimulationError(f"a grasp trial diverged at {self.time:.3f} s")
         if self._resting is not None and self.touches():
             self._filters.RemoveDeclaration(self._resting)
             self._object_joint.Unlock(self._context)

@@ -12,7 +12,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.motion import Motion
+from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.simulation.lift_control import FingerControl
 from lis_grasp.simulation.lift_outcome import LiftOptions, LiftOutcome, Reason
 from lis_grasp.simulation.lift_scene import LiftScene
@@ -108,16 +108,17 @@ class LiftTrial:
         except SimulationError:
             reason = "diverged"
         poses = {name: np.array(X) for name, X in self._poses.items()}
+        diverged = reason == "diverged"  # then nothing is where the simulation has it
         return LiftOutcome(
             lifted=self._lifted,
             held=reason == "held",
-            slip=0.0 if reason == "diverged" else self._slip(),
+            slip=0.0 if diverged else self._slip(),
             reason=reason,
             acceleration_survived=self._survived,
             duration=self._scene.time,
             motion=Motion(np.array(self._times), poses),
             felt=self._felt,
-            X_WO=self._scene.X_WO,
+            X_WO=poses[OBJECT][-1] if diverged else self._scene.X_WO,
         )
 
     def _run_phases(self) -> Reason:

@@ -20,8 +20,9 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.exceptions import InvalidOptionError, SimulationError
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.hand import Hand
+from lis_grasp.simulation.advancing import advance
 from lis_grasp.simulation.approach import rotation_to_x
 from lis_grasp.simulation.hand_plant import add_hand, ignore_self_collision
 from lis_grasp.simulation.lift_mesh import merge_flat_faces
@@ -219,11 +220,7 @@ class ProbingScene:
         """Simulate one time step towards a commanded place [m] and speed [m/s] on the way."""
         self._arm_port.FixValue(self._context, [travelled, speed])
         self._steps += 1
-        try:
-            self._simulator.AdvanceTo(self._steps * _TIME_STEP)
-        except RuntimeError as error:
-            reason = str(error).splitlines()[0]
-            raise SimulationError(f"the simulation of a touch failed: {reason}") from None
+        advance(self._simulator, self._steps * _TIME_STEP, of="a touch")
 
     def retreat(self, travelled: float, speed: float) -> None:
         """Go back from `travelled` [m] at `speed` [m/s] until the object stands still again."""
