@@ -18,6 +18,7 @@ from concurrent.futures import as_completed
 from pathlib import Path
 
 import numpy as np
+from bench_calibration import tell_calibration
 from scipy.stats import binomtest
 
 from lis_grasp import Hand, shapes
@@ -118,10 +119,13 @@ def report(rows: list[Row]) -> None:
             f" {survived} of {len(lifted)}; {np.mean([r['attempts'] for r in chosen]):.2f};"
             f" {dict(failures)}"
         )
-        tried = [row for row in chosen if row["foretold"] is not None]
-        mean = np.mean([row["foretold"] for row in tried])
-        share = np.mean([row["reason"] == "held" for row in tried])
-        print(f"    of {len(tried)} grasps executed, {mean:.1%} foretold to hold, {share:.1%} held")
+    for hand in dict.fromkeys(hand for hand, _ in PLANS):
+        tried = [r for r in rows if r["hand"] == hand and r["foretold"] is not None]
+        print(f"\n{hand}: of {len(tried)} grasps executed")
+        tell_calibration(
+            np.array([row["foretold"] for row in tried]),
+            np.array([row["reason"] == "held" for row in tried]),
+        )
 
 
 if __name__ == "__main__":
