@@ -49,8 +49,8 @@ def _holds(attempts: list[Attempt]) -> bool:
 def test_a_hand_that_meets_the_object_unexpectedly_learns_where_it_is_and_holds_it() -> None:
     # Told of a box 20 mm aside, the hand comes down upon the true one.
     aside = np.array([0.0, 0.02, 0.0])
-    assert not _holds(_attempts(aside, 1, seed=1))
-    feeling = _attempts(aside, 3, seed=1)
+    assert not _holds(_attempts(aside, 1, seed=0))
+    feeling = _attempts(aside, 3, seed=0)
     for before, after in pairwise(feeling):
         assert before.outcome is not None
         assert before.outcome.reason == "declined"

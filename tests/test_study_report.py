@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import lis_grasp
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture
 from lis_grasp.study.case import extremes
@@ -201,12 +202,12 @@ def test_the_page_of_the_published_study_is_made_of_its_rows_alone(tmp_path: Pat
     pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
     here = Path(__file__).parent.parent / "docs" / "study"
     study = Study.from_facts(load_study(here / "study.yaml"))
-    some = replace(study, objects=("box", "sphere", "mallet"), touches=(5, 10), seeds=(0, 1, 2, 3))
+    some = replace(study, objects=("box", "sphere", "mallet"), touches=(5, 10))
     rows = []
     for row in rows_of(some):
         scan = row["object"] == "mallet"
         facts = {"object": "004_sugar_box.ply", "object_digest": "ab"} if scan else {}
-        rows.append(row | facts | asdict(Setup()) | {"seconds_lift": 3600.0})
+        rows.append(row | facts | asdict(study.setup) | {"seconds_lift": 3600.0})
     StudyResults(tmp_path).write(rows)
     module = runpy.run_path(str(here / "make_page.py"))
     page = module["make_page"](here / "study.yaml", tmp_path, tmp_path / "docs").read_text()
@@ -218,6 +219,9 @@ def test_the_page_of_the_published_study_is_made_of_its_rows_alone(tmp_path: Pat
     pictures = re.findall(r"\]\((images/[a-z_]*\.png)\)", page)
     assert len(pictures) == 3
     assert all((tmp_path / "docs" / picture).is_file() for picture in pictures)
+    StudyResults(tmp_path / "other").write([row | {"grasps": 7} for row in rows])
+    with pytest.raises(InvalidFileError, match="no row of .* is of the study"):
+        module["make_page"](here / "study.yaml", tmp_path / "other", tmp_path / "docs")
 
 
 def test_the_clearest_pairs_are_those_with_the_greatest_difference_on_the_truth() -> None:

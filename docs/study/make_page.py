@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from string import Template
 
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.json_lines import Row
 from lis_grasp.output_files import write_text
 from lis_grasp.study import Study, StudyResults, compare, load_study
@@ -33,6 +34,8 @@ def make_page(study_file: Path, rows_folder: Path, docs: Path) -> Path:
     """Write study.md and its figures below `docs`; return its path."""
     study = Study.from_facts(load_study(study_file))
     rows = StudyResults(rows_folder).alike(study)
+    if not rows:
+        raise InvalidFileError(f"no row of {rows_folder} is of the study {study_file}")
     template = Template((_HERE / "study.md.in").read_text(encoding="utf-8"))
     words = _facts(study, rows)
     pictures = dict(zip(("figure", "noisy", "promise", "edge"), draw_pictures(rows), strict=True))
