@@ -31,6 +31,7 @@ from lis_grasp.study_report.tables import (
     StudyTable,
     all_tables,
     differences_table,
+    foretold_table,
     held_table,
     losses_table,
     printed,
@@ -64,6 +65,7 @@ def rows_of(study: Study = STUDY) -> list[Row]:
                     "version": lis_grasp.__version__,
                     "reason": "held" if held else "no_grasp",
                     "failure": None if held else "<b>no</b> surface",
+                    "success_probability": 0.9 if held else None,
                     "epsilon_estimate": 0.2 if held else None,
                     "epsilon_truth": 0.15 if held else None,
                     "epsilon_gap": 0.05 if held else None,
@@ -222,6 +224,23 @@ def test_the_page_of_the_published_study_is_made_of_its_rows_alone(tmp_path: Pat
     StudyResults(tmp_path / "other").write([row | {"grasps": 7} for row in rows])
     with pytest.raises(InvalidFileError, match="no row of .* is of the study"):
         module["make_page"](here / "study.yaml", tmp_path / "other", tmp_path / "docs")
+
+
+def test_grasps_are_told_as_foretold_and_held() -> None:
+    some = [row | {"held": False} if row["seed"] == 0 else row for row in rows_of()]
+    table = foretold_table(some)
+    tried = [r for r in some if r["estimator"] == "blend" and r["success_probability"] is not None]
+    held = sum(row["held"] for row in tried)
+    (line,) = [line for line in table.body if line[0] == "blend"]
+    share = held / len(tried)
+    expected = (str(len(tried)), "90.0", f"{100 * share:.1f}", f"{100 * abs(share - 0.9):.1f}")
+    assert line[2:] == expected
+
+
+def test_grasps_planned_on_the_truth_count_once_for_all_numbers_of_touches() -> None:
+    rows = [row | {"estimator": "truth"} for row in rows_of() if row["estimator"] == "blend"]
+    (line,) = foretold_table(rows).body
+    assert line[2] == str(len({(row["object"], row["seed"]) for row in rows}))
 
 
 def test_the_clearest_pairs_are_those_with_the_greatest_difference_on_the_truth() -> None:

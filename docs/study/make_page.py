@@ -22,6 +22,7 @@ from lis_grasp.study_report.pictures import draw_pictures
 from lis_grasp.study_report.tables import (
     agreements_table,
     differences_table,
+    foretold_table,
     held_table,
     reasons_table,
 )
@@ -74,6 +75,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
         "reference": estimator_label(study.reference),
         "differences": differences_table(rows, study.reference).markdown(),
         "agreements": agreements_table(rows, study.reference).markdown(),
+        "foretold": foretold_table(rows).markdown(),
         "reasons": reasons_table(rows).markdown(),
         "hours": f"{seconds / 3600.0:.1f}",
     }

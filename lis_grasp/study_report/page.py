@@ -13,7 +13,7 @@ from lis_grasp.study.comparison import LEAST_CLUSTERS, Comparison, losses, names
 from lis_grasp.study.keys import label
 from lis_grasp.study.study import OWN, Study
 from lis_grasp.study_report.answer import answer
-from lis_grasp.study_report.tables import StudyTable
+from lis_grasp.study_report.study_table import StudyTable
 from lis_grasp.visualization.figures.palette import estimator_label
 
 _TITLE = "Does a better surface give a better grasp?"

@@ -1,16 +1,13 @@
-"""Tables of a study, each as HTML, CSV and LaTeX."""
+"""What a study came to, as tables."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from types import MappingProxyType
 
+from lis_grasp.evaluation.calibration import expected_calibration_error
 from lis_grasp.json_lines import Row
 from lis_grasp.output_files import write_text
 from lis_grasp.study.comparison import (
@@ -27,6 +24,7 @@ from lis_grasp.study.comparison import (
 from lis_grasp.study.results import COLUMNS
 from lis_grasp.study.shares import Share, share_of
 from lis_grasp.study.study import TRUTH
+from lis_grasp.study_report.study_table import StudyTable, csv_text
 from lis_grasp.visualization.figures.palette import estimator_label
 
 MEASURE_LABELS = {
@@ -53,59 +51,6 @@ KIND_LABELS: Mapping[Kind, str] = MappingProxyType(
 _PRINTED = {"held": (1e2, 1), "epsilon_truth": (1.0, 3), "epsilon_gap": (1.0, 3)}
 _LENGTH = (1e3, 2)
 
-_LATEX = str.maketrans(
-    {"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "β": r"$\beta$", "−": "$-$", "–": "--"}
-)
-
-
-@dataclass(frozen=True, slots=True)
-class StudyTable:
-    """A table of texts.
-
-    Parameters
-    ----------
-    name
-        Of its files.
-    title
-        What it shows.
-    head
-        Of its columns.
-    body
-        Its rows, each as long as the head.
-    """
-
-    name: str
-    title: str
-    head: tuple[str, ...]
-    body: tuple[tuple[str, ...], ...]
-
-    def html(self) -> str:
-        """Return the table as HTML."""
-        head = "".join(f"<th>{escape(text)}</th>" for text in self.head)
-        body = "".join(
-            f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in row)}</tr>" for row in self.body
-        )
-        return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-    def csv(self) -> str:
-        """Return the table as CSV."""
-        return _csv([self.head, *self.body])
-
-    def markdown(self) -> str:
-        """Return the table as Markdown."""
-        lines = [self.head, ("---",) * len(self.head), *self.body]
-        return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-    def latex(self) -> str:
-        """Return the table for LaTeX with the package booktabs."""
-        lines = [" & ".join(text.translate(_LATEX) for text in row) for row in self.body]
-        head = " & ".join(text.translate(_LATEX) for text in self.head)
-        rows = "".join(f"{line} \\\\\n" for line in lines)
-        return (
-            f"% {self.title}\n\\begin{{tabular}}{{l{'r' * (len(self.head) - 1)}}}\n\\toprule\n"
-            f"{head} \\\\\n\\midrule\n{rows}\\bottomrule\n\\end{{tabular}}\n"
-        )
-
 
 def all_tables(
     rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str
@@ -117,6 +62,7 @@ def all_tables(
         differences_table(rows, reference),
         comparisons_table(comparisons),
         agreements_table(rows, reference),
+        foretold_table(rows),
         overview_table(rows),
         *(objects_table(rows, noise) for noise in noises),
         reasons_table(rows),
@@ -130,7 +76,7 @@ def write_tables(folder: Path, tables: Iterable[StudyTable], rows: Sequence[Row]
         write_text(folder / f"{table.name}.csv", table.csv())
         write_text(folder / f"{table.name}.tex", table.latex())
     content = [[_plain(row.get(name)) for name in COLUMNS] for row in rows]
-    write_text(folder / "rows.csv", _csv([COLUMNS, *content]))
+    write_text(folder / "rows.csv", csv_text([COLUMNS, *content]))
 
 
 def held_table(rows: Sequence[Row], kind: Kind) -> StudyTable:
@@ -213,6 +159,27 @@ def agreements_table(rows: Sequence[Row], reference: str) -> StudyTable:
     head = ("error", "objects", "the nearer surface held", "the farther one held", "p")
     title = f"Where only one of two held, of all estimators with {estimator_label(reference)}"
     return StudyTable("agreements", title, head, body)
+
+
+def foretold_table(rows: Sequence[Row]) -> StudyTable:
+    """Return how many executed grasps were foretold to hold, and how many did."""
+    body = []
+    for hand in names(rows, "hand"):
+        for name in names(rows, "estimator"):
+            of = [r for r in rows if r["hand"] == hand and r["estimator"] == name]
+            if name == TRUTH:  # the same grasp for every number of touches and every noise
+                of = list({(r["object"], r["seed"]): r for r in of}.values())
+            tried = [r for r in of if r["success_probability"] is not None]
+            if not tried:
+                continue
+            foretold = [r["success_probability"] for r in tried]
+            held = [bool(r["held"]) for r in tried]
+            means = (sum(foretold) / len(tried), sum(held) / len(tried))
+            error = expected_calibration_error(foretold, held)
+            shares = (f"{100.0 * share:.1f}" for share in (*means, error))
+            body.append((estimator_label(name), hand, str(len(tried)), *shares))
+    head = ("planned on", "hand", "grasps executed", "foretold", "held", "calibration error")
+    return StudyTable("foretold", "Foretold to hold and held, in percent", head, tuple(body))
 
 
 def overview_table(rows: Sequence[Row]) -> StudyTable:
@@ -322,12 +289,6 @@ def p_value(p: float) -> str:
 
 def _label(measure: str) -> str:
     return MEASURE_LABELS[measure] + (" [%]" if measure == "held" else "")
-
-
-def _csv(rows: Iterable[Sequence[str]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
 
 
 def _plain(value: object) -> str:
