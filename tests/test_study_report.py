@@ -213,7 +213,7 @@ def test_the_page_of_the_published_study_is_made_of_its_rows_alone(tmp_path: Pat
     StudyResults(tmp_path).write(rows)
     module = runpy.run_path(str(here / "make_page.py"))
     page = module["make_page"](here / "study.yaml", tmp_path, tmp_path / "docs").read_text()
-    assert f"{len(rows)} rows." in page
+    assert f"{len(some.trials())} of {len(study.trials())} trials, {len(rows)} rows." in page
     assert f"add up to {len(rows)}.0 hours" in page
     assert "objects of mesh files" in page
     assert "over all objects, hands and touches, GPIS held" in page

@@ -29,6 +29,7 @@ from lis_grasp.study_report.tables import (
 from lis_grasp.visualization.figures.palette import estimator_label
 
 _HERE = Path(__file__).parent
+_TRIAL = ("object", "hand", "touches", "noise", "seed")
 
 
 def make_page(study_file: Path, rows_folder: Path, docs: Path) -> Path:
@@ -59,6 +60,8 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
     objects = ", ".join(label(name) for name in study.objects)
     estimators = " / ".join(estimator_label(name) for name in study.estimators)
     count = len(study.trials())
+    done = len({tuple(row[name] for name in _TRIAL) for row in rows})
+    so_far = str(done) if done == count else f"{done} of {count}"
     return {
         "answer": "\n\n".join(answer(rows, comparisons, study.reference)),
         "what": (
@@ -66,8 +69,8 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
             f" {', '.join(map(str, study.touches))} touches; noise {', '.join(study.noise)};"
             f" hands {' and '.join(study.hands)}; {len(names(rows, 'seed'))} seeds."
         ),
-        "trials_text": f"{count} trials, {len(rows)} rows.",
-        "trials": str(count),
+        "trials_text": f"{so_far} trials, {len(rows)} rows.",
+        "trials": str(done),
         "grasps": str(study.setup.grasps),
         "mass": f"{study.setup.mass:g}",
         "friction": f"{study.setup.friction:g}",
