@@ -219,7 +219,7 @@ def test_the_page_of_the_published_study_is_made_of_its_rows_alone(tmp_path: Pat
     assert "over all objects, hands and touches, GPIS held" in page
     assert not re.search(r"\$[a-z]|\bnan\b|/tmp", page)
     pictures = re.findall(r"\]\((images/[a-z_]*\.png)\)", page)
-    assert len(pictures) == 3
+    assert len(pictures) == 4
     assert all((tmp_path / "docs" / picture).is_file() for picture in pictures)
     StudyResults(tmp_path / "other").write([row | {"grasps": 7} for row in rows])
     with pytest.raises(InvalidFileError, match="no row of .* is of the study"):

@@ -60,6 +60,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
     objects = ", ".join(label(name) for name in study.objects)
     estimators = " / ".join(estimator_label(name) for name in study.estimators)
     count = len(study.trials())
+    seeds = len(names(rows, "seed"))
     done = len({tuple(row[name] for name in _TRIAL) for row in rows})
     so_far = str(done) if done == count else f"{done} of {count}"
     return {
@@ -67,7 +68,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
         "what": (
             f"{len(study.objects)} objects ({objects}); estimators {estimators};"
             f" {', '.join(map(str, study.touches))} touches; noise {', '.join(study.noise)};"
-            f" hands {' and '.join(study.hands)}; {len(names(rows, 'seed'))} seeds."
+            f" hands {' and '.join(study.hands)}; {seeds} seed{'s' if seeds > 1 else ''}."
         ),
         "trials_text": f"{so_far} trials, {len(rows)} rows.",
         "trials": str(done),
