@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 from scipy.stats import rankdata
 
 from lis_grasp import Contacts, Hand, shapes
-from lis_grasp.evaluation.calibration import expected_calibration_error
+from lis_grasp.evaluation.calibration import calibration_bins, expected_calibration_error
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.grasping.assessment import robust_epsilon_on
 from lis_grasp.json_lines import append_lines, read_lines
@@ -126,13 +126,8 @@ def report(rows: list[Row]) -> None:
 
 def tell_calibration(foretold: np.ndarray, held: np.ndarray) -> None:
     """Print how often grasps held, by what was foretold, and the expected calibration error."""
-    bins = np.minimum((10 * foretold).astype(int), 9)
-    for b in np.unique(bins):
-        inside = bins == b
-        print(
-            f"foretold {foretold[inside].mean():.2f}: {held[inside].mean():.2f} of"
-            f" {inside.sum()} held"
-        )
+    for count, probability, share in calibration_bins(foretold, held):
+        print(f"foretold {probability:.2f}: {share:.2f} of {count} held")
     print(f"expected calibration error {expected_calibration_error(foretold, held):.3f}")
 
 

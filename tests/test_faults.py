@@ -19,38 +19,27 @@ from lis_grasp.simulation.lift_scene import LiftScene
 
 RUN = COMMANDS["run"].split()
 
+CHECKER = "lis_grasp.grasping.collision.HandCollisionChecker"
+# What stages finish, one after the other.
+TOUCHED = {"touches.jsonl"}
+FELT = {*TOUCHED, "contacts.ply"}
+ESTIMATED = {*FELT, "surface.ply"}
 # What fails, after how many good calls, and what must be finished by then.
 FAULTS = {
     "FCL while touching": (
-        "lis_grasp.grasping.collision.HandCollisionChecker.nearest",
+        f"{CHECKER}.nearest",
         12,
-        {"touches.jsonl"},
+        TOUCHED,
     ),
-    "meshing": (
-        "lis_grasp.pipeline.extract_mesh",
-        0,
-        {"touches.jsonl", "contacts.ply"},
-    ),
+    "meshing": ("lis_grasp.pipeline.extract_mesh", 0, FELT),
     "FCL at a grasp": (
-        "lis_grasp.grasping.collision.HandCollisionChecker.first_collision",
+        f"{CHECKER}.first_collision",
         3,
-        {"touches.jsonl", "contacts.ply", "surface.ply"},
+        ESTIMATED,
     ),
-    "a linear programme": (
-        "lis_grasp.grasping.force_closure.linprog",
-        2,
-        {"touches.jsonl", "contacts.ply", "surface.ply"},
-    ),
-    "inverse kinematics": (
-        "lis_grasp.grasping.placement.reach",
-        1,
-        {"touches.jsonl", "contacts.ply", "surface.ply"},
-    ),
-    "Drake's plant": (
-        "lis_grasp.simulation.lift_scene.add_object",
-        0,
-        {"touches.jsonl", "contacts.ply", "surface.ply"},
-    ),
+    "a linear programme": ("lis_grasp.grasping.force_closure.linprog", 2, ESTIMATED),
+    "inverse kinematics": ("lis_grasp.grasping.placement.reach", 1, ESTIMATED),
+    "Drake's plant": ("lis_grasp.simulation.lift_scene.add_object", 0, ESTIMATED),
 }
 
 

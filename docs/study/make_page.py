@@ -45,10 +45,8 @@ def make_page(study_file: Path, rows_folder: Path, docs: Path) -> Path:
         file = f"images/study_{name}.png"
         (docs / "images").mkdir(parents=True, exist_ok=True)
         (docs / file).write_bytes(picture.png)
-        prefix = "figure" if name == "figure" else f"{name}_figure"
-        words[prefix] = file
-        stem = "figure" if name == "figure" else name
-        words[f"{stem}_title"], words[f"{stem}_caption"] = picture.title, picture.caption
+        words["figure" if name == "figure" else f"{name}_figure"] = file
+        words[f"{name}_title"], words[f"{name}_caption"] = picture.title, picture.caption
     write_text(docs / "study.md", template.substitute(words))
     return docs / "study.md"
 

@@ -6,6 +6,19 @@ import numpy as np
 import numpy.typing as npt
 
 
+def calibration_bins(
+    foretold: npt.ArrayLike, happened: npt.ArrayLike, *, bins: int = 10
+) -> list[tuple[int, float, float]]:
+    """Return, of each bin with anything in it: how much, mean probability, share that happened.
+
+    Arguments as of `expected_calibration_error`.
+    """
+    probability, came = np.asarray(foretold, np.float64), np.asarray(happened, np.float64)
+    index = np.minimum((bins * probability).astype(int), bins - 1)
+    members = [index == b for b in np.unique(index)]
+    return [(int(m.sum()), float(probability[m].mean()), float(came[m].mean())) for m in members]
+
+
 def expected_calibration_error(
     foretold: npt.ArrayLike, happened: npt.ArrayLike, *, bins: int = 10
 ) -> float:
@@ -23,7 +36,6 @@ def expected_calibration_error(
     bins
         How many.
     """
-    probability = np.asarray(foretold, dtype=np.float64)
-    surplus = np.asarray(happened, dtype=np.float64) - probability
-    index = np.minimum((bins * probability).astype(int), bins - 1)
-    return float(np.abs(np.bincount(index, weights=surplus, minlength=bins)).sum() / len(surplus))
+    found = calibration_bins(foretold, happened, bins=bins)
+    off = sum(count * abs(share - probability) for count, probability, share in found)
+    return off / sum(count for count, _, _ in found)

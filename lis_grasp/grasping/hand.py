@@ -12,7 +12,14 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.grasping.hand_parts import Inertial, Joint, LinkGeometry, Pad, ProbePosture
+from lis_grasp.grasping.hand_parts import (
+    Inertial,
+    Joint,
+    LinkGeometry,
+    Pad,
+    ProbePosture,
+    joints_to,
+)
 from lis_grasp.grasping.kinematics import Kinematics
 from lis_grasp.read_only import reduce_record
 
@@ -125,7 +132,7 @@ class Hand:
         """The finger that each link belongs to; links of several fingers or of none are absent."""
         owners: dict[str, set[str]] = {}
         for pad in self.pads:
-            for joint in self._chain(pad.link):
+            for joint in joints_to(self.joints, pad.link):
                 owners.setdefault(joint.child, set()).add(pad.finger)
         # What hangs on a finger's link, without being on its way to the pad, is the finger's too.
         for joint in self.joints:
@@ -137,7 +144,7 @@ class Hand:
     def finger_joints(self, finger: str) -> tuple[int, ...]:
         """Return the indices of the joints that move a finger's pad, from the palm outwards."""
         pad = next(pad for pad in self.pads if pad.finger == finger)
-        moving = (joint.index for joint in self._chain(pad.link) if joint.index >= 0)
+        moving = (joint.index for joint in joints_to(self.joints, pad.link) if joint.index >= 0)
         return tuple(dict.fromkeys(moving))
 
     def forward_kinematics(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> dict[str, FloatArray]:
@@ -156,15 +163,15 @@ class Hand:
         dict
             Link name -> poses X_OL, shape (..., 4, 4), in the order of `links`.
         """
-        return self._kinematics.poses(*self._bases(X_OH, q))
+        return self._kinematics.poses(X_OH, q)
 
     def pad_centers(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
         """Return the pads' centres in O, (..., F, 3) [m]; arguments as `forward_kinematics`."""
-        return self._kinematics.pads(*self._bases(X_OH, q))[0]
+        return self._kinematics.pads(X_OH, q)[0]
 
     def pad_axes(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
         """Return the pads' axes in O, (..., F, 3); arguments as `forward_kinematics`."""
-        return self._kinematics.pads(*self._bases(X_OH, q))[1]
+        return self._kinematics.pads(X_OH, q)[1]
 
     def pad_jacobians(
         self, X_OH: npt.ArrayLike, q: npt.ArrayLike
@@ -185,28 +192,10 @@ class Hand:
             palm's origin [m/rad]; 3 to 5: moving the palm along O's axes; then the joints
             [m/rad or 1], zero for those that do not move that pad.
         """
-        pivot = np.asarray(X_OH, np.float64)[..., :3, 3]
-        return self._kinematics.pad_jacobians(*self._bases(X_OH, q), pivot)
+        return self._kinematics.pad_jacobians(X_OH, q)
 
     @cached_property
     def _kinematics(self) -> Kinematics:
-        return Kinematics(self.links, self.joints, self.pads, len(self.joint_names))
-
-    def _chain(self, link: str) -> tuple[Joint, ...]:
-        """Return the joints from the base to a link."""
-        by_child = {joint.child: joint for joint in self.joints}
-        chain: list[Joint] = []
-        while link in by_child:
-            chain.append(by_child[link])
-            link = by_child[link].parent
-        return tuple(reversed(chain))
-
-    def _bases(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Return the base link's poses (..., 4, 4) and the joints (..., J), broadcast."""
-        X_OB = np.asarray(X_OH, np.float64) @ np.linalg.inv(self.X_LH)
-        positions = np.asarray(q, np.float64)
-        batch = np.broadcast_shapes(X_OB.shape[:-2], positions.shape[:-1])
-        return (
-            np.broadcast_to(X_OB, (*batch, 4, 4)),
-            np.broadcast_to(positions, (*batch, len(self.joint_names))),
+        return Kinematics(
+            self.links, self.joints, self.pads, X_LH=self.X_LH, actuated=len(self.joint_names)
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -57,6 +58,16 @@ class Joint:
     def position(self, q: FloatArray) -> FloatArray:
         """Return its position, shape (...), for those of the actuated joints, (..., J)."""
         return np.asarray(self.multiplier * q[..., self.index] + self.offset)
+
+
+def joints_to(joints: Sequence[Joint], link: str) -> tuple[Joint, ...]:
+    """Return the joints from the base to a link."""
+    by_child = {joint.child: joint for joint in joints}
+    chain: list[Joint] = []
+    while link in by_child:
+        chain.append(by_child[link])
+        link = by_child[link].parent
+    return tuple(reversed(chain))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.grasping.hand_parts import Joint, Pad
+from lis_grasp.grasping.hand_parts import Joint, Pad, joints_to
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -27,14 +27,23 @@ class Kinematics:
         N joints, a parent before its children.
     pads
         F pads.
+    X_LH
+        Shape (4, 4): the palm frame in the base link's.
     actuated
         J, how many joints have a motor.
     """
 
     def __init__(
-        self, links: Sequence[str], joints: Sequence[Joint], pads: Sequence[Pad], actuated: int
+        self,
+        links: Sequence[str],
+        joints: Sequence[Joint],
+        pads: Sequence[Pad],
+        *,
+        X_LH: FloatArray,
+        actuated: int,
     ) -> None:
-        self._links = tuple(links)
+        self._links, self._actuated = tuple(links), actuated
+        self._X_HL = np.linalg.inv(X_LH)
         number = {link: i for i, link in enumerate(links)}
         self._parents = [number[joint.parent] for joint in joints]
         self._children = [number[joint.child] for joint in joints]
@@ -46,52 +55,50 @@ class Kinematics:
         self._index = np.array([max(joint.index, 0) for joint in joints], dtype=np.intp)
         self._multipliers = np.array([joint.multiplier for joint in joints])
         self._offsets = np.array([joint.offset for joint in joints])
-        self._turn_axes, self._slide_axes = axes * turns[:, None], axes * slides[:, None]
+        turn_axes, self._slide_axes = axes * turns[:, None], axes * slides[:, None]
+        self._crossed = _cross_matrix(turn_axes)  # (N, 3, 3), for Rodrigues' formula
+        self._crossed_twice = self._crossed @ self._crossed
 
         self._pad_links = [number[pad.link] for pad in pads]
         self._pad_centers = np.array([pad.center_L for pad in pads]).reshape(-1, 3)
         self._pad_axes = np.array([pad.axis_L for pad in pads]).reshape(-1, 3)
         # Pairs of a pad and a joint that moves it, P of them.
-        pairs = [
-            (f, n)
-            for f, pad in enumerate(pads)
-            for n in self._chain(number[pad.link])
-            if turns[n] or slides[n]
-        ]
-        self._moved, self._moving = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+        by_child = {joint.child: n for n, joint in enumerate(joints)}
+        chains = [[by_child[j.child] for j in joints_to(joints, pad.link)[::-1]] for pad in pads]
+        pairs = [(f, n) for f, chain in enumerate(chains) for n in chain if turns[n] or slides[n]]
+        self._moved, moving = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+        self._moving_links = np.array(self._children, dtype=np.intp)[moving]
+        self._moving_turns, self._moving_slides = turn_axes[moving], self._slide_axes[moving]
         # Where the motion of a pair goes in a Jacobian, and how much of it.
         self._share = np.zeros((len(pads), 6 + actuated, len(pairs)))
-        columns = 6 + self._index[self._moving]
-        self._share[self._moved, columns, range(len(pairs))] = self._multipliers[self._moving]
+        columns = 6 + self._index[moving]
+        self._share[self._moved, columns, range(len(pairs))] = self._multipliers[moving]
 
-    def poses(self, X_OB: FloatArray, q: FloatArray) -> dict[str, FloatArray]:
-        """Return the pose X_OL (..., 4, 4) of each link for bases (..., 4, 4), joints (..., J)."""
-        return dict(zip(self._links, self._poses(X_OB, q), strict=True))
+    def poses(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> dict[str, FloatArray]:
+        """Return the pose of each link; see `Hand.forward_kinematics`."""
+        return dict(zip(self._links, self._poses(*self._broadcast(X_OH, q)), strict=True))
 
-    def pads(self, X_OB: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the pads' centres and axes, each of shape (..., F, 3); arguments as `poses`."""
-        centers, axes = self._pads(self._poses(X_OB, q))
+    def pads(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the pads' centres and axes; see `Hand.pad_centers`."""
+        centers, axes = self._pads(self._poses(*self._broadcast(X_OH, q)))
         return np.moveaxis(centers, 0, -2), np.moveaxis(axes, 0, -2)
 
     def pad_jacobians(
-        self, X_OB: FloatArray, q: FloatArray, pivot: FloatArray
+        self, X_OH: npt.ArrayLike, q: npt.ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the pads' centres and axes (..., F, 3), and how each moves (..., F, 3, 6 + J).
-
-        With turns of the whole hand about O's axes through `pivot` (..., 3), with its motion along
-        them, and with the joints.
-        """
-        poses = self._poses(X_OB, q)
+        """Return the pads' centres and axes, and how they move; see `Hand.pad_jacobians`."""
+        X_OH, q = self._broadcast(X_OH, q)
+        poses = self._poses(X_OH, q)
         centers, axes = self._pads(poses)
-        X_OC = poses[self._children][self._moving]  # (P, ..., 4, 4)
+        X_OC = poses[self._moving_links]  # (P, ..., 4, 4)
         # A joint's axis is the same in the child link's frame as in the joint frame.
-        turn = _turned(X_OC, self._turn_axes[self._moving])
-        slide = _turned(X_OC, self._slide_axes[self._moving])
+        turn = _turned(X_OC, self._moving_turns)
+        slide = _turned(X_OC, self._moving_slides)
         arms = centers[self._moved] - X_OC[..., :3, 3]
         of_centers = np.tensordot(self._share, _cross(turn, arms) + slide, axes=1)
         of_axes = np.tensordot(self._share, _cross(turn, axes[self._moved]), axes=1)
         along = np.eye(3).reshape(3, *(1,) * (q.ndim - 1), 3)  # O's axes, (3, ..., 3)
-        of_centers[:, 0:3] = _cross(along, (centers - pivot)[:, None])
+        of_centers[:, 0:3] = _cross(along, (centers - X_OH[..., :3, 3])[:, None])
         of_centers[:, 3:6] = along
         of_axes[:, 0:3] = _cross(along, axes[:, None])
         return (
@@ -101,17 +108,19 @@ class Kinematics:
             np.moveaxis(of_axes, (0, 1), (-3, -1)),
         )
 
-    def _chain(self, link: int) -> Iterator[int]:
-        """Yield the joints from a link to the base."""
-        while link in self._children:
-            joint = self._children.index(link)
-            yield joint
-            link = self._parents[joint]
+    def _broadcast(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return palm poses (..., 4, 4) and joint positions (..., J) of one batch."""
+        poses, positions = np.asarray(X_OH, np.float64), np.asarray(q, np.float64)
+        batch = np.broadcast_shapes(poses.shape[:-2], positions.shape[:-1])
+        return (
+            np.broadcast_to(poses, (*batch, 4, 4)),
+            np.broadcast_to(positions, (*batch, self._actuated)),
+        )
 
-    def _poses(self, X_OB: FloatArray, q: FloatArray) -> FloatArray:
+    def _poses(self, X_OH: FloatArray, q: FloatArray) -> FloatArray:
         """Return the poses of all links, shape (L, ..., 4, 4)."""
         poses = np.empty((len(self._links), *q.shape[:-1], 4, 4))
-        poses[0] = X_OB
+        poses[0] = X_OH @ self._X_HL
         for parent, child, X_PC in zip(self._parents, self._children, self._X_PC(q), strict=True):
             np.matmul(poses[parent], X_PC, out=poses[child])
         return poses
@@ -120,14 +129,13 @@ class Kinematics:
         """Return the pose of each joint's child in its parent, shape (N, ..., 4, 4)."""
         batch = (1,) * (q.ndim - 1)
         positions = np.moveaxis(self._multipliers * q[..., self._index] + self._offsets, -1, 0)
-        crossed = _cross_matrix(self._turn_axes)
         sine, cosine = np.sin(positions)[..., None, None], np.cos(positions)[..., None, None]
         X_JC = np.zeros((*positions.shape, 4, 4))
         # Rodrigues' formula.
         X_JC[..., :3, :3] = (
             np.eye(3)
-            + sine * crossed.reshape(-1, *batch, 3, 3)
-            + (1.0 - cosine) * (crossed @ crossed).reshape(-1, *batch, 3, 3)
+            + sine * self._crossed.reshape(-1, *batch, 3, 3)
+            + (1.0 - cosine) * self._crossed_twice.reshape(-1, *batch, 3, 3)
         )
         X_JC[..., :3, 3] = positions[..., None] * self._slide_axes.reshape(-1, *batch, 3)
         X_JC[..., 3, 3] = 1.0
