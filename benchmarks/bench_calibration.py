@@ -7,7 +7,8 @@ Each object is touched 15 times by geometry alone. Surfaces of the first 5, 8 an
 lifted. Prints the expected calibration error (ten bins of equal width, weighted by what is in
 them) of `success_probability`, what was foretold and what held for each estimator, how well it
 orders (area under the ROC curve), and a logistic fit to the lifts of `blend`. The constants in use
-come from seeds 2000 and 2001 of all built-in shapes and six YCB scans: judge by others. Also: how
+come from seeds 2000 and 2001 of all built-in shapes and six YCB scans (2001 with the multi-finger
+hand of five objects only): judge by others. Also: how
 often grasps held that fingers felt to be in force closure at half the friction, and others.
 
 Goes on where it was when run again with the same folder.
