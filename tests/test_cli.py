@@ -89,6 +89,18 @@ def test_a_missing_file_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> N
     assert "absent" in _misuse(capsys, "view", "absent")
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [["run", "{}.stl"], ["explore", "{}"], ["grasp", "{}.ply"], ["view", "{}"]]
+    + [["doctor", "--hand", "{}"], ["explore", "box", "--hand", "{}.yaml"]],
+)
+def test_a_name_longer_than_a_file_may_have_is_one_sentence(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "9" * 400
+    assert name in _misuse(capsys, *(argument.format(name) for argument in arguments))
+
+
 def test_an_unknown_object_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
     message = _misuse(capsys, "explore", "teapot")
     assert "teapot" in message

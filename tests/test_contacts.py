@@ -271,6 +271,13 @@ def ply_text(properties: str, row: str, *, comment: str = "none") -> str:
         ("a.ply", "", "cannot be read as PLY"),
         ("a.ply", "solid nonsense", "cannot be read as PLY"),
         ("a.ply", ply_text("x y z nx ny nz", "1 2"), "cannot be read as PLY"),
+        (
+            "a.ply",
+            ply_text("x y z nx ny nz", "1 2 3 0 0 1")
+            .replace("float z", "int z", 1)
+            .replace("3 0", "9999999999 0"),
+            "cannot be read as PLY",
+        ),
         ("a.ply", ply_text("x y z", "1 2 3"), "lacks nx, ny, nz; a contact needs"),
         ("a.ply", ply_text("x nx ny nz", "1 2 3 4"), "lacks y, z$"),
         (

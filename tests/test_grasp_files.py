@@ -81,6 +81,7 @@ def test_a_file_that_holds_no_grasps_is_refused(tmp_path: Path, text: str, reaso
         {"joint_positions": [0.1]},
         {"contact_points": [[np.nan, 0, 0], [0, 0, 0]]},
         {"quality": {}},
+        {"quality": {"epsilon": np.nan}},
     ],
 )
 def test_a_grasp_that_contradicts_itself_is_refused(change: dict[str, object]) -> None:

@@ -296,6 +296,7 @@ def test_a_mistake_in_the_yaml_is_named_in_one_line(tmp_path: Path, mistake: str
 
 URDF_MISTAKES = {
     "broken XML": ("</robot>", "", "not valid XML"),
+    "version of XML": ('version="1.0"', 'version="0x1"', "must be XML 1.0"),
     "no effort": ('effort="40"', "", "effort above 0"),
     "limits": ('upper="0.055"', 'upper="-1"', "lower limit below its upper limit"),
     "joint type": ('type="prismatic"', 'type="planar"', "is of type 'planar'"),

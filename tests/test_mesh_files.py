@@ -216,6 +216,19 @@ def test_parts_that_run_into_each_other_are_united(tmp_path: Path) -> None:
     assert shape.repairs == ("united 2 parts that touch",)
 
 
+def test_a_heap_of_shreds_is_refused(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    splinters = [
+        trimesh.Trimesh(
+            rng.uniform(-0.1, 0.1, (4, 3)), [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]]
+        )
+        for _ in range(80)
+    ]
+    heap = trimesh.util.concatenate(splinters)
+    with pytest.raises(InvalidMeshError, match="run through each other everywhere"):
+        shapes.load(write(heap, tmp_path / "heap.ply"))
+
+
 def test_parts_apart_stay_apart(tmp_path: Path) -> None:
     pair = trimesh.util.concatenate([block(), block(at=(0.4, -0.2, 0.1))])
     shape = shapes.load(write(pair, tmp_path / "pair.ply"))

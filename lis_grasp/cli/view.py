@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ def execute(options: argparse.Namespace) -> None:
     """Serve the scene until Ctrl-C, made anew where it is missing or older than what it shows."""
     from lis_grasp.visualization import serve_scene
 
-    if not options.directory.is_dir():
+    if not os.path.isdir(options.directory):
         raise InvalidFileError(f"{options.directory} is not a folder: name a folder of results")
     if scene_is_outdated(options.directory):
         say(f"wrote {write_scene_of(options.directory)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -97,6 +98,8 @@ class Grasp:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
         object.__setattr__(self, "contact_fingers", tuple(self.contact_fingers))
         values = {str(name): float(value) for name, value in self.quality.items()}
+        if not all(map(math.isfinite, values.values())):
+            raise InvalidOptionError(f"a grasp's quality must be finite numbers, not {values}")
         object.__setattr__(self, "quality", MappingProxyType(values))
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:

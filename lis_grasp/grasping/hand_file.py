@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -51,7 +52,7 @@ def _find(path_or_name: str | Path) -> Path:
     if str(path_or_name) in HAND_NAMES:
         return model_path(f"hands/{path_or_name}/{path_or_name}.yaml")
     path = Path(path_or_name)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InvalidHandError(
             f"a hand must be one of {', '.join(HAND_NAMES)}, or a hand's YAML file;"
             f" '{path_or_name}' is neither"

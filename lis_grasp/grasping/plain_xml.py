@@ -26,8 +26,12 @@ def require_plain_xml(path: Path) -> None:
     def refuse(*_: object) -> None:
         raise InvalidFileError(f"{path} must not declare XML entities: write their text out")
 
+    def require_version(version: str, *_: object) -> None:
+        if version not in ("1.0", "1.1"):  # expat reads on, other parsers guess
+            raise InvalidFileError(f"{path} must be XML 1.0 or 1.1; it says '{version[:20]}'")
+
     parser = xml.parsers.expat.ParserCreate()
-    parser.EntityDeclHandler = refuse
+    parser.EntityDeclHandler, parser.XmlDeclHandler = refuse, require_version
     depth = 0
 
     def enter(*_: object) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from pathlib import Path
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
@@ -34,7 +35,7 @@ def find(name_or_path: str | Path, size: float | None = None, units: str = "m") 
     if str(name_or_path) in BUILDERS:
         return build(str(name_or_path), size)
     path = Path(name_or_path)
-    if not _is_there(path) and path.suffix.lower() not in FORMATS:
+    if not os.path.exists(path) and path.suffix.lower() not in FORMATS:
         close = difflib.get_close_matches(str(name_or_path), NAMES, n=1)
         hint = f"; did you mean '{close[0]}'?" if close else ""
         raise InvalidOptionError(
@@ -48,10 +49,3 @@ def find(name_or_path: str | Path, size: float | None = None, units: str = "m") 
     if path.suffix.lower() not in FORMATS and not path.is_file():
         raise InvalidFileError(f"{path} is a folder; a mesh file is needed ({', '.join(FORMATS)})")
     return load(path, units)
-
-
-def _is_there(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # longer than a name may be, or with characters that none has
-        return False

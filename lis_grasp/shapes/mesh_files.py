@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
 import warnings
 from collections.abc import Mapping
@@ -99,7 +100,7 @@ def _read(path: Path) -> tuple[FloatArray, IndexArray]:
             f"{path} must end in one of {', '.join(FORMATS)}; convert other formats, for example"
             " with MeshLab"
         )
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InvalidFileError(f"{path} is missing, or is no file: check the path")
     if path.stat().st_size == 0:
         raise InvalidFileError(f"{path} is empty: export it again")

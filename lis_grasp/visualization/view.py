@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -38,7 +39,7 @@ class SceneServer(ThreadingHTTPServer):
 
     def __init__(self, directory: Path | str, *, port: int) -> None:
         self.scene = Path(directory) / SCENE_FILE
-        if not self.scene.is_file():
+        if not os.path.isfile(self.scene):
             raise InvalidFileError(
                 f"{self.scene} does not exist: name a folder that holds a {SCENE_FILE}"
             )
