@@ -29,7 +29,8 @@ from lis_grasp.evaluation.calibration import calibration_bins, expected_calibrat
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.grasping.assessment import robust_epsilon_on
 from lis_grasp.json_lines import append_lines, read_lines
-from lis_grasp.pipeline import RunConfig, estimate, plan, prove, support_height, touch
+from lis_grasp.pipeline import estimate, plan, prove, support_height, touch
+from lis_grasp.run_config import RunConfig
 from lis_grasp.worker_pool import worker_pool
 
 BUDGETS = (("blend", 5), ("blend", 8), ("blend", 15), ("gpis", 5), ("gpis", 10), ("lis", 8))

@@ -23,8 +23,9 @@ from scipy.stats import binomtest
 
 from lis_grasp import Hand, shapes
 from lis_grasp.json_lines import append_lines, read_lines
-from lis_grasp.pipeline import RunConfig, plan, prove, support_height, touch
+from lis_grasp.pipeline import plan, prove, support_height, touch
 from lis_grasp.regrasp import grasp_by_touch
+from lis_grasp.run_config import RunConfig
 from lis_grasp.worker_pool import worker_pool
 
 PLANS = (("allegro", "truth"), ("allegro", 40), ("allegro", 15), ("wsg50", "truth"), ("wsg50", 40))

@@ -15,6 +15,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.assessment import robust_epsilon_on
 from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.hand import Hand
+from lis_grasp.run_config import RunConfig
 from lis_grasp.shapes import Shape
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def grasp_by_touch(
     shape: Shape,
     hand: Hand,
     contacts: Contacts,
-    config: pipeline.RunConfig,
+    config: RunConfig,
     *,
     planner: Planner | None = None,
     prover: Callable[..., LiftOutcome] = pipeline.prove,
@@ -115,7 +116,7 @@ def grasp_by_touch(
         X_WO = outcome.X_WO
 
 
-def _planner(shape: Shape, hand: Hand, config: pipeline.RunConfig) -> Planner:
+def _planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
     def estimate_and_plan(contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
         _, mesh = pipeline.estimate(
             contacts, config.estimator, config.sensor(), free_space=config.free_space

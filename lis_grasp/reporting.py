@@ -15,8 +15,8 @@ from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.exploration import STEP_FRACTION
 from lis_grasp.grasping.grasp import GraspSearch
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.pipeline import RunConfig
 from lis_grasp.regrasp import Attempt
+from lis_grasp.run_config import RunConfig
 from lis_grasp.shapes import Shape
 
 if TYPE_CHECKING:

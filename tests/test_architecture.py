@@ -30,7 +30,7 @@ LAYERS = [
     ["grasping"],
     ["simulation"],
     ["evaluation"],
-    ["pipeline", "regrasp"],
+    ["run_config", "pipeline", "regrasp"],
     ["study"],
     ["visualization", "reporting", "scene_files"],
     ["paper_report", "study_report"],

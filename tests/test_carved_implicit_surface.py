@@ -17,7 +17,8 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, Workspace, explore
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline import RunConfig, make_policy
+from lis_grasp.pipeline import make_policy
+from lis_grasp.run_config import RunConfig
 from lis_grasp.simulation.kinematic_probing import KinematicProber
 from lis_grasp.surfaces import ESTIMATORS, CarvedImplicitSurface, ImplicitSurface, carved, uncarved
 

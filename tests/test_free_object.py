@@ -9,7 +9,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe, Workspace
 from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.pipeline import RunConfig
+from lis_grasp.run_config import RunConfig
 from lis_grasp.simulation import probing
 from lis_grasp.simulation.probing import TOPPLED, DynamicProber
 from lis_grasp.simulation.probing_scene import FreeObject

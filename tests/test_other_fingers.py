@@ -9,7 +9,7 @@ from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.pipeline import RunConfig
+from lis_grasp.run_config import RunConfig
 from lis_grasp.simulation.guarded_motion import Course, GuardedMotion
 from lis_grasp.simulation.kinematic_probing import KinematicProber
 from lis_grasp.simulation.other_fingers import OtherFingers

@@ -7,8 +7,8 @@ import pytest
 
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.pipeline import RunConfig
 from lis_grasp.regrasp import Attempt, grasp_by_touch
+from lis_grasp.run_config import RunConfig
 
 ALLEGRO = Hand.load("allegro")
 BOX = shapes.build("box")

@@ -6,7 +6,7 @@ import pytest
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Certain, Covered, Probe, ProbeOutcome, TimeSpent, Workspace
-from lis_grasp.pipeline import RunConfig
+from lis_grasp.run_config import RunConfig
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
 
 RADIUS = 0.05

@@ -15,7 +15,7 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import POLICIES
 from lis_grasp.output_files import write_text
-from lis_grasp.pipeline import PROBERS
+from lis_grasp.run_config import PROBERS
 from lis_grasp.worker_pool import process_count
 
 if TYPE_CHECKING:

@@ -18,6 +18,7 @@ from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.hand_check import Finding, check_hand
+from lis_grasp.run_config import RunConfig
 from lis_grasp.shapes import find
 
 _PACKAGES = ("drake", "numpy", "scipy", "trimesh", "python-fcl", "meshcat", "manifold3d")
@@ -111,7 +112,7 @@ def _browser() -> Finding:
 def _self_test() -> Finding:
     """Touch a box, estimate it, and plan a grasp: seconds, no simulation."""
     start = time.perf_counter()
-    config = pipeline.RunConfig(prober="kinematic", touches=15, grasps=2)
+    config = RunConfig(prober="kinematic", touches=15, grasps=2)
     shape, hand = find("box"), Hand.load(config.hand)
     try:
         contacts = pipeline.touch(shape, hand, config).contacts

@@ -12,6 +12,8 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results import remove_made_from
 from lis_grasp.exploration import Exploration, TouchLog
 from lis_grasp.grasping.hand import Hand
+from lis_grasp.run_config import RunConfig
+from lis_grasp.shapes import Shape
 
 LOG = "touches.jsonl"
 
@@ -54,9 +56,7 @@ def execute(options: argparse.Namespace) -> None:
     say(f"next: lis-grasp estimate {path}")
 
 
-def touch_with_log(
-    config: pipeline.RunConfig, shape: pipeline.Shape, hand: Hand, output: Path
-) -> Exploration:
+def touch_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) -> Exploration:
     """Touch, with a log in the folder of results; go on where an interrupted log ends.
 
     A log of another configuration, or by another state of the package, which might have chosen
@@ -79,7 +79,7 @@ def touch_with_log(
     return exploration
 
 
-def explored_header(config: pipeline.RunConfig, shape: pipeline.Shape) -> str:
+def explored_header(config: RunConfig, shape: Shape) -> str:
     """Return the header of contacts: the configuration, and the height the object stands at."""
     later = ("grasps", "attempts", *(() if config.free else ("mass", "friction")))
     facts = {name: value for name, value in config.facts().items() if name not in later}

@@ -16,6 +16,7 @@ from lis_grasp.grasping.grasp import GraspSearch, save_grasps
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.mesh_files import load_surface
+from lis_grasp.run_config import RunConfig
 from lis_grasp.shapes import load
 
 
@@ -77,7 +78,7 @@ def execute(options: argparse.Namespace) -> None:
         say(f"next: lis-grasp lift {path}")
 
 
-def grasp_header(recorded: dict[str, Any], config: pipeline.RunConfig, support: float) -> str:
+def grasp_header(recorded: dict[str, Any], config: RunConfig, support: float) -> str:
     """Return the header of grasps, on top of what is recorded of the surface."""
     return provenance.merge(
         recorded,

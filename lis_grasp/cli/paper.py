@@ -13,7 +13,7 @@ from lis_grasp.evaluation.paper.results import ResultsFile, run_trials
 from lis_grasp.evaluation.paper.trials import Experiment, trials
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.output_files import write_text
-from lis_grasp.pipeline import RunConfig
+from lis_grasp.run_config import RunConfig
 from lis_grasp.surfaces.baselines import BASELINES
 from lis_grasp.worker_pool import process_count
 

@@ -20,6 +20,7 @@ from lis_grasp.mesh_files import load_surface, save_surface
 from lis_grasp.output_files import write_json
 from lis_grasp.regrasp import Attempt, grasp_by_touch
 from lis_grasp.reporting import build_report
+from lis_grasp.run_config import RunConfig
 from lis_grasp.scene_files import write_scene_of
 from lis_grasp.shapes import Shape
 
@@ -89,7 +90,7 @@ def execute(options: argparse.Namespace) -> None:
 def _attempts(
     shape: Shape,
     hand: Hand,
-    config: pipeline.RunConfig,
+    config: RunConfig,
     contacts: Contacts,
     output: Path,
     watch: pipeline.Stopwatch,
@@ -118,7 +119,7 @@ def _attempts(
 
 
 def _estimate(
-    config: pipeline.RunConfig, contacts: Contacts, output: Path, watch: pipeline.Stopwatch
+    config: RunConfig, contacts: Contacts, output: Path, watch: pipeline.Stopwatch
 ) -> trimesh.Trimesh:
     title = f"Estimating the surface ({config.estimator})"
     with Stage(title) as stage, watch.measure("estimate"):
@@ -133,7 +134,7 @@ def _estimate(
 
 
 def _plan(
-    config: pipeline.RunConfig,
+    config: RunConfig,
     mesh: trimesh.Trimesh,
     hand: Hand,
     support: float,

@@ -10,6 +10,7 @@ from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import ProbeOutcome
 from lis_grasp.grasping.hand import Hand
+from lis_grasp.run_config import RunConfig
 from lis_grasp.study.study import Setup, Trial, find_object, parse_noise
 
 
@@ -36,7 +37,7 @@ def contacts_of(trial: Trial, setup: Setup, explorer: str) -> tuple[Contacts, fl
         known = _Explored()
     start = time.perf_counter()
     noise = parse_noise(trial.noise)
-    config = pipeline.RunConfig(
+    config = RunConfig(
         object=trial.object,
         estimator=explorer,
         touches=trial.touches,

@@ -22,7 +22,7 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.exploration import POLICIES
 from lis_grasp.grasping.hand import Hand
-from lis_grasp.pipeline import RunConfig
+from lis_grasp.run_config import RunConfig
 from lis_grasp.shapes import FORMATS, NAMES, Shape, find
 from lis_grasp.study.keys import HAND_SUFFIXES, label
 from lis_grasp.surfaces import ESTIMATORS
