@@ -15,6 +15,7 @@ PACKAGE = Path(lis_grasp.__file__).resolve().parent
 LAYERS = [
     ["exceptions"],
     [
+        "bounding_volumes",
         "output_files",
         "json_lines",
         "model_files",

@@ -222,7 +222,7 @@ def test_a_heap_of_shreds_is_refused(tmp_path: Path) -> None:
         trimesh.Trimesh(
             rng.uniform(-0.1, 0.1, (4, 3)), [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]]
         )
-        for _ in range(80)
+        for _ in range(200)
     ]
     heap = trimesh.util.concatenate(splinters)
     with pytest.raises(InvalidMeshError, match="run through each other everywhere"):

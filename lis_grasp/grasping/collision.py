@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from lis_grasp.bounding_volumes import bounding_volumes
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.hand_parts import LinkGeometry
 from lis_grasp.winding import any_inside
@@ -67,12 +68,8 @@ class HandCollisionChecker:
         self._hand = hand
         self._mesh = mesh
         self._floor = None if support_height is None else support_height + clearance
-        model = fcl.BVHModel()
-        model.beginModel(len(mesh.vertices), len(mesh.faces))
-        model.addSubModel(np.asarray(mesh.vertices), np.asarray(mesh.faces))
-        model.endModel()
-        self._model = model
-        self._object = fcl.CollisionObject(model, fcl.Transform())
+        self._model = bounding_volumes(mesh)
+        self._object = fcl.CollisionObject(self._model, fcl.Transform())
         shapes = [_fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
         self._outlines = [_outline(g) for g in hand.link_geometries]
@@ -236,11 +233,7 @@ def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
         case "capsule":
             return fcl.Capsule(*geometry.dimensions)
         case "mesh":
-            model = fcl.BVHModel()
-            model.beginModel(len(geometry.mesh.vertices), len(geometry.mesh.faces))
-            model.addSubModel(np.asarray(geometry.mesh.vertices), np.asarray(geometry.mesh.faces))
-            model.endModel()
-            return model
+            return bounding_volumes(geometry.mesh)
 
 
 def _outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:

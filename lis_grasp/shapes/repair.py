@@ -25,6 +25,7 @@ from lis_grasp.shapes.topology import (
     is_bad_edge,
     part_at_shared_edges,
 )
+from lis_grasp.shapes.uniting import unite
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
@@ -39,8 +40,6 @@ _SHEET = 1e-4
 _ROUNDS = 5
 # More holes than this are no holes of a surface: its triangles lie about loose.
 _MOST_HOLES = 2000
-# Solids that run into each other have a few more faces when united; more than these are shreds.
-_MOST_SHREDS = 2
 
 
 def mend(vertices: FloatArray, faces: IndexArray) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
@@ -218,28 +217,12 @@ def _joined_bodies(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh
     if len(bodies) < 2:
         return mesh
     parts = [mesh.submesh([body], append=True, repair=False) for body in bodies]
-    united = _united(parts)
+    united = unite(parts)
     # Parts that stand apart keep their whole surface, and the file's own triangles.
     if not united.is_watertight or united.area > (1.0 - 1e-6) * mesh.area:
         return mesh
     repairs.append(f"united {len(parts)} parts that touch")
     return united
-
-
-def _united(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
-    """Unite solids two by two; a heap whose faces cut each other to shreds is refused."""
-    most = _MOST_SHREDS * sum(len(part.faces) for part in parts) + 1000
-    while len(parts) > 1:
-        parts = [
-            trimesh.boolean.union(parts[i : i + 2], engine="manifold", check_volume=False)
-            for i in range(0, len(parts), 2)
-        ]
-        if sum(len(part.faces) for part in parts) > most:
-            raise InvalidMeshError(
-                "has parts that run through each other everywhere, as a torn mesh does: mend it by"
-                " hand, for example with MeshLab or Blender"
-            )
-    return parts[0]
 
 
 def _count(number: int, thing: str) -> str:

@@ -1,0 +1,47 @@
+"""Unite solids that touch or run into each other, unless they are shreds."""
+
+from __future__ import annotations
+
+import fcl
+import trimesh
+
+from lis_grasp.bounding_volumes import bounding_volumes
+from lis_grasp.exceptions import InvalidMeshError
+
+# Faces of solids meet along lines, or lie on each other: up to five crossings a face. Where there
+# are more than this for each face of the file, solids are torn, and uniting them may take minutes.
+# So few as the second number never take long.
+_MOST_CROSSINGS = 10
+_FEW_CROSSINGS = 1000
+
+
+def unite(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """Return the union of solids, united two by two.
+
+    Raises
+    ------
+    InvalidMeshError
+        If their faces cross each other nearly everywhere.
+    """
+    most = _FEW_CROSSINGS + _MOST_CROSSINGS * sum(len(part.faces) for part in parts)
+    while len(parts) > 1:
+        pairs = [parts[i : i + 2] for i in range(0, len(parts), 2)]
+        left = most
+        for pair in pairs:
+            left -= _crossings(pair[0], pair[-1], left + 1) if len(pair) == 2 else 0
+            if left < 0:
+                raise InvalidMeshError(
+                    "has parts that run through each other everywhere, as a torn mesh does: mend"
+                    " it by hand, for example with MeshLab or Blender"
+                )
+        parts = [
+            trimesh.boolean.union(pair, engine="manifold", check_volume=False) for pair in pairs
+        ]
+    return parts[0]
+
+
+def _crossings(a: trimesh.Trimesh, b: trimesh.Trimesh, most: int) -> int:
+    """Count the pairs of faces of two meshes that meet, `most` at the most."""
+    request = fcl.CollisionRequest(num_max_contacts=most, enable_contact=False)
+    objects = [fcl.CollisionObject(bounding_volumes(mesh)) for mesh in (a, b)]
+    return int(fcl.collide(*objects, request, fcl.CollisionResult()))
