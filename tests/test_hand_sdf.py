@@ -118,6 +118,7 @@ def test_a_shipped_hand_as_drake_writes_it_in_sdf_is_the_same_hand(tmp_path: Pat
         ("<radius>0.009</radius>", "<radius>wide</radius>", "numbers were expected; 'wide'"),
         ("collision", "visual", "must give links collision bodies"),
         ('mimic joint="bend"', 'mimic joint="curl"', "mimics 'curl'"),
+        ("<sdf ", '<sdf odd:key="1" ', "not valid XML: unbound prefix"),
     ],
 )
 def test_a_mistake_in_the_sdf_is_named(old: str, new: str, message: str, tmp_path: Path) -> None:

@@ -78,7 +78,10 @@ class _Model:
         if not path.is_file():
             raise InvalidFileError(f"there is no SDF file {path}")
         require_plain_xml(path)
-        root = ET.parse(path).getroot()
+        try:
+            root = ET.parse(path).getroot()
+        except ET.ParseError as error:  # a prefix of no namespace, which plain XML may have
+            self._fail(f"the file is not valid XML: {error}")
         models = root.findall("model")
         if len(models) != 1:
             self._fail(f"the file must hold one model; it holds {len(models)}")
