@@ -35,6 +35,7 @@ from lis_grasp.study_report.tables import (
     held_table,
     losses_table,
     printed,
+    summary_table,
 )
 
 STUDY = Study(
@@ -129,6 +130,24 @@ def test_held_shares_are_told_for_each_budget_with_their_intervals() -> None:
     assert [row[0] for row in differences.body] == ["blend"]
     assert differences.body[0][2].startswith("+83.3 (")
     assert held_table(rows_of(), "curved").body[1][2] == "100"  # too few clusters
+
+
+def test_the_summary_takes_noises_together_and_tells_hands_apart() -> None:
+    quiet = rows_of()
+    loud = [row | {"noise": "1mm", "hand": "wsg50", "held": False} for row in quiet]
+    table = summary_table(quiet + loud, "gpis")
+    assert table.head[1:7] == ("10 touches", "20 touches", "all", "allegro", "wsg50", "less GPIS")
+    gpis, blend = table.body
+    assert gpis[-2:] == ("–", "–")
+    # 23 of 24, and 0 of 24 with noise; every cluster of an object and seed has both.
+    assert blend[3].startswith("48 (")
+    assert blend[4].startswith("96 (")
+    assert blend[5] == "0 (0 to 24)"
+    assert blend[6].startswith("+45.8 (")
+    told = answer(quiet + loud, compare(quiet + loud, "gpis"), "gpis")
+    assert told[0].startswith("With noise and without together, over all objects")
+    assert told[1].startswith("Without noise")
+    assert told[2].startswith("With noise of 1mm")
 
 
 def test_no_difference_is_told_as_none() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lis_grasp.study.comparison import agreements, compare, losses, measure_table
+from lis_grasp.study.comparison import agreements, compare, compare_held, losses, measure_table
 from lis_grasp.study.shares import share_of
 from lis_grasp.study.statistics import (
     bootstrap_interval,
@@ -200,6 +200,16 @@ def test_p_values_are_adjusted_over_the_estimators_of_a_measure_and_kind() -> No
     # Of held and of epsilon_truth two equal p-values each, each times 2; truth is no estimator.
     assert {c.estimator for c in found} == {"blend", "lis"}
     assert [c.p_holm for c in found] == pytest.approx([2 * 2 / 2**8] * 4)
+
+
+def test_noises_together_are_a_family_of_their_own() -> None:
+    rows = study_rows({"gpis": [0] * 8, "blend": [1] * 8, "lis": [0] * 8, "truth": [1] * 8})
+    rows += [row | {"noise": "1mm"} for row in rows]
+    blend, lis = compare_held(rows, "gpis")
+    assert (blend.noise, blend.pairs, blend.clusters, blend.effect) == (None, 16, 8, 1.0)
+    # Two noises of one object and seed are one cluster; there are two estimators to adjust for.
+    assert blend.p_holm == pytest.approx(2 * 2 / 2**8)
+    assert (lis.effect, lis.p_holm) == (0.0, 1.0)
 
 
 def test_all_objects_come_first_where_there_are_several_kinds() -> None:

@@ -25,6 +25,7 @@ from lis_grasp.study_report.tables import (
     foretold_table,
     held_table,
     reasons_table,
+    summary_table,
 )
 from lis_grasp.visualization.figures.palette import estimator_label
 
@@ -62,6 +63,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
     done = len({tuple(row[name] for name in _TRIAL) for row in rows})
     so_far = str(done) if done == count else f"{done} of {count}"
     return {
+        "summary": summary_table(rows, study.reference).markdown(),
         "answer": "\n\n".join(answer(rows, comparisons, study.reference)),
         "what": (
             f"{len(study.objects)} objects ({objects}); estimators {estimators};"

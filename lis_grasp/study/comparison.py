@@ -60,9 +60,9 @@ class Comparison:
     kind
         Of the objects, see `KINDS`.
     noise
-        Of the sensor.
+        Of the sensor; None for all levels together.
     pairs
-        Trials that count: same object, hand, touches and seed.
+        Trials that count: same object, hand, touches, noise and seed.
     clusters
         Of pairs: those of one object and seed, which share their first touches.
     wins, losses
@@ -81,14 +81,15 @@ class Comparison:
     p_pairs
         The same with each pair a cluster of its own: too small where pairs of a cluster agree.
     p_holm
-        `p`, adjusted for all comparisons of the same measure and kind of objects.
+        `p`, adjusted for all comparisons of the same measure and kind of objects, those of single
+        levels of noise and those of all together apart.
     """
 
     estimator: str
     reference: str
     measure: Measure
     kind: Kind
-    noise: str
+    noise: str | None
     pairs: int
     clusters: int
     wins: int
@@ -112,16 +113,32 @@ def compare(rows: Sequence[Row], reference: str) -> list[Comparison]:
     found = []
     for measure in MEASURES:
         for kind in kinds_of(rows):
-            family = [
-                comparison
-                for noise in names(rows, "noise")
-                for name in names(rows, "estimator")
-                if name not in (reference, TRUTH)
-                and (comparison := compare_one(rows, name, reference, measure, kind, noise))
-            ]
-            adjusted = holm([comparison.p for comparison in family])
-            found += [replace(c, p_holm=float(p)) for c, p in zip(family, adjusted, strict=True)]
+            found += _family(rows, reference, measure, kind, names(rows, "noise"))
     return found
+
+
+def compare_held(rows: Sequence[Row], reference: str) -> list[Comparison]:
+    """Return every estimator against the reference by what held: all objects, noises together."""
+    return _family(rows, reference, "held", kinds_of(rows)[0], [None])
+
+
+def _family(
+    rows: Sequence[Row],
+    reference: str,
+    measure: Measure,
+    kind: Kind,
+    noises: Sequence[str | None],
+) -> list[Comparison]:
+    """Return the comparisons of a measure and kind, their p-values adjusted for each other."""
+    family = [
+        comparison
+        for noise in noises
+        for name in names(rows, "estimator")
+        if name not in (reference, TRUTH)
+        and (comparison := compare_one(rows, name, reference, measure, kind, noise))
+    ]
+    adjusted = holm([comparison.p for comparison in family])
+    return [replace(c, p_holm=float(p)) for c, p in zip(family, adjusted, strict=True)]
 
 
 def compare_one(
@@ -130,10 +147,10 @@ def compare_one(
     reference: str,
     measure: Measure,
     kind: Kind,
-    noise: str,
+    noise: str | None,
 ) -> Comparison | None:
     """Return one comparison, not adjusted for others; None where there is no pair."""
-    chosen = [row for row in rows if row["noise"] == noise and is_kind(row, kind)]
+    chosen = [row for row in rows if noise in (None, row["noise"]) and is_kind(row, kind)]
     theirs = {pair_of(row): row for row in chosen if row["estimator"] == reference}
     pairs = [
         (mine, theirs[pair_of(mine)])

@@ -9,6 +9,7 @@ from lis_grasp.study.comparison import (
     Agreement,
     Comparison,
     agreements,
+    compare_held,
     compare_one,
     kinds_of,
     names,
@@ -28,16 +29,19 @@ ALPHA = 0.05
 
 
 def answer(rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str) -> list[str]:
-    """Return paragraphs: one for each level of noise, on surfaces and grasps, how sure it is."""
-    told = [_of_noise(rows, comparisons, reference, noise) for noise in names(rows, "noise")]
+    """Return paragraphs: on all noise and on each level, on surfaces and grasps, how sure it is."""
+    levels: list[str | None] = list(names(rows, "noise"))
+    if len(levels) > 1:
+        comparisons, levels = [*compare_held(rows, reference), *comparisons], [None, *levels]
+    told = [_of_noise(rows, comparisons, reference, noise) for noise in levels]
     return [p for p in (*told, _of_surfaces(rows, reference), _of_precision(rows)) if p]
 
 
 def _of_noise(
-    rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str, noise: str
+    rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str, noise: str | None
 ) -> str:
     kind = kinds_of(rows)[0]
-    chosen = [row for row in rows if row["noise"] == noise]
+    chosen = [row for row in rows if noise in (None, row["noise"])]
     of = {n: [r for r in chosen if r["estimator"] == n] for n in names(chosen, "estimator")}
     shares = {name: share for name, r in of.items() if (share := share_of(r)) is not None}
     against = [c for c in comparisons if (c.measure, c.kind, c.noise) == ("held", kind, noise)]
@@ -48,7 +52,9 @@ def _of_noise(
     more = [c for c in ranked if c.p_holm <= ALPHA and c.effect > 0.0]
     fewer = [c for c in reversed(ranked) if c.p_holm <= ALPHA and c.effect < 0.0]
     same = [estimator_label(c.estimator) for c in ranked if c.p_holm > ALPHA]
-    where = "Without noise" if noise == "none" else f"With noise of {noise}"
+    where = f"With noise of {noise}"
+    if noise in (None, "none"):
+        where = "Without noise" if noise else "With noise and without together"
     text = (
         f"{where}, over {KIND_LABELS[kind]}, hands and touches, {who} held"
         f" {share_text(shares[reference])} % of its trials"
@@ -95,7 +101,7 @@ def _of_surfaces(rows: Sequence[Row], reference: str) -> str:
 def _of_precision(rows: Sequence[Row]) -> str:
     """Tell half the width of the widest interval, over all touches and of a number of touches."""
     widths = []
-    for columns in (("noise", "estimator"), ("noise", "estimator", "touches")):
+    for columns in (("estimator",), ("estimator", "touches")):
         cells: dict[tuple[object, ...], list[Row]] = {}
         for row in rows:
             cells.setdefault(tuple(row[name] for name in columns), []).append(row)

@@ -14,6 +14,7 @@ from lis_grasp.study.comparison import (
     Comparison,
     Kind,
     agreements,
+    compare_held,
     compare_one,
     is_kind,
     kinds_of,
@@ -58,6 +59,7 @@ def all_tables(
     """Return the tables of a study, in the order of the report."""
     noises = names(rows, "noise")
     return [
+        summary_table(rows, reference),
         *(held_table(rows, kind) for kind in kinds_of(rows)),
         differences_table(rows, reference),
         comparisons_table(comparisons),
@@ -77,6 +79,30 @@ def write_tables(folder: Path, tables: Iterable[StudyTable], rows: Sequence[Row]
         write_text(folder / f"{table.name}.tex", table.latex())
     content = [[_plain(row.get(name)) for name in COLUMNS] for row in rows]
     write_text(folder / "rows.csv", csv_text([COLUMNS, *content]))
+
+
+def summary_table(rows: Sequence[Row], reference: str) -> StudyTable:
+    """Return the share of held grasps of each estimator, at each budget and with each hand.
+
+    Noises are together; the last two columns hold each estimator against the reference.
+    """
+    budgets, hands = sorted(names(rows, "touches")), names(rows, "hand")
+    against = {c.estimator: c for c in compare_held(rows, reference)}
+    body = []
+    for name in names(rows, "estimator"):
+        of = [row for row in rows if row["estimator"] == name]
+        parts = [[r for r in of if r["touches"] == n] for n in budgets]
+        parts += [of, *([r for r in of if r["hand"] == hand] for hand in hands)]
+        found = against.get(name)
+        last = ("–", "–") if found is None else (difference_text(found), p_value(found.p_holm))
+        body.append((estimator_label(name), *(share_text(share_of(p)) for p in parts), *last))
+    who = estimator_label(reference)
+    head = (
+        *("estimator", *(f"{n} touches" for n in budgets), "all", *hands),
+        *(f"less {who}", "p, Holm"),
+    )
+    title = f"In short: held, in percent, and points more (+) or less (−) than {who}"
+    return StudyTable("summary", title, head, tuple(body))
 
 
 def held_table(rows: Sequence[Row], kind: Kind) -> StudyTable:
@@ -130,7 +156,7 @@ def comparisons_table(comparisons: Sequence[Comparison]) -> StudyTable:
             estimator_label(c.estimator),
             estimator_label(c.reference),
             KIND_LABELS[c.kind],
-            c.noise,
+            c.noise or "all",
             _label(c.measure),
             str(c.pairs),
             str(c.clusters),
