@@ -155,6 +155,42 @@ def by_object(rows: list[Row], policy: str, measure) -> np.ndarray:
     return np.array([[measure(r) for r in mine if r["object"] == name] for name in names], float)
 
 
+def edge_errors(rows: list[Row], policy: str) -> np.ndarray:
+    """Return errors [mm] of (objects with edges, seeds, numbers of touches)."""
+    edged = [row for row in rows if row["edges"]]
+    return by_object(
+        edged, policy, lambda row: [1e3 * row["edges"].get(str(k), np.nan) for k in EDGE_COUNTS]
+    )
+
+
+def touches_to_mean(errors: np.ndarray) -> float:
+    """Return from how many touches on the mean over objects and seeds is 2 mm or less."""
+    mean = np.log(np.nanmean(errors, axis=(0, 1)) / (1e3 * EDGE_GOAL))
+    above = np.flatnonzero(mean > 0.0)
+    if not len(above):
+        return EDGE_COUNTS[0]
+    k = above[-1]
+    if k + 1 == len(mean):
+        return np.inf
+    return float(np.interp(0.0, [-mean[k], -mean[k + 1]], EDGE_COUNTS[k : k + 2]))
+
+
+def tell_mean(rows: list[Row]) -> None:
+    """Print the touches to a mean error of 2 mm, and `spread` against the others."""
+    of = {policy: edge_errors(rows, policy) for policy in POLICIES}
+    rng = np.random.default_rng(0)
+    seeds = of["spread"].shape[1]
+    drawn = rng.integers(seeds, size=(2000, seeds))
+    draws = {p: np.array([touches_to_mean(e[:, d]) for d in drawn]) for p, e in of.items()}
+    print("\ntouches from which on the mean error at the edges, over objects, is 2 mm or less")
+    for policy, errors in of.items():
+        low, high = np.quantile(draws[policy], [0.025, 0.975], method="nearest")
+        print(f"{policy:12s} {touches_to_mean(errors):5.1f} ({low:.1f} to {high:.1f})")
+    share = 1.0 - touches_to_mean(of["spread"]) / touches_to_mean(of["uncertainty"])
+    low, high = np.quantile(1.0 - draws["spread"] / draws["uncertainty"], [0.025, 0.975])
+    print(f"spread below uncertainty: {share:.0%} ({low:.0%} to {high:.0%})")
+
+
 def tell(rows: list[Row]) -> None:
     edged = [row for row in rows if row["edges"]]
     print("policy      " + "".join(f"{name:>23s}" for name in MEASURES))
@@ -191,12 +227,9 @@ def plot(rows: list[Row], path: Path) -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
     touches = min(len(row["coverage"]) for row in rows)
     counts = np.arange(1, touches + 1)
-    edged = [row for row in rows if row["edges"]]
     for policy in POLICIES:
         covered = by_object(rows, policy, lambda row: row["coverage"][:touches])
-        edges = by_object(
-            edged, policy, lambda row: [1e3 * row["edges"].get(str(k), np.nan) for k in EDGE_COUNTS]
-        )
+        edges = edge_errors(rows, policy)
         for axes, x, values in (
             (left, counts, 100.0 * covered),
             (right, np.array(EDGE_COUNTS), edges),
@@ -233,6 +266,7 @@ def main() -> None:
     order = {job: k for k, job in enumerate(jobs)}
     rows.sort(key=lambda row: order[row["object"], row["policy"], row["seed"]])
     tell(rows)
+    tell_mean(rows)
     plot(rows, arguments.output / "policies.png")
     print(f"\nwrote {file}, {arguments.output / 'policies.png'}")
 
