@@ -16,6 +16,7 @@ from lis_grasp.output_files import write_text
 from lis_grasp.study import Study, StudyResults, compare, load_study
 from lis_grasp.study.comparison import kinds_of, names
 from lis_grasp.study.keys import label
+from lis_grasp.study.study import TRIAL_COLUMNS
 from lis_grasp.study.trial import TIMES
 from lis_grasp.study_report.answer import answer
 from lis_grasp.study_report.pictures import draw_pictures
@@ -30,7 +31,6 @@ from lis_grasp.study_report.tables import (
 from lis_grasp.visualization.figures.palette import estimator_label
 
 _HERE = Path(__file__).parent
-_TRIAL = ("object", "hand", "touches", "noise", "seed")
 
 
 def make_page(study_file: Path, rows_folder: Path, docs: Path) -> Path:
@@ -60,7 +60,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
     estimators = " / ".join(estimator_label(name) for name in study.estimators)
     count = len(study.trials())
     seeds = len(names(rows, "seed"))
-    done = len({tuple(row[name] for name in _TRIAL) for row in rows})
+    done = len({tuple(row[name] for name in TRIAL_COLUMNS) for row in rows})
     so_far = str(done) if done == count else f"{done} of {count}"
     return {
         "summary": summary_table(rows, study.reference).markdown(),

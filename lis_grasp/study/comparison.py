@@ -21,7 +21,7 @@ from lis_grasp.study.statistics import (
     signed_ranks,
     wilcoxon,
 )
-from lis_grasp.study.study import TRUTH
+from lis_grasp.study.study import TRIAL_COLUMNS, TRUTH
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -324,7 +324,7 @@ def clusters_of(rows: Sequence[Row]) -> IntArray:
 
 def pair_of(row: Row) -> tuple[Any, ...]:
     """Return what the rows of a pair have in common."""
-    return tuple(row[name] for name in ("object", "hand", "touches", "noise", "seed"))
+    return tuple(row[name] for name in TRIAL_COLUMNS)
 
 
 def names(rows: Sequence[Row], column: str) -> list[Any]:

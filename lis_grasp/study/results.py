@@ -16,7 +16,7 @@ from lis_grasp.json_lines import Row
 from lis_grasp.output_files import whole_file
 from lis_grasp.shapes import NAMES
 from lis_grasp.study.keys import label, row_key
-from lis_grasp.study.study import Setup, Study, Trial
+from lis_grasp.study.study import TRIAL_COLUMNS, Setup, Study, Trial
 from lis_grasp.study.trial import MACHINE, TIMES, Job
 
 _PARTS = "rows"
@@ -129,7 +129,7 @@ class StudyResults:
             (label(t.object), label(t.hand), t.touches, t.noise, t.seed, name): number
             for number, (t, name) in enumerate(product(study.trials(), study.estimators))
         }
-        places = ("object", "hand", "touches", "noise", "seed", "estimator")
+        places = (*TRIAL_COLUMNS, "estimator")
         setup = asdict(study.setup)
         found: dict[int, Row] = {}
         for row in self.read(any_version=True):

@@ -121,6 +121,10 @@ class Trial:
     seed: int
 
 
+TRIAL_COLUMNS = tuple(field.name for field in fields(Trial))
+"""Columns of a row that say which trial it is of."""
+
+
 @dataclass(frozen=True, slots=True)
 class Study:
     """Objects x estimators x touch budgets x noise levels x hands x seeds.

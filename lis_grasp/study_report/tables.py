@@ -24,7 +24,7 @@ from lis_grasp.study.comparison import (
 )
 from lis_grasp.study.results import COLUMNS
 from lis_grasp.study.shares import Share, share_of
-from lis_grasp.study.study import TRUTH
+from lis_grasp.study.study import TRIAL_COLUMNS, TRUTH
 from lis_grasp.study_report.study_table import StudyTable, csv_text
 from lis_grasp.visualization.figures.palette import estimator_label
 
@@ -254,14 +254,14 @@ def reasons_table(rows: Sequence[Row]) -> StudyTable:
 def losses_table(rows: Sequence[Row], reference: str) -> StudyTable:
     """Return every trial that the reference held and another estimator did not."""
     head = (
-        *("estimator", "object", "hand", "touches", "noise", "seed", "ended as"),
+        *("estimator", *TRIAL_COLUMNS, "ended as"),
         *("epsilon on the estimate", "on the truth", "estimate to truth [mm]"),
         *("edges to estimate [mm]", f"{estimator_label(reference)}: epsilon on the truth", "key"),
     )
     body = tuple(
         (
             estimator_label(mine["estimator"]),
-            *(str(mine[name]) for name in ("object", "hand", "touches", "noise", "seed")),
+            *(str(mine[name]) for name in TRIAL_COLUMNS),
             str(mine["failure"] or mine["reason"]),
             printed("epsilon_truth", mine["epsilon_estimate"]),
             printed("epsilon_truth", mine["epsilon_truth"]),
