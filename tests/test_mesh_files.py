@@ -216,6 +216,15 @@ def test_parts_that_run_into_each_other_are_united(tmp_path: Path) -> None:
     assert shape.repairs == ("united 2 parts that touch",)
 
 
+def test_parts_far_from_the_origin_are_united_as_precisely(tmp_path: Path) -> None:
+    pair = trimesh.util.concatenate([block(), block(at=(0.32, -0.18, 0.12))])
+    pair.apply_translation((1000.0, 0.0, 0.0))
+    shape = shapes.load(write_faces(pair.vertices, pair.faces, tmp_path / "pair.off"))
+    overlap = 0.02 * 0.04 * 0.06
+    # In single precision vertices would be 0.06 mm off there.
+    assert shape.mesh.volume == pytest.approx(2.0 * VOLUME - overlap, rel=1e-6)
+
+
 def test_a_heap_of_shreds_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     splinters = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcl
+import numpy as np
 import trimesh
 
 from lis_grasp.bounding_volumes import bounding_volumes
@@ -16,13 +17,15 @@ _FEW_CROSSINGS = 1000
 
 
 def unite(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
-    """Return the union of solids, united two by two.
+    """Return the union of solids, two by two; about their middle, as Manifold's floats are short.
 
     Raises
     ------
     InvalidMeshError
         If their faces cross each other nearly everywhere.
     """
+    middle = np.mean([part.bounds.mean(axis=0) for part in parts], axis=0)
+    parts = [part.copy().apply_translation(-middle) for part in parts]
     most = _FEW_CROSSINGS + _MOST_CROSSINGS * sum(len(part.faces) for part in parts)
     while len(parts) > 1:
         pairs = [parts[i : i + 2] for i in range(0, len(parts), 2)]
@@ -37,11 +40,13 @@ def unite(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
         parts = [
             trimesh.boolean.union(pair, engine="manifold", check_volume=False) for pair in pairs
         ]
-    return parts[0]
+    return parts[0].apply_translation(middle)
 
 
 def _crossings(a: trimesh.Trimesh, b: trimesh.Trimesh, most: int) -> int:
     """Count the pairs of faces of two meshes that meet, `most` at the most."""
+    if not (len(a.faces) and len(b.faces)):  # what Manifold rounds to nothing; FCL would crash
+        return 0
     request = fcl.CollisionRequest(num_max_contacts=most, enable_contact=False)
     objects = [fcl.CollisionObject(bounding_volumes(mesh)) for mesh in (a, b)]
     return int(fcl.collide(*objects, request, fcl.CollisionResult()))
