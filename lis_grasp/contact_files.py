@@ -116,7 +116,7 @@ def _element(name: str, columns: dict[str, npt.NDArray[Any]]) -> PlyElement:
 def _load_ply(path: Path) -> Contacts:
     try:
         data = PlyData.read(str(path), mmap=False)
-    except (PlyParseError, ValueError, OverflowError, EOFError) as error:
+    except (PlyParseError, ValueError, OverflowError, EOFError, MemoryError) as error:
         raise InvalidFileError(f"{path} cannot be read as PLY ({error}): write it again") from None
     elements = {element.name: element.data for element in data.elements}
     if "vertex" not in elements:

@@ -278,6 +278,11 @@ def ply_text(properties: str, row: str, *, comment: str = "none") -> str:
             .replace("3 0", "9999999999 0"),
             "cannot be read as PLY",
         ),
+        (
+            "a.ply",
+            ply_text("x y z nx ny nz", "1 2 3 0 0 1").replace("vertex 1", "vertex 99999999999999"),
+            "cannot be read as PLY",
+        ),
         ("a.ply", ply_text("x y z", "1 2 3"), "lacks nx, ny, nz; a contact needs"),
         ("a.ply", ply_text("x nx ny nz", "1 2 3 4"), "lacks y, z$"),
         (

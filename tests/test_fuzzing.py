@@ -249,7 +249,7 @@ def hand_files(folder: Path, group: str) -> tuple[Path, Path]:
         ("sdf", "<radius>0.009</radius>", "<radius>0</radius>", "sizes above 0"),
         ("sdf", "<mass>0.2</mass>", "<mass>inf</mass>", "finite moments"),
         ("sdf", "<pose>-0.03 0", "<pose>inf 0", "must have finite numbers"),
-        ("sdf", "<xyz>0 1 0</xyz>", "<xyz>inf 1 0</xyz>", "nonzero axis"),
+        ("sdf", "<xyz>0 1 0</xyz>", "<xyz>inf 1 0</xyz>", "an axis of three numbers"),
     ],
 )
 def test_numbers_of_no_hand_are_refused(

@@ -185,7 +185,7 @@ class _Model:
         axis = np.array([0.0, 0.0, 1.0]) if element is None else self._numbers(element, "xyz")
         length = float(np.linalg.norm(axis))
         if len(axis) != 3 or not 0.0 < length < np.inf:
-            self._fail(f"joint '{name}' must have a nonzero axis")
+            self._fail(f"joint '{name}' must have an axis of three numbers, not all 0")
         described = element.find("xyz") if element is not None else None
         expressed_in = None if described is None else described.get("expressed_in")
         if expressed_in:

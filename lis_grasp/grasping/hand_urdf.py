@@ -129,8 +129,10 @@ def _joint(joint: Any, movable: list[str], file: str) -> Joint:
     if kind != "fixed":
         axis = np.asarray(joint.axis, np.float64)
         length = float(np.linalg.norm(axis))
-        if not (np.isfinite(length) and length > 0.0):
-            raise InvalidHandError(f"{file}: joint '{joint.name}' must have a nonzero axis")
+        if axis.shape != (3,) or not 0.0 < length < np.inf:
+            raise InvalidHandError(
+                f"{file}: joint '{joint.name}' must have an axis of three numbers, not all 0"
+            )
         axis = axis / length
     mimic = joint.mimic
     multiplier = 1.0 if mimic is None or mimic.multiplier is None else float(mimic.multiplier)
