@@ -20,11 +20,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from plyfile import PlyData, PlyElement, PlyParseError
+from plyfile import PlyData, PlyElement
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidFileError
 from lis_grasp.output_files import write_bytes
+from lis_grasp.ply_files import read_ply
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -114,10 +115,7 @@ def _element(name: str, columns: dict[str, npt.NDArray[Any]]) -> PlyElement:
 
 
 def _load_ply(path: Path) -> Contacts:
-    try:
-        data = PlyData.read(str(path), mmap=False)
-    except (PlyParseError, ValueError, OverflowError, EOFError, MemoryError) as error:
-        raise InvalidFileError(f"{path} cannot be read as PLY ({error}): write it again") from None
+    data = read_ply(path)
     elements = {element.name: element.data for element in data.elements}
     if "vertex" not in elements:
         raise InvalidFileError(f"{path} has no element 'vertex', so it holds no points")

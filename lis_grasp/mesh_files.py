@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from plyfile import PlyData, PlyElement, PlyParseError
+from plyfile import PlyData, PlyElement
 
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError
 from lis_grasp.output_files import write_bytes
+from lis_grasp.ply_files import read_ply
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -70,12 +71,7 @@ def load_surface(path: Path | str) -> trimesh.Trimesh:
     """
     path = Path(path)
     _require_ply(path)
-    try:
-        data = PlyData.read(str(path), mmap=False)
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
-    except (PlyParseError, ValueError, EOFError) as error:
-        raise InvalidFileError(f"{path} cannot be read as PLY ({error}): write it again") from None
+    data = read_ply(path)
     elements = {element.name: element for element in data.elements}
     vertices = _columns(path, elements.get("vertex"), ("x", "y", "z"))
     faces = _triangles(path, elements.get("face"), len(vertices))
@@ -83,6 +79,8 @@ def load_surface(path: Path | str) -> trimesh.Trimesh:
     mesh.metadata["header"] = "\n".join(data.comments)
     if "uncertainty" in elements["vertex"].data.dtype.names:
         column = _columns(path, elements["vertex"], ("uncertainty",), finite=False)
+        if (column < 0.0).any():
+            raise InvalidFileError(f"{path}: uncertainty must not be negative; some is")
         mesh.vertex_attributes["uncertainty"] = column[:, 0]
     return mesh
 
@@ -127,8 +125,8 @@ def _colours(uncertainty: FloatArray) -> npt.NDArray[np.uint8]:
     """Return a colour for each uncertainty, shape (V, 3)."""
     known = uncertainty[np.isfinite(uncertainty)]
     end = float(np.quantile(known, _SHOWN)) if len(known) else 0.0
-    part = np.where(uncertainty <= end, uncertainty / (end or 1.0), 1.0)[:, None]
-    return np.rint(_SUPPORTED + part * (_UNSUPPORTED - _SUPPORTED)).astype(np.uint8)
+    part = np.where(uncertainty <= end, np.clip(uncertainty, 0.0, end) / (end or 1.0), 1.0)
+    return np.rint(_SUPPORTED + part[:, None] * (_UNSUPPORTED - _SUPPORTED)).astype(np.uint8)
 
 
 def _columns(

@@ -17,6 +17,7 @@ LAYERS = [
     [
         "bounding_volumes",
         "output_files",
+        "ply_files",
         "json_lines",
         "model_files",
         "provenance",

@@ -250,6 +250,7 @@ def hand_files(folder: Path, group: str) -> tuple[Path, Path]:
         ("sdf", "<mass>0.2</mass>", "<mass>inf</mass>", "finite moments"),
         ("sdf", "<pose>-0.03 0", "<pose>inf 0", "must have finite numbers"),
         ("sdf", "<xyz>0 1 0</xyz>", "<xyz>inf 1 0</xyz>", "an axis of three numbers"),
+        ("sdf", 'multiplier="0.5"', 'multiplier=".nan"', "numbers were expected"),
     ],
 )
 def test_numbers_of_no_hand_are_refused(

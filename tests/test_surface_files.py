@@ -114,6 +114,13 @@ def _ply(vertices: str, faces: str) -> str:
     [
         ("solid", "cannot be read as PLY"),
         (_ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 2\n")[:-12], "cannot be read as PLY"),
+        (_ply("0 0 0\n", "").replace("vertex 1", "vertex 99999999999999"), "cannot be read as PLY"),
+        (
+            _ply("0 0 0 -1\n1 0 0 1\n0 1 0 1\n", "3 0 1 2\n").replace(
+                "double z", "double z\nproperty double uncertainty"
+            ),
+            "uncertainty must not be negative",
+        ),
         (_ply("0 0 0\n1 0 0\n0 1 0\n", ""), "no faces"),
         (_ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 3\n"), "beyond"),
         (_ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 -1\n"), "beyond"),
@@ -121,7 +128,18 @@ def _ply(vertices: str, faces: str) -> str:
         (_ply("0 0 0\n1 0 nan\n0 1 0\n", "3 0 1 2\n"), "finite"),
         (_ply("0 0 0\n1 0 0\n0 1 0\n", "3 0 1 2\n").replace("double z", "double w"), "no x y z"),
     ],
-    ids=["no ply", "cut off", "no faces", "beyond", "negative", "quad", "nan", "no z"],
+    ids=[
+        "no ply",
+        "cut off",
+        "promises",
+        "less than sure",
+        "no faces",
+        "beyond",
+        "negative",
+        "quad",
+        "nan",
+        "no z",
+    ],
 )
 def test_a_file_that_is_no_surface_is_refused(content: str, reason: str, tmp_path: Path) -> None:
     path = tmp_path / "surface.ply"

@@ -70,6 +70,16 @@ def joints_to(joints: Sequence[Joint], link: str) -> tuple[Joint, ...]:
     return tuple(reversed(chain))
 
 
+def unit_axis(axis: npt.ArrayLike) -> FloatArray | None:
+    """Return a joint's axis at unit length; None of what is not three numbers, some not 0."""
+    numbers = np.asarray(axis, np.float64)
+    largest = np.abs(numbers).max(initial=0.0)
+    if numbers.shape != (3,) or not 0.0 < largest < np.inf:
+        return None
+    scaled = numbers / largest  # the square of a very large number is infinite
+    return np.asarray(scaled / np.linalg.norm(scaled))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertial:
     """Mass properties of a link.

@@ -25,7 +25,14 @@ from lis_grasp.grasping.hand_model import (
     require_pose,
     rpy_pose,
 )
-from lis_grasp.grasping.hand_parts import GeometryKind, Inertial, Joint, JointKind, LinkGeometry
+from lis_grasp.grasping.hand_parts import (
+    GeometryKind,
+    Inertial,
+    Joint,
+    JointKind,
+    LinkGeometry,
+    unit_axis,
+)
 from lis_grasp.grasping.plain_xml import require_plain_xml
 
 FloatArray = npt.NDArray[np.float64]
@@ -182,10 +189,9 @@ class _Model:
         if kind == "fixed":
             return [Joint(name, kind, parent, child, frozen(X_PJ @ X_JC), frozen([0.0] * 3), -1)]
         element = self._joints[name].find("axis")
-        axis = np.array([0.0, 0.0, 1.0]) if element is None else self._numbers(element, "xyz")
-        length = float(np.linalg.norm(axis))
-        if len(axis) != 3 or not 0.0 < length < np.inf:
-            self._fail(f"joint '{name}' must have an axis of three numbers, not all 0")
+        axis = unit_axis([0.0, 0.0, 1.0] if element is None else self._numbers(element, "xyz"))
+        if axis is None:
+            return self._fail(f"joint '{name}' must have an axis of three numbers, not all 0")
         described = element.find("xyz") if element is not None else None
         expressed_in = None if described is None else described.get("expressed_in")
         if expressed_in:
@@ -203,7 +209,7 @@ class _Model:
                 parent,
                 moving,
                 frozen(X_PJ),
-                frozen(axis / length),
+                frozen(axis),
                 0,
                 mimic is not None,
                 multiplier,
@@ -237,7 +243,8 @@ class _Model:
         drake = joint.find(f"{_DRAKE}mimic")
         if drake is not None:
             multiplier, offset = (
-                float(drake.get(k, d)) for k, d in (("multiplier", "1"), ("offset", "0"))
+                float(self._parse(drake.get(key, default))[0])
+                for key, default in (("multiplier", "1"), ("offset", "0"))
             )
             return drake.get("joint", ""), multiplier, offset
         mimic = joint.find("axis/mimic")

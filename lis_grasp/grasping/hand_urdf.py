@@ -22,7 +22,7 @@ from lis_grasp.grasping.hand_model import (
     primitive,
     require_pose,
 )
-from lis_grasp.grasping.hand_parts import Inertial, Joint, LinkGeometry
+from lis_grasp.grasping.hand_parts import Inertial, Joint, LinkGeometry, unit_axis
 from lis_grasp.grasping.plain_xml import require_plain_xml
 
 FloatArray = npt.NDArray[np.float64]
@@ -125,15 +125,11 @@ def _actuated(robot: Any) -> list[Any]:
 
 def _joint(joint: Any, movable: list[str], file: str) -> Joint:
     kind = JOINT_KINDS[joint.type]
-    axis = np.zeros(3)
-    if kind != "fixed":
-        axis = np.asarray(joint.axis, np.float64)
-        length = float(np.linalg.norm(axis))
-        if axis.shape != (3,) or not 0.0 < length < np.inf:
-            raise InvalidHandError(
-                f"{file}: joint '{joint.name}' must have an axis of three numbers, not all 0"
-            )
-        axis = axis / length
+    axis = np.zeros(3) if kind == "fixed" else unit_axis(joint.axis)
+    if axis is None:
+        raise InvalidHandError(
+            f"{file}: joint '{joint.name}' must have an axis of three numbers, not all 0"
+        )
     mimic = joint.mimic
     multiplier = 1.0 if mimic is None or mimic.multiplier is None else float(mimic.multiplier)
     offset = 0.0 if mimic is None or mimic.offset is None else float(mimic.offset)
