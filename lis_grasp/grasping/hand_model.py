@@ -28,6 +28,8 @@ _SPHERE_SUBDIVISIONS = 3
 _SIZES: Mapping[GeometryKind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
 LARGEST = 1e3
 """Of lengths and positions in a hand [m or rad]; more is a mistake."""
+# Of a body's sizes [m].
+_SMALLEST = 1e-6
 
 _HEAVIEST = 1e6  # [kg] or [kg m^2]
 
@@ -94,9 +96,9 @@ def primitive(
 ) -> LinkGeometry:
     """Return a body of a simple shape, and a mesh of it; dimensions as in `LinkGeometry`."""
     sizes = tuple(float(size) for size in np.asarray(dimensions, np.float64).ravel())
-    if len(sizes) != _SIZES[kind] or not all(0.0 < size <= LARGEST for size in sizes):
+    if len(sizes) != _SIZES[kind] or not all(_SMALLEST <= size <= LARGEST for size in sizes):
         raise InvalidHandError(
-            f"a {kind} of link '{link}' must have {_SIZES[kind]} sizes above 0 and at most"
+            f"a {kind} of link '{link}' must have {_SIZES[kind]} sizes of {_SMALLEST:g} to"
             f" {LARGEST:g} m; it has {', '.join(map(str, sizes)) or 'none'}"
         )
     match kind:
