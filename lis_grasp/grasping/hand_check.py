@@ -162,7 +162,7 @@ def _forces(hand: Hand) -> Iterator[Finding]:
     q = np.mean(list(hand.pregrasps.values()), axis=0)
     _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
     levers = np.abs(np.einsum("fkj,fk->fj", jacobian[:, :, 6:], axes))
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         held = (hand.effort_limits / levers).min(axis=1)  # (F,) [N]
     weakest = int(np.argmin(held))
     fine = hand.max_contact_force <= 2.0 * held[weakest]
