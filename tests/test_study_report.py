@@ -34,6 +34,7 @@ from lis_grasp.study_report.tables import (
     foretold_table,
     held_table,
     losses_table,
+    nearer_table,
     printed,
     summary_table,
 )
@@ -148,6 +149,21 @@ def test_the_summary_takes_noises_together_and_tells_hands_apart() -> None:
     assert told[0].startswith("With noise and without together, over all objects")
     assert told[1].startswith("Without noise")
     assert told[2].startswith("With noise of 1mm")
+
+
+def test_how_often_the_nearer_surface_held_is_told_for_each_estimator() -> None:
+    worse = [
+        row | {"estimator": "lis", "held": False, "rmsd": 1e-3}
+        for row in rows_of()
+        if row["estimator"] == "blend"
+    ]
+    table = nearer_table(rows_of() + worse, "gpis", without=["lis"])
+    assert table.head[:3] == ("GPIS and", "estimate to truth", "truth to estimate")
+    cells = {row[0]: row[1] for row in table.body}
+    # blend is nearer and held but once; lis is nearer, and gpis held once where it did not.
+    assert cells["blend"] == cells["all but LIS"] == "96 % of 24, p < 0.001"
+    assert cells["LIS"] == "0 % of 1, p = 1.000"
+    assert cells["all"] == "92 % of 25, p < 0.001"
 
 
 def test_no_difference_is_told_as_none() -> None:

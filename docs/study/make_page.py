@@ -25,6 +25,7 @@ from lis_grasp.study_report.tables import (
     differences_table,
     foretold_table,
     held_table,
+    nearer_table,
     reasons_table,
     summary_table,
 )
@@ -78,6 +79,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
         "held": "\n".join(f"{table.title}:\n\n{table.markdown()}" for table in held),
         "reference": estimator_label(study.reference),
         "differences": differences_table(rows, study.reference).markdown(),
+        "nearer": nearer_table(rows, study.reference, without=["lis"]).markdown(),
         "agreements": agreements_table(rows, study.reference).markdown(),
         "foretold": foretold_table(rows).markdown(),
         "reasons": reasons_table(rows).markdown(),

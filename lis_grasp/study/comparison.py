@@ -39,8 +39,11 @@ says which are real and which are a scan's noise."""
 LEAST_CLUSTERS = 10
 """Of a bootstrap interval: all resamples of fewer are too few to have tails of 2.5 %."""
 
+ERRORS: tuple[Measure, ...] = MEASURES[3:]
+"""Errors of the surface."""
+
 # Where less is better.
-_ERRORS = ("epsilon_gap", "rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
+_LESS_IS_BETTER = ("epsilon_gap", *ERRORS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +171,7 @@ def compare_one(
     values, others = (np.array([pair[k] for pair in known]) for k in (2, 3))
     clusters = clusters_of([pair[0] for pair in known])
     differences = values - others
-    gains = -differences if measure in _ERRORS else differences
+    gains = -differences if measure in _LESS_IS_BETTER else differences
     wins, lost = int((gains > 0.0).sum()), int((gains < 0.0).sum())
     count = int(clusters.max()) + 1
     low, high = None, None
@@ -236,7 +239,7 @@ def agreements(rows: Sequence[Row], reference: str) -> list[Agreement]:
     ]
     found = []
     for kind in kinds_of(rows):
-        for measure in MEASURES[3:]:
+        for measure in ERRORS:
             known = [
                 (mine, its)
                 for mine, its in split

@@ -11,6 +11,8 @@ from lis_grasp.evaluation.calibration import expected_calibration_error
 from lis_grasp.json_lines import Row
 from lis_grasp.output_files import write_text
 from lis_grasp.study.comparison import (
+    ERRORS,
+    Agreement,
     Comparison,
     Kind,
     agreements,
@@ -63,6 +65,7 @@ def all_tables(
         *(held_table(rows, kind) for kind in kinds_of(rows)),
         differences_table(rows, reference),
         comparisons_table(comparisons),
+        nearer_table(rows, reference),
         agreements_table(rows, reference),
         foretold_table(rows),
         overview_table(rows),
@@ -185,6 +188,43 @@ def agreements_table(rows: Sequence[Row], reference: str) -> StudyTable:
     head = ("error", "objects", "the nearer surface held", "the farther one held", "p")
     title = f"Where only one of two held, of all estimators with {estimator_label(reference)}"
     return StudyTable("agreements", title, head, body)
+
+
+def nearer_table(rows: Sequence[Row], reference: str, *, without: Sequence[str] = ()) -> StudyTable:
+    """Return how often the nearer of two surfaces held, where only one did, by estimator.
+
+    Parameters
+    ----------
+    rows
+        Of all estimators.
+    reference
+        With which each makes its pairs.
+    without
+        Estimators without each of which all others are counted together, too.
+    """
+    others = [name for name in names(rows, "estimator") if name not in (reference, TRUTH)]
+    groups = {estimator_label(name): [name] for name in others}
+    groups["all"] = others
+    for name in without:
+        groups[f"all but {estimator_label(name)}"] = [n for n in others if n != name]
+    kind = kinds_of(rows)[0]
+    body = []
+    for title, members in groups.items():
+        chosen = [row for row in rows if row["estimator"] in (reference, *members)]
+        found = {a.measure: a for a in agreements(chosen, reference) if a.kind == kind}
+        body.append((title, *(_agreement(found.get(measure)) for measure in ERRORS)))
+    who = estimator_label(reference)
+    head = (f"{who} and", *(MEASURE_LABELS[measure].removesuffix(" [mm]") for measure in ERRORS))
+    title = f"Where only one of two held: how often the nearer surface, {KIND_LABELS[kind]}"
+    return StudyTable("nearer", title, head, tuple(body))
+
+
+def _agreement(found: Agreement | None) -> str:
+    if found is None:
+        return "–"
+    count = found.agree + found.disagree
+    p = p_value(found.p)
+    return f"{100.0 * found.agree / count:.0f} % of {count}, p {p if p[0] == '<' else f'= {p}'}"
 
 
 def foretold_table(rows: Sequence[Row]) -> StudyTable:
