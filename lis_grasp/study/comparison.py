@@ -223,6 +223,16 @@ class Agreement:
     disagree: int
     p: float
 
+    @property
+    def pairs(self) -> int:
+        """How many pairs there are."""
+        return self.agree + self.disagree
+
+    @property
+    def share(self) -> float:
+        """The share of pairs that agree, from 0 to 1."""
+        return self.agree / self.pairs
+
 
 def agreements(rows: Sequence[Row], reference: str) -> list[Agreement]:
     """Return, for each surface error and kind of objects, whether it goes with what held.

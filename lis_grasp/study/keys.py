@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.grasping.hand import HAND_NAMES
@@ -27,11 +27,15 @@ def row_key(trial: Trial, setup: Setup, estimator: str) -> str:
     An object's mesh file and a hand's YAML, URDF and SDF count by their names and what is in them,
     not by the folder that they are in.
     """
-    named = asdict(trial) | {"object": label(trial.object), "hand": label(trial.hand)}
     digests = [object_digest(trial.object), *_hand_digests(trial.hand)]
-    facts = [named, asdict(setup), estimator, *(d for d in digests if d is not None)]
+    facts = [columns_of(trial), asdict(setup), estimator, *(d for d in digests if d is not None)]
     text = json.dumps(facts, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
+
+
+def columns_of(trial: Trial) -> dict[str, Any]:
+    """Return what a row says of which trial it is of, by column."""
+    return asdict(trial) | {"object": label(trial.object), "hand": label(trial.hand)}
 
 
 def label(name: str) -> str:

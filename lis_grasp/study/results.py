@@ -15,7 +15,7 @@ from lis_grasp.grasping.hand import HAND_NAMES
 from lis_grasp.json_lines import Row
 from lis_grasp.output_files import whole_file
 from lis_grasp.shapes import NAMES
-from lis_grasp.study.keys import label, row_key
+from lis_grasp.study.keys import columns_of, label, row_key
 from lis_grasp.study.study import TRIAL_COLUMNS, Setup, Study, Trial
 from lis_grasp.study.trial import MACHINE, TIMES, Job
 
@@ -126,8 +126,8 @@ class StudyResults:
             If rows are of different files of one name.
         """
         order = {
-            (label(t.object), label(t.hand), t.touches, t.noise, t.seed, name): number
-            for number, (t, name) in enumerate(product(study.trials(), study.estimators))
+            (*columns_of(trial).values(), name): number
+            for number, (trial, name) in enumerate(product(study.trials(), study.estimators))
         }
         places = (*TRIAL_COLUMNS, "estimator")
         setup = asdict(study.setup)

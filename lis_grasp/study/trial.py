@@ -28,7 +28,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes import Shape
 from lis_grasp.study.attempt import Attempt, attempt, failure, mesh_digest
 from lis_grasp.study.exploring import contacts_of
-from lis_grasp.study.keys import KEY_LENGTH, label, object_digest, row_key
+from lis_grasp.study.keys import KEY_LENGTH, columns_of, object_digest, row_key
 from lis_grasp.study.study import OWN, TRUTH, Setup, Trial, find_object, parse_noise
 
 TIMES = ("seconds_touch", "seconds_estimate", "seconds_grasp", "seconds_lift")
@@ -128,10 +128,8 @@ def _blank_row(trial: Trial, setup: Setup, estimator: str, shape: Shape) -> Row:
     """Return a row of a trial that came to nothing yet: not lifted, not held."""
     return {
         "key": row_key(trial, setup, estimator),
-        **asdict(trial),
-        "object": label(trial.object),
+        **columns_of(trial),
         "object_digest": object_digest(trial.object),
-        "hand": label(trial.hand),
         "estimator": estimator,
         **asdict(setup),
         "version": lis_grasp.__version__,

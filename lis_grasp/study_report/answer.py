@@ -19,7 +19,7 @@ from lis_grasp.study.study import TRUTH
 from lis_grasp.study_report.tables import (
     KIND_LABELS,
     difference_text,
-    p_value,
+    p_phrase,
     share_text,
 )
 from lis_grasp.visualization.figures.palette import estimator_label
@@ -118,23 +118,18 @@ def _of_precision(rows: Sequence[Row]) -> str:
 
 
 def _share(found: Agreement) -> str:
-    count = found.agree + found.disagree
-    pairs = "pair" if count == 1 else "pairs"
-    return f"{100.0 * found.agree / count:.0f} % of {count} {pairs} (p {_p(found.p)})"
+    pairs = "pair" if found.pairs == 1 else "pairs"
+    return f"{100.0 * found.share:.0f} % of {found.pairs} {pairs} (p {p_phrase(found.p)})"
 
 
 def _listed(word: str, found: Sequence[Comparison], who: str) -> str:
     if not found:
         return f"{word} than {who}: none."
     parts = [
-        f"{estimator_label(c.estimator)} {difference_text(c)} points, p {_p(c.p_holm)}"
+        f"{estimator_label(c.estimator)} {difference_text(c)} points, p {p_phrase(c.p_holm)}"
         for c in found
     ]
     return f"{word} than {who}: {'; '.join(parts)}."
-
-
-def _p(p: float) -> str:
-    return p_value(p) if p < 0.001 else f"= {p_value(p)}"
 
 
 def _joined(items: Sequence[str]) -> str:

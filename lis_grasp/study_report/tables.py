@@ -222,9 +222,7 @@ def nearer_table(rows: Sequence[Row], reference: str, *, without: Sequence[str] 
 def _agreement(found: Agreement | None) -> str:
     if found is None:
         return "–"
-    count = found.agree + found.disagree
-    p = p_value(found.p)
-    return f"{100.0 * found.agree / count:.0f} % of {count}, p {p if p[0] == '<' else f'= {p}'}"
+    return f"{100.0 * found.share:.0f} % of {found.pairs}, p {p_phrase(found.p)}"
 
 
 def foretold_table(rows: Sequence[Row]) -> StudyTable:
@@ -351,6 +349,11 @@ def difference_text(comparison: Comparison) -> str:
 def p_value(p: float) -> str:
     """Return a p-value as it is printed."""
     return f"{p:.3f}" if p >= 0.001 else "< 0.001"
+
+
+def p_phrase(p: float) -> str:
+    """Return a p-value as it is printed after the letter p."""
+    return p_value(p) if p < 0.001 else f"= {p_value(p)}"
 
 
 def _label(measure: str) -> str:
