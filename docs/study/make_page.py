@@ -79,12 +79,21 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
         "held": "\n".join(f"{table.title}:\n\n{table.markdown()}" for table in held),
         "reference": estimator_label(study.reference),
         "differences": differences_table(rows, study.reference).markdown(),
+        "mean_edges": _means(rows, (study.reference, "lis"), "edge_rmsd"),
+        "mean_rmsd": _means(rows, (study.reference, "lis"), "rmsd"),
         "nearer": nearer_table(rows, study.reference, without=["lis"]).markdown(),
         "agreements": agreements_table(rows, study.reference).markdown(),
         "foretold": foretold_table(rows).markdown(),
         "reasons": reasons_table(rows).markdown(),
         "hours": f"{seconds / 3600.0:.1f}",
     }
+
+
+def _means(rows: Sequence[Row], estimators: Sequence[str], measure: str) -> str:
+    """Return the mean error [mm] of each estimator over all rows that have one."""
+    of = [[r[measure] for r in rows if r["estimator"] == name] for name in estimators]
+    known = [[value for value in values if value is not None] for values in of]
+    return " and ".join(f"{1e3 * sum(values) / len(values):.1f}" for values in known)
 
 
 def main() -> None:
