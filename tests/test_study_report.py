@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import lis_grasp
@@ -17,7 +18,7 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture
 from lis_grasp.study.case import extremes
-from lis_grasp.study.comparison import compare
+from lis_grasp.study.comparison import compare, compare_held
 from lis_grasp.study.keys import row_key
 from lis_grasp.study.results import StudyResults
 from lis_grasp.study.study import Setup, Study
@@ -166,6 +167,26 @@ def test_how_often_the_nearer_surface_held_is_told_for_each_estimator() -> None:
     assert cells["all"] == "92 % of 25, p < 0.001"
 
 
+def test_what_other_objects_would_give_is_told_apart_of_ten_and_more() -> None:
+    rows = rows_of()
+    assert not any("other objects" in told for told in answer(rows, compare(rows, "gpis"), "gpis"))
+    # Blend holds all trials of eight objects of twelve more, and none of the others.
+    many = [
+        row | {"object": f"{row['object']} {k}", "held": row["estimator"] == "blend" and k < 4}
+        for k in range(6)
+        for row in rows
+    ]
+    (found,) = compare_held(many, "gpis")
+    (told,) = [p for p in answer(many, compare(many, "gpis"), "gpis") if "other objects" in p]
+    assert "about these 12 objects" in told
+    assert f"{100 * found.objects_low:+.1f} to {100 * found.objects_high:+.1f}" in told
+    # Eight objects of one sign, four of none: 2 / 2^8.
+    assert "(p = 0.008)" in told
+    # Binomial, of twelve objects, Student's law of eleven freedoms.
+    half = 2.201 * np.sqrt(8 / 12 * 4 / 12 / 11)
+    assert found.objects_high - found.objects_low == pytest.approx(2 * half, rel=0.15)
+
+
 def test_no_difference_is_told_as_none() -> None:
     rows = rows_of()
     for row in rows:
@@ -175,8 +196,9 @@ def test_no_difference_is_told_as_none() -> None:
     assert "More than GPIS: none." in told[0]
     assert told[1].startswith("Of no pair with a measured surface did only one hold")
     # Half of twelve clusters held: half the interval of a bootstrap is about 1.96 x 0.5 / sqrt(12).
-    widths = re.findall(r"±([\d.]+) points", told[2])
-    assert [float(width) for width in widths] == pytest.approx([28.3, 28.3], abs=4.0)
+    # Of all touches, of the differences, which are none, and of one number of touches.
+    widths = re.findall(r"±(\d+\.\d)", told[2])
+    assert [float(width) for width in widths] == pytest.approx([28.3, 0.0, 28.3], abs=4.0)
     few = rows[:4]
     assert answer(few, compare(few, "gpis"), "gpis")[-1].startswith("There are too few objects")
 

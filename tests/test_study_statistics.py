@@ -9,24 +9,26 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from lis_grasp.study.clusters import interval_over_objects, interval_over_seeds
 from lis_grasp.study.comparison import agreements, compare, compare_held, losses, measure_table
 from lis_grasp.study.shares import share_of
 from lis_grasp.study.statistics import (
     bootstrap_interval,
     cluster_sums,
-    clustered,
     holm,
-    mcnemar,
     rank_biserial,
     sign_flip_p_value,
     signed_ranks,
-    wilcoxon,
 )
 
 ROUNDING = 1e-12  # sums of at most some thousand probabilities
 
 
-def test_mcnemar_is_the_binomial_tail() -> None:
+def mcnemar(wins: int, losses: int) -> float:
+    return sign_flip_p_value([1] * wins + [-1] * losses)
+
+
+def test_flips_of_single_pairs_are_the_binomial_tail_of_mcnemar_s_test() -> None:
     # 8 of 10: 2 (C(10,0) + C(10,1) + C(10,2)) / 2^10.
     tail = 2 * (comb(10, 0) + comb(10, 1) + comb(10, 2)) / 2**10
     assert mcnemar(8, 2) == pytest.approx(tail, rel=ROUNDING)
@@ -36,52 +38,46 @@ def test_mcnemar_is_the_binomial_tail() -> None:
     assert mcnemar(60, 17) == pytest.approx(stats.binomtest(17, 77).pvalue, rel=1e-9)
 
 
-def test_wilcoxon_without_ties_is_scipy_s_exact_test() -> None:
+def test_flips_of_signed_ranks_without_ties_are_scipy_s_exact_test_of_wilcoxon() -> None:
     rng = np.random.default_rng(0)
     for count in (1, 5, 23):
         differences = rng.normal(0.3, 1.0, count)
         exact = stats.wilcoxon(differences, method="exact").pvalue
-        assert wilcoxon(differences) == pytest.approx(exact, rel=1e-9)
+        assert sign_flip_p_value(signed_ranks(differences)) == pytest.approx(exact, rel=1e-9)
 
 
-def test_wilcoxon_with_ties_is_the_share_of_all_signs() -> None:
+def test_flips_of_signed_ranks_with_ties_are_the_share_of_all_signs() -> None:
     differences = np.array([1.0, 1.0, -1.0, 2.0, 2.0, 3.0, -0.5, 0.0])
     ranks = stats.rankdata(np.abs(differences[differences != 0]))
     observed = abs(ranks @ np.sign(differences[differences != 0]))
     sums = [abs(ranks @ signs) for signs in product([-1, 1], repeat=len(ranks))]
     share = np.mean([s >= observed for s in sums])
-    assert wilcoxon(differences) == pytest.approx(share, rel=ROUNDING)
-    assert wilcoxon([0.0, 0.0]) == 1.0
-    assert wilcoxon([]) == 1.0
+    assert sign_flip_p_value(signed_ranks(differences)) == pytest.approx(share, rel=ROUNDING)
+    assert sign_flip_p_value(signed_ranks([0.0, 0.0])) == 1.0
+    assert sign_flip_p_value([]) == 1.0
 
 
 def test_under_no_difference_p_is_small_no_more_often_than_it_says() -> None:
     # All 2^8 signs of eight different weights: the share with p <= alpha is at most alpha.
     weights = np.array([1, 2, 3, 4, 5, 6, 7, 8])
-    p = np.array([sign_flip_p_value(weights, int(weights @ s)) for s in product([-1, 1], repeat=8)])
+    p = np.array([sign_flip_p_value(weights * s) for s in product([-1, 1], repeat=8)])
     for alpha in (0.01, 0.05, 0.2, 0.5):
         assert (p <= alpha).mean() <= alpha
     assert p.min() == pytest.approx(2 / 2**8)
 
 
-def test_clusters_of_one_are_mcnemar_s_test_and_copies_add_no_evidence() -> None:
+def test_copies_in_a_cluster_add_no_evidence() -> None:
     signs = np.array([1] * 9 + [-1] * 2 + [0] * 5)
-    assert clustered(signs) == pytest.approx(mcnemar(9, 2), rel=ROUNDING)
     # Each pair three times, in one cluster: the same p; taken as independent, far too small.
-    assert clustered(3 * signs) == pytest.approx(mcnemar(9, 2), rel=ROUNDING)
+    assert sign_flip_p_value(3 * signs) == pytest.approx(mcnemar(9, 2), rel=ROUNDING)
     assert mcnemar(27, 6) < 0.05 * mcnemar(9, 2)
-
-
-def test_signed_ranks_in_clusters_of_one_are_wilcoxon_s_test() -> None:
+    # So with ranks: nearly the same weights (3 r - 1 for r).
     differences = np.random.default_rng(1).normal(0.4, 1.0, 15).round(1)
-    alone = cluster_sums(signed_ranks(differences), np.arange(15))
-    assert clustered(alone) == pytest.approx(wilcoxon(differences), rel=1e-9)
-    # Each three times in a cluster: nearly the same weights (3 r - 1 for r), the same evidence. As
-    # 45 pairs it would seem to be more.
-    thrice = np.repeat(differences, 3)
-    together = cluster_sums(signed_ranks(thrice), np.repeat(np.arange(15), 3))
-    assert clustered(together) == pytest.approx(wilcoxon(differences), rel=0.1)
-    assert wilcoxon(thrice) < 0.1 * wilcoxon(differences)
+    thrice = signed_ranks(np.repeat(differences, 3))
+    alone = sign_flip_p_value(signed_ranks(differences))
+    together = sign_flip_p_value(cluster_sums(thrice, np.repeat(np.arange(15), 3)))
+    assert together == pytest.approx(alone, rel=0.1)
+    assert sign_flip_p_value(thrice) < 0.1 * alone
 
 
 def test_clusters_of_differences_err_as_often_as_they_say_and_pairs_alone_more_often() -> None:
@@ -92,8 +88,7 @@ def test_clusters_of_differences_err_as_often_as_they_say_and_pairs_alone_more_o
     for _ in range(400):
         lean = rng.normal(0.0, 1.5, 20)[clusters]
         signs = np.where(rng.random(160) < 1.0 / (1.0 + np.exp(-lean)), 1, -1)
-        wins = int((signs > 0).sum())
-        p = clustered(cluster_sums(signs, clusters)), mcnemar(wins, 160 - wins)
+        p = sign_flip_p_value(cluster_sums(signs, clusters)), sign_flip_p_value(signs)
         errs.append([value <= 0.05 for value in p])
     together, alone = np.mean(errs, axis=0)
     # Three standard deviations of a share of 5 % in 400 are 3.3 points.
@@ -111,6 +106,72 @@ def test_bootstrap_intervals_are_those_of_the_normal_law_and_widen_where_cluster
     # Each value four times, in a cluster: as wide as without the copies.
     copied = bootstrap_interval(np.repeat(values, 4), np.repeat(np.arange(400), 4), rng=rng)
     np.testing.assert_allclose(copied, (low, high), atol=0.01)
+
+
+def test_intervals_of_strata_are_those_of_the_stratified_mean() -> None:
+    # 40 strata that lie far apart, of three normal values each, and one of nine: the variance of
+    # the mean is sum_h n_h s_h^2 / N^2, with the unbiased s_h, and Student's law has 88 freedoms.
+    rng = np.random.default_rng(0)
+    sizes = np.array([3] * 40 + [9])
+    strata = np.repeat(np.arange(41), sizes)
+    values = 10.0 * strata + rng.normal(0.0, 1.0, 129)
+    spread = sum(n * values[strata == h].var(ddof=1) for h, n in enumerate(sizes)) / 129**2
+    half = stats.t.ppf(0.975, 129 - 41) * np.sqrt(spread)
+    low, high = bootstrap_interval(values, np.arange(129), strata, rng=rng)
+    assert high - low == pytest.approx(2.0 * half, rel=0.05)
+    assert (high + low) / 2.0 == pytest.approx(values.mean(), abs=0.1 * half)
+    # Without strata what sets them apart is chance: far wider.
+    alone = bootstrap_interval(values, np.arange(129), rng=rng)
+    assert alone[1] - alone[0] > 50.0 * half
+
+
+def test_intervals_over_seeds_cover_what_they_promise() -> None:
+    # 6 objects, some easy, some hard, 3 seeds that differ too, 8 trials each; again and again.
+    rng = np.random.default_rng(0)
+    held = 1.0 / (1.0 + np.exp(-np.linspace(-3.0, 4.0, 6)[:, None] - rng.normal(size=(6, 20000))))
+    covered, covered_alike = [], []
+    for _ in range(200):
+        shares = np.array([rng.choice(of, 3, replace=False) for of in held])
+        trials = rng.random((6, 3, 8)) < shares[:, :, None]
+        rows = [{"object": o, "seed": s} for o in range(6) for s in range(3) for _ in range(8)]
+        for count, found in ((3, covered), (2, covered_alike)):
+            some = [k for k, row in enumerate(rows) if row["seed"] < count]
+            low, high = interval_over_seeds([rows[k] for k in some], trials.ravel()[some])
+            assert low is not None
+            assert high is not None
+            found.append(low <= held.mean() <= high)
+    # Three standard deviations of a share of 95 % in 200 are 4.6 points; percentiles lose a little.
+    assert np.mean(covered) >= 0.89
+    # With two seeds all clusters are drawn alike: too wide, never too narrow.
+    assert np.mean(covered_alike) >= 0.97
+
+
+def test_intervals_over_objects_do_not_narrow_with_seeds() -> None:
+    shares = np.random.default_rng(0).random(12)
+
+    def widths(seeds: int) -> tuple[float, float]:
+        rng = np.random.default_rng(1)
+        rows = [{"object": o, "seed": s} for o in range(12) for s in range(seeds)]
+        values = [float(rng.random() < shares[row["object"]]) for row in rows]
+        found = []
+        for low, high in (interval_over_seeds(rows, values), interval_over_objects(rows, values)):
+            assert low is not None
+            assert high is not None
+            found.append(high - low)
+        return found[0], found[1]
+
+    of_seeds, of_objects = np.array(widths(200)) / np.array(widths(10))
+    assert of_seeds == pytest.approx(np.sqrt(10 / 200), rel=0.3)
+    assert of_objects > 0.7
+
+
+def test_seeds_that_never_differ_leave_an_interval() -> None:
+    # Ten objects that always hold and two that never do, whatever the seed.
+    rows = [{"object": o, "seed": s} for o in range(12) for s in range(5)]
+    low, high = interval_over_seeds(rows, [float(row["object"] < 10) for row in rows])
+    assert low is not None
+    assert high is not None
+    assert low < 10 / 12 < high
 
 
 def test_rank_biserial_is_the_balance_of_ranks() -> None:
@@ -166,7 +227,10 @@ def test_the_risk_difference_is_that_of_the_pairs() -> None:
     assert held.low is not None
     assert held.high is not None
     assert held.low < held.effect < held.high
-    assert held.p == held.p_pairs == pytest.approx(mcnemar(6, 2))
+    assert held.p == pytest.approx(mcnemar(6, 2))
+    # All are of one object, whose pairs flip together: nothing is shown of others.
+    assert held.p_objects == 1.0
+    assert held.objects_low is None
     assert held.rank_biserial is None
     # No grasp has an epsilon of 0; a surface error that one lacks is compared for neither.
     assert found["epsilon_truth"].effect == pytest.approx(0.1 * 0.4)
@@ -179,7 +243,6 @@ def test_budgets_of_one_object_and_seed_are_one_cluster() -> None:
     held = compare(rows, "gpis")[0]
     assert (held.pairs, held.clusters) == (12, 6)
     assert held.p == pytest.approx(mcnemar(6, 0))
-    assert held.p_pairs == pytest.approx(mcnemar(12, 0))
     assert held.p_holm >= held.p
 
 

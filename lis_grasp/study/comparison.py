@@ -11,20 +11,22 @@ import numpy.typing as npt
 
 from lis_grasp.evaluation.paper.summary import Table, tabulate
 from lis_grasp.json_lines import Row
+from lis_grasp.study.clusters import (
+    clusters_of,
+    interval_over_objects,
+    interval_over_seeds,
+    objects_of,
+)
 from lis_grasp.study.statistics import (
-    bootstrap_interval,
     cluster_sums,
-    clustered,
     holm,
-    mcnemar,
     rank_biserial,
+    sign_flip_p_value,
     signed_ranks,
-    wilcoxon,
 )
 from lis_grasp.study.study import TRIAL_COLUMNS, TRUTH
 
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 Measure = Literal[
     "held", "epsilon_truth", "epsilon_gap", "rmsd", "rmsd_truth_to_estimate", "edge_rmsd"
@@ -35,9 +37,6 @@ MEASURES: tuple[Measure, ...] = get_args(Measure)
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """All objects; built-in shapes with sharp edges, and without; mesh files, of whose edges nobody
 says which are real and which are a scan's noise."""
-
-LEAST_CLUSTERS = 10
-"""Of a bootstrap interval: all resamples of fewer are too few to have tails of 2.5 %."""
 
 ERRORS: tuple[Measure, ...] = MEASURES[3:]
 """Errors of the surface."""
@@ -73,16 +72,18 @@ class Comparison:
     mean, mean_reference
         Over the pairs.
     effect, low, high
-        Difference of the two means (of "held": the risk difference), with its 95 % bootstrap
-        interval over clusters; None for fewer than `LEAST_CLUSTERS`.
+        Difference of the two means (of "held": the risk difference), with its 95 % interval had
+        other seeds been drawn, see `interval_over_seeds`.
+    objects_low, objects_high
+        The interval of the effect had other objects been drawn, see `interval_over_objects`.
     rank_biserial
         Effect size of the measures that are no yes or no: 1 where the estimator is always better,
         -1 where it is always worse.
     p
         The exact test of McNemar ("held") or of Wilcoxon's signed ranks in which all pairs of a
         cluster flip together, two-sided.
-    p_pairs
-        The same with each pair a cluster of its own: too small where pairs of a cluster agree.
+    p_objects
+        The same with all pairs of an object a cluster: the test for objects like these.
     p_holm
         `p`, adjusted for all comparisons of the same measure and kind of objects, those of single
         levels of noise and those of all together apart.
@@ -102,9 +103,11 @@ class Comparison:
     effect: float
     low: float | None
     high: float | None
+    objects_low: float | None
+    objects_high: float | None
     rank_biserial: float | None
     p: float
-    p_pairs: float
+    p_objects: float
     p_holm: float = 1.0
 
 
@@ -169,14 +172,12 @@ def compare_one(
     if not known:
         return None
     values, others = (np.array([pair[k] for pair in known]) for k in (2, 3))
-    clusters = clusters_of([pair[0] for pair in known])
+    mine = [pair[0] for pair in known]
+    clusters = clusters_of(mine)
     differences = values - others
     gains = -differences if measure in _LESS_IS_BETTER else differences
-    wins, lost = int((gains > 0.0).sum()), int((gains < 0.0).sum())
-    count = int(clusters.max()) + 1
-    low, high = None, None
-    if count >= LEAST_CLUSTERS:
-        low, high = bootstrap_interval(differences, clusters, rng=np.random.default_rng(0))
+    low, high = interval_over_seeds(mine, differences)
+    objects_low, objects_high = interval_over_objects(mine, differences)
     yes_no = measure == "held"
     weights = np.sign(gains) if yes_no else signed_ranks(gains)
     return Comparison(
@@ -186,17 +187,19 @@ def compare_one(
         kind=kind,
         noise=noise,
         pairs=len(known),
-        clusters=count,
-        wins=wins,
-        losses=lost,
+        clusters=len(set(clusters)),
+        wins=int((gains > 0.0).sum()),
+        losses=int((gains < 0.0).sum()),
         mean=float(values.mean()),
         mean_reference=float(others.mean()),
         effect=float(differences.mean()),
         low=low,
         high=high,
+        objects_low=objects_low,
+        objects_high=objects_high,
         rank_biserial=None if yes_no else rank_biserial(gains),
-        p=clustered(cluster_sums(weights, clusters)),
-        p_pairs=mcnemar(wins, lost) if yes_no else wilcoxon(gains),
+        p=sign_flip_p_value(cluster_sums(weights, clusters)),
+        p_objects=sign_flip_p_value(cluster_sums(weights, objects_of(mine))),
     )
 
 
@@ -264,7 +267,7 @@ def agreements(rows: Sequence[Row], reference: str) -> list[Agreement]:
             agree, disagree = int((signs > 0).sum()), int((signs < 0).sum())
             if agree + disagree:
                 clusters = clusters_of([mine for mine, _ in known])
-                p = clustered(cluster_sums(signs, clusters))
+                p = sign_flip_p_value(cluster_sums(signs, clusters))
                 found.append(Agreement(measure, kind, agree, disagree, p))
     return found
 
@@ -326,13 +329,6 @@ def kinds_of(rows: Sequence[Row]) -> list[Kind]:
     """Return the kinds of objects that there are; "all" where there is more than one."""
     there = {kind_of(row) for row in rows}
     return [kind for kind in KINDS if kind in there or (kind == "all" and len(there) > 1)]
-
-
-def clusters_of(rows: Sequence[Row]) -> IntArray:
-    """Return which object and seed each row is of, as numbers from 0, shape (N,)."""
-    places: dict[tuple[Any, Any], int] = {}
-    found = [places.setdefault((row["object"], row["seed"]), len(places)) for row in rows]
-    return np.array(found, dtype=np.int64)
 
 
 def pair_of(row: Row) -> tuple[Any, ...]:

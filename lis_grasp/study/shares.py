@@ -9,8 +9,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from lis_grasp.json_lines import Row
-from lis_grasp.study.comparison import LEAST_CLUSTERS, clusters_of
-from lis_grasp.study.statistics import bootstrap_interval
+from lis_grasp.study.clusters import LEAST_CLUSTERS, clusters_of, interval_over_seeds
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,19 +41,16 @@ class Share:
 def share_of(rows: Sequence[Row]) -> Share | None:
     """Return the share of rows that held; None of no rows.
 
-    The interval is the cluster bootstrap's over objects and seeds. Where all trials came out the
-    same, there is nothing to draw from: then it is Wilson's (1927), of as many trials as clusters.
+    The interval is that of other seeds on the same objects, see `interval_over_seeds`. Where all
+    trials came out the same, there is nothing to draw from: then it is Wilson's (1927), of as many
+    trials as clusters.
     """
     if not rows:
         return None
     held = np.array([bool(row["held"]) for row in rows])
-    clusters = clusters_of(rows)
-    count, total = int(clusters.max()) + 1, int(held.sum())
-    low, high = None, None
-    if count >= LEAST_CLUSTERS:
-        if total in (0, len(rows)):
-            wilson = binomtest(count if total else 0, count).proportion_ci(method="wilson")
-            low, high = float(wilson.low), float(wilson.high)
-        else:
-            low, high = bootstrap_interval(held, clusters, rng=np.random.default_rng(0))
-    return Share(total, len(rows), count, low, high)
+    clusters, total = len(set(clusters_of(rows))), int(held.sum())
+    low, high = interval_over_seeds(rows, held)
+    if clusters >= LEAST_CLUSTERS and total in (0, len(rows)):
+        wilson = binomtest(clusters if total else 0, clusters).proportion_ci(method="wilson")
+        low, high = float(wilson.low), float(wilson.high)
+    return Share(total, len(rows), clusters, low, high)

@@ -1,16 +1,11 @@
-"""Paired tests, effect sizes and intervals, free of distributions; the tests are exact.
-
-All three tests ask one question: if each difference were as likely to be of the other sign, how
-often would their weighted sum be as far from zero as it is (Fisher 1935)? Weights of 1 make it
-McNemar's exact test, ranks Wilcoxon's, sums of clusters the same for differences that are not
-independent of each other.
-"""
+"""Paired tests, effect sizes and intervals, free of distributions; the tests are exact."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import rankdata
+from scipy.stats import norm, rankdata
+from scipy.stats import t as student
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -18,56 +13,35 @@ IntArray = npt.NDArray[np.int64]
 _RESAMPLES = 4000
 
 
-def sign_flip_p_value(weights: npt.ArrayLike, observed: int) -> float:
-    """Return the two-sided exact p-value of a sum of weights under signs as likely + as -.
+def sign_flip_p_value(sums: npt.ArrayLike) -> float:
+    """Return the two-sided exact p-value of a total, under signs as likely + as - (Fisher 1935).
 
-    ``p = P(|sum_i s_i w_i| >= |observed|)``, s_i independent and +1 or -1 with probability 1/2. The
-    distribution is built one weight after the other: each moves it up and down by half.
+    ``p = P(|sum_i s_i |c_i|| >= |sum_i c_i|)``, s_i independent and +1 or -1 with probability 1/2.
+    The distribution is built one summand after the other: each moves it up and down by half.
+
+    What a summand is decides which test it is. The sign of a pair's difference makes it McNemar's
+    (1947), `signed_ranks` Wilcoxon's (1945). Where pairs are not independent, it is the sum of
+    either over a cluster, whose pairs then flip together.
 
     Parameters
     ----------
-    weights
-        Shape (N,), whole numbers of 0 or more.
-    observed
-        The sum as observed.
+    sums
+        Shape (C,), whole numbers.
     """
-    whole = np.asarray(weights, dtype=np.int64)
-    whole = whole[whole > 0]
+    whole = np.rint(np.asarray(sums, dtype=np.float64)).astype(np.int64)
+    weights = np.abs(whole[whole != 0])
     # probabilities[k]: the weights with sign + add up to k; then the sum is 2 k - total.
-    total = int(whole.sum())
+    total = int(weights.sum())
     probabilities = np.zeros(total + 1)
     probabilities[0] = 1.0
     reached = 0
-    for weight in whole:
+    for weight in weights:
         reached += int(weight)
         moved = probabilities[: reached + 1 - weight].copy()
         probabilities[: reached + 1] *= 0.5
         probabilities[weight : reached + 1] += 0.5 * moved
-    sums = 2 * np.arange(total + 1) - total
-    return float(min(1.0, probabilities[np.abs(sums) >= abs(observed)].sum()))
-
-
-def mcnemar(wins: int, losses: int) -> float:
-    """Return the p-value of McNemar's exact test: wins and losses as likely (McNemar 1947).
-
-    Parameters
-    ----------
-    wins, losses
-        Pairs in which only the one succeeded, and only the other.
-    """
-    return sign_flip_p_value(np.ones(wins + losses), wins - losses)
-
-
-def wilcoxon(differences: npt.ArrayLike) -> float:
-    """Return the p-value of Wilcoxon's signed-rank test, exact with ties (Wilcoxon 1945).
-
-    Parameters
-    ----------
-    differences
-        Shape (N,); zeros are left out, as he did.
-    """
-    doubled, signs = _doubled_ranks(differences)
-    return sign_flip_p_value(doubled, int(doubled @ signs))
+    flipped = 2 * np.arange(total + 1) - total
+    return float(min(1.0, probabilities[np.abs(flipped) >= abs(whole.sum())].sum()))
 
 
 def rank_biserial(differences: npt.ArrayLike) -> float:
@@ -83,21 +57,6 @@ def rank_biserial(differences: npt.ArrayLike) -> float:
     """
     doubled, signs = _doubled_ranks(differences)
     return float(doubled @ signs / doubled.sum()) if len(doubled) else 0.0
-
-
-def clustered(sums: npt.ArrayLike) -> float:
-    """Return the p-value of differences that come in clusters, whose signs flip together.
-
-    What is summed in a cluster decides which test it is: the signs of differences make it McNemar's
-    (or the sign test), their `signed_ranks` Wilcoxon's, each for clusters of one.
-
-    Parameters
-    ----------
-    sums
-        Shape (C,): the sum of each cluster, in whole numbers.
-    """
-    whole = np.asarray(sums, dtype=np.int64)
-    return sign_flip_p_value(np.abs(whole), int(whole.sum()))
 
 
 def signed_ranks(differences: npt.ArrayLike) -> IntArray:
@@ -130,12 +89,17 @@ def cluster_sums(values: npt.ArrayLike, clusters: npt.ArrayLike) -> FloatArray:
 
 
 def bootstrap_interval(
-    values: npt.ArrayLike, clusters: npt.ArrayLike, *, rng: np.random.Generator
+    values: npt.ArrayLike,
+    clusters: npt.ArrayLike,
+    strata: npt.ArrayLike | None = None,
+    *,
+    rng: np.random.Generator,
 ) -> tuple[float, float]:
     """Return the 95 % interval of a mean, for values that come in clusters.
 
-    Draws as many clusters as there are, each whole, again and again (percentile interval of the
-    cluster bootstrap: Efron 1979; Field and Welsh 2007).
+    Draws clusters, each whole, again and again, in every stratum one less than it has, which makes
+    the variance right where they are few (McCarthy and Snowden 1985; Field and Welsh 2007), and
+    takes the percentiles that Student's law has in place of 2.5 and 97.5 (Hesterberg 2015).
 
     Parameters
     ----------
@@ -143,11 +107,24 @@ def bootstrap_interval(
         Shape (N,).
     clusters
         Shape (N,): which cluster each is of, from 0 to C - 1.
+    strata
+        Shape (N,): which stratum each cluster is of, from 0 to S - 1, with two clusters in each at
+        least; they are not drawn, but stay as they are. None: all are of one.
     """
-    sums = cluster_sums(values, clusters)
-    counts = cluster_sums(np.ones(np.shape(values)), clusters)
-    drawn = rng.multinomial(len(sums), np.full(len(sums), 1.0 / len(sums)), size=_RESAMPLES)
-    low, high = np.quantile((drawn @ sums) / (drawn @ counts), [0.025, 0.975])
+    grouped = np.asarray(clusters)
+    sums, counts = cluster_sums(values, grouped), cluster_sums(np.ones(len(grouped)), grouped)
+    stratum = np.zeros(len(sums), dtype=np.int64)
+    if strata is not None:
+        stratum[grouped] = strata
+    resampled = np.zeros((2, _RESAMPLES))
+    for each in np.unique(stratum):
+        of = np.stack([sums, counts])[:, stratum == each]
+        size = of.shape[1]
+        drawn = rng.multinomial(size - 1, np.full(size, 1.0 / size), size=_RESAMPLES)
+        resampled += size / (size - 1) * (of @ drawn.T)
+    freedom = len(sums) - len(np.unique(stratum))
+    ends = norm.cdf(student.ppf([0.025, 0.975], freedom))
+    low, high = np.quantile(resampled[0] / resampled[1], ends)
     return float(low), float(high)
 
 

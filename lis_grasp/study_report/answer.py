@@ -14,11 +14,12 @@ from lis_grasp.study.comparison import (
     kinds_of,
     names,
 )
-from lis_grasp.study.shares import share_of
+from lis_grasp.study.shares import Share, share_of
 from lis_grasp.study.study import TRUTH
 from lis_grasp.study_report.tables import (
     KIND_LABELS,
     difference_text,
+    objects_interval,
     p_phrase,
     share_text,
 )
@@ -34,7 +35,8 @@ def answer(rows: Sequence[Row], comparisons: Sequence[Comparison], reference: st
     if len(levels) > 1:
         comparisons, levels = [*compare_held(rows, reference), *comparisons], [None, *levels]
     told = [_of_noise(rows, comparisons, reference, noise) for noise in levels]
-    return [p for p in (*told, _of_surfaces(rows, reference), _of_precision(rows)) if p]
+    last = (_of_surfaces(rows, reference), _of_precision(rows, reference))
+    return [p for p in (*told, _of_objects(rows, reference), *last) if p]
 
 
 def _of_noise(
@@ -74,6 +76,23 @@ def _of_noise(
     return f"{text} {name}, which held most of them, less {who}, in points: {', '.join(parts)}."
 
 
+def _of_objects(rows: Sequence[Row], reference: str) -> str:
+    """Tell what the differences come to if objects, too, are taken as drawn."""
+    parts = [
+        f"{estimator_label(c.estimator)} {objects_interval(c)} (p {p_phrase(c.p_objects)})"
+        for c in sorted(compare_held(rows, reference), key=lambda c: -c.effect)
+        if c.objects_low is not None
+    ]
+    if not parts:
+        return ""
+    count = len(names(rows, "object"))
+    return (
+        f"All this is about these {count} objects, had other seeds been drawn. Had other objects"
+        f" like them been drawn too, the differences from {estimator_label(reference)} would lie,"
+        f" in points, within: {'; '.join(parts)}."
+    )
+
+
 def _of_surfaces(rows: Sequence[Row], reference: str) -> str:
     kind = kinds_of(rows)[0]
     found = {a.measure: a for a in agreements(rows, reference) if a.kind == kind}
@@ -98,23 +117,30 @@ def _of_surfaces(rows: Sequence[Row], reference: str) -> str:
     )
 
 
-def _of_precision(rows: Sequence[Row]) -> str:
-    """Tell half the width of the widest interval, over all touches and of a number of touches."""
+def _of_precision(rows: Sequence[Row], reference: str) -> str:
+    """Tell half the width of the widest interval: of shares, and of differences."""
     widths = []
     for columns in (("estimator",), ("estimator", "touches")):
         cells: dict[tuple[object, ...], list[Row]] = {}
         for row in rows:
             cells.setdefault(tuple(row[name] for name in columns), []).append(row)
         shares = [share for of in cells.values() if (share := share_of(of)) is not None]
-        known = [s.high - s.low for s in shares if s.low is not None and s.high is not None]
-        if len(known) < len(shares):
-            return "There are too few objects and seeds for intervals of all shares."
-        widths.append(50.0 * max(known))
-    kind = KIND_LABELS[kinds_of(rows)[0]]
+        widths.append(_widest(shares))
+    widths.append(_widest(compare_held(rows, reference)))
+    if None in widths:
+        return "There are too few objects and seeds for intervals of all shares."
+    of_all, of_one, of_differences = widths
     return (
-        f"Over {kind}, shares of all touches together are known to ±{widths[0]:.1f} points or"
-        f" better, those of one number of touches to ±{widths[1]:.1f} points."
+        f"Over {KIND_LABELS[kinds_of(rows)[0]]}, shares of all touches together are known to"
+        f" ±{of_all:.1f} points or better, their differences from {estimator_label(reference)} to"
+        f" ±{of_differences:.1f}, shares of one number of touches to ±{of_one:.1f}."
     )
+
+
+def _widest(found: Sequence[Share] | Sequence[Comparison]) -> float | None:
+    """Return half the width of the widest interval in points; None where one is not known."""
+    widths = [x.high - x.low for x in found if x.low is not None and x.high is not None]
+    return 50.0 * max(widths) if widths and len(widths) == len(found) else None
 
 
 def _share(found: Agreement) -> str:

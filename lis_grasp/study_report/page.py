@@ -9,7 +9,8 @@ from pathlib import Path
 import lis_grasp
 from lis_grasp.json_lines import Row
 from lis_grasp.paper_report.page import Picture, figure_of, scroll, write_page
-from lis_grasp.study.comparison import LEAST_CLUSTERS, Comparison, losses, names
+from lis_grasp.study.clusters import LEAST_CLUSTERS, LEAST_SEEDS
+from lis_grasp.study.comparison import Comparison, losses, names
 from lis_grasp.study.keys import label
 from lis_grasp.study.study import OWN, Study
 from lis_grasp.study_report.answer import answer
@@ -93,12 +94,14 @@ def _how(study: Study) -> str:
         "<h2>How it is compared</h2><p>Pairs are trials of the same object, hand, touches, noise"
         " and seed. Failures count: no surface or no grasp is not held, and has an epsilon of 0 on"
         " the truth. Trials of one object and seed are not independent, as they share their first"
-        " touches: they are a cluster, drawn and flipped together. Intervals are of 95 % and"
-        f" bootstrap clusters (told for {LEAST_CLUSTERS} clusters and more; where all trials came"
-        " out the same, Wilson's for as many trials as clusters): they are about objects like"
-        " these. Tests are exact and two-sided: McNemar's for held or not, Wilcoxon's signed ranks"
-        " for the rest, in which all pairs of a cluster flip together; “pairs alone” is the same"
-        " test without clusters, which is too sure of itself. p-values are adjusted by Holm's"
+        " touches: they are a cluster, drawn and flipped together. Intervals are of 95 %, by the"
+        f" bootstrap over clusters (told for {LEAST_CLUSTERS} clusters and more; where all trials"
+        " came out the same, Wilson's for as many trials as clusters). They tell what other seeds"
+        f" would give on these objects, from {LEAST_SEEDS} seeds on drawn object by object; with"
+        " fewer, all clusters are drawn alike, which is rather too wide. “Objects” draws and flips"
+        " whole objects instead: what other objects like these would give. Tests are exact and"
+        " two-sided: McNemar's for held or not, Wilcoxon's signed ranks for the rest, in which all"
+        " pairs of a cluster flip together. p-values are adjusted by Holm's"
         " method over all estimators and noises of one measure and kind of objects. Differences are"
         f" the estimator's mean less the {who} mean, over the pairs that both have; of errors and"
         " gaps less is better. The rank-biserial correlation is +1 where the estimator is better in"

@@ -45,8 +45,8 @@ def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
         yield Picture(
             f"Held against touches, noise: {noise}",
             "Share of trials whose best grasp lifted the true object and held it through the shake;"
-            " a trial without a grasp is not held. Bars are 95 % intervals that draw objects and"
-            " seeds anew; estimators stand side by side at each number of touches.",
+            " a trial without a grasp is not held. Bars are 95 % intervals, had other seeds been"
+            " drawn; estimators stand side by side at each number of touches.",
             png_of(held_against_touches(chosen)),
         )
     yield Picture(
@@ -61,7 +61,7 @@ def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
             "Held against the error at edges",
             "Trials on objects with edges, of all estimators together and of each, in bins of equal"
             " numbers of trials by their error at edges (a point is at the bin's median); bars are"
-            " 95 % intervals that draw objects and seeds anew. If edges matter to grasps, the line"
+            " 95 % intervals, had other seeds been drawn. If edges matter to grasps, the line"
             " falls.",
             png_of(held_against_edge_error(rows)),
         )

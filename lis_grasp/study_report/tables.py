@@ -151,8 +151,8 @@ def comparisons_table(comparisons: Sequence[Comparison]) -> StudyTable:
     """Return every comparison: pairs, means, effect and what it is worth."""
     head = (
         *("estimator", "against", "objects", "noise", "measure", "pairs", "clusters"),
-        *("better", "worse", "mean", "reference", "difference", "95 % interval", "rank-biserial"),
-        *("p, Holm", "p", "p, pairs alone"),
+        *("better", "worse", "mean", "reference", "difference", "95 %, seeds", "95 %, objects"),
+        *("rank-biserial", "p, Holm", "p", "p, objects"),
     )
     body = tuple(
         (
@@ -169,10 +169,11 @@ def comparisons_table(comparisons: Sequence[Comparison]) -> StudyTable:
             printed(c.measure, c.mean_reference),
             printed(c.measure, c.effect, signed=True),
             interval(c),
+            objects_interval(c),
             "–" if c.rank_biserial is None else f"{c.rank_biserial:+.2f}".replace("-", "−"),
             p_value(c.p_holm),
             p_value(c.p),
-            p_value(c.p_pairs),
+            p_value(c.p_objects),
         )
         for c in comparisons
     )
@@ -323,11 +324,13 @@ def printed(measure: str, value: float | None, *, signed: bool = False) -> str:
 
 
 def interval(comparison: Comparison) -> str:
-    """Return the interval of a comparison's effect as it is printed."""
-    if comparison.low is None:
-        return "–"
-    ends = (comparison.low, comparison.high)
-    return " to ".join(printed(comparison.measure, end, signed=True) for end in ends)
+    """Return the interval of a comparison's effect, had other seeds been drawn, as printed."""
+    return _interval(comparison.measure, comparison.low, comparison.high)
+
+
+def objects_interval(comparison: Comparison) -> str:
+    """Return the interval of a comparison's effect, had other objects been drawn, as printed."""
+    return _interval(comparison.measure, comparison.objects_low, comparison.objects_high)
 
 
 def share_text(share: Share | None) -> str:
@@ -354,6 +357,12 @@ def p_value(p: float) -> str:
 def p_phrase(p: float) -> str:
     """Return a p-value as it is printed after the letter p."""
     return p_value(p) if p < 0.001 else f"= {p_value(p)}"
+
+
+def _interval(measure: str, low: float | None, high: float | None) -> str:
+    if low is None or high is None:
+        return "–"
+    return " to ".join(printed(measure, end, signed=True) for end in (low, high))
 
 
 def _label(measure: str) -> str:
