@@ -28,7 +28,7 @@ from lis_grasp.study.keys import HAND_SUFFIXES, label
 from lis_grasp.surfaces import ESTIMATORS
 
 TRUTH = "truth"
-"""In place of an estimator: plan on the true mesh. The ceiling that no surface can pass."""
+"""In place of an estimator: plan on the true mesh, without error. No upper bound: planners err, too."""
 
 OWN = "own"
 """As the explorer: each estimator drives an exploration of its own."""

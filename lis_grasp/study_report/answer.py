@@ -73,7 +73,7 @@ def _of_noise(
     ]
     parts = [f"at {n} touches {difference_text(c)}" for n, c in steps if c is not None]
     name = estimator_label(first.estimator)
-    return f"{text} {name}, which held most of them, less {who}, in points: {', '.join(parts)}."
+    return f"{text} {name}, which held most, against {who}, in points: {', '.join(parts)}."
 
 
 def _of_objects(rows: Sequence[Row], reference: str) -> str:
@@ -87,9 +87,8 @@ def _of_objects(rows: Sequence[Row], reference: str) -> str:
         return ""
     count = len(names(rows, "object"))
     return (
-        f"All this is about these {count} objects, had other seeds been drawn. Had other objects"
-        f" like them been drawn too, the differences from {estimator_label(reference)} would lie,"
-        f" in points, within: {'; '.join(parts)}."
+        f"These intervals are about these {count} objects. Drawing other objects like them instead,"
+        f" differences from {estimator_label(reference)} lie, in points, within: {'; '.join(parts)}."
     )
 
 
@@ -112,8 +111,9 @@ def _of_surfaces(rows: Sequence[Row], reference: str) -> str:
         if measure in found
     ]
     return (
-        f"Where, of an estimator and {estimator_label(reference)}, only one held, it was the one"
-        f" with the smaller error: {'; '.join(parts)}. Half of the pairs would be chance."
+        f"In pairs of an estimator and {estimator_label(reference)} with the same contacts, of which"
+        " exactly one held, it was the one with the smaller error:"
+        f" {'; '.join(parts)}. Half of the pairs would be chance."
     )
 
 

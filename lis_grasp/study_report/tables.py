@@ -102,7 +102,7 @@ def summary_table(rows: Sequence[Row], reference: str) -> StudyTable:
     who = estimator_label(reference)
     head = (
         *("estimator", *(f"{n} touches" for n in budgets), "all", *hands),
-        *(f"less {who}", "p, Holm"),
+        *(f"against {who}", "p, Holm"),
     )
     title = f"In short: held, in percent, and points more (+) or less (−) than {who}"
     return StudyTable("summary", title, head, tuple(body))
