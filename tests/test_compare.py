@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import os
 import signal
 import subprocess
@@ -10,12 +11,18 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 
+from lis_grasp import shapes
 from lis_grasp.cli.compare import QUICK
 from lis_grasp.cli.main import main
+from lis_grasp.json_lines import Row
+from lis_grasp.study import trial as trial_module
 from lis_grasp.study.results import StudyResults, without_times
+from lis_grasp.study.scheduling import InProcess, run_study
 from lis_grasp.study.study import Study
 from lis_grasp.study.study_file import load_study
+from lis_grasp.study.trial import Job
 
 pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
 
@@ -48,6 +55,44 @@ def test_the_quick_study_is_one() -> None:
     study = Study.from_facts(QUICK)
     assert study.reference in study.estimators
     assert {True, False} == {name in ("sphere", "torus") for name in study.objects}
+
+
+def test_a_folder_is_reported_on_and_its_rows_made_again_by_what_it_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def named_rows(job: Job) -> list[Row]:
+        box = shapes.build("box")
+        return [
+            trial_module._blank_row(job.trial, job.setup, name, box) | {"reason": "no_grasp"}
+            for name in job.estimators
+        ]
+
+    results, block = tmp_path / "results", tmp_path / "meshes" / "block.stl"
+    block.parent.mkdir()
+    shapes.build("box", 0.1).mesh.export(block)
+    study = Study(objects=(str(block),), estimators=("gpis", "blend"), touches=(6,), seeds=(0,))
+    list(run_study(study, StudyResults(results), InProcess(), runner=named_rows))
+    described = results / "study.yaml"
+    described.write_text("# mine\n" + yaml.safe_dump(study.facts()))
+
+    assert main(["compare", "--report-only", "--output", str(results)]) == 0
+    assert described.read_text().startswith("# mine")
+    again = f"lis-grasp compare --study {described} --output {results}"
+    assert again in html.unescape((results / "report.html").read_text())
+    # With another number of seeds it is another study, and the file says so.
+    arguments = ["--study", str(described), "--estimators", "gpis", "--output", str(results)]
+    assert main(["compare", "--report-only", *arguments]) == 0
+    assert load_study(described)["estimators"] == ["gpis"]
+
+    moved = block.parent.rename(tmp_path / "moved")
+    key = StudyResults(results).read()[0]["key"]
+    capsys.readouterr()
+    assert main(["compare", "--rerun", key, "--output", str(results)]) == 2
+    assert "cannot read" in capsys.readouterr().err
+    arguments = ["--rerun", key, "--meshes", str(moved), "--output", str(results)]
+    # Found, and run; what the fake rows have is not what comes out.
+    assert main(["compare", *arguments]) == 1
+    assert "the row must come out as recorded" in capsys.readouterr().err
 
 
 TINY = ["--objects", "box", "--estimators", "gpis", "blend", "--touches", "8"]

@@ -20,9 +20,10 @@ from lis_grasp import pipeline, shapes
 from lis_grasp.exceptions import EstimationError, InvalidFileError, InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasp import GraspSearch
+from lis_grasp.grasping.hand import Hand
 from lis_grasp.json_lines import Row
 from lis_grasp.study import trial as trial_module
-from lis_grasp.study.attempt import attempt
+from lis_grasp.study.attempt import Attempt, attempt
 from lis_grasp.study.exploring import contacts_of, forget
 from lis_grasp.study.keys import row_key
 from lis_grasp.study.results import COLUMNS, StudyResults, job_of, without_times
@@ -107,6 +108,11 @@ def test_a_study_is_read_from_yaml(tmp_path: Path) -> None:
         ({"mass": "heavy"}, "mass must be a number"),
         ({"mass": -1.0}, "mass must be a positive number"),
         ({"grasps": 1.5}, "grasps must be a whole number"),
+        ({"grasps": True}, "grasps must be a whole number"),
+        ({"mass": True}, "mass must be a number"),
+        ({"mass": 10**400}, "mass must be"),
+        ({"units": "furlong"}, "units must be among m, cm"),
+        ({"seeds": [2**63]}, "seeds must be less than 2"),
     ],
 )
 def test_a_mistake_in_a_study_is_named(facts: dict, message: str) -> None:
@@ -149,6 +155,16 @@ def test_a_key_names_all_that_decides_a_row() -> None:
     others += [row_key(trial, setup, "lis"), row_key(trial, Setup(mass=0.3), "gpis")]
     assert len({row_key(trial, setup, "gpis"), *others}) == len(others) + 1
     assert row_key(trial, setup, "gpis") == row_key(trial, Setup(), "gpis")
+
+
+def test_whole_numbers_are_numbers_in_a_key() -> None:
+    facts = {"mass": 1, "friction": 1, "size": 1, "grasps": 2}
+    whole, real = (Study.from_facts(SMALL.facts() | facts | more) for more in ({}, {"mass": 1.0}))
+    trial = whole.trials()[0]
+    assert row_key(trial, whole.setup, "gpis") == row_key(trial, real.setup, "gpis")
+    (row,) = fake_rows(Job(trial, whole.setup, ("gpis",)))
+    # As Parquet gives them back.
+    assert job_of(row | {"mass": 1.0, "friction": 1.0, "size": 1.0}).setup == whole.setup
 
 
 def test_a_file_counts_by_what_is_in_it(tmp_path: Path) -> None:
@@ -198,6 +214,23 @@ def test_a_row_of_a_file_is_made_again_from_the_file_of_that_content(tmp_path: P
     exported_block(tmp_path / "here", size=0.12)
     with pytest.raises(InvalidOptionError, match="has changed since"):
         job_of(row, [str(block)])
+
+
+def test_a_process_that_goes_on_sees_that_a_file_has_changed(tmp_path: Path) -> None:
+    def reach(size: float) -> float:
+        block = exported_block(tmp_path, size=size)
+        trial = Trial(str(block), "allegro", 6, "none", 0)
+        contacts, _ = contacts_of(trial, Setup(), "blend")
+        return float(np.abs(contacts.points).max())
+
+    assert reach(0.14) > 1.2 * reach(0.10)
+    # So with a hand's: attempts on one mesh differ where the hand's files do.
+    box, hand = shapes.build("box"), Hand.load("allegro")
+    a, b = (
+        Attempt("mesh", "box", "own.yaml", (digest,), 0, Setup(), box.mesh, box, hand)
+        for digest in ("a", "b")
+    )
+    assert a != b
 
 
 def test_files_of_a_study_are_found_from_its_folder_or_among_the_meshes(tmp_path: Path) -> None:
@@ -259,9 +292,10 @@ def test_rows_are_reported_on_without_any_mesh(
     rows = StudyResults(tmp_path).of(study)
     block.unlink()
     elsewhere = dataclasses.replace(study, objects=("box", "/nowhere/block.stl"))
-    monkeypatch.setattr("lis_grasp.__version__", "9.9.9")
-    assert StudyResults(tmp_path).alike(elsewhere) == rows
-    assert StudyResults(tmp_path).alike(dataclasses.replace(study, setup=Setup(mass=0.3))) == []
+    with monkeypatch.context() as later:
+        later.setattr("lis_grasp.__version__", "9.9.9")
+        assert StudyResults(tmp_path).alike(elsewhere) == rows
+        assert StudyResults(tmp_path).alike(dataclasses.replace(study, setup=Setup(mass=0.3))) == []
     with pytest.raises(InvalidFileError, match=r"cannot read /nowhere/block\.stl"):
         StudyResults(tmp_path).missing(elsewhere)
 
@@ -325,6 +359,42 @@ def test_a_row_of_another_version_is_refused(
     monkeypatch.setattr("lis_grasp.__version__", "9.9.9")
     with pytest.raises(InvalidFileError, match="must be of lis_grasp 9.9.9"):
         StudyResults(tmp_path).of(SMALL)
+
+
+def test_rows_that_could_not_stay_are_refused_before_the_work_and_as_they_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def outdated(job: Job) -> list[Row]:
+        return [row | {"version": "0.0.9"} for row in fake_rows(job)]
+
+    with pytest.raises(InvalidFileError, match=r"made one of 0\.0\.9: give all workers"):
+        run(SMALL, tmp_path, runner=outdated)
+    assert not StudyResults(tmp_path).keys()
+    run(dataclasses.replace(SMALL, seeds=(0,)), tmp_path)
+    monkeypatch.setattr("lis_grasp.__version__", "9.9.9")
+    with pytest.raises(InvalidFileError, match=r"must be of lis_grasp 9\.9\.9"):
+        run(SMALL, tmp_path, runner=lambda _: pytest.fail("nothing is to be run"))
+
+
+def test_an_error_that_nobody_foresaw_stops_one_trial_and_no_other(tmp_path: Path) -> None:
+    def mistaken(job: Job) -> list[Row]:
+        if (job.trial.object, job.trial.touches) == ("box", 6):
+            raise ZeroDivisionError("nobody foresaw it")
+        return fake_rows(job)
+
+    with pytest.raises(EstimationError, match="2 trials met a mistake") as caught:
+        run(SMALL, tmp_path, runner=mistaken)
+    assert "ZeroDivisionError: nobody foresaw it" in str(caught.value)
+    assert len(StudyResults(tmp_path).missing(SMALL)) == 2
+    # What can be foreseen, a file that went missing, stops the study at once.
+    gone = InvalidFileError("gone")
+
+    def unreadable(_: Job) -> list[Row]:
+        raise gone
+
+    with pytest.raises(InvalidFileError) as caught_file:
+        run(SMALL, tmp_path, runner=unreadable)
+    assert caught_file.value is gone
 
 
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:
@@ -571,10 +641,18 @@ def test_rows_are_equal_whoever_makes_them(tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.slow
-def test_a_cluster_that_cannot_be_used_is_refused(tmp_path: Path) -> None:
+def test_a_cluster_that_cannot_be_used_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     distributed = pytest.importorskip("distributed")
     with pytest.raises(InvalidOptionError, match="address of a running Dask scheduler"):
         run(SMALL, tmp_path, DaskCluster("tcp://127.0.0.1:1"))
+    monkeypatch.setattr("lis_grasp.study.scheduling._CONNECT", 2)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster,
+        pytest.raises(InvalidOptionError, match="had none for 2 s: start some with dask worker"),
+    ):
+        run(SMALL, tmp_path, DaskCluster(cluster.scheduler_address))
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=2, dashboard_address=":0"

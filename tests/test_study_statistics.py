@@ -66,6 +66,15 @@ def test_under_no_difference_p_is_small_no_more_often_than_it_says() -> None:
     assert p.min() == pytest.approx(2 / 2**8)
 
 
+def test_many_summands_are_normal(monkeypatch: pytest.MonkeyPatch) -> None:
+    ranks = signed_ranks(np.random.default_rng(2).normal(0.1, 1.0, 400))
+    exact = sign_flip_p_value(ranks)
+    assert 0.001 < exact < 0.2
+    monkeypatch.setattr("lis_grasp.study.statistics._MOST_EXACT", 100)
+    assert sign_flip_p_value(ranks) == pytest.approx(exact, rel=0.02)
+    assert sign_flip_p_value(ranks) != exact
+
+
 def test_copies_in_a_cluster_add_no_evidence() -> None:
     signs = np.array([1] * 9 + [-1] * 2 + [0] * 5)
     # Each pair three times, in one cluster: the same p; taken as independent, far too small.

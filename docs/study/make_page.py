@@ -14,9 +14,8 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.json_lines import Row
 from lis_grasp.output_files import write_text
 from lis_grasp.study import Study, StudyResults, compare, load_study
-from lis_grasp.study.comparison import kinds_of, names
+from lis_grasp.study.comparison import kinds_of, names, pair_of
 from lis_grasp.study.keys import label
-from lis_grasp.study.study import TRIAL_COLUMNS
 from lis_grasp.study.trial import TIMES
 from lis_grasp.study_report.answer import answer
 from lis_grasp.study_report.pictures import draw_pictures
@@ -61,7 +60,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
     estimators = " / ".join(estimator_label(name) for name in study.estimators)
     count = len(study.trials())
     seeds = len(names(rows, "seed"))
-    done = len({tuple(row[name] for name in TRIAL_COLUMNS) for row in rows})
+    done = len({pair_of(row) for row in rows})
     so_far = str(done) if done == count else f"{done} of {count}"
     return {
         "summary": summary_table(rows, study.reference).markdown(),
@@ -72,7 +71,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
             f" hands {' and '.join(study.hands)}; {seeds} seed{'s' if seeds > 1 else ''}."
         ),
         "trials_text": f"{so_far} trials, {len(rows)} rows.",
-        "trials": str(done),
+        "trials": str(count),
         "grasps": str(study.setup.grasps),
         "mass": f"{study.setup.mass:g}",
         "friction": f"{study.setup.friction:g}",

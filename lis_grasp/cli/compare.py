@@ -114,18 +114,32 @@ def execute(options: argparse.Namespace) -> None:
     scheduler = _scheduler(options)
     study = Study.from_facts(_facts(options))
     if options.report_only:
-        _report(study, results.alike(study), output)
+        rows = results.alike(study)
+        if not rows:
+            raise InvalidOptionError(f"a report needs rows of its study; {output} has none")
+        _describe(study, output, options)
+        _report(study, rows, output)
         return
     study.require_files()
-    described = output / "study.yaml"
-    if options.study is None or described.resolve() != options.study.resolve():
-        write_text(described, yaml.safe_dump(study.facts(), sort_keys=False))
+    _describe(study, output, options)
     with Stage(f"Running {len(study.trials())} trials") as stage:
         for done, total in run_study(study, results, scheduler):
             stage.count(done, total)
         stage.result = f"{len(study.estimators)} estimators each"
     results.write_merged()
     _report(study, results.of(study), output)
+
+
+def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
+    """Write the study's file into the folder, unless it is there, with whatever comments it has."""
+    from lis_grasp.study.study import Study
+    from lis_grasp.study.study_file import load_study
+
+    described = output / "study.yaml"
+    known = load_study(described, options.meshes) if _study_file(options) == described else None
+    if known is not None and Study.from_facts(known) == study:
+        return
+    write_text(described, yaml.safe_dump(study.facts(), sort_keys=False))
 
 
 def _report(study: Study, rows: list[Row], output: Path) -> None:
@@ -136,12 +150,11 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
     from lis_grasp.study_report.tables import all_tables
 
     with Stage("Reporting") as stage:
-        if not rows:
-            raise InvalidOptionError(f"a report needs rows of its study; {output} has none")
         comparisons = compare(rows, study.reference)
         tables = all_tables(rows, comparisons, study.reference)
         write_tables(output, tables, rows)
-        command = f"lis-grasp compare --study {shlex.quote(str(output / 'study.yaml'))}"
+        described, folder = (shlex.quote(str(path)) for path in (output / "study.yaml", output))
+        command = f"lis-grasp compare --study {described} --output {folder}"
         files = (*study.objects, *study.hands)
         pictures = [*draw_pictures(rows), *draw_cases(output, rows, study.reference, files)]
         write_report(
@@ -160,14 +173,25 @@ def _facts(options: argparse.Namespace) -> dict[str, Any]:
     if options.study is not None and options.quick:
         raise InvalidOptionError("--quick is a study of its own: leave out --study, or --quick")
     facts = dict(QUICK) if options.quick else {}
-    if options.study is not None:
-        facts = load_study(options.study, options.meshes)
+    described = _study_file(options)
+    if described is not None:
+        facts = load_study(described, options.meshes)
     given = {
         name: getattr(options, name)
         for name in (*_FLAGS, "seeds", *_SETUP)
         if getattr(options, name) is not None
     }
     return facts | with_places(given, Path.cwd(), options.meshes)
+
+
+def _study_file(options: argparse.Namespace) -> Path | None:
+    """Return the file of the study: the one that is named, or that of the rows to report on."""
+    own = (options.output or _OUTPUT) / "study.yaml"
+    if options.study is not None:
+        return own if own.resolve() == options.study.resolve() else options.study
+    if options.quick or not (options.report_only or options.rerun) or not own.is_file():
+        return None
+    return own
 
 
 def _scheduler(options: argparse.Namespace) -> Scheduler:
@@ -183,13 +207,15 @@ def _scheduler(options: argparse.Namespace) -> Scheduler:
 
 def _rerun(results: StudyResults, options: argparse.Namespace) -> None:
     from lis_grasp.study.results import job_of, without_times
-    from lis_grasp.study.study_file import load_study
+    from lis_grasp.study.study import Study
     from lis_grasp.study.trial import run_job
 
     recorded = results.row(options.rerun)
-    described = options.study or results.folder / "study.yaml"
-    facts = load_study(described, options.meshes) if described.is_file() else {}
-    job = job_of(recorded, [*facts.get("objects", []), *facts.get("hands", [])])
+    study = Study.from_facts(_facts(options))
+    files = [*study.objects, *study.hands]
+    if options.meshes is not None:  # files of a recorded study.yaml have absolute paths
+        files.append(str((options.meshes / recorded["object"]).absolute()))
+    job = job_of(recorded, files)
     with Stage(f"Running {recorded['key']} again") as stage:
         (row,) = run_job(job)
         stage.result = row["reason"]

@@ -35,8 +35,8 @@ class Attempt:
     ----------
     mesh_digest
         Of the mesh to plan on, see `mesh_digest`.
-    object, hand_name, seed, setup
-        What else decides.
+    object, hand_name, files, seed, setup
+        What else decides; files are hashes of what is in those of object and hand.
     mesh, shape, hand
         What the digest and the names stand for.
     """
@@ -44,6 +44,7 @@ class Attempt:
     mesh_digest: str
     object: str
     hand_name: str
+    files: tuple[str, ...]
     seed: int
     setup: Setup
     mesh: trimesh.Trimesh = field(compare=False)

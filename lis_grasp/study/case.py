@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 
 import trimesh
 from threadpoolctl import threadpool_limits
@@ -81,6 +82,7 @@ def make_case(job: Job) -> Case:
         If that trial came to no surface.
     """
     trial, setup, estimator = job.trial, job.setup, job.estimators[0]
+    import_module("lis_grasp.simulation.lift")  # so that Drake's threads are limited, too
     with threadpool_limits(1):
         shape, hand = find_object(trial.object, setup), Hand.load(trial.hand)
         contacts, _ = contacts_of(trial, setup, explorer_of(setup, estimator))

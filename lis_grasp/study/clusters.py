@@ -53,13 +53,14 @@ def interval_over_seeds(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
     Returns
     -------
     low, high
-        None for fewer than `LEAST_CLUSTERS`.
+        None for fewer than `LEAST_CLUSTERS`, and where nothing differs that is drawn: no spread
+        that was seen is not a spread of nothing.
     """
     clusters, objects = clusters_of(rows), objects_of(rows)
     seeds = [len(set(clusters[objects == each])) for each in set(objects)]
     if min(seeds, default=0) >= LEAST_SEEDS:
         found = _interval(values, clusters, objects)
-        if found[0] != found[1]:
+        if found[0] is not None:
             return found
     return _interval(values, clusters)
 
@@ -77,7 +78,8 @@ def _interval(
 ) -> Interval:
     if len(set(clusters)) < LEAST_CLUSTERS:
         return None, None
-    return bootstrap_interval(values, clusters, strata, rng=np.random.default_rng(0))
+    low, high = bootstrap_interval(values, clusters, strata, rng=np.random.default_rng(0))
+    return (None, None) if np.isclose(low, high, rtol=1e-9, atol=0.0) else (low, high)
 
 
 def _numbered(keys: Sequence[Any]) -> IntArray:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.evaluation.paper.summary import Table, tabulate
 from lis_grasp.json_lines import Row
@@ -25,8 +24,6 @@ from lis_grasp.study.statistics import (
     signed_ranks,
 )
 from lis_grasp.study.study import TRIAL_COLUMNS, TRUTH
-
-FloatArray = npt.NDArray[np.float64]
 
 Measure = Literal[
     "held", "epsilon_truth", "epsilon_gap", "rmsd", "rmsd_truth_to_estimate", "edge_rmsd"

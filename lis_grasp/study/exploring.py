@@ -11,6 +11,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import ProbeOutcome
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.run_config import RunConfig
+from lis_grasp.study.keys import file_digests
 from lis_grasp.study.study import Setup, Trial, find_object, parse_noise
 
 
@@ -23,16 +24,23 @@ class _Explored:
     seconds: float = 0.0
 
 
-# An exploration is a function of its arguments: it does not matter which process makes it, and a
-# process that runs a trial for several estimators makes it once. Every choice in it depends on the
-# past only, so that the contacts of a smaller budget are the first ones of a larger.
-@lru_cache(maxsize=4)
+# An exploration is a function of its arguments and of what is in their files: it does not matter
+# which process makes it, and a process that runs a trial for several estimators makes it once. All
+# choices in it depend on the past only, so that the contacts of a smaller budget are the first ones
+# of a larger.
 def contacts_of(trial: Trial, setup: Setup, explorer: str) -> tuple[Contacts, float]:
     """Return the contacts of a trial, explored with the estimator `explorer`, and the time [s].
 
     Goes on from what this process explored for a smaller budget of the same trial.
     """
-    known = _explored(replace(trial, touches=1), setup, explorer)
+    return _contacts_of(trial, setup, explorer, file_digests(trial.object, trial.hand))
+
+
+@lru_cache(maxsize=4)
+def _contacts_of(
+    trial: Trial, setup: Setup, explorer: str, files: tuple[str, ...]
+) -> tuple[Contacts, float]:
+    known = _explored(replace(trial, touches=1), setup, explorer, files)
     if known.touches > trial.touches:  # the order of a study is from small to large
         known = _Explored()
     start = time.perf_counter()
@@ -62,11 +70,11 @@ def contacts_of(trial: Trial, setup: Setup, explorer: str) -> tuple[Contacts, fl
 
 def forget() -> None:
     """Forget what was explored."""
-    contacts_of.cache_clear()
+    _contacts_of.cache_clear()
     _explored.cache_clear()
 
 
 @lru_cache(maxsize=4)
-def _explored(start: Trial, setup: Setup, explorer: str) -> _Explored:
+def _explored(start: Trial, setup: Setup, explorer: str, files: tuple[str, ...]) -> _Explored:
     """Return the record of one exploration, which `contacts_of` goes on with."""
     return _Explored()

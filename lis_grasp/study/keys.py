@@ -27,8 +27,7 @@ def row_key(trial: Trial, setup: Setup, estimator: str) -> str:
     An object's mesh file and a hand's YAML, URDF and SDF count by their names and what is in them,
     not by the folder that they are in.
     """
-    digests = [object_digest(trial.object), *_hand_digests(trial.hand)]
-    facts = [columns_of(trial), asdict(setup), estimator, *(d for d in digests if d is not None)]
+    facts = [columns_of(trial), asdict(setup), estimator, *file_digests(trial.object, trial.hand)]
     text = json.dumps(facts, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
@@ -59,6 +58,12 @@ def located(names: Sequence[str], folder: Path, *, suffixes: Sequence[str]) -> l
         str((folder / name).absolute()) if Path(name).suffix.lower() in suffixes else name
         for name in names
     ]
+
+
+def file_digests(object_name: str, hand_name: str) -> tuple[str, ...]:
+    """Return hashes of what is in the files of an object and a hand; none of built-in ones."""
+    of_object = object_digest(object_name)
+    return (*([] if of_object is None else [of_object]), *_hand_digests(hand_name))
 
 
 def object_digest(name: str) -> str | None:

@@ -40,8 +40,19 @@ class StudyResults:
     folder: Path
 
     def write(self, rows: Iterable[Row]) -> None:
-        """Add rows, on the disk when this returns."""
+        """Add rows, on the disk when this returns.
+
+        Raises
+        ------
+        InvalidFileError
+            If a row is of another version of the package, as a worker elsewhere may make it.
+        """
         for row in rows:
+            if row["version"] != lis_grasp.__version__:
+                raise InvalidFileError(
+                    f"rows must be of lis_grasp {lis_grasp.__version__}; a worker made one of"
+                    f" {row['version']}: give all workers the same version"
+                )
             self._write(self.folder / _PARTS / f"{row['key']}.parquet", [row])
 
     def write_merged(self) -> Path:
@@ -94,8 +105,14 @@ class StudyResults:
         return self.read(found)[0]
 
     def missing(self, study: Study) -> list[Job]:
-        """Return what of a study there is to do, in its order; its files must be there."""
-        known = self.keys()
+        """Return what of a study there is to do, in its order; its files must be there.
+
+        Raises
+        ------
+        InvalidFileError
+            If a row cannot be read, or is of another version: better now than after the work.
+        """
+        known = {row["key"] for row in self.read()}
         jobs = []
         for trial in study.trials():
             names = tuple(
@@ -133,13 +150,14 @@ class StudyResults:
         setup = asdict(study.setup)
         found: dict[int, Row] = {}
         for row in self.read(any_version=True):
-            place = order.get(tuple(row[name] for name in places))  # type: ignore[arg-type]
-            if place is None or any(row[name] != value for name, value in setup.items()):
+            place = order.get(tuple(row.get(name) for name in places))  # type: ignore[arg-type]
+            if place is None or any(row.get(name) != value for name, value in setup.items()):
                 continue
             if place in found:
                 raise InvalidFileError(
                     f"{self.folder} must have one row of each trial; it has two of"
-                    f" {row['object']}, of different files: write them to different folders"
+                    f" {row['object']} and {row['hand']}, of different files: write them to"
+                    " different folders"
                 )
             found[place] = row
         return [found[place] for place in sorted(found)]
@@ -191,7 +209,7 @@ def job_of(row: Row, files: Iterable[str] = ()) -> Job:
         If the file of the row's object or hand is not among them, or has changed.
     """
     places = {label(path): path for path in files}
-    named = {name: row[name] for name in Trial.__dataclass_fields__}
+    named = {name: row[name] for name in TRIAL_COLUMNS}
     for what, known in (("object", NAMES), ("hand", HAND_NAMES)):
         if named[what] not in known:
             if named[what] not in places:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
-from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError
 from lis_grasp.json_lines import Row
 from lis_grasp.study.results import StudyResults
 from lis_grasp.study.study import Study
@@ -16,16 +17,18 @@ from lis_grasp.study.trial import Job, run_job
 from lis_grasp.worker_pool import worker_pool
 
 Runner = Callable[[Job], list[Row]]
+Result = TypeVar("Result")
 
 _TRIES = 3  # of a job alone
+_KILLED = "their processes were killed again and again"
 _CONNECT = 15  # [s] to wait for a cluster
 
 
 class Scheduler(Protocol):
     """Runs jobs somewhere."""
 
-    def run(self, runner: Runner, jobs: Sequence[Job]) -> Iterator[list[Row]]:
-        """Yield the rows of each job as soon as they are there, in any order.
+    def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Yield the result of each job as soon as it is there, in any order.
 
         Raises
         ------
@@ -39,8 +42,8 @@ class Scheduler(Protocol):
 class InProcess:
     """Runs jobs here, one after the other."""
 
-    def run(self, runner: Runner, jobs: Sequence[Job]) -> Iterator[list[Row]]:
-        """Yield the rows of each job; see `Scheduler`."""
+    def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Yield the result of each job; see `Scheduler`."""
         return map(runner, jobs)
 
 
@@ -58,14 +61,14 @@ class LocalPool:
 
     processes: int
 
-    def run(self, runner: Runner, jobs: Sequence[Job]) -> Iterator[list[Row]]:
-        """Yield the rows of each job; see `Scheduler`."""
+    def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Yield the result of each job; see `Scheduler`."""
         left, suspects, unfinished = list(jobs), list[Job](), 0
         while left:
             try:
-                for job, rows in self._attempt(runner, list(left)):
+                for job, result in self._attempt(runner, list(left)):
                     left.remove(job)
-                    yield rows
+                    yield result
             except BrokenProcessPool:
                 # One killed process takes the pool with it. Who was at work are the first of what
                 # is left: one of them may have killed it, and others should not suffer from that.
@@ -74,16 +77,18 @@ class LocalPool:
         for job in suspects:
             for _ in range(_TRIES):
                 try:
-                    yield from (rows for _, rows in self._attempt(runner, [job]))
+                    yield from (result for _, result in self._attempt(runner, [job]))
                 except BrokenProcessPool:
                     continue
                 break
             else:
                 unfinished += 1
         if unfinished:
-            raise _unfinished(unfinished, "fewer --jobs")
+            raise _unfinished(unfinished, _KILLED, "with fewer --jobs if memory ran out")
 
-    def _attempt(self, runner: Runner, jobs: Sequence[Job]) -> Iterator[tuple[Job, list[Row]]]:
+    def _attempt(
+        self, runner: Callable[[Job], Result], jobs: Sequence[Job]
+    ) -> Iterator[tuple[Job, Result]]:
         with worker_pool(min(self.processes, len(jobs))) as pool:
             pending = {pool.submit(runner, job): job for job in jobs}
             while pending:
@@ -94,7 +99,7 @@ class LocalPool:
 
 @dataclass(frozen=True, slots=True)
 class DaskCluster:
-    """Runs jobs on a cluster of Dask, whose workers need this package and nothing else of here.
+    """Runs jobs on a cluster of Dask, whose workers need this package and the study's files.
 
     Dask runs again what a lost worker was at, elsewhere.
 
@@ -106,8 +111,8 @@ class DaskCluster:
 
     address: str
 
-    def run(self, runner: Runner, jobs: Sequence[Job]) -> Iterator[list[Row]]:
-        """Yield the rows of each job; see `Scheduler`."""
+    def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+        """Yield the result of each job; see `Scheduler`."""
         distributed = _distributed()
         try:
             client = distributed.Client(self.address, timeout=_CONNECT)
@@ -116,19 +121,47 @@ class DaskCluster:
                 f"--scheduler must be the address of a running Dask scheduler, such as"
                 f" tcp://host:8786; {self.address} is none: {error}"
             ) from None
-        unfinished = 0
+        killed, lost = 0, 0
         with client:
-            _require_one_thread(client)
+            _require_one_thread(client, self.address)
             # Impure: a cluster that outlives a study must not remember rows of older code.
             futures = client.map(runner, jobs, pure=False)
             for future in distributed.as_completed(futures):
                 try:
                     yield future.result()
-                except (distributed.KilledWorker, distributed.CancelledError):
-                    unfinished += 1
+                except distributed.KilledWorker:
+                    killed += 1
+                except distributed.CancelledError:
+                    lost += 1
                 future.release()
-        if unfinished:
-            raise _unfinished(unfinished, "workers of more memory")
+        if lost:
+            reason = f"{self.address} was lost"
+            raise _unfinished(killed + lost, reason, "when the scheduler runs again")
+        if killed:
+            raise _unfinished(killed, _KILLED, "with workers of more memory if memory ran out")
+
+
+@dataclass(frozen=True, slots=True)
+class _Mistake:
+    """An error that nobody foresaw: of which job, and what it says."""
+
+    job: Job
+    told: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Foreseeing:
+    """Runs a job, and returns errors that nobody foresaw, so that other jobs are not lost."""
+
+    runner: Runner
+
+    def __call__(self, job: Job) -> list[Row] | _Mistake:
+        try:
+            return self.runner(job)
+        except LisGraspError:
+            raise
+        except Exception as error:  # noqa: BLE001 - told when all others are done
+            return _Mistake(job, "".join(traceback.format_exception(error)))
 
 
 def run_study(
@@ -159,20 +192,38 @@ def run_study(
         If rows cannot be written.
     EstimationError
         If trials could not be finished; all others are among the results.
+    LisGraspError
+        If a file of the study cannot be used any more.
     """
     jobs, total = results.missing(study), len(study.trials())
     done = total - len(jobs)
     yield done, total
     if not jobs:
         return
-    for rows in scheduler.run(runner, jobs):
-        results.write(rows)
+    mistakes = []
+    for result in scheduler.run(_Foreseeing(runner), jobs):
+        if isinstance(result, _Mistake):
+            mistakes.append(result)
+            continue
+        results.write(result)
         done += 1
         yield done, total
+    if mistakes:
+        first = mistakes[0]
+        raise EstimationError(
+            f"{len(mistakes)} trials met a mistake in the program, all others are done; the first"
+            f" is of {first.job.trial}: please report it with what follows\n{first.told}"
+        )
 
 
-def _require_one_thread(client: Any) -> None:
-    client.wait_for_workers(1, timeout=_CONNECT)
+def _require_one_thread(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=_CONNECT)
+    except TimeoutError:
+        raise InvalidOptionError(
+            f"--scheduler must have a worker; {address} had none for {_CONNECT} s: start some with"
+            f" dask worker {address} --nthreads 1"
+        ) from None
     threads = list(client.nthreads().values())
     if max(threads) > 1:
         raise InvalidOptionError(
@@ -182,10 +233,10 @@ def _require_one_thread(client: Any) -> None:
         )
 
 
-def _unfinished(count: int, advice: str) -> EstimationError:
+def _unfinished(count: int, reason: str, advice: str) -> EstimationError:
     return EstimationError(
-        f"{count} trials were not finished, because their processes were killed again and again:"
-        f" run the command again to go on, with {advice} if memory ran out"
+        f"{count} trials were not finished, because {reason}: run the command again to go on,"
+        f" {advice}"
     )
 
 

@@ -23,12 +23,12 @@ from lis_grasp.exceptions import (
 from lis_grasp.exploration import POLICIES
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.run_config import RunConfig
-from lis_grasp.shapes import FORMATS, NAMES, Shape, find
+from lis_grasp.shapes import FORMATS, NAMES, UNITS, Shape, find
 from lis_grasp.study.keys import HAND_SUFFIXES, label
 from lis_grasp.surfaces import ESTIMATORS
 
 TRUTH = "truth"
-"""In place of an estimator: plan on the true mesh, without error. No upper bound: planners err, too."""
+"""In place of an estimator: plan on the true mesh. No upper bound: a planner errs there, too."""
 
 OWN = "own"
 """As the explorer: each estimator drives an exploration of its own."""
@@ -36,6 +36,8 @@ OWN = "own"
 _NOISE = re.compile(r"(\d+(?:\.\d+)?)mm/(\d+(?:\.\d+)?)deg")
 # A study of more seeds ends in nobody's lifetime.
 _MOST_SEEDS = 100_000
+# Whole numbers of a row's columns have 64 bits.
+_ENDLESS = 2**63
 _LISTS = ("objects", "estimators", "touches", "noise", "hands", "seeds")
 
 
@@ -75,9 +77,14 @@ class Setup:
         _require("explorer", self.explorer, (*ESTIMATORS, OWN))
         for name in ("mass", "friction", "size"):
             value = getattr(self, name)
-            if not isinstance(value, (int, float)) and not (name == "size" and value is None):
+            if name == "size" and value is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise InvalidOptionError(f"{name} must be a number; it is {shown(value)}")
-        if not isinstance(self.grasps, int):
+            # 1 and 1.0 are one setup, and rows of it have one key.
+            object.__setattr__(self, name, float(min(value, 1e300)))
+        _require("units", self.units, tuple(UNITS))
+        if isinstance(self.grasps, bool) or not isinstance(self.grasps, int):
             raise InvalidOptionError(f"grasps must be a whole number; it is {shown(self.grasps)}")
         # The border of a run is the border of a trial.
         RunConfig(
@@ -180,6 +187,8 @@ class Study:
                     raise InvalidOptionError(
                         f"{name} must be whole numbers from {least} on; {shown(value)} came"
                     )
+                if value >= _ENDLESS:
+                    raise InvalidOptionError(f"{name} must be less than 2^63; {shown(value)} came")
         for level in self.noise:
             parse_noise(level)
         for hand in self.hands:

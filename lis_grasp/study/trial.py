@@ -28,7 +28,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes import Shape
 from lis_grasp.study.attempt import Attempt, attempt, failure, mesh_digest
 from lis_grasp.study.exploring import contacts_of
-from lis_grasp.study.keys import KEY_LENGTH, columns_of, object_digest, row_key
+from lis_grasp.study.keys import KEY_LENGTH, columns_of, file_digests, object_digest, row_key
 from lis_grasp.study.study import OWN, TRUTH, Setup, Trial, find_object, parse_noise
 
 TIMES = ("seconds_touch", "seconds_estimate", "seconds_grasp", "seconds_lift")
@@ -116,8 +116,10 @@ def _fill(
         mesh = shape.mesh if estimator == TRUTH else estimate(trial, estimator, contacts)
     row |= {"triangles": len(mesh.faces), "watertight": bool(mesh.is_watertight)}
     row |= asdict(surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size))
+    files = file_digests(trial.object, trial.hand)
     task = Attempt(
-        mesh_digest(mesh), trial.object, trial.hand, trial.seed, setup, mesh, shape, hand
+        *(mesh_digest(mesh), trial.object, trial.hand, files, trial.seed, setup),
+        *(mesh, shape, hand),
     )
     columns, seconds = attempt(task)
     row |= columns

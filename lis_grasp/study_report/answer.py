@@ -47,22 +47,24 @@ def _of_noise(
     of = {n: [r for r in chosen if r["estimator"] == n] for n in names(chosen, "estimator")}
     shares = {name: share for name, r in of.items() if (share := share_of(r)) is not None}
     against = [c for c in comparisons if (c.measure, c.kind, c.noise) == ("held", kind, noise)]
-    if reference not in shares or not against:
+    if reference not in shares:
         return ""
     who = estimator_label(reference)
     ranked = sorted(against, key=lambda c: -c.effect)
     more = [c for c in ranked if c.p_holm <= ALPHA and c.effect > 0.0]
     fewer = [c for c in reversed(ranked) if c.p_holm <= ALPHA and c.effect < 0.0]
     same = [estimator_label(c.estimator) for c in ranked if c.p_holm > ALPHA]
-    where = f"With noise of {noise}"
-    if noise in (None, "none"):
-        where = "Without noise" if noise else "With noise and without together"
+    where = "Without noise" if noise == "none" else f"With noise of {noise}"
+    if noise is None:
+        where = "With all levels of noise together"
     text = (
         f"{where}, over {KIND_LABELS[kind]}, hands and touches, {who} held"
         f" {share_text(shares[reference])} % of its trials"
     )
-    if TRUTH in shares:
+    if TRUTH in shares and reference != TRUTH:
         text += f", planning on the true mesh {share_text(shares[TRUTH])} %"
+    if not against:
+        return f"{text}."
     text += f". {_listed('More', more, who)} {_listed('Fewer', fewer, who)}"
     if same:
         text += f" No difference from {who} is shown for {_joined(same)}."
@@ -73,7 +75,8 @@ def _of_noise(
     ]
     parts = [f"at {n} touches {difference_text(c)}" for n, c in steps if c is not None]
     name = estimator_label(first.estimator)
-    return f"{text} {name}, which held most, against {who}, in points: {', '.join(parts)}."
+    rank = "which held most" if first.effect > 0.0 else "the best of the others"
+    return f"{text} {name}, {rank}, against {who}, in points: {', '.join(parts)}."
 
 
 def _of_objects(rows: Sequence[Row], reference: str) -> str:
@@ -85,10 +88,11 @@ def _of_objects(rows: Sequence[Row], reference: str) -> str:
     ]
     if not parts:
         return ""
-    count = len(names(rows, "object"))
+    count, who = len(names(rows, "object")), estimator_label(reference)
     return (
         f"These intervals are about these {count} objects. Drawing other objects like them instead,"
-        f" differences from {estimator_label(reference)} lie, in points, within: {'; '.join(parts)}."
+        f" differences from {who} lie, in points, within: {'; '.join(parts)}; these p are not"
+        " adjusted."
     )
 
 
@@ -111,30 +115,32 @@ def _of_surfaces(rows: Sequence[Row], reference: str) -> str:
         if measure in found
     ]
     return (
-        f"In pairs of an estimator and {estimator_label(reference)} with the same contacts, of which"
-        " exactly one held, it was the one with the smaller error:"
-        f" {'; '.join(parts)}. Half of the pairs would be chance."
+        f"In pairs of an estimator and {estimator_label(reference)}, of which exactly one held, it"
+        f" was the one with the smaller error: {'; '.join(parts)}. Half of the pairs would be"
+        " chance; these p are not adjusted."
     )
 
 
 def _of_precision(rows: Sequence[Row], reference: str) -> str:
     """Tell half the width of the widest interval: of shares, and of differences."""
-    widths = []
+    widths: list[float | None] = []
     for columns in (("estimator",), ("estimator", "touches")):
         cells: dict[tuple[object, ...], list[Row]] = {}
         for row in rows:
             cells.setdefault(tuple(row[name] for name in columns), []).append(row)
         shares = [share for of in cells.values() if (share := share_of(of)) is not None]
         widths.append(_widest(shares))
-    widths.append(_widest(compare_held(rows, reference)))
     if None in widths:
         return "There are too few objects and seeds for intervals of all shares."
-    of_all, of_one, of_differences = widths
-    return (
+    told = (
         f"Over {KIND_LABELS[kinds_of(rows)[0]]}, shares of all touches together are known to"
-        f" ±{of_all:.1f} points or better, their differences from {estimator_label(reference)} to"
-        f" ±{of_differences:.1f}, shares of one number of touches to ±{of_one:.1f}."
+        f" ±{widths[0]:.1f} points or better, those of one number of touches to ±{widths[1]:.1f}"
     )
+    of_differences = _widest([c for c in compare_held(rows, reference) if c.low is not None])
+    if of_differences is None:
+        return f"{told}."
+    who = estimator_label(reference)
+    return f"{told}; differences from {who}, of all touches together, to ±{of_differences:.1f}."
 
 
 def _widest(found: Sequence[Share] | Sequence[Comparison]) -> float | None:

@@ -53,7 +53,7 @@ def draw_cases(
         yield Picture(
             f"The clearest pair that {estimator_label(leader)} {'won' if won else 'lost'}",
             f"{label(winner['object'])}, {winner['hand']}, {winner['touches']} touches, noise"
-            f" {winner['noise']}, seed {winner['seed']}: both estimates of the same contacts, the"
+            f" {winner['noise']}, seed {winner['seed']}: both estimates and their contacts, the"
             " true edges as lines, and the hand at its best grasp. Scenes to turn, with the lift:"
             f" cases/{winner['key']}.html and cases/{loser['key']}.html.",
             _picture([(winner, first), (loser, second)]),

@@ -57,7 +57,7 @@ def write_report(
         content = scroll(table.html()) if table.body else "<p>None.</p>"
         sections += [f"<h2>{escape(table.title)}</h2>", content]
         if table.name == "losses":
-            sections.append(_counts(rows, study.reference))
+            sections.append(_counts(rows, study.reference, command))
     write_page(path, _TITLE, sections)
 
 
@@ -111,11 +111,11 @@ def _how(study: Study) -> str:
     )
 
 
-def _counts(rows: Sequence[Row], reference: str) -> str:
+def _counts(rows: Sequence[Row], reference: str, command: str) -> str:
     found = losses(rows, reference)
     counts: dict[str, int] = {}
     for mine, _ in found:
         counts[mine["estimator"]] = counts.get(mine["estimator"], 0) + 1
     told = ", ".join(f"{escape(estimator_label(n))} {c}" for n, c in counts.items())
-    again = "Any of them runs again alone with <code>lis-grasp compare --rerun KEY</code>."
+    again = f"Any of them runs again alone with <code>{escape(command)} --rerun KEY</code>."
     return f"<p>{told}. {again}</p>" if found else ""

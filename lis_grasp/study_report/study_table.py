@@ -9,7 +9,16 @@ from dataclasses import dataclass
 from html import escape
 
 _LATEX = str.maketrans(
-    {"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "β": r"$\beta$", "−": "$-$", "–": "--"}
+    {
+        "%": r"\%",
+        "_": r"\_",
+        "&": r"\&",
+        "#": r"\#",
+        "β": r"$\beta$",
+        "−": "$-$",
+        "–": "--",
+        "<": "$<$",
+    }
 )
 
 

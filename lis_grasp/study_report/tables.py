@@ -320,7 +320,8 @@ def printed(measure: str, value: float | None, *, signed: bool = False) -> str:
     if value is None or math.isnan(value):
         return "–"
     factor, digits = _PRINTED.get(measure, _LENGTH)
-    return f"{factor * value:{'+' if signed else ''}.{digits}f}".replace("-", "−")
+    rounded = round(factor * value, digits) + 0.0  # no minus before zero
+    return f"{rounded:{'+' if signed else ''}.{digits}f}".replace("-", "−")
 
 
 def interval(comparison: Comparison) -> str:
