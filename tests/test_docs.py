@@ -4,6 +4,7 @@ import argparse
 import json
 import re
 import shlex
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -87,3 +88,23 @@ def test_examples_of_the_command_line_run(
 def test_every_guide_is_among_those_that_are_run() -> None:
     pages = {path.stem for path in (DOCS / "how-to").glob("*.md")} - {"index"}
     assert pages == {*GUIDES, UNRUN}
+
+
+def test_the_readme_s_table_of_the_study_is_the_page_s() -> None:
+    def table_of(page: Path, first: str) -> dict[str, list[str]]:
+        """Return the cells of the table with a row that begins so, by each row's first cell."""
+        lines = page.read_text(encoding="utf-8").split("\n")
+        start = next(k for k, line in enumerate(lines) if line.startswith(first))
+        rows = takewhile(lambda line: line.startswith("|"), lines[start:])
+        cells = [[c.strip() for c in row.replace("**", "").strip("|").split("|")] for row in rows]
+        return {name.strip("`"): values for name, *values in cells}
+
+    readme = table_of(DOCS.parent / "README.md", "| `blend` |")
+    page = table_of(DOCS / "study.md", "| GPIS |")
+    names = {"gpis": "GPIS", "lis` (the paper's)": "LIS"}
+    assert {names.get(name, name) for name in readme} == set(page)
+    for name, values in readme.items():
+        # Planning on the true mesh does not depend on touches: those cells are empty.
+        shown = [(k, value) for k, value in enumerate(values) if value]
+        assert len(shown) == 3 if name == "the true mesh" else len(shown) == 7
+        assert shown == [(k, page[names.get(name, name)][k]) for k, _ in shown], name
