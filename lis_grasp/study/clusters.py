@@ -1,8 +1,7 @@
 """Which trials of a study belong together, and the intervals that follow from it.
 
-Trials of one object and seed share their first touches: they are a cluster. Two questions are asked
-of a mean over trials. What would other seeds give, on these objects? And what would objects like
-these give?
+Two questions are asked of a mean over trials. What would other seeds give, on these objects? And
+what would objects like these give?
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.json_lines import Row
-from lis_grasp.study.statistics import bootstrap_interval
+from lis_grasp.study.statistics import bootstrap_interval, crossed_interval
 
 IntArray = npt.NDArray[np.int64]
 Interval = tuple[float, float] | tuple[None, None]
@@ -22,12 +21,15 @@ Interval = tuple[float, float] | tuple[None, None]
 LEAST_CLUSTERS = 10
 """Of a bootstrap interval: all resamples of fewer are too few to have tails of 2.5 %."""
 
-LEAST_SEEDS = 3
-"""Of each object, to draw its seeds among themselves: two tell little of their spread."""
+LEAST_SEEDS = 4
+"""To be drawn as wholes: fewer say too little of how far they spread."""
 
 
 def clusters_of(rows: Sequence[Row]) -> IntArray:
-    """Return which object and seed each row is of, as numbers from 0, shape (N,)."""
+    """Return which object and seed each row is of, as numbers from 0, shape (N,).
+
+    Such trials share their first touches.
+    """
     return _numbered([(row["object"], row["seed"]) for row in rows])
 
 
@@ -39,9 +41,10 @@ def objects_of(rows: Sequence[Row]) -> IntArray:
 def interval_over_seeds(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
     """Return the 95 % interval of a mean, had other seeds been drawn for these objects.
 
-    Seeds are drawn object by object. Where an object has fewer than `LEAST_SEEDS`, or none whose
-    seeds differ, clusters are drawn regardless of their object: then what sets objects apart counts
-    as chance too, and the interval is rather too wide.
+    Seeds are taken as wholes, because all objects of one share its random numbers: where touches
+    begin, how grasps are drawn. Of fewer than `LEAST_SEEDS`, or where they do not differ, objects
+    and seeds are drawn in pairs: then what sets objects apart counts as chance, and what objects of
+    a seed share does not.
 
     Parameters
     ----------
@@ -53,16 +56,15 @@ def interval_over_seeds(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
     Returns
     -------
     low, high
-        None for fewer than `LEAST_CLUSTERS`, and where nothing differs that is drawn: no spread
-        that was seen is not a spread of nothing.
+        None for fewer than `LEAST_SEEDS` seeds and `LEAST_CLUSTERS` pairs, and where nothing
+        differs that is drawn: no spread that was seen is not a spread of nothing.
     """
-    clusters, objects = clusters_of(rows), objects_of(rows)
-    seeds = [len(set(clusters[objects == each])) for each in set(objects)]
-    if min(seeds, default=0) >= LEAST_SEEDS:
-        found = _interval(values, clusters, objects)
+    seeds = _numbered([row["seed"] for row in rows])
+    if len(set(seeds)) >= LEAST_SEEDS:
+        found = _if_wide(crossed_interval(values, seeds, objects_of(rows)))
         if found[0] is not None:
             return found
-    return _interval(values, clusters)
+    return _of_clusters(values, clusters_of(rows))
 
 
 def interval_over_objects(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
@@ -70,16 +72,17 @@ def interval_over_objects(rows: Sequence[Row], values: npt.ArrayLike) -> Interva
 
     Objects are drawn with all their trials. Parameters and result are as `interval_over_seeds`'.
     """
-    return _interval(values, objects_of(rows))
+    return _of_clusters(values, objects_of(rows))
 
 
-def _interval(
-    values: npt.ArrayLike, clusters: IntArray, strata: IntArray | None = None
-) -> Interval:
+def _of_clusters(values: npt.ArrayLike, clusters: IntArray) -> Interval:
     if len(set(clusters)) < LEAST_CLUSTERS:
         return None, None
-    low, high = bootstrap_interval(values, clusters, strata, rng=np.random.default_rng(0))
-    return (None, None) if np.isclose(low, high, rtol=1e-9, atol=0.0) else (low, high)
+    return _if_wide(bootstrap_interval(values, clusters, rng=np.random.default_rng(0)))
+
+
+def _if_wide(interval: tuple[float, float]) -> Interval:
+    return (None, None) if np.isclose(*interval, rtol=1e-9, atol=1e-12) else interval
 
 
 def _numbered(keys: Sequence[Any]) -> IntArray:

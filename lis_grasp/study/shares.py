@@ -50,6 +50,8 @@ def share_of(rows: Sequence[Row]) -> Share | None:
     held = np.array([bool(row["held"]) for row in rows])
     clusters, total = len(set(clusters_of(rows))), int(held.sum())
     low, high = interval_over_seeds(rows, held)
+    if low is not None and high is not None:
+        low, high = max(low, 0.0), min(high, 1.0)
     if clusters >= LEAST_CLUSTERS and total in (0, len(rows)):
         wilson = binomtest(clusters if total else 0, clusters).proportion_ci(method="wilson")
         low, high = float(wilson.low), float(wilson.high)

@@ -96,17 +96,13 @@ def cluster_sums(values: npt.ArrayLike, clusters: npt.ArrayLike) -> FloatArray:
 
 
 def bootstrap_interval(
-    values: npt.ArrayLike,
-    clusters: npt.ArrayLike,
-    strata: npt.ArrayLike | None = None,
-    *,
-    rng: np.random.Generator,
+    values: npt.ArrayLike, clusters: npt.ArrayLike, *, rng: np.random.Generator
 ) -> tuple[float, float]:
     """Return the 95 % interval of a mean, for values that come in clusters.
 
-    Draws clusters, each whole, again and again, in every stratum one less than it has, which makes
-    the variance right where they are few (McCarthy and Snowden 1985; Field and Welsh 2007), and
-    takes the percentiles that Student's law has in place of 2.5 and 97.5 (Hesterberg 2015).
+    Draws clusters, each whole, again and again, one less than there are, which makes the variance
+    right where they are few (McCarthy and Snowden 1985; Field and Welsh 2007), and takes the
+    percentiles that Student's law has in place of 2.5 and 97.5 (Hesterberg 2015).
 
     Parameters
     ----------
@@ -114,25 +110,40 @@ def bootstrap_interval(
         Shape (N,).
     clusters
         Shape (N,): which cluster each is of, from 0 to C - 1.
-    strata
-        Shape (N,): which stratum each cluster is of, from 0 to S - 1, with two clusters in each at
-        least; they are not drawn, but stay as they are. None: all are of one.
     """
-    grouped = np.asarray(clusters)
-    sums, counts = cluster_sums(values, grouped), cluster_sums(np.ones(len(grouped)), grouped)
-    stratum = np.zeros(len(sums), dtype=np.int64)
-    if strata is not None:
-        stratum[grouped] = strata
-    resampled = np.zeros((2, _RESAMPLES))
-    for each in np.unique(stratum):
-        of = np.stack([sums, counts])[:, stratum == each]
-        size = of.shape[1]
-        drawn = rng.multinomial(size - 1, np.full(size, 1.0 / size), size=_RESAMPLES)
-        resampled += size / (size - 1) * (of @ drawn.T)
-    freedom = len(sums) - len(np.unique(stratum))
-    ends = norm.cdf(student.ppf([0.025, 0.975], freedom))
-    low, high = np.quantile(resampled[0] / resampled[1], ends)
+    sums = cluster_sums(values, clusters)
+    counts = cluster_sums(np.ones(np.shape(values)), clusters)
+    size = len(sums)
+    drawn = rng.multinomial(size - 1, np.full(size, 1.0 / size), size=_RESAMPLES)
+    ends = norm.cdf(student.ppf([0.025, 0.975], size - 1))
+    low, high = np.quantile((drawn @ sums) / (drawn @ counts), ends)
     return float(low), float(high)
+
+
+def crossed_interval(
+    values: npt.ArrayLike, drawn: npt.ArrayLike, kept: npt.ArrayLike
+) -> tuple[float, float]:
+    """Return the 95 % interval of a mean over draws, each of which all that is kept has met.
+
+    Student's (1908), of the means of the draws; what is kept may differ as it likes, and may have
+    the luck of a draw in common. Values are taken less the mean of what is kept, so that it does
+    not matter much if some are missing.
+
+    Parameters
+    ----------
+    values
+        Shape (N,).
+    drawn
+        Shape (N,): which draw each is of, from 0 to D - 1; 2 draws at least.
+    kept
+        Shape (N,): of what each is, from 0 to K - 1.
+    """
+    known, groups = np.asarray(values, dtype=np.float64), np.asarray(kept)
+    ones = np.ones(len(known))
+    centres = cluster_sums(known, groups) / cluster_sums(ones, groups)
+    means = cluster_sums(known - centres[groups], drawn) / cluster_sums(ones, drawn)
+    half = student.ppf(0.975, len(means) - 1) * means.std(ddof=1) / np.sqrt(len(means))
+    return float(known.mean() - half), float(known.mean() + half)
 
 
 def holm(p_values: npt.ArrayLike) -> FloatArray:
