@@ -83,6 +83,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
         "nearer": nearer_table(rows, study.reference, without=["lis"]).markdown(),
         "agreements": agreements_table(rows, study.reference).markdown(),
         "foretold": foretold_table(rows).markdown(),
+        "by_seed": _by_seed(rows, (study.reference, "blend", "lis")),
         "reasons": reasons_table(rows).markdown(),
         "hours": f"{seconds / 3600.0:.1f}",
     }
@@ -93,6 +94,17 @@ def _means(rows: Sequence[Row], estimators: Sequence[str], measure: str) -> str:
     of = [[r[measure] for r in rows if r["estimator"] == name] for name in estimators]
     known = [[value for value in values if value is not None] for values in of]
     return " and ".join(f"{1e3 * sum(values) / len(values):.1f}" for values in known)
+
+
+def _by_seed(rows: Sequence[Row], estimators: Sequence[str]) -> str:
+    """Return what each estimator held of each seed, in percent."""
+    told = []
+    for name in estimators:
+        of = [r for r in rows if r["estimator"] == name]
+        held = [[bool(r["held"]) for r in of if r["seed"] == seed] for seed in names(of, "seed")]
+        shares = ", ".join(f"{100.0 * sum(each) / len(each):.0f}" for each in held)
+        told.append(f"{estimator_label(name)} held {shares} %")
+    return "; ".join(told)
 
 
 def main() -> None:

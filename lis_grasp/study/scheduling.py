@@ -142,7 +142,7 @@ class DaskCluster:
 
 
 @dataclass(frozen=True, slots=True)
-class _Mistake:
+class _Unforeseen:
     """An error that nobody foresaw: of which job, and what it says."""
 
     job: Job
@@ -150,18 +150,18 @@ class _Mistake:
 
 
 @dataclass(frozen=True, slots=True)
-class _Foreseeing:
-    """Runs a job, and returns errors that nobody foresaw, so that other jobs are not lost."""
+class _Guarded:
+    """Runs a job; what nobody foresaw is a result too, so that other jobs are not lost."""
 
     runner: Runner
 
-    def __call__(self, job: Job) -> list[Row] | _Mistake:
+    def __call__(self, job: Job) -> list[Row] | _Unforeseen:
         try:
             return self.runner(job)
         except LisGraspError:
             raise
         except Exception as error:  # noqa: BLE001 - told when all others are done
-            return _Mistake(job, "".join(traceback.format_exception(error)))
+            return _Unforeseen(job, "".join(traceback.format_exception(error)))
 
 
 def run_study(
@@ -200,18 +200,18 @@ def run_study(
     yield done, total
     if not jobs:
         return
-    mistakes = []
-    for result in scheduler.run(_Foreseeing(runner), jobs):
-        if isinstance(result, _Mistake):
-            mistakes.append(result)
+    unforeseen = []
+    for result in scheduler.run(_Guarded(runner), jobs):
+        if isinstance(result, _Unforeseen):
+            unforeseen.append(result)
             continue
         results.write(result)
         done += 1
         yield done, total
-    if mistakes:
-        first = mistakes[0]
+    if unforeseen:
+        first = unforeseen[0]
         raise EstimationError(
-            f"{len(mistakes)} trials met a mistake in the program, all others are done; the first"
+            f"{len(unforeseen)} trials met a mistake in the program, all others are done; the first"
             f" is of {first.job.trial}: please report it with what follows\n{first.told}"
         )
 
