@@ -216,7 +216,8 @@ def test_an_object_too_wide_for_the_hand_gives_reasons_instead_of_grasps() -> No
         mesh, rng=np.random.default_rng(0), support_height=-0.2
     )
     assert search.grasps == ()
-    assert sum(search.rejections.values()) == search.candidates == 100
+    # A hundred on faces, and a hundred across edges, too.
+    assert sum(search.rejections.values()) == search.candidates == 200
 
 
 def test_surface_that_no_touch_supports_is_not_grasped() -> None:
@@ -262,3 +263,40 @@ def test_contacts_stay_off_edges_and_on_the_object(name: str) -> None:
     assert off.max() < 1.1e-3
     edge = sample_segments(shape.edges, 4000)
     assert cKDTree(edge).query(points)[0].min() > 0.5e-3
+
+
+def test_pads_may_lie_across_straight_convex_edges() -> None:
+    box = trimesh.creation.box((0.06, 0.06, 0.10))
+    plain, more = (
+        SurfaceSamples(box, lowest=-0.04, rng=np.random.default_rng(0), edges=edges)
+        for edges in (False, True)
+    )
+    points, normals = more.points[len(plain) :], more.normals[len(plain) :]
+    np.testing.assert_array_equal(more.points[: len(plain)], plain.points)
+    # On two faces at once, their normals' sum over sqrt(2); at corners there is no straight edge.
+    at_face = np.isclose(np.abs(points), [0.03, 0.03, 0.05])
+    np.testing.assert_array_equal(at_face.sum(axis=1), 2)
+    np.testing.assert_allclose(normals, np.sign(points) * at_face / np.sqrt(2.0), atol=1e-12)
+    corners = np.array([0.03, 0.03, 0.05])
+    assert np.linalg.norm(np.abs(points) - corners, axis=1).min() > 0.005
+    assert points[:, 2].min() > -0.04
+    # All round the top, 6 cm less 6 mm at either end, and four edges of 9 cm less 6 mm.
+    assert len(points) == pytest.approx(1000 * (4 * 0.048 + 4 * 0.084), rel=0.05)
+    # Concave edges are no place for a pad.
+    mallet = shapes.build("mallet").mesh
+    concave = ~mallet.face_adjacency_convex & (mallet.face_adjacency_angles > 0.5)
+    inner = sample_segments(mallet.vertices[mallet.face_adjacency_edges[concave]], 4000)
+    both = SurfaceSamples(mallet, lowest=-1.0, rng=np.random.default_rng(0), edges=True)
+    assert cKDTree(inner).query(both.points)[0].min() > 1e-3
+
+
+def test_a_jaw_takes_a_pentagon_across_an_edge() -> None:
+    pentagon = shapes.build("pentagon")
+    search = _search(JAW, "pentagon", candidates=400)
+    assert search.grasps
+    assert search.candidates > 400
+    for grasp in search.grasps:
+        from_edge, _ = cKDTree(sample_segments(pentagon.edges, 4000)).query(grasp.contact_points)
+        # One pad on a face, the other across the edge on its far side, normals opposed.
+        assert np.sort(from_edge)[0] < 2e-3 < np.sort(from_edge)[1]
+        np.testing.assert_allclose(grasp.contact_normals.sum(axis=0), 0.0, atol=0.05)

@@ -83,7 +83,20 @@ class _Opposition:
 
 
 class SurfaceSamples:
-    """Points of a mesh that a pad could press on, with their normals."""
+    """Points of a mesh that a pad could press on, with their normals.
+
+    Parameters
+    ----------
+    mesh
+        Closed, in O [m].
+    lowest
+        Height above which points lie, in O [m].
+    rng
+        For every draw.
+    edges
+        Whether pads may lie across sharp convex edges, too. They may do so at any angle between
+        those of the two faces; the normal there is halfway.
+    """
 
     def __init__(
         self,
@@ -91,6 +104,7 @@ class SurfaceSamples:
         *,
         lowest: float,
         rng: np.random.Generator,
+        edges: bool = False,
     ) -> None:
         weights = mesh.area_faces / mesh.area_faces.sum()
         faces = rng.choice(len(weights), size=_SAMPLES, p=weights)
@@ -108,7 +122,12 @@ class SurfaceSamples:
         usable = flat & (points[:, 2] > lowest) & _supported(mesh, faces)
         self.points: FloatArray = points[usable]
         self.normals: FloatArray = normals[usable]
-        self.tree = cKDTree(self.points) if usable.any() else None
+        if edges:
+            points, normals, usable = _across_edges(mesh)
+            usable &= points[:, 2] > lowest
+            self.points = np.vstack([self.points, points[usable]])
+            self.normals = np.vstack([self.normals, normals[usable]])
+        self.tree = cKDTree(self.points) if len(self.points) else None
 
     def __len__(self) -> int:
         return len(self.points)
@@ -301,18 +320,43 @@ def _flat(points: FloatArray, normals: FloatArray) -> npt.NDArray[np.bool_]:
 
 def _near_sharp_edges(mesh: trimesh.Trimesh, points: FloatArray) -> npt.NDArray[np.bool_]:
     """Return which points are nearer to a sharp edge than a pad wants the surface flat."""
-    sharp = np.asarray(mesh.face_adjacency_angles) > _FLAT_ANGLE
-    ends = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[sharp]]  # (E, 2, 3)
-    if not len(ends):
+    along, _ = _along_edges(mesh, np.asarray(mesh.face_adjacency_angles) > _FLAT_ANGLE)
+    if not len(along):
         return np.zeros(len(points), dtype=bool)
+    distances, _ = cKDTree(along).query(points, distance_upper_bound=_FLAT_RADIUS)
+    return np.isfinite(distances)
+
+
+def _across_edges(
+    mesh: trimesh.Trimesh,
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Return points on sharp convex edges, normals halfway, and where a pad could lie across.
+
+    It could where the edge goes on straight as far as a pad reaches, and is known from touches.
+    """
+    sharp = np.asarray(mesh.face_adjacency_angles) > _FLAT_ANGLE
+    sharp &= np.asarray(mesh.face_adjacency_convex)
+    points, edge = _along_edges(mesh, sharp)
+    if not len(points):
+        return points, points, np.zeros(0, dtype=bool)
+    faces = np.asarray(mesh.face_adjacency)[sharp][edge]  # (P, 2)
+    normals = np.asarray(mesh.face_normals)[faces].sum(axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    known = _supported(mesh, faces[:, 0]) & _supported(mesh, faces[:, 1])
+    return points, normals, _flat(points, normals) & known
+
+
+def _along_edges(
+    mesh: trimesh.Trimesh, chosen: npt.NDArray[np.bool_]
+) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Return points (P, 3) along the chosen edges between faces, and which edge each is of."""
+    ends = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[chosen]]  # (E, 2, 3)
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     counts = np.maximum(np.ceil(lengths / _EDGE_STEP).astype(int) + 1, 2)
     edge = np.repeat(np.arange(len(ends)), counts)
     place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = (place / (counts[edge] - 1))[:, None]
-    along = cKDTree((1.0 - share) * ends[edge, 0] + share * ends[edge, 1])
-    distances, _ = along.query(points, distance_upper_bound=_FLAT_RADIUS)
-    return np.isfinite(distances)
+    return (1.0 - share) * ends[edge, 0] + share * ends[edge, 1], edge
 
 
 def _supported(mesh: trimesh.Trimesh, faces: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:

@@ -38,7 +38,8 @@ _VARIATIONS, _TRIED = 20, 2
 class ForceClosureSampler:
     """Finds grasps in force closure, free of collision, that the hand can reach.
 
-    Contact sets are drawn where the surface is flat enough for a pad and supported by touches; the
+    Contact sets are drawn where the surface is flat enough for a pad and supported by touches, and
+    if no grasp comes of that also across sharp edges, as a jaw must hold a prism of five sides; the
     palm's pose and the joints follow by inverse kinematics; a filter and FCL judge every link at
     the grasp, at the opened posture, and along the approach (`HandPlacer`); what is left is
     assessed and ranked by `GraspAssessor`. Then the best are refined: contacts beside theirs, ever
@@ -51,7 +52,8 @@ class ForceClosureSampler:
     friction
         Coulomb coefficient between pads and object.
     candidates
-        Contact sets to draw at the most; fewer, once enough grasps hold. Refinement tries up to ten
+        Contact sets to draw at the most; fewer, once enough grasps hold, and as many again with
+        edges. Refinement tries up to ten
         more for each grasp asked for.
     """
 
@@ -105,8 +107,10 @@ class ForceClosureSampler:
         placer = HandPlacer(self.hand, mesh, support_height=support_height)
         assessor = GraspAssessor(self.hand, mesh, friction=self.friction, rng=rng)
         search = _Search(self.hand, samples, placer, assessor, rng)
-        while search.drawn < self.candidates and search.robust < _ENOUGH * count:
-            search.draw(min(_ROUND, self.candidates - search.drawn))
+        search.draw_enough(self.candidates, count)
+        if not search.found:
+            search.samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, edges=True)
+            search.draw_enough(2 * self.candidates, count)
         search.refine(count)
         return search.result(count)
 
@@ -122,7 +126,7 @@ class _Search:
         assessor: GraspAssessor,
         rng: np.random.Generator,
     ) -> None:
-        self._hand, self._samples, self._rng = hand, samples, rng
+        self._hand, self.samples, self._rng = hand, samples, rng
         self._placer, self._assessor = placer, assessor
         self._grasps: list[Grasp] = []
         self._rejected: Counter[str] = Counter()
@@ -133,10 +137,20 @@ class _Search:
         """How many grasps close at half the friction, too."""
         return sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self._grasps)
 
+    @property
+    def found(self) -> bool:
+        """Whether there are grasps."""
+        return bool(self._grasps)
+
+    def draw_enough(self, candidates: int, count: int) -> None:
+        """Draw until there were so many candidates, or there is a choice of `count` that hold."""
+        while self.drawn < candidates and self.robust < _ENOUGH * count:
+            self.draw(min(_ROUND, candidates - self.drawn))
+
     def draw(self, count: int) -> None:
         """Draw contact sets, and keep the grasps that come of them."""
         self.drawn += count
-        sets, misses = find_contact_sets(self._hand, self._samples, count=count, rng=self._rng)
+        sets, misses = find_contact_sets(self._hand, self.samples, count=count, rng=self._rng)
         self._rejected.update(misses)
         found = self._assessed(sets, *initial_postures(self._hand, sets))
         self._grasps += found.values()
@@ -147,7 +161,7 @@ class _Search:
         best = self._grasps[:count]
         for distance in _STEPS if best else ():
             parents, sets, X_OH, q = vary(
-                self._hand, best, self._samples, each=_VARIATIONS, distance=distance, rng=self._rng
+                self._hand, best, self.samples, each=_VARIATIONS, distance=distance, rng=self._rng
             )
             chosen = _best_of_each(parents, self._assessor.robust_epsilons(sets))
             self.drawn += len(chosen)
