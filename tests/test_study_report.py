@@ -178,7 +178,7 @@ def test_how_often_the_nearer_surface_held_is_told_for_each_estimator() -> None:
 def test_what_other_objects_would_give_is_told_apart_of_ten_and_more() -> None:
     rows = rows_of()
     assert not any("other objects" in told for told in answer(rows, compare(rows, "gpis"), "gpis"))
-    # Blend holds all trials of eight objects of twelve more, and none of the others.
+    # Blend holds all trials of eight objects of twelve, and none of the others.
     many = [
         row | {"object": f"{row['object']} {k}", "held": row["estimator"] == "blend" and k < 4}
         for k in range(6)

@@ -53,8 +53,7 @@ class ForceClosureSampler:
         Coulomb coefficient between pads and object.
     candidates
         Contact sets to draw at the most; fewer, once enough grasps hold, and as many again with
-        edges. Refinement tries up to ten
-        more for each grasp asked for.
+        edges. Refinement tries up to ten more for each grasp asked for.
     """
 
     hand: Hand

@@ -155,21 +155,18 @@ def compare_one(
     """Return one comparison, not adjusted for others; None where there is no pair."""
     chosen = [row for row in rows if noise in (None, row["noise"]) and is_kind(row, kind)]
     theirs = {pair_of(row): row for row in chosen if row["estimator"] == reference}
-    pairs = [
-        (mine, theirs[pair_of(mine)])
-        for mine in chosen
-        if mine["estimator"] == estimator and pair_of(mine) in theirs
-    ]
     known = [
-        (mine, its, value, other)
-        for mine, its in pairs
-        if (value := value_of(mine, measure)) is not None
+        (row, value, other)
+        for row in chosen
+        if row["estimator"] == estimator
+        and (its := theirs.get(pair_of(row))) is not None
+        and (value := value_of(row, measure)) is not None
         and (other := value_of(its, measure)) is not None
     ]
     if not known:
         return None
-    values, others = (np.array([pair[k] for pair in known]) for k in (2, 3))
-    mine = [pair[0] for pair in known]
+    mine = [row for row, _, _ in known]
+    values, others = (np.array([pair[k] for pair in known]) for k in (1, 2))
     clusters = clusters_of(mine)
     differences = values - others
     gains = -differences if measure in _LESS_IS_BETTER else differences

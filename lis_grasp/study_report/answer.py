@@ -32,11 +32,16 @@ ALPHA = 0.05
 def answer(rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str) -> list[str]:
     """Return paragraphs: on all noise and on each level, on surfaces and grasps, how sure it is."""
     levels: list[str | None] = list(names(rows, "noise"))
+    overall = compare_held(rows, reference)
     if len(levels) > 1:
-        comparisons, levels = [*compare_held(rows, reference), *comparisons], [None, *levels]
+        comparisons, levels = [*overall, *comparisons], [None, *levels]
     told = [_of_noise(rows, comparisons, reference, noise) for noise in levels]
-    last = (_of_surfaces(rows, reference), _of_precision(rows, reference))
-    return [p for p in (*told, _of_objects(rows, reference), *last) if p]
+    told += [
+        _of_objects(rows, overall, reference),
+        _of_surfaces(rows, reference),
+        _of_precision(rows, overall, reference),
+    ]
+    return [paragraph for paragraph in told if paragraph]
 
 
 def _of_noise(
@@ -79,11 +84,11 @@ def _of_noise(
     return f"{text} {name}, {rank}, against {who}, in points: {', '.join(parts)}."
 
 
-def _of_objects(rows: Sequence[Row], reference: str) -> str:
-    """Tell what the differences come to if objects, too, are taken as drawn."""
+def _of_objects(rows: Sequence[Row], overall: Sequence[Comparison], reference: str) -> str:
+    """Tell what the differences come to if objects are taken as drawn."""
     parts = [
         f"{estimator_label(c.estimator)} {objects_interval(c)} (p {p_phrase(c.p_objects)})"
-        for c in sorted(compare_held(rows, reference), key=lambda c: -c.effect)
+        for c in sorted(overall, key=lambda c: -c.effect)
         if c.objects_low is not None
     ]
     if not parts:
@@ -121,7 +126,7 @@ def _of_surfaces(rows: Sequence[Row], reference: str) -> str:
     )
 
 
-def _of_precision(rows: Sequence[Row], reference: str) -> str:
+def _of_precision(rows: Sequence[Row], overall: Sequence[Comparison], reference: str) -> str:
     """Tell half the width of the widest interval: of shares, and of differences."""
     widths: list[float | None] = []
     for columns in (("estimator",), ("estimator", "touches")):
@@ -136,7 +141,7 @@ def _of_precision(rows: Sequence[Row], reference: str) -> str:
         f"Over {KIND_LABELS[kinds_of(rows)[0]]}, shares of all touches together are known to"
         f" ±{widths[0]:.1f} points or better, those of one number of touches to ±{widths[1]:.1f}"
     )
-    of_differences = _widest([c for c in compare_held(rows, reference) if c.low is not None])
+    of_differences = _widest([c for c in overall if c.low is not None])
     if of_differences is None:
         return f"{told}."
     who = estimator_label(reference)
