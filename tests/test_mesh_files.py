@@ -262,6 +262,19 @@ def test_a_closed_cavity_stays_a_cavity(tmp_path: Path) -> None:
     assert shape.repairs == ()
 
 
+@pytest.mark.parametrize("at", [(0.4, -0.2, 0.1), (0.32, -0.19, 0.105)])
+def test_a_part_that_is_inside_out_is_a_part_and_no_cavity(tmp_path: Path, at: tuple) -> None:
+    # As a mirrored copy comes out of a CAD program: apart, or running into the other.
+    both = [block(), block(at=at)]
+    solid = trimesh.util.concatenate(both)
+    wanted = shapes.load(write(solid, tmp_path / "solid.ply"))
+    both[1].invert()
+    shape = shapes.load(write(trimesh.util.concatenate(both), tmp_path / "mirrored.ply"))
+    assert shape.mesh.volume == pytest.approx(wanted.mesh.volume, rel=1e-6)
+    np.testing.assert_allclose(shape.mesh.center_mass, wanted.mesh.center_mass, atol=1e-6)
+    assert "turned 1 part outward" in shape.repairs
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_whatever_faces_are_missing_or_turned_a_closed_outward_mesh_comes_out(
     tmp_path: Path, seed: int

@@ -26,6 +26,7 @@ from lis_grasp.shapes.topology import (
     part_at_shared_edges,
 )
 from lis_grasp.shapes.uniting import unite
+from lis_grasp.winding import winding_number
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.int64]
@@ -38,6 +39,8 @@ _SPECK = 1e-5
 _SHEET = 1e-4
 # Closing a loop can, at worst, make an edge with too many faces; each round mends the last one's.
 _ROUNDS = 5
+# A part lies in another if so many places of it, all over, do.
+_PLACES = 50
 # More holes than this are no holes of a surface: its triangles lie about loose.
 _MOST_HOLES = 2000
 
@@ -55,6 +58,7 @@ def mend(vertices: FloatArray, faces: IndexArray) -> tuple[trimesh.Trimesh, tupl
     _drop_degenerate(mesh, repairs)
     _orient(mesh, repairs)
     mesh = _close(mesh, repairs)
+    _turn_parts_outward(mesh, repairs)
     mesh = _drop_specks(mesh, repairs)
     if not len(mesh.faces) or signed_volume(mesh.triangles) < _SHEET * _roughly_boxed(mesh):
         raise InvalidMeshError("encloses no volume, as a flat sheet does: a solid object is needed")
@@ -185,6 +189,24 @@ def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     closed = trimesh.Trimesh(vertices, faces, process=False, validate=False)
     closed.remove_unreferenced_vertices()
     return closed
+
+
+def _turn_parts_outward(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
+    """Turn closed parts that are inside out, but for cavities: those that lie in what is solid."""
+    bodies = _each_body(mesh)
+    inward = [body for body in bodies if signed_volume(mesh.triangles[body]) < 0.0]
+    if not inward or len(inward) == len(bodies):
+        return
+    triangles = np.array(mesh.triangles)
+    solid = np.delete(triangles, np.concatenate(inward), axis=0)
+    turned = 0
+    for body in inward:
+        places = triangles[body[:: max(1, len(body) // _PLACES)]].mean(axis=1)
+        if not all(winding_number(place, solid) > 0.5 for place in places):
+            mesh.faces[body] = mesh.faces[body][:, ::-1]
+            turned += 1
+    if turned:
+        repairs.append(f"turned {_count(turned, 'part')} outward")
 
 
 def _each_body(mesh: trimesh.Trimesh) -> list[IndexArray]:
