@@ -1,11 +1,14 @@
 """What a sensor reports of touches, against the statistics it states."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Probe, ProbeOutcome, TactileSensor
+from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, TactileSensor
+from lis_grasp.exploration.tactile_sensor import UNKNOWN
 
 COUNT = 20_000
 UP = np.array([0.0, 0.0, 1.0])
@@ -79,6 +82,21 @@ def test_a_false_touch_lies_on_the_way_and_faces_the_finger() -> None:
     assert x == y == 0.0
     assert -0.02 <= z <= 0.03
     assert report(MISSED, TactileSensor()).status == "missed"
+
+
+def test_a_false_touch_leaves_what_is_known_of_true_ones() -> None:
+    false = report(MISSED, TactileSensor(false_rate=1.0, force_threshold=0.2))
+    known = Contacts([[0.0, 0.0, 0.0]], [UP], forces=[0.3], fingers=("tip",), times=[0.5])
+    true = ProbeOutcome(PROBE, "touched", contacts=known, duration=2.0)
+    later = replace(true, contacts=replace(known, points=[[0.1, 0.0, 0.0]]))
+    contacts = Exploration.replay([true, false, later]).contacts
+    np.testing.assert_array_equal(contacts.forces, [0.3, 0.2, 0.3])
+    assert contacts.fingers == ("tip", UNKNOWN, "tip")
+    assert np.all(np.diff(contacts.times) >= 0.0)
+    # A hand that stops there did not pass what is beyond.
+    way = (false.contacts.points[0] - PROBE.target) @ PROBE.direction
+    beyond = (FREE - PROBE.target) @ PROBE.direction > way
+    np.testing.assert_array_equal(false.free_points, FREE[~beyond])
 
 
 def test_what_cannot_be_reached_is_not_sensed() -> None:

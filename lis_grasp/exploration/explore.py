@@ -171,7 +171,9 @@ def explore(
     rng.spawn(len(recorded))  # used up already
     outcomes = list(recorded)
     contacts = Exploration.replay(outcomes, touches=touches).contacts
-    clock = sum(outcome.duration for outcome in outcomes)
+    clock = 0.0
+    for outcome in outcomes:  # as below; `sum` compensates for rounding from Python 3.12 on
+        clock += outcome.duration
     margin = 0.0 if sensor is None else sensor.free_margin
     estimated = estimate(contacts) if len(contacts) else None
     while True:

@@ -9,9 +9,12 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe import ProbeOutcome
 
 FloatArray = npt.NDArray[np.float64]
+
+UNKNOWN = "unknown"
+"""The link of a false touch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,26 +88,36 @@ class TactileSensor:
         """Return what is reported of a probe: what it met, or what it did not meet."""
         if outcome.status == "blocked":
             return outcome
-        if outcome.status == "touched":
-            reported = self.sense(outcome.contacts, rng=rng)
-        else:
-            reported = self._imagine(outcome.probe, rng)
-        if len(reported):
-            return replace(outcome, status="touched", contacts=reported)
         if outcome.status == "missed":
-            return outcome
+            return self._imagine(outcome, rng) if rng.random() < self.false_rate else outcome
+        reported = self.sense(outcome.contacts, rng=rng)
+        if len(reported):
+            return replace(outcome, contacts=reported)
         # A hand that stopped at something it did not feel knows of no contact, nor that the rest of
         # its way is free.
         return replace(
             outcome, status="blocked", contacts=reported, reason="stopped without feeling why"
         )
 
-    def _imagine(self, probe: Probe, rng: np.random.Generator) -> Contacts:
-        """Return what is reported of a probe that met nothing: mostly nothing."""
-        if rng.random() >= self.false_rate:
-            return Contacts.empty()
+    def _imagine(self, outcome: ProbeOutcome, rng: np.random.Generator) -> ProbeOutcome:
+        """Return what is reported of a probe that met nothing, but stopped at a false touch."""
+        probe = outcome.probe
         way = rng.uniform(-probe.standoff, probe.overshoot)
-        return Contacts((probe.target + way * probe.direction)[None], -probe.direction[None])
+        contacts = Contacts(
+            (probe.target + way * probe.direction)[None],
+            -probe.direction[None],
+            forces=np.array([self.force_threshold]),
+            fingers=(UNKNOWN,),
+            times=np.array([0.5 * outcome.duration]),
+        )
+        passed = (outcome.free_points - probe.target) @ probe.direction <= way
+        return replace(
+            outcome,
+            status="touched",
+            contacts=contacts,
+            free_points=outcome.free_points[passed],
+            free_radii=outcome.free_radii[passed],
+        )
 
 
 def _across(vectors: FloatArray, normals: FloatArray) -> FloatArray:
