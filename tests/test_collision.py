@@ -1,5 +1,7 @@
 """Collision of a hand with object, support and itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -34,6 +36,21 @@ def test_a_hand_wholly_inside_the_object_is_found() -> None:
     # A triangle mesh is a shell to FCL: nothing touches it here.
     checker = HandCollisionChecker(JAW, trimesh.creation.box((2.0, 2.0, 2.0)))
     assert checker.first_collision(_above(0.0), OPEN) == "object"
+
+
+@pytest.mark.parametrize(("at", "inside"), [(0.0, False), (-0.15, True)])
+def test_a_body_is_inside_where_its_mesh_is_and_not_its_frame(at: float, inside: bool) -> None:
+    # A cube of 1 cm, 15 cm beside its frame's origin, and a block of 5 cm round one of the two.
+    (body,) = {g.link: g for g in JAW.link_geometries if g.link == JAW.base_link}.values()
+    cube = trimesh.creation.box((0.01, 0.01, 0.01))
+    cube.apply_translation([0.15, 0.0, 0.0])
+    far = replace(body, kind="mesh", dimensions=(), mesh=cube, X_LG=np.eye(4))
+    hand = replace(JAW, link_geometries=(far,))
+    block = trimesh.creation.box((0.05, 0.05, 0.05))
+    X_OL = np.eye(4)
+    X_OL[0, 3] = at
+    checker = HandCollisionChecker(hand, block)
+    assert checker.touches_object(X_OL @ hand.X_LH, OPEN) == inside
 
 
 def test_the_lowest_point_decides_about_the_support() -> None:

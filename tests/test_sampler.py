@@ -220,6 +220,18 @@ def test_an_object_too_wide_for_the_hand_gives_reasons_instead_of_grasps() -> No
     assert sum(search.rejections.values()) == search.candidates == 200
 
 
+def test_a_bar_too_thin_for_pads_on_its_faces_is_taken_by_its_edges() -> None:
+    bar = trimesh.creation.box((0.011, 0.011, 0.12))
+    search = ForceClosureSampler(JAW, candidates=1000).sample(
+        bar, rng=np.random.default_rng(0), support_height=-0.06
+    )
+    assert search.grasps
+    assert search.rejections["no_flat_supported_surface"] == 1000
+    assert search.candidates > 1000
+    for grasp in search.grasps:
+        np.testing.assert_allclose(np.abs(grasp.contact_normals[:, :2]), np.sqrt(0.5), atol=1e-9)
+
+
 def test_surface_that_no_touch_supports_is_not_grasped() -> None:
     mesh = trimesh.creation.box((0.05, 0.06, 0.10)).subdivide_to_size(0.008)
     # Only the part with z > 0 was touched.

@@ -115,6 +115,19 @@ def test_the_farthest_round_wrench_is_the_best_of_many_inside_the_cone(soft: boo
     assert reach.max() >= best @ direction - 1e-2
 
 
+def test_a_wrench_along_a_normal_stays_inside_the_cone() -> None:
+    rng = np.random.default_rng(5)
+    normals = rng.normal(size=(200, 1, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    cones = contact_cones(
+        np.zeros_like(normals), normals, friction=0.5, model="coulomb", torsion=0.0, edges=None,
+        **FIXED,
+    )  # fmt: skip
+    push = np.concatenate([-normals[:, 0], np.zeros((200, 3))], axis=1)
+    forces = cones.farthest(push, np.arange(200))[:, 0, :3]
+    np.testing.assert_allclose(forces, -normals[:, 0], atol=1e-12)
+
+
 def test_limiting_each_finger_gives_the_minkowski_sum_of_their_hulls() -> None:
     # Three contacts: 5^3 sums of "nothing or one of four edges" have the sum's hull.
     points, normals = _grasps(1, 6, 3)

@@ -43,7 +43,7 @@ class HandCollisionChecker:
     """Says which links of a hand touch what they should not.
 
     Bodies are built once and moved. A triangle mesh is a shell to FCL, so a body wholly inside the
-    object is found by its centre's winding number, not by FCL.
+    object is found by the winding number of a point of it, not by FCL.
 
     Parameters
     ----------
@@ -73,6 +73,7 @@ class HandCollisionChecker:
         shapes = [_fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
         self._outlines = [_outline(g) for g in hand.link_geometries]
+        self._points = [_point_of(g) for g in hand.link_geometries]
         self._manager = fcl.DynamicAABBTreeCollisionManager()
         self._manager.registerObjects(self._bodies)
         self._manager.setup()
@@ -119,7 +120,7 @@ class HandCollisionChecker:
         return None
 
     def _first_collision(self, poses: FloatArray, *, pads_may_touch: bool) -> str | None:
-        if self._floor is not None and self._lowest(poses) < self._floor:
+        if self._floor is not None and self.lowest(poses) < self._floor:
             return "support"
         if self._touches_object(pads_may_touch=pads_may_touch):
             return "object"
@@ -187,7 +188,8 @@ class HandCollisionChecker:
         self._manager.update()
         return poses
 
-    def _lowest(self, poses: FloatArray) -> float:
+    def lowest(self, poses: FloatArray) -> float:
+        """Return the height of the hand's lowest point [m], bodies at poses X_OG (G, 4, 4)."""
         return min(
             float((outline @ X[2, :3]).min() + X[2, 3] - thickness)
             for (outline, thickness), X in zip(self._outlines, poses, strict=True)
@@ -204,8 +206,11 @@ class HandCollisionChecker:
                 result = fcl.CollisionResult()
                 if fcl.collide(body, self._object, fcl.CollisionRequest(), result):
                     return True
-        centers = np.array([body.getTranslation() for body in self._bodies])
-        return any_inside(self._mesh, centers)
+        places = [
+            body.getRotation() @ point + body.getTranslation()
+            for body, point in zip(self._bodies, self._points, strict=True)
+        ]
+        return any_inside(self._mesh, np.array(places))
 
     def _touches_itself(self) -> bool:
         data = fcl.CollisionData(
@@ -220,6 +225,14 @@ class HandCollisionChecker:
             if first != second and pair not in self._hand.self_collision_exclusions:
                 return True
         return False
+
+
+def _point_of(geometry: LinkGeometry) -> FloatArray:
+    """Return a point of a link's body, shape (3,), in the body's frame."""
+    if geometry.kind == "mesh":
+        vertex: FloatArray = np.asarray(geometry.mesh.vertices)[0]
+        return vertex
+    return np.zeros(3)
 
 
 def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:

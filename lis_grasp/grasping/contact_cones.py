@@ -19,6 +19,8 @@ from lis_grasp.grasping.contact_model import (
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
+_ROUNDING = 1e-12
+
 
 class ContactCones(Protocol):
     """The wrenches of B grasps with C contacts each, normal forces of 1."""
@@ -88,6 +90,9 @@ class RoundCones:
         turn = directions[:, None, 3:]
         push = directions[:, None, :3] + np.cross(turn, arms)  # what a force does, (b, C, 3)
         sideways = push - (push * inward).sum(axis=-1, keepdims=True) * inward
+        # Of a push along the normal, rounding is left, which points anywhere.
+        left, size = ((v**2).sum(axis=-1, keepdims=True) for v in (sideways, push))
+        sideways = np.where(left <= _ROUNDING**2 * size, 0.0, sideways)
         lever = self.levers[grasps][:, None]
         spin = lever * (turn * inward).sum(axis=-1)  # (b, C)
         length = np.sqrt(self.friction**2 * (sideways**2).sum(axis=-1) + spin**2)

@@ -190,8 +190,9 @@ def wrench_volume(
 ) -> float:
     """Return the volume of the grasp wrench space, of six dimensions; 0 where it is flat.
 
-    Unlike epsilon it is the same about any origin, and it does not see a weak direction (Miller and
-    Allen 1999). Arguments as in `epsilon_quality`.
+    Unlike epsilon it is the same about any origin, if the length scale is given (its default is
+    that of the contacts about the origin), and it does not see a weak direction (Miller and Allen
+    1999). Arguments as in `epsilon_quality`.
     """
     wrenches = primitive_wrenches(
         points,

@@ -101,8 +101,6 @@ class ForceClosureSampler:
         largest_pad = max(pad.radius for pad in self.hand.pads)
         lowest = -np.inf if support_height is None else support_height + largest_pad + 0.004
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng)
-        if not len(samples):
-            return GraspSearch((), {"no_flat_supported_surface": self.candidates}, self.candidates)
         placer = HandPlacer(self.hand, mesh, support_height=support_height)
         assessor = GraspAssessor(self.hand, mesh, friction=self.friction, rng=rng)
         search = _Search(self.hand, samples, placer, assessor, rng)
@@ -149,6 +147,9 @@ class _Search:
     def draw(self, count: int) -> None:
         """Draw contact sets, and keep the grasps that come of them."""
         self.drawn += count
+        if not len(self.samples):
+            self._rejected["no_flat_supported_surface"] += count
+            return
         sets, misses = find_contact_sets(self._hand, self.samples, count=count, rng=self._rng)
         self._rejected.update(misses)
         found = self._assessed(sets, *initial_postures(self._hand, sets))

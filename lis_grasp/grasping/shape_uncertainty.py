@@ -50,10 +50,6 @@ class UncertainSurface:
         length = _CORRELATION_SHARE * float(mesh.extents.max())
         return cls(cKDTree(mesh.vertices), deviations, _gradients(mesh, deviations), length)
 
-    def deviations_at(self, points: FloatArray) -> FloatArray:
-        """Return the standard deviation at the vertices nearest to points (..., 3), shape (...)."""
-        return self.deviations[self._nearest(points)]
-
     def _nearest(self, points: FloatArray) -> npt.NDArray[np.intp]:
         nearest: npt.NDArray[np.intp] = self.vertices.query(points)[1]
         return nearest
