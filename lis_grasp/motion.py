@@ -27,8 +27,9 @@ _ROTATION_TOLERANCE = 1e-6
 class Motion:
     """Poses of the bodies of a trial over time, in the world frame W.
 
-    The world is the frame in which the grasp was planned: `X_WO` of the object at the first time
-    is the identity, so a motion plays in the same scene as contacts, estimate and grasps.
+    The world is the frame in which the grasp was planned, so a motion plays in the same scene as
+    contacts, estimate and grasps. `X_WO` of the object at the first time is the identity, unless
+    it stood elsewhere by then.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ def grasp_by_touch(
         if outcome.reason != "declined":
             return
         contacts = contacts.append(outcome.felt)
-        missed = np.vstack([missed, _missed(grasp, outcome.felt)])
+        missed = np.vstack([missed, _missed(grasp, outcome)])
         X_WO = outcome.X_WO
 
 
@@ -142,11 +142,11 @@ def _promising(mesh: trimesh.Trimesh, hand: Hand, friction: float) -> Callable[[
     return promising
 
 
-def _missed(grasp: Grasp, felt: Contacts) -> FloatArray:
+def _missed(grasp: Grasp, outcome: LiftOutcome) -> FloatArray:
     """Return the planned contacts of fingers that closed and felt nothing, shape (K, 3)."""
-    if not set(felt.fingers) <= set(grasp.contact_fingers):
-        return np.empty((0, 3))  # met on the way: the fingers never closed
-    return grasp.contact_points[[f not in felt.fingers for f in grasp.contact_fingers]]
+    if not outcome.closed:
+        return np.empty((0, 3))
+    return grasp.contact_points[[f not in outcome.felt.fingers for f in grasp.contact_fingers]]
 
 
 def _first_away_from(missed: FloatArray, search: GraspSearch) -> int:

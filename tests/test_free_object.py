@@ -11,6 +11,7 @@ from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.run_config import RunConfig
 from lis_grasp.simulation import probing
+from lis_grasp.simulation.guarded_motion import AT_TABLE
 from lis_grasp.simulation.probing import TOPPLED, DynamicProber
 from lis_grasp.simulation.probing_scene import FreeObject
 
@@ -66,6 +67,23 @@ def test_nothing_comes_in_through_the_table() -> None:
     from_below = prober.probe(Probe([0.0, 0.0, -0.03], [0.0, 0.0, 1.0], 0.02, 0.02), known)
     assert from_below.status == "blocked"
     assert prober.probe(FROM_THE_SIDE, known).status == "touched"
+
+
+@pytest.mark.parametrize("beside", [0.05, 0.0])
+def test_a_hand_stops_at_the_table_and_does_not_know_what_is_below(beside: float) -> None:
+    # Beside a box of 6 cm, and on it: told to go down by 10 cm from 2 cm above its top.
+    mesh = cube()
+    space = Workspace(0.015, np.zeros(3), 0.06, -0.03)
+    prober = DynamicProber(Hand.load("allegro"), mesh, free=FreeObject(space.support_height))
+    down = Probe([beside, 0.0, 0.03], [0.0, 0.0, -1.0], 0.02, 0.08)
+    outcome = prober.probe(down, KnownShape(space, Contacts.empty(), None))
+    if beside:
+        assert (outcome.status, outcome.reason) == ("blocked", AT_TABLE)
+        lowest = (outcome.free_points[:, 2] - outcome.free_radii).min()
+        # The tip's ball comes down to the table, and no ball goes below it.
+        assert lowest == pytest.approx(space.support_height, abs=1e-6)
+    else:
+        assert outcome.status == "touched"
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,8 @@ FREE_POINT_SPACING = 0.01
 TOUCHING = 2e-5
 """Nearer than this counts as touching [m]."""
 
+AT_TABLE = "the table ended the motion"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
@@ -50,6 +52,8 @@ class Course:
         What was left of it [m].
     met
         The link that touches the object, and where; None where nothing was met.
+    at_table
+        Whether the table ended the motion before its end.
     """
 
     approach: Approach
@@ -60,6 +64,7 @@ class Course:
     travelled: float
     left: float
     met: NearestLink | None
+    at_table: bool = False
 
     @property
     def _along(self) -> float:
@@ -129,9 +134,10 @@ class GuardedMotion:
         free_points, free_radii = self._free_space(course, probe, known)
         return ProbeOutcome(
             probe,
-            "missed",
+            "blocked" if course.at_table else "missed",
             free_points=free_points,
             duration=course.duration,
+            reason=AT_TABLE if course.at_table else "",
             free_radii=free_radii,
         )
 
@@ -161,7 +167,8 @@ class GuardedMotion:
         """Carry a probe out up to the first contact, or say why it cannot be.
 
         With `known`, the hand comes in from outside of the object's ball, past what is known, and
-        may meet what is not. Without, it starts wherever no link touches the true object.
+        may meet what is not; it goes no deeper than the table. Without, it starts wherever no link
+        touches the true object.
         """
         if known is None:
             approach = self._free_start(probe)
@@ -179,7 +186,8 @@ class GuardedMotion:
                     left, outside = approach.run_in - came, approach.X_OH_outside
                     return Course(approach, outside, approach.axis, False, came, came, left, met)
         self._place(approach, approach.X_OH)
-        length = probe.standoff + probe.overshoot
+        wanted = probe.standoff + probe.overshoot
+        length = min(wanted, self._above_table(approach, probe, known))
         met, gone = self._advance(probe.direction, length)
         return Course(
             approach=approach,
@@ -190,7 +198,16 @@ class GuardedMotion:
             travelled=gone,
             left=length - gone,
             met=met,
+            at_table=met is None and length < wanted,
         )
+
+    def _above_table(self, approach: Approach, probe: Probe, known: KnownShape | None) -> float:
+        """Return how far the hand can go before it would enter the table [m]."""
+        height = None if known is None else known.space.support_height
+        if height is None or probe.direction[2] >= 0.0:
+            return np.inf
+        lowest = self._checker.lowest(approach.X_OH @ self._poses[approach.posture.finger])
+        return max(lowest - height, 0.0) / -float(probe.direction[2])
 
     def _place(self, approach: Approach, X_OH: FloatArray) -> bool:
         """Put the hand somewhere; tell whether a link touches the object's surface."""

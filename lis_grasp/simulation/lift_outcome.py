@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -42,10 +43,10 @@ class LiftOptions:
     lift_height
         How far the wrist rises [m].
     shake_accelerations
-        Largest wrist accelerations of the shakes, one after the other, growing [m/s^2]; each is
+        Largest wrist accelerations of the shakes, one after the other, increasing [m/s^2]; each is
         applied along x, y and z of W, in both directions, and then as turns about x, y and z.
     turn_arm
-        Distance from the turning palm at which a turn accelerates by as much [m].
+        Distance from the hand's base, which turns, at which a turn accelerates by as much [m].
     shake_frequency, shake_cycles
         Of the shaking along one axis [Hz].
     grip_margin
@@ -91,6 +92,9 @@ class LiftOptions:
             numbers = value if isinstance(value, tuple) else (value,)
             if not all(0.0 < number < float("inf") for number in numbers):
                 raise InvalidOptionError(f"{item.name} must be positive; it is {value}")
+        shakes = self.shake_accelerations
+        if any(later <= sooner for sooner, later in pairwise(shakes)):
+            raise InvalidOptionError(f"shake_accelerations must increase; they are {shakes}")
         if self.shake_cycles < 2:
             raise InvalidOptionError(f"shake_cycles must be at least 2; it is {self.shake_cycles}")
 
@@ -117,8 +121,11 @@ class LiftOutcome:
         Simulated time [s].
     motion
         Poses of the hand's links and the object, in the frame that the grasp was planned in.
+    closed
+        Whether the fingers closed; if not, the hand did not come so far.
     felt
-        Where the hand first felt the object, at most once each finger, in the same frame.
+        Where the hand first felt the object, in the same frame: fingers that closed, at most once
+        each by their names; before that, links by theirs.
     X_WO
         Shape (4, 4): where the object was in the end, in the same frame; if the simulation
         diverged, where it was last recorded.
@@ -131,5 +138,6 @@ class LiftOutcome:
     acceleration_survived: float
     duration: float
     motion: Motion
+    closed: bool
     felt: Contacts
     X_WO: FloatArray

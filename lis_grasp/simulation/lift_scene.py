@@ -36,6 +36,7 @@ _SKIN_MODULUS = 1e7  # [Pa]
 _WRIST_STIFFNESS = (2e4, 3e2)  # [N/m, N m/rad]
 _WRIST_DAMPING = (4e2, 6.0)  # [N s/m, N m s/rad]
 _WRIST_LIMITS = (150.0, 15.0)  # [N, N m]
+_FAR = 0.25  # [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,12 +135,13 @@ class LiftScene:
             limits=_WRIST_LIMITS,
         )
         instance = plant.AddModelInstance(OBJECT)
+        body_mesh, self._X_OB = _about_its_frame(mesh)
         self._object, self._object_geometry = add_object(
-            plant, merge_flat_faces(mesh), mass=mass, friction=friction, instance=instance
+            plant, merge_flat_faces(body_mesh), mass=mass, friction=friction, instance=instance
         )
         self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
         self._center = np.asarray(mesh.center_mass)
-        self._table = add_table(plant, support_height, friction)
+        self._table = add_table(plant, support_height, friction, under=mesh)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
         # Drake gives a body without a joint this one: six degrees of freedom.
@@ -148,8 +150,8 @@ class LiftScene:
         self._diagram = builder.Build()
         root = self._diagram.CreateDefaultContext()
         self._context = plant.GetMyMutableContextFromRoot(root)
-        if X_WO is not None:
-            plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WO))
+        X_WB = self._X_OB if X_WO is None else X_WO @ self._X_OB
+        plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WB))
         self._simulator = Simulator(self._diagram, root)
         self._filters = scene_graph.collision_filter_manager(
             scene_graph.GetMyMutableContextFromRoot(root)
@@ -236,7 +238,7 @@ class LiftScene:
     @property
     def X_WO(self) -> FloatArray:
         """Pose of the object, shape (4, 4)."""
-        return self._pose(self._object)
+        return self._pose(self._object) @ np.linalg.inv(self._X_OB)
 
     @property
     def object_center(self) -> FloatArray:
@@ -266,16 +268,22 @@ class LiftScene:
         return tuple(found)
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
-        """Return how a point of a link moves in W with the joints, shape (3, J)."""
+        """Return how a point of a link moves in W with the joints, shape (3, J).
+
+        Joints that follow another by a transmission move with it.
+        """
         world = self._plant.world_frame()
-        columns: FloatArray = self._plant.CalcJacobianTranslationalVelocity(
+        every: FloatArray = self._plant.CalcJacobianTranslationalVelocity(
             self._context,
             JacobianWrtVariable.kV,
             self._hand.bodies[link].body_frame(),
             p_L,
             world,
             world,
-        )[:, self._velocity_columns]
+        )
+        columns: FloatArray = every[:, self._velocity_columns]
+        for follower, joint in self._hand.followers:
+            columns[:, joint.index] += joint.multiplier * every[:, follower.velocity_start()]
         return columns
 
     def X_WL(self, link: str) -> FloatArray:
@@ -304,3 +312,17 @@ class LiftScene:
         if length == 0.0:
             return None
         return Touch(link, surface.centroid(), normal / length, force)
+
+
+def _about_its_frame(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, FloatArray]:
+    """Return the mesh in its body's frame B, and X_OB: O, or in the middle of what is far from O.
+
+    Time steps turn a body about its frame: about one that is a metre away they would be off by
+    parts of a millimetre.
+    """
+    X_OB = np.eye(4)
+    middle = mesh.bounds.mean(axis=0)
+    if np.linalg.norm(middle) <= _FAR:
+        return mesh, X_OB
+    X_OB[:3, 3] = middle
+    return mesh.copy().apply_translation(-middle), X_OB

@@ -24,6 +24,9 @@ _GRAVITY = 9.81  # [m/s^2]
 # Fingers are commanded at this rate, the wrist in each time step.
 _CONTROL_RATE = 100.0  # [Hz]
 _SETTLE_TIME = 0.1  # [s]
+# What has moved by more than this [m] when it should have settled may be falling: it is given as
+# long as a fall takes [s].
+_SETTLED, _FALL_TIME = 0.001, 0.5
 _CLOSING_LIMIT = 4.0  # [s], longer than any finger needs
 _LEAST_FORCE = 0.05  # [N] of a link that counts as touching
 _LOST = 0.05  # [m] that an object moves in the hand only when it is lost
@@ -92,7 +95,7 @@ class LiftTrial:
         self._rise = np.array([0.0, 0.0, options.lift_height, 0.0, 0.0, 0.0])
         self._goal = np.asarray(grasp.X_OH, dtype=np.float64)[:3, 3]
         self._scene.place_hand(retreat, np.asarray(grasp.pregrasp_positions))
-        self._felt = Contacts.empty()
+        self._closed, self._felt = False, Contacts.empty()
         self._start = self._scene.object_center
         self._center_in_hand: FloatArray | None = None  # once the grasp has closed
         self._lifted = False
@@ -117,6 +120,7 @@ class LiftTrial:
             acceleration_survived=self._survived,
             duration=self._scene.time,
             motion=Motion(np.array(self._times), poses),
+            closed=self._closed,
             felt=self._felt,
             X_WO=poses[OBJECT][-1] if diverged else self._scene.X_WO,
         )
@@ -131,6 +135,8 @@ class LiftTrial:
 
     def _settle(self) -> Reason | None:
         self._advance(_SETTLE_TIME, rest_at(self._retreat))
+        if self._moved() > _SETTLED:
+            self._advance(_FALL_TIME, rest_at(self._retreat))
         self._scene.rest_object()
         return "unstable" if self._pushed() else None
 
@@ -149,7 +155,7 @@ class LiftTrial:
         here = rest_at(np.zeros(6))
         interval = 1.0 / _CONTROL_RATE
         self._advance(_CLOSING_LIMIT, here, lambda time: self._control.close(time, interval))
-        self._felt = self._control.felt()
+        self._closed, self._felt = True, self._control.felt()
         if self._judge is not None and not self._judge(self._felt):
             return self._decline()
         if len(self._felt) < 2:
@@ -245,9 +251,12 @@ class LiftTrial:
         for name, X in self._scene.poses().items():
             self._poses.setdefault(name, []).append(X)
 
+    def _moved(self) -> float:
+        """Return how far the object's centre of mass is from where it was placed [m]."""
+        return float(np.linalg.norm(self._scene.object_center - self._start))
+
     def _pushed(self) -> bool:
-        moved = np.linalg.norm(self._scene.object_center - self._start)
-        return bool(moved > self._options.largest_push)
+        return self._moved() > self._options.largest_push
 
     def _object_in_hand(self) -> FloatArray:
         """Return the object's centre of mass in the palm frame, shape (3,) [m]."""

@@ -174,7 +174,7 @@ class ProbingScene:
         if free is None:
             plant.set_gravity_enabled(instance, False)
         else:
-            self._table = add_table(plant, free.support_height, free.friction)
+            self._table = add_table(plant, free.support_height, free.friction, under=mesh)
 
     @property
     def X_WO(self) -> FloatArray:
