@@ -89,6 +89,37 @@ def test_few_contacts_are_left_to_the_sharp_estimate(count: int) -> None:
     np.testing.assert_array_equal(surface.uncertainty(points), sharp.uncertainty(points))
 
 
+def test_the_order_of_contacts_that_are_equally_far_does_not_matter() -> None:
+    half = np.random.default_rng(0).normal(size=(14, 3))
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    normals = np.vstack([half, -half])
+    places = shapes.build("sphere", 0.2).mesh.vertices[::7]
+    values = []
+    for seed in range(3):
+        order = np.random.default_rng(seed).permutation(len(normals))
+        surface = BlendedImplicitSurface.from_contacts(
+            Contacts(0.1 * normals[order], normals[order])
+        )
+        values.append(surface.evaluate(places))
+    np.testing.assert_allclose(values[1:], [values[0]] * 2, atol=1e-9)
+
+
+def test_an_object_that_outgrows_its_first_contacts_is_estimated_anew() -> None:
+    contacts = touched_shape("torus")
+    away = np.linalg.norm(contacts.points - contacts.points[0], axis=1)
+    outward = contacts.subset(np.argsort(away))
+    surface = BlendedImplicitSurface.from_contacts(outward.subset(slice(0, 10)))
+    for k in range(10, len(outward)):
+        surface = surface.with_contacts(outward.subset([k]))
+    anew = BlendedImplicitSurface.from_contacts(outward)
+    assert surface.smooth is not None
+    assert anew.smooth is not None
+    assert surface.smooth.scale > 0.75 * anew.smooth.scale
+    places = shapes.build("torus", 0.2).mesh.vertices[::20]
+    errors = [np.sqrt(np.mean(some.evaluate(places) ** 2)) for some in (surface, anew)]
+    assert errors[0] < 2.0 * errors[1]
+
+
 def test_the_weight_is_decided_by_errors_on_contacts_left_out() -> None:
     # Independently: both estimates made anew without each fold, asked at the contacts left out.
     contacts = touched_shape("half_cylinder")

@@ -241,6 +241,21 @@ def test_the_variance_is_scaled_by_what_leaving_out_contacts_shows() -> None:
     assert surface.amplitude**2 == pytest.approx(np.mean(squares), rel=1e-9)
 
 
+def test_touching_every_place_again_makes_nothing_sure_that_lies_between() -> None:
+    contacts = sphere_contacts(25)
+    places = 0.05 * np.random.default_rng(5).normal(size=(40, 3))
+    once = GaussianProcessImplicitSurface.from_contacts(contacts)
+    for times in (2, 4):
+        again = Contacts(
+            np.tile(contacts.points, (times, 1)), np.tile(contacts.normals, (times, 1))
+        )
+        surface = GaussianProcessImplicitSurface.from_contacts(again)
+        # Averaged noise makes it a little surer; that twins foretell each other does not.
+        ratio = surface.uncertainty(places) / once.uncertainty(places)
+        assert ratio.min() > 0.8
+        assert ratio.max() < 1.05
+
+
 def test_a_lone_contact_is_foretold_by_the_prior_mean_alone() -> None:
     contact = Contacts([[0.1, 0.2, 0.3]], [[0.0, 0.0, 1.0]])
     surface = GaussianProcessImplicitSurface.from_contacts(contact, prior_mean=0.07)

@@ -222,12 +222,33 @@ def test_no_contacts_are_refused(name: str) -> None:
 
 
 @every_estimator
-@pytest.mark.parametrize("points", [np.zeros(2), np.zeros((3, 4)), np.array(1.0), [[0, np.nan, 0]]])
+@pytest.mark.parametrize(
+    "points", [np.zeros(2), np.zeros((3, 4)), np.array(1.0), [[0, np.nan, 0]], [1e160, 0, 0]]
+)
 def test_queries_of_another_shape_or_not_finite_are_refused(name: str, points: object) -> None:
     surface = ESTIMATORS[name](touched_cylinder())
     for ask in (surface.evaluate, surface.gradient, surface.uncertainty):
         with pytest.raises(InvalidOptionError, match="points must"):
             ask(points)
+
+
+@pytest.mark.parametrize("name", ["lis", "patch", "blend"])
+def test_places_touched_again_with_noise_that_is_told_are_one_place_each(name: str) -> None:
+    places, noise = touched_cylinder(), 5e-4
+    moves = noise * np.random.default_rng(3).normal(size=(2 * len(places), 3))
+    twice = Contacts(np.tile(places.points, (2, 1)) + moves, np.tile(places.normals, (2, 1)))
+    told = {"position_noise": noise, "normal_noise": 0.05}
+    once = ESTIMATORS[name](places, **told)
+    surface = ESTIMATORS[name](twice, **told)
+    assert surface.spacing == pytest.approx(once.spacing, rel=0.05)
+    unsure = [np.median(some.uncertainty(queries())) for some in (surface, once)]
+    assert unsure[0] < 1.5 * unsure[1]
+
+
+def test_noise_as_large_as_the_spacing_merges_nothing() -> None:
+    contacts = touched_cylinder()
+    merged = merge_duplicates(contacts, position_noise=contacts.spacing)
+    np.testing.assert_array_equal(merged.points, contacts.points)
 
 
 def test_merging_keeps_places_in_order_and_corners_apart() -> None:

@@ -178,7 +178,8 @@ def _restore_corners(
     place = np.full(len(vertices), -1)
     place[candidates] = np.arange(len(candidates))
     sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
-    # Each edge of the mesh is the side of two quads, once in either sense: take it both ways.
+    # Each edge of the mesh is the side of two quads: neighbours count twice, what a vertex knows
+    # itself once.
     owners, others = np.concatenate([sides, sides[:, ::-1]]).T
     owners, others = place[owners], others[place[owners] >= 0]
     owners = owners[owners >= 0]

@@ -135,7 +135,7 @@ class LiftScene:
             limits=_WRIST_LIMITS,
         )
         instance = plant.AddModelInstance(OBJECT)
-        body_mesh, self._X_OB = _about_its_frame(mesh)
+        body_mesh, self._p_OB = _about_its_frame(mesh)
         self._object, self._object_geometry = add_object(
             plant, merge_flat_faces(body_mesh), mass=mass, friction=friction, instance=instance
         )
@@ -150,8 +150,8 @@ class LiftScene:
         self._diagram = builder.Build()
         root = self._diagram.CreateDefaultContext()
         self._context = plant.GetMyMutableContextFromRoot(root)
-        X_WB = self._X_OB if X_WO is None else X_WO @ self._X_OB
-        plant.SetFreeBodyPose(self._context, self._object, RigidTransform(X_WB))
+        X_WB = RigidTransform(np.eye(4) if X_WO is None else X_WO) @ RigidTransform(self._p_OB)
+        plant.SetFreeBodyPose(self._context, self._object, X_WB)
         self._simulator = Simulator(self._diagram, root)
         self._filters = scene_graph.collision_filter_manager(
             scene_graph.GetMyMutableContextFromRoot(root)
@@ -238,7 +238,9 @@ class LiftScene:
     @property
     def X_WO(self) -> FloatArray:
         """Pose of the object, shape (4, 4)."""
-        return self._pose(self._object) @ np.linalg.inv(self._X_OB)
+        X_WO = self._pose(self._object)
+        X_WO[:3, 3] -= X_WO[:3, :3] @ self._p_OB
+        return X_WO
 
     @property
     def object_center(self) -> FloatArray:
@@ -315,14 +317,12 @@ class LiftScene:
 
 
 def _about_its_frame(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, FloatArray]:
-    """Return the mesh in its body's frame B, and X_OB: O, or in the middle of what is far from O.
+    """Return the mesh in its body's frame B, and where that is in O: in the middle of a far object.
 
     Time steps turn a body about its frame: about one that is a metre away they would be off by
     parts of a millimetre.
     """
-    X_OB = np.eye(4)
-    middle = mesh.bounds.mean(axis=0)
+    middle: FloatArray = mesh.bounds.mean(axis=0)
     if np.linalg.norm(middle) <= _FAR:
-        return mesh, X_OB
-    X_OB[:3, 3] = middle
-    return mesh.copy().apply_translation(-middle), X_OB
+        return mesh, np.zeros(3)
+    return mesh.copy().apply_translation(-middle), middle

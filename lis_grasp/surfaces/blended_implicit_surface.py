@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces.contact_merging import merge_duplicates, spacing_of
+from lis_grasp.surfaces.contact_merging import SMALLEST, merge_duplicates, spacing_of
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
@@ -40,6 +41,12 @@ _SIGMA = 1.2
 
 # How many times the smooth estimate's error the sharp one's must be to be given up altogether.
 _WORSE = 2.0
+
+# Distances are the same up to this share of the largest.
+_SAME_REMOTENESS = 1e-9
+
+# How many times as large as the Gaussian process took it an object may turn out to be.
+_OUTGROWN = 1.3
 
 _BLOCK = 4096
 
@@ -118,7 +125,7 @@ class BlendedImplicitSurface:
             normal_noise=normal_noise,
             margin=margin,
         )
-        merged = merge_duplicates(contacts)
+        merged = merge_duplicates(contacts, position_noise)
         spacing = spacing_of(merged)
         noise = {"position_noise": position_noise, "normal_noise": normal_noise}
         told: dict[str, Any] = {name: value for name, value in noise.items() if value is not None}
@@ -144,11 +151,16 @@ class BlendedImplicitSurface:
         The new contacts are foretold by the estimates as they were before them (prequential
         validation, Dawid 1984), what is known of the others stays, and the Gaussian process is
         extended. Contacts that were there early were foretold from few: after many additions an
-        estimate from scratch judges better.
+        estimate from scratch judges better. It is made where the object turns out to be larger than
+        what was touched at first.
         """
-        count = len(self.log_ratios) + len(new)
-        if self.smooth is None or count > _MOST_CONTACTS:
-            return self.remake(Contacts(self.sharp.points, self.sharp.normals).append(new))
+        every = Contacts(self.sharp.points, self.sharp.normals).append(new)
+        if (
+            self.smooth is None
+            or len(every) > _MOST_CONTACTS
+            or pdist(every.points).max() > _OUTGROWN * self.smooth.scale
+        ):
+            return self.remake(every)
         of_smooth, of_sharp = (
             _log_errors(
                 surface.evaluate(new.points), surface.gradient(new.points), new, self.spacing
@@ -243,11 +255,15 @@ class BlendedImplicitSurface:
 def _folds(contacts: Contacts) -> IndexArray:
     """Return which contacts are left out together, shape (N,): every fourth, from the centroid out.
 
-    In order of distance from the centroid the choice depends on neither order nor frame.
+    In order of distance from the centroid the choice does not depend on the order of contacts, nor
+    on the frame, unless some are equally far: of those the coordinates decide.
     """
-    remoteness = np.linalg.norm(contacts.points - contacts.points.mean(axis=0), axis=1)
+    relative = contacts.points - contacts.points.mean(axis=0)
+    remoteness = np.linalg.norm(relative, axis=1)
+    keys = np.column_stack([remoteness, relative])
+    keys = np.round(keys / max(_SAME_REMOTENESS * remoteness.max(), SMALLEST))
     rank = np.empty(len(contacts), dtype=np.intp)
-    rank[np.argsort(remoteness, kind="stable")] = np.arange(len(contacts))
+    rank[np.lexsort(keys.T[::-1])] = np.arange(len(contacts))
     return rank % _FOLDS
 
 

@@ -134,7 +134,7 @@ def carved(
         With balls of free space (`Contacts.free_points`, `Contacts.free_radii`).
     margin
         By how much balls are made smaller [m]: two standard deviations of where the hand is known
-        to be, say.
+        to be, say. Of balls with no more room than that nothing is known.
     growth
         How much a ball grows, in depths of its centre inside the estimate; 0 for not at all.
 

@@ -22,24 +22,46 @@ _ROUNDING = 1e-12
 _SAME_PLACE = 1e-3
 _SAME_NORMAL = np.cos(np.deg2rad(15.0))
 
+# Two touches of one place are rarely more than this many standard deviations of a position apart.
+_NOISE_REACH = 6.0
 
-def merge_duplicates(contacts: Contacts) -> Contacts:
+
+def merge_duplicates(contacts: Contacts, position_noise: float | None = None) -> Contacts:
     """Replace contacts felt again at the same place by one mean contact.
 
     The angle at which one contact sees another is meaningless between two touches of one place,
     and eq. 9 (Ottenhaus et al. 2016) gives both together the weight of one. Contacts at one place
     with different normals (the two faces of a corner) stay apart.
 
+    Touches that noise sets apart are told from touches of two places only by what lies between:
+    where the spacing is no more than noise makes, they are merged too, if that leaves places that
+    are clearly farther apart.
+
+    Parameters
+    ----------
+    contacts
+        Of any estimator.
+    position_noise
+        One standard deviation of positions [m]; None where nothing was told.
+
     Returns
     -------
     Contacts
         Points and normals only, in order of each place's first contact.
     """
+    merged = _merged(contacts, max(_SAME_PLACE * contacts.extent, resolution_of(contacts)))
+    reach = _NOISE_REACH * (position_noise or 0.0)
+    if len(merged) < 2 or not merged.spacing < reach < np.inf:
+        return merged
+    places = _merged(contacts, reach)
+    return places if places.spacing > 2.0 * reach else merged
+
+
+def _merged(contacts: Contacts, reach: float) -> Contacts:
+    """Return one mean contact for those that others of like normal are within reach of [m]."""
     if len(contacts) < 2:
         return Contacts(contacts.points, contacts.normals)
-    pairs = cKDTree(contacts.points).query_pairs(
-        max(_SAME_PLACE * contacts.extent, resolution_of(contacts)), output_type="ndarray"
-    )
+    pairs = cKDTree(contacts.points).query_pairs(reach, output_type="ndarray")
     cosines = np.einsum("pk,pk->p", contacts.normals[pairs[:, 0]], contacts.normals[pairs[:, 1]])
     pairs = pairs[cosines > _SAME_NORMAL]  # (P, 2)
     count = len(contacts)

@@ -11,7 +11,7 @@ from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.surfaces.contact_merging import resolution_of, spacing_of
+from lis_grasp.surfaces.contact_merging import merge_duplicates, resolution_of, spacing_of
 from lis_grasp.surfaces.gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces.gaussian_process_selection import (
     DEFAULT_LENGTHS,
@@ -64,7 +64,8 @@ class GaussianProcessImplicitSurface:
     unit size; everything private is in that unit.
 
     Made by `from_contacts`. Near contacts f is about metric [m] (its gradient is told to have unit
-    length); far from them it flattens to the prior mean.
+    length); far from them it flattens to the prior mean, but for the thin plate, which goes on
+    rising.
 
     Parameters
     ----------
@@ -163,13 +164,11 @@ class GaussianProcessImplicitSurface:
         require_range("prior_mean", prior_mean, 0.0, unit="m", low_included=False)
 
         center = contacts.bounds.mean(axis=0)
-        nodes, targets = _scaled(contacts, center, scale, prior_mean / scale)
 
-        def fit(scaled_length: float) -> GradientRegression:
+        def fit(scaled_length: float, some: Contacts = contacts) -> GradientRegression:
             return fit_with_noise(
                 _KERNELS[kernel](scaled_length),
-                nodes,
-                targets,
+                *_scaled(some, center, scale, prior_mean / scale),
                 sensor_noise=_variances(position_noise / scale, normal_noise),
                 misfit=_variances(*misfit),
             )
@@ -185,6 +184,9 @@ class GaussianProcessImplicitSurface:
             require_range("length", length, 0.0, unit="m", low_included=False)
             scaled_length = length / scale
         process = fit(scaled_length)
+        # Touches of one place foretell each other, whatever the others do.
+        places = merge_duplicates(contacts)
+        judged = process if len(places) == len(contacts) else fit(scaled_length, places)
         return cls(
             points=contacts.points,
             normals=contacts.normals,
@@ -192,7 +194,7 @@ class GaussianProcessImplicitSurface:
             center=center,
             scale=scale,
             mean=prior_mean / scale,
-            amplitude=process.leave_one_out_amplitude(),
+            amplitude=judged.leave_one_out_amplitude(),
             margin=margin,
             _process=process,
         )

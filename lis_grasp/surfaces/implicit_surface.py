@@ -2,8 +2,8 @@
 
 An implicit surface is a function f of space whose zero set is the surface (Ottenhaus et al. 2016,
 eq. 1). Promised are its sign (negative inside, positive outside), its zero set, and that every
-finite point has a finite value, near contacts or far from them. Not promised is that f is a
-distance: an estimator whose values are metric says so in its own docstring.
+point that can be asked for has a finite value, near contacts or far from them. Not promised is that
+f is a distance: an estimator whose values are metric says so in its own docstring.
 """
 
 from __future__ import annotations

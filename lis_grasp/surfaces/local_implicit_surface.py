@@ -147,7 +147,7 @@ class LocalImplicitSurface:
             normal_noise=normal_noise,
             margin=margin,
         )
-        merged = merge_duplicates(contacts)
+        merged = merge_duplicates(contacts, position_noise)
         spacing = spacing_of(merged)
         if sigma is None:
             sigma = _SIGMA * spacing

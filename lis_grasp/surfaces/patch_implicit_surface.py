@@ -130,7 +130,7 @@ class PatchImplicitSurface:
             normal_noise=normal_noise,
             margin=margin,
         )
-        merged = merge_duplicates(contacts)
+        merged = merge_duplicates(contacts, position_noise)
         points, normals, spacing = merged.points, merged.normals, spacing_of(merged)
         margin = spacing if margin is None else require_range("margin", margin, 0.0, unit="m")
         if position_noise is None:

@@ -16,6 +16,9 @@ IndexArray = npt.NDArray[np.intp]
 # Smaller blocks cost more by their number than they save.
 _SMALL_BLOCK = 256
 
+# Squares of larger coordinates [m] are no numbers any more.
+_FARTHEST = 1e100
+
 
 def flat_points(points: npt.ArrayLike) -> tuple[FloatArray, tuple[int, ...]]:
     """Return query points as rows, shape (P, 3), and the shape (...) that results go back to."""
@@ -25,6 +28,11 @@ def flat_points(points: npt.ArrayLike) -> tuple[FloatArray, tuple[int, ...]]:
     if not np.isfinite(array).all():
         raise InvalidOptionError(
             "points must be finite; at least one coordinate is NaN or infinite"
+        )
+    if np.abs(array).max(initial=0.0) > _FARTHEST:
+        raise InvalidOptionError(
+            f"points must be within {_FARTHEST:g} m of the origin; the farthest coordinate is"
+            f" {np.abs(array).max():g} m"
         )
     return array.reshape(-1, 3), array.shape[:-1]
 
