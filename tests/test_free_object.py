@@ -69,21 +69,26 @@ def test_nothing_comes_in_through_the_table() -> None:
     assert prober.probe(FROM_THE_SIDE, known).status == "touched"
 
 
-@pytest.mark.parametrize("beside", [0.05, 0.0])
-def test_a_hand_stops_at_the_table_and_does_not_know_what_is_below(beside: float) -> None:
-    # Beside a box of 6 cm, and on it: told to go down by 10 cm from 2 cm above its top.
+@pytest.mark.parametrize(
+    ("beside", "depth", "status"),
+    [(0.05, 0.0, "missed"), (0.05, 0.08, "blocked"), (0.0, 0.0, "touched")],
+)
+def test_a_hand_stops_at_the_table_and_does_not_know_what_is_below(
+    beside: float, depth: float, status: str
+) -> None:
+    # Beside a cube of 6 cm, and on it: down by 10 cm from 2 cm above its top, past a target that is
+    # as high as the top, or to one below the table.
     mesh = cube()
     space = Workspace(0.015, np.zeros(3), 0.06, -0.03)
     prober = DynamicProber(Hand.load("allegro"), mesh, free=FreeObject(space.support_height))
-    down = Probe([beside, 0.0, 0.03], [0.0, 0.0, -1.0], 0.02, 0.08)
+    down = Probe([beside, 0.0, 0.03 - depth], [0.0, 0.0, -1.0], 0.02 + depth, 0.08 - depth)
     outcome = prober.probe(down, KnownShape(space, Contacts.empty(), None))
-    if beside:
-        assert (outcome.status, outcome.reason) == ("blocked", AT_TABLE)
-        lowest = (outcome.free_points[:, 2] - outcome.free_radii).min()
+    assert outcome.status == status
+    assert outcome.reason == (AT_TABLE if status == "blocked" else "")
+    if status != "touched":
         # The tip's ball comes down to the table, and no ball goes below it.
+        lowest = (outcome.free_points[:, 2] - outcome.free_radii).min()
         assert lowest == pytest.approx(space.support_height, abs=1e-6)
-    else:
-        assert outcome.status == "touched"
 
 
 @pytest.mark.parametrize(

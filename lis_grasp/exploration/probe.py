@@ -86,9 +86,10 @@ class ProbeOutcome:
     probe
         The attempt.
     status
-        ``"touched"``: there is at least one contact; ``"missed"``: the motion reached its end and
-        felt nothing; ``"blocked"``: the motion could not be carried out (out of reach, or the hand
-        was stopped before its end by something that gave no usable contact).
+        ``"touched"``: there is at least one contact; ``"missed"``: the motion reached its end, or
+        beyond its target the table, and felt nothing; ``"blocked"``: the motion could not be
+        carried out (out of reach, or the hand was stopped before its end by something that gave no
+        usable contact).
     contacts
         What was felt, in O; empty unless touched (a blocked motion may have felt something too).
     free_points

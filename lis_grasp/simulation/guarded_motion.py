@@ -53,7 +53,7 @@ class Course:
     met
         The link that touches the object, and where; None where nothing was met.
     at_table
-        Whether the table ended the motion before its end.
+        Whether the table ended the motion before the probe's target.
     """
 
     approach: Approach
@@ -198,7 +198,7 @@ class GuardedMotion:
             travelled=gone,
             left=length - gone,
             met=met,
-            at_table=met is None and length < wanted,
+            at_table=met is None and length < probe.standoff,
         )
 
     def _above_table(self, approach: Approach, probe: Probe, known: KnownShape | None) -> float:
