@@ -37,6 +37,17 @@ def test_what_is_rejected_collides_and_most_of_what_collides_is_rejected(
     )
 
 
+def test_a_bead_needs_no_finer_a_grid_than_the_hand() -> None:
+    hand, bead = Hand.load("allegro"), trimesh.creation.icosphere(radius=0.001)
+    poses = HandPoseFilter(hand, bead)
+    assert poses._distances.size < 1e6
+    center = hand.pad_centers(np.eye(4), q := next(iter(hand.pregrasps.values())))[0]
+    X = np.tile(np.eye(4), (2, 1, 1))
+    X[0, :3, 3] = -center  # the bead is in the middle of a fingertip
+    X[1, :3, 3] = [0.0, 0.0, 1.0]
+    assert poses.collides(X, q).tolist() == [True, False]
+
+
 def test_pads_may_touch_if_told_so() -> None:
     hand = Hand.load("wsg50")
     center = hand.pad_centers(np.eye(4), hand.lower + 0.02).mean(axis=0)

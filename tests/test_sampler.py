@@ -11,7 +11,7 @@ from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping import sampler as sampler_module
 from lis_grasp.grasping.collision import HandCollisionChecker
-from lis_grasp.grasping.contact_search import SurfaceSamples
+from lis_grasp.grasping.contact_samples import SurfaceSamples
 from lis_grasp.grasping.refinement import vary
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
@@ -216,12 +216,13 @@ def test_an_object_too_wide_for_the_hand_gives_reasons_instead_of_grasps() -> No
         mesh, rng=np.random.default_rng(0), support_height=-0.2
     )
     assert search.grasps == ()
-    # A hundred on faces, and a hundred across edges, too.
+    # A hundred where it is flat, and a hundred across bends, too.
     assert sum(search.rejections.values()) == search.candidates == 200
 
 
-def test_a_bar_too_thin_for_pads_on_its_faces_is_taken_by_its_edges() -> None:
-    bar = trimesh.creation.box((0.011, 0.011, 0.12))
+@pytest.mark.parametrize("width", [0.006, 0.011])
+def test_a_bar_that_a_pad_overhangs_is_taken_by_the_middle_of_its_faces(width: float) -> None:
+    bar = trimesh.creation.box((width, width, 0.12))
     search = ForceClosureSampler(JAW, candidates=1000).sample(
         bar, rng=np.random.default_rng(0), support_height=-0.06
     )
@@ -229,7 +230,48 @@ def test_a_bar_too_thin_for_pads_on_its_faces_is_taken_by_its_edges() -> None:
     assert search.rejections["no_flat_supported_surface"] == 1000
     assert search.candidates > 1000
     for grasp in search.grasps:
-        np.testing.assert_allclose(np.abs(grasp.contact_normals[:, :2]), np.sqrt(0.5), atol=1e-9)
+        normals, points = grasp.contact_normals, grasp.contact_points
+        np.testing.assert_array_equal(np.sort(np.abs(normals), axis=1), [[0, 0, 1], [0, 0, 1]])
+        # Both edges are under the pad, or it is as far from one as from the other.
+        beside = (points * (1.0 - np.abs(normals)))[:, :2]
+        assert np.abs(beside).max() < max(0.006 - width / 2.0, 0.001)
+
+
+@pytest.mark.parametrize("radius", [0.004, 0.008])
+def test_a_jaw_takes_a_thin_rod_across(radius: float) -> None:
+    rod = trimesh.creation.cylinder(radius=radius, height=0.12, sections=64)
+    search = ForceClosureSampler(JAW, candidates=1000).sample(
+        rod, rng=np.random.default_rng(0), support_height=-0.06
+    )
+    assert search.grasps
+    for grasp in search.grasps:
+        from_axis = np.linalg.norm(grasp.contact_points[:, :2], axis=1)
+        # On the surface, which goes by chords.
+        assert from_axis.max() <= radius + 1e-9
+        assert from_axis.min() >= radius * np.cos(np.pi / 64) - 1e-9
+        assert np.abs(grasp.contact_points[:, 2]).max() < 0.06 - 0.005
+
+
+def test_pads_lie_across_balls_and_rods_but_not_beside_edges_or_in_grooves() -> None:
+    def samples(mesh: trimesh.Trimesh) -> SurfaceSamples:
+        return SurfaceSamples(mesh, lowest=-1.0, rng=np.random.default_rng(0), bends=True)
+
+    assert len(samples(trimesh.creation.icosphere(4, radius=0.010))) == 4000
+    rod = samples(trimesh.creation.cylinder(radius=0.005, height=0.06, sections=64))
+    heights = np.abs(rod.points[:, 2])
+    side = np.abs(rod.normals[:, 2]) < 0.5
+    assert heights[side].max() < 0.03 - 0.0055
+    assert side.sum() > 0.9 * 4000 * 0.048 / 0.065  # 6 mm less at either end; ends count as 5 mm
+    # A wedge of 20 degrees is a blade at its thin end: nothing lies on it or beside it.
+    blade = trimesh.convex.convex_hull(
+        [[0, y, z] for y in (-0.03, 0.03) for z in (0,)]
+        + [[0.05, y, z] for y in (-0.03, 0.03) for z in (-0.0088, 0.0088)]
+    )
+    assert samples(blade).points[:, 0].min() > 0.0055
+    # A rod of the same radius as that above, but hollowed out of a block.
+    drilled = trimesh.creation.annulus(r_min=0.005, r_max=0.04, height=0.06, sections=64)
+    points = samples(drilled).points
+    assert np.linalg.norm(points[:, :2], axis=1).min() > 0.01
 
 
 def test_surface_that_no_touch_supports_is_not_grasped() -> None:
@@ -280,8 +322,8 @@ def test_contacts_stay_off_edges_and_on_the_object(name: str) -> None:
 def test_pads_may_lie_across_straight_convex_edges() -> None:
     box = trimesh.creation.box((0.06, 0.06, 0.10))
     plain, more = (
-        SurfaceSamples(box, lowest=-0.04, rng=np.random.default_rng(0), edges=edges)
-        for edges in (False, True)
+        SurfaceSamples(box, lowest=-0.04, rng=np.random.default_rng(0), bends=bends)
+        for bends in (False, True)
     )
     points, normals = more.points[len(plain) :], more.normals[len(plain) :]
     np.testing.assert_array_equal(more.points[: len(plain)], plain.points)
@@ -298,7 +340,7 @@ def test_pads_may_lie_across_straight_convex_edges() -> None:
     mallet = shapes.build("mallet").mesh
     concave = ~mallet.face_adjacency_convex & (mallet.face_adjacency_angles > 0.5)
     inner = sample_segments(mallet.vertices[mallet.face_adjacency_edges[concave]], 4000)
-    both = SurfaceSamples(mallet, lowest=-1.0, rng=np.random.default_rng(0), edges=True)
+    both = SurfaceSamples(mallet, lowest=-1.0, rng=np.random.default_rng(0), bends=True)
     assert cKDTree(inner).query(both.points)[0].min() > 1e-3
 
 

@@ -7,25 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
-from scipy.spatial import cKDTree
 
+from lis_grasp.grasping.contact_samples import REACH, SurfaceSamples
 from lis_grasp.grasping.hand import Hand
 
 FloatArray = npt.NDArray[np.float64]
 
-_SAMPLES = 4000
-# A pad wants the surface flat about as far as it reaches: normals within this radius [m] may differ
-# by no more than this angle [rad] from the one in the middle.
-_FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
-_EDGE_STEP = 0.001  # [m] between points that stand for a sharp edge
 # Contacts oppose each other when their normals do, within these angles [rad]: straight across from
 # the thumb, and for the fingers, each of which may have a face of its own (a prism's).
 _OPPOSED_ANGLE, _FINGER_ANGLE = np.deg2rad(38.0), np.deg2rad(48.0)
-# How far from its nearest sample a contact may lie [m]: within the flat part round the sample.
-_REACH = 0.005
-# Vertices whose uncertainty exceeds this many times the median are not supported by touches.
-_UNSUPPORTED = 3.0
 # The thumb pushes sideways: its normal is no steeper than this above or below the horizontal.
 _STEEPEST = np.sin(np.deg2rad(40.0))
 _APPROACH_ANGLES = np.deg2rad([0.0, 0.0, -20.0, 20.0, -40.0, 40.0, -65.0, 65.0])
@@ -80,67 +70,6 @@ class _Opposition:
         FloatArray  # (3, 3), columns: approach, lateral, closing (from the thumb to the others)
     )
     lateral: FloatArray  # (F,) [m]: the pads' places along the lateral axis
-
-
-class SurfaceSamples:
-    """Points of a mesh that a pad could press on, with their normals.
-
-    Parameters
-    ----------
-    mesh
-        Closed, in O [m].
-    lowest
-        Height above which points lie, in O [m].
-    rng
-        For every draw.
-    edges
-        Whether pads may lie across sharp convex edges, too. They may do so at any angle between
-        those of the two faces; the normal there is halfway.
-    """
-
-    def __init__(
-        self,
-        mesh: trimesh.Trimesh,
-        *,
-        lowest: float,
-        rng: np.random.Generator,
-        edges: bool = False,
-    ) -> None:
-        weights = mesh.area_faces / mesh.area_faces.sum()
-        faces = rng.choice(len(weights), size=_SAMPLES, p=weights)
-        u, v = rng.random((2, _SAMPLES))
-        flip = u + v > 1.0
-        u, v = np.where(flip, 1.0 - u, u), np.where(flip, 1.0 - v, v)
-        corners = mesh.triangles[faces]  # (S, 3, 3)
-        points = (
-            corners[:, 0]
-            + u[:, None] * (corners[:, 1] - corners[:, 0])
-            + v[:, None] * (corners[:, 2] - corners[:, 0])
-        )
-        normals = np.asarray(mesh.face_normals)[faces]
-        flat = _flat(points, normals) & ~_near_sharp_edges(mesh, points)
-        usable = flat & (points[:, 2] > lowest) & _supported(mesh, faces)
-        self.points: FloatArray = points[usable]
-        self.normals: FloatArray = normals[usable]
-        if edges:
-            points, normals, usable = _across_edges(mesh)
-            usable &= points[:, 2] > lowest
-            self.points = np.vstack([self.points, points[usable]])
-            self.normals = np.vstack([self.normals, normals[usable]])
-        self.tree = cKDTree(self.points) if len(self.points) else None
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-        """Return where points (..., 3) go on the surface, its normals there, and which may."""
-        assert self.tree is not None
-        _, index = self.tree.query(points)
-        normals = self.normals[index]
-        height = ((points - self.points[index]) * normals).sum(axis=-1, keepdims=True)
-        on_surface = points - height * normals
-        beside = np.linalg.norm(on_surface - self.points[index], axis=-1)
-        return on_surface, normals, beside <= _REACH
 
 
 def find_contact_sets(
@@ -271,13 +200,13 @@ def _far_side(samples: SurfaceSamples, p: FloatArray, n: FloatArray) -> FloatArr
     relative = samples.points - p
     depth = -(relative @ n)  # (S,)
     beside = np.linalg.norm(relative + depth[:, None] * n, axis=1)
-    opposed = (samples.normals @ n < -np.cos(_OPPOSED_ANGLE)) & (beside < _REACH) & (depth > 0.0)
+    opposed = (samples.normals @ n < -np.cos(_OPPOSED_ANGLE)) & (beside < REACH) & (depth > 0.0)
     if not opposed.any():
         return None
     index = np.flatnonzero(opposed)
     outermost = index[depth[index] > depth[index].max() - 0.003]
     j = int(outermost[np.argmin(beside[outermost])])
-    return _line_meets_plane(p, -n, samples.points[j], samples.normals[j])
+    return samples.met(p, -n, j)
 
 
 def _meet_surface(
@@ -285,85 +214,13 @@ def _meet_surface(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return contacts and normals (K, 3) nearest to points, on lines along n; or None."""
     assert samples.tree is not None
-    distances, nearest = samples.tree.query(points, distance_upper_bound=2.5 * _REACH)
+    distances, nearest = samples.tree.query(points, distance_upper_bound=2.5 * REACH)
     if not np.isfinite(distances).all():
         return None
     normals = samples.normals[nearest]
     if (normals @ n > -np.cos(_FINGER_ANGLE)).any():
         return None
-    met = np.array(
-        [
-            _line_meets_plane(p, -n, samples.points[j], samples.normals[j])
-            for p, j in zip(points, nearest, strict=True)
-        ]
-    )
-    if np.linalg.norm(met - samples.points[nearest], axis=1).max() > _REACH:
+    met = np.array([samples.met(p, -n, j) for p, j in zip(points, nearest, strict=True)])
+    if np.linalg.norm(met - samples.points[nearest], axis=1).max() > REACH:
         return None
     return met, normals
-
-
-def _line_meets_plane(
-    p: FloatArray, direction: FloatArray, point: FloatArray, normal: FloatArray
-) -> FloatArray:
-    result: FloatArray = p + direction * (((point - p) @ normal) / (direction @ normal))
-    return result
-
-
-def _flat(points: FloatArray, normals: FloatArray) -> npt.NDArray[np.bool_]:
-    """Return which samples have only similar normals around them."""
-    pairs = cKDTree(points).query_pairs(_FLAT_RADIUS, output_type="ndarray")  # (P, 2)
-    bent = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) < np.cos(_FLAT_ANGLE)
-    flat = np.ones(len(points), dtype=bool)
-    flat[pairs[bent].ravel()] = False
-    return flat
-
-
-def _near_sharp_edges(mesh: trimesh.Trimesh, points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Return which points are nearer to a sharp edge than a pad wants the surface flat."""
-    along, _ = _along_edges(mesh, np.asarray(mesh.face_adjacency_angles) > _FLAT_ANGLE)
-    if not len(along):
-        return np.zeros(len(points), dtype=bool)
-    distances, _ = cKDTree(along).query(points, distance_upper_bound=_FLAT_RADIUS)
-    return np.isfinite(distances)
-
-
-def _across_edges(
-    mesh: trimesh.Trimesh,
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Return points on sharp convex edges, normals halfway, and where a pad could lie across.
-
-    It could where the edge goes on straight as far as a pad reaches, and is known from touches.
-    """
-    sharp = np.asarray(mesh.face_adjacency_angles) > _FLAT_ANGLE
-    sharp &= np.asarray(mesh.face_adjacency_convex)
-    points, edge = _along_edges(mesh, sharp)
-    if not len(points):
-        return points, points, np.zeros(0, dtype=bool)
-    faces = np.asarray(mesh.face_adjacency)[sharp][edge]  # (P, 2)
-    normals = np.asarray(mesh.face_normals)[faces].sum(axis=1)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    known = _supported(mesh, faces[:, 0]) & _supported(mesh, faces[:, 1])
-    return points, normals, _flat(points, normals) & known
-
-
-def _along_edges(
-    mesh: trimesh.Trimesh, chosen: npt.NDArray[np.bool_]
-) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-    """Return points (P, 3) along the chosen edges between faces, and which edge each is of."""
-    ends = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[chosen]]  # (E, 2, 3)
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    counts = np.maximum(np.ceil(lengths / _EDGE_STEP).astype(int) + 1, 2)
-    edge = np.repeat(np.arange(len(ends)), counts)
-    place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
-    share = (place / (counts[edge] - 1))[:, None]
-    return (1.0 - share) * ends[edge, 0] + share * ends[edge, 1], edge
-
-
-def _supported(mesh: trimesh.Trimesh, faces: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
-    """Return which faces' surroundings are known from touches, where the mesh tells."""
-    uncertainty = mesh.vertex_attributes.get("uncertainty")
-    if uncertainty is None:
-        return np.ones(len(faces), dtype=bool)
-    of_face = np.asarray(uncertainty)[mesh.faces].mean(axis=1)  # (faces,)
-    known: npt.NDArray[np.bool_] = of_face[faces] <= _UNSUPPORTED * np.median(of_face) + 1e-12
-    return known

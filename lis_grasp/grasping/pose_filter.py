@@ -13,7 +13,8 @@ from lis_grasp.grasping.hand_parts import LinkGeometry
 
 FloatArray = npt.NDArray[np.float64]
 
-# Nodes of the grid along the object's largest extent; points of the surface, in nodes' distances.
+# Nodes of the grid along the object's largest extent, or along the radius of the hand's largest
+# ball if that is longer; points of the surface, in nodes' distances.
 _NODES = 32
 _SURFACE_STEP = 0.8
 # Balls of a long link overlap by this share of their radius.
@@ -43,8 +44,9 @@ class HandPoseFilter:
         self._of_pads = np.concatenate(
             [np.full(len(radii), g.link in hand.pad_links) for g, _, radii in balls]
         )
-        self._cell = float(mesh.extents.max()) / _NODES
-        margin = float(self._radii.max()) + 2.0 * self._cell
+        largest = float(self._radii.max())
+        self._cell = max(float(mesh.extents.max()), largest) / _NODES
+        margin = largest + 2.0 * self._cell
         self._lowest = np.asarray(mesh.bounds[0]) - margin
         shape = np.ceil((mesh.extents + 2.0 * margin) / self._cell).astype(int) + 1
         self._distances = _distances_to_solid(mesh, self._lowest, shape, self._cell)

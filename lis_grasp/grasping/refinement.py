@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.grasping.contact_search import ContactSets, SurfaceSamples
+from lis_grasp.grasping.contact_samples import SurfaceSamples
+from lis_grasp.grasping.contact_search import ContactSets
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.hand import Hand
 

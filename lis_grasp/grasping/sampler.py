@@ -11,12 +11,8 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.assessment import GraspAssessor
-from lis_grasp.grasping.contact_search import (
-    ContactSets,
-    SurfaceSamples,
-    find_contact_sets,
-    initial_postures,
-)
+from lis_grasp.grasping.contact_samples import SurfaceSamples
+from lis_grasp.grasping.contact_search import ContactSets, find_contact_sets, initial_postures
 from lis_grasp.grasping.grasp import Grasp, GraspSearch
 from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.placement import HandPlacer
@@ -39,7 +35,8 @@ class ForceClosureSampler:
     """Finds grasps in force closure, free of collision, that the hand can reach.
 
     Contact sets are drawn where the surface is flat enough for a pad and supported by touches, and
-    if no grasp comes of that also across sharp edges, as a jaw must hold a prism of five sides; the
+    if no grasp comes of that also across convex bends: a prism of five sides has an edge opposite
+    each face, and thin rods and small balls have nothing else. The
     palm's pose and the joints follow by inverse kinematics; a filter and FCL judge every link at
     the grasp, at the opened posture, and along the approach (`HandPlacer`); what is left is
     assessed and ranked by `GraspAssessor`. Then the best are refined: contacts beside theirs, ever
@@ -53,7 +50,7 @@ class ForceClosureSampler:
         Coulomb coefficient between pads and object.
     candidates
         Contact sets to draw at the most; fewer, once enough grasps hold, and as many again with
-        edges. Refinement tries up to ten more for each grasp asked for.
+        bends. Refinement tries up to ten more for each grasp asked for.
     """
 
     hand: Hand
@@ -106,7 +103,7 @@ class ForceClosureSampler:
         search = _Search(self.hand, samples, placer, assessor, rng)
         search.draw_enough(self.candidates, count)
         if not search.found:
-            search.samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, edges=True)
+            search.samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, bends=True)
             search.draw_enough(2 * self.candidates, count)
         search.refine(count)
         return search.result(count)

@@ -1,0 +1,179 @@
+"""Where a pad could press: points of a mesh, with normals and how far each stands for."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from scipy.spatial import cKDTree
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+_SAMPLES = 4000
+# A pad wants the surface flat about as far as it reaches: normals within this radius [m] may differ
+# by no more than this angle [rad] from the one in the middle. Across a bend those on opposite sides
+# may differ by no more in how far they are turned; the far side of a thin thing does not count.
+_FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
+_AVERTED = np.cos(np.deg2rad(100.0))
+_BULGE = 0.0005  # [m] by which the surface round a bend's sample may rise above its tangent plane
+_BLADE = np.deg2rad(150.0)  # edges that turn by more are too sharp to press on
+_EDGE_STEP = 0.001  # [m] between points that stand for a sharp edge
+REACH = 0.005
+"""How far beside its nearest sample a contact is looked for [m]."""
+# Vertices whose uncertainty exceeds this many times the median are not supported by touches.
+_UNSUPPORTED = 3.0
+
+
+class SurfaceSamples:
+    """Points of a mesh that a pad could press on, with their normals.
+
+    Parameters
+    ----------
+    mesh
+        Closed, in O [m].
+    lowest
+        Height above which points lie, in O [m].
+    rng
+        For every draw.
+    bends
+        Whether pads may lie across convex bends, too: sharp edges, ribs, rods and balls to which a
+        pad is wide. The surface falls off alike on all sides there, so that the pad rests on the
+        ridge; on a sharp edge, where it could rest at any angle between those of the two faces, the
+        normal is halfway.
+    """
+
+    def __init__(
+        self,
+        mesh: trimesh.Trimesh,
+        *,
+        lowest: float,
+        rng: np.random.Generator,
+        bends: bool = False,
+    ) -> None:
+        points, normals, faces = _on_faces(mesh, rng)
+        angles = np.asarray(mesh.face_adjacency_angles)
+        along, edge = _along_edges(mesh, np.flatnonzero(angles > _FLAT_ANGLE))
+        known = _supported(mesh)
+        flat = _flat(points, normals) & ~_near(along, points)
+        usable = flat & known[faces]
+        if bends:
+            ridge = (np.asarray(mesh.face_adjacency_convex) & (angles < _BLADE))[edge]
+            sides = np.asarray(mesh.face_adjacency)[edge[ridge]]  # (E, 2)
+            halfway = np.asarray(mesh.face_normals)[sides].sum(axis=1)
+            halfway /= np.linalg.norm(halfway, axis=1, keepdims=True)
+            on_faces = points
+            points, normals = np.vstack([points, along[ridge]]), np.vstack([normals, halfway])
+            even = _bends_evenly(points, normals) & ~_near(along[~ridge], points)
+            usable |= even[: len(faces)] & known[faces]
+            # A pad across an edge could as well lie on a rib's top or side that it covers.
+            across = even[len(faces) :] & known[sides].all(axis=1)
+            across &= ~_near(on_faces[usable], along[ridge])
+            usable = np.concatenate([usable, across])
+            flat = np.concatenate([flat, np.zeros(len(sides), dtype=bool)])
+        usable &= points[:, 2] > lowest
+        self.points: FloatArray = points[usable]
+        self.normals: FloatArray = normals[usable]
+        self.flat: BoolArray = flat[usable]
+        self.tree = cKDTree(self.points) if len(self.points) else None
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return where points (..., 3) go on the surface, its normals there, and which may."""
+        assert self.tree is not None
+        _, index = self.tree.query(points)
+        normals = self.normals[index]
+        height = ((points - self.points[index]) * normals).sum(axis=-1, keepdims=True)
+        on_plane = points - height * normals
+        beside = np.linalg.norm(on_plane - self.points[index], axis=-1)
+        on_surface = np.where(self.flat[index, None], on_plane, self.points[index])
+        return on_surface, normals, beside <= REACH
+
+    def met(self, p: FloatArray, direction: FloatArray, j: int) -> FloatArray:
+        """Return where a line from p, shape (3,), meets the surface beside sample j.
+
+        That is on the sample's tangent plane where the surface is flat, on a bend at the sample.
+        """
+        if not self.flat[j]:
+            return self.points[j]
+        point, normal = self.points[j], self.normals[j]
+        result: FloatArray = p + direction * (((point - p) @ normal) / (direction @ normal))
+        return result
+
+
+def _on_faces(
+    mesh: trimesh.Trimesh, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.intp]]:
+    """Return points (S, 3) spread over the mesh by area, their normals, and their faces (S,)."""
+    weights = mesh.area_faces / mesh.area_faces.sum()
+    faces = rng.choice(len(weights), size=_SAMPLES, p=weights)
+    u, v = rng.random((2, _SAMPLES))
+    flip = u + v > 1.0
+    u, v = np.where(flip, 1.0 - u, u), np.where(flip, 1.0 - v, v)
+    corners = mesh.triangles[faces]  # (S, 3, 3)
+    points = (
+        corners[:, 0]
+        + u[:, None] * (corners[:, 1] - corners[:, 0])
+        + v[:, None] * (corners[:, 2] - corners[:, 0])
+    )
+    return points, np.asarray(mesh.face_normals)[faces], faces
+
+
+def _flat(points: FloatArray, normals: FloatArray) -> BoolArray:
+    """Return which samples have only similar normals around them."""
+    pairs = cKDTree(points).query_pairs(_FLAT_RADIUS, output_type="ndarray")  # (P, 2)
+    bent = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) < np.cos(_FLAT_ANGLE)
+    flat = np.ones(len(points), dtype=bool)
+    flat[pairs[bent].ravel()] = False
+    return flat
+
+
+def _bends_evenly(points: FloatArray, normals: FloatArray) -> BoolArray:
+    """Return which samples lie highest where the surface turns away alike on opposite sides."""
+    tree = cKDTree(points)
+    even = np.zeros(len(points), dtype=bool)
+    for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        around = tree.query_ball_point(point, _FLAT_RADIUS)
+        cosines = normals[around] @ normal
+        facing = cosines > _AVERTED
+        tilts = normals[around][facing] - cosines[facing, None] * normal  # (N, 3)
+        sizes = np.linalg.norm(tilts, axis=1)
+        steepest = tilts[sizes.argmax()] / max(sizes.max(), np.finfo(float).tiny)
+        along = tilts @ np.column_stack([steepest, np.cross(normal, steepest)])  # (N, 2)
+        uneven = np.abs(along.max(axis=0) + along.min(axis=0))
+        risen = ((points[around] - point) @ normal).max()
+        even[i] = (uneven <= np.sin(_FLAT_ANGLE)).all() and risen <= _BULGE
+    return even
+
+
+def _near(places: FloatArray, points: FloatArray) -> BoolArray:
+    """Return which points are nearer to some place than a pad wants the surface flat."""
+    if not len(places):
+        return np.zeros(len(points), dtype=bool)
+    distances, _ = cKDTree(places).query(points, distance_upper_bound=_FLAT_RADIUS)
+    return np.isfinite(distances)
+
+
+def _along_edges(
+    mesh: trimesh.Trimesh, chosen: npt.NDArray[np.intp]
+) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Return points (P, 3) along the chosen edges between faces, and which edge each is of."""
+    ends = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[chosen]]  # (E, 2, 3)
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    counts = np.maximum(np.ceil(lengths / _EDGE_STEP).astype(int) + 1, 2)
+    edge = np.repeat(np.arange(len(ends)), counts)
+    place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (place / (counts[edge] - 1))[:, None]
+    return (1.0 - share) * ends[edge, 0] + share * ends[edge, 1], chosen[edge]
+
+
+def _supported(mesh: trimesh.Trimesh) -> BoolArray:
+    """Return which faces' surroundings are known from touches, where the mesh tells."""
+    uncertainty = mesh.vertex_attributes.get("uncertainty")
+    if uncertainty is None:
+        return np.ones(len(mesh.faces), dtype=bool)
+    of_face = np.asarray(uncertainty)[mesh.faces].mean(axis=1)  # (faces,)
+    known: BoolArray = of_face <= _UNSUPPORTED * np.median(of_face) + 1e-12
+    return known
