@@ -18,6 +18,7 @@ from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasp import Grasp
 from lis_grasp.grasping.grip import balanced_grip
 from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.simulation.lift import LiftOptions, LiftOutcome, prove_grasp, prove_grasps
 from lis_grasp.simulation.lift_mesh import merge_flat_faces
 from lis_grasp.simulation.lift_wrist import line, shake
@@ -139,6 +140,18 @@ def test_a_good_grasp_of_a_box_lifts_and_holds_it(allegro: Hand) -> None:
 def test_jaws_on_both_sides_of_a_box_lift_and_hold_it(wsg50: Hand) -> None:
     outcome = prove_box(wsg50, jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05))
     assert (outcome.reason, outcome.held) == ("held", True)
+
+
+@pytest.mark.parametrize("corners", [4, 64])
+def test_a_jaw_holds_rods_that_its_pads_overhang(wsg50: Hand, corners: int) -> None:
+    rod = trimesh.creation.cylinder(radius=0.005, height=0.12, sections=corners)
+    search = ForceClosureSampler(wsg50).sample(
+        rod, rng=np.random.default_rng(0), support_height=-0.06, count=1
+    )
+    (grasp,) = search.grasps
+    outcome = prove_grasp(rod, wsg50, grasp, support_height=-0.06, mass=0.1, options=SHORT)
+    assert outcome.held
+    assert outcome.slip < 0.005
 
 
 def test_a_trial_plays_in_the_frame_that_it_was_planned_in(allegro: Hand) -> None:

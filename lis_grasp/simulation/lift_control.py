@@ -221,8 +221,9 @@ class FingerControl:
             total = -float(np.sum(forces * normals))
             if total >= _ENOUGH * self._grip_force:
                 return forces
-        # No balance anywhere: the least unbalanced squeeze; table and palm take the rest.
-        return forces * (self._grip_force / max(total, 1e-3 * self._grip_force))
+        # No balance anywhere, as where a jaw first feels a rod at one end of each finger: the least
+        # unbalanced squeeze of full strength; table and palm take the rest.
+        return forces * (self._grip_force / total)
 
     def _efforts(self, forces: dict[str, FloatArray]) -> FloatArray:
         """Return the joint efforts (J,) with which the fingers exert forces, in H."""
