@@ -274,6 +274,23 @@ def test_pads_lie_across_balls_and_rods_but_not_beside_edges_or_in_grooves() -> 
     assert np.linalg.norm(points[:, :2], axis=1).min() > 0.01
 
 
+def test_triangles_without_area_are_no_edges_to_lie_across() -> None:
+    box = trimesh.creation.box((0.06, 0.06, 0.10))
+    a, b, c = (int(v) for v in box.faces[0])
+    first = len(box.vertices)
+    between = [0.5 * (box.vertices[a] + box.vertices[b]), 0.75 * box.vertices[a]]
+    between[1] = between[1] + 0.25 * box.vertices[b]
+    m, k = first, first + 1  # a, k, m, b along one edge
+    faces = [(a, b, m), (a, m, k), (a, k, c), (k, m, c), (m, b, c)]
+    slivers = trimesh.Trimesh(
+        np.vstack([box.vertices, between]), np.vstack([box.faces[1:], faces]), process=False
+    )
+    assert slivers.is_watertight
+    assert np.sum(slivers.area_faces == 0.0) == 2
+    samples = SurfaceSamples(slivers, lowest=-1.0, rng=np.random.default_rng(0), bends=True)
+    np.testing.assert_allclose(np.linalg.norm(samples.normals, axis=1), 1.0)
+
+
 def test_surface_that_no_touch_supports_is_not_grasped() -> None:
     mesh = trimesh.creation.box((0.05, 0.06, 0.10)).subdivide_to_size(0.008)
     # Only the part with z > 0 was touched.

@@ -17,7 +17,9 @@ _SAMPLES = 4000
 _FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
 _AVERTED = np.cos(np.deg2rad(100.0))
 _BULGE = 0.0005  # [m] by which the surface round a bend's sample may rise above its tangent plane
-_BLADE = np.deg2rad(150.0)  # edges that turn by more are too sharp to press on
+# Edges whose faces turn by more are too sharp to press on: the length of their normals' sum, which
+# is 0 between triangles without area.
+_BLADE = 2.0 * np.cos(np.deg2rad(150.0) / 2.0)
 _EDGE_STEP = 0.001  # [m] between points that stand for a sharp edge
 REACH = 0.005
 """How far beside its nearest sample a contact is looked for [m]."""
@@ -52,16 +54,17 @@ class SurfaceSamples:
         bends: bool = False,
     ) -> None:
         points, normals, faces = _on_faces(mesh, rng)
-        angles = np.asarray(mesh.face_adjacency_angles)
-        along, edge = _along_edges(mesh, np.flatnonzero(angles > _FLAT_ANGLE))
+        sharp = np.flatnonzero(np.asarray(mesh.face_adjacency_angles) > _FLAT_ANGLE)
+        along, edge = _along_edges(mesh, sharp)
         known = _supported(mesh)
         flat = _flat(points, normals) & ~_near(along, points)
         usable = flat & known[faces]
         if bends:
-            ridge = (np.asarray(mesh.face_adjacency_convex) & (angles < _BLADE))[edge]
-            sides = np.asarray(mesh.face_adjacency)[edge[ridge]]  # (E, 2)
+            sides = np.asarray(mesh.face_adjacency)[edge]  # (E, 2)
             halfway = np.asarray(mesh.face_normals)[sides].sum(axis=1)
-            halfway /= np.linalg.norm(halfway, axis=1, keepdims=True)
+            length = np.linalg.norm(halfway, axis=1)
+            ridge = np.asarray(mesh.face_adjacency_convex)[edge] & (length > _BLADE)
+            sides, halfway = sides[ridge], halfway[ridge] / length[ridge, None]
             on_faces = points
             points, normals = np.vstack([points, along[ridge]]), np.vstack([normals, halfway])
             even = _bends_evenly(points, normals) & ~_near(along[~ridge], points)
