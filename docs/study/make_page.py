@@ -33,8 +33,8 @@ from lis_grasp.study_report.tables import (
 from lis_grasp.visualization.figures.palette import estimator_label
 
 _HERE = Path(__file__).parent
-# The first seed that was run when nothing was changed any more.
-_UNSEEN = 4
+# The first of the seeds that were run after the planner had learnt of edges.
+_LATER = 4
 
 
 def make_page(study_file: Path, rows_folder: Path, docs: Path) -> Path:
@@ -102,8 +102,8 @@ def _means(rows: Sequence[Row], estimators: Sequence[str], measure: str) -> str:
 
 
 def _of_later_seeds(rows: Sequence[Row], reference: str) -> str:
-    """Return what the best of the others came to on seeds that were run after the last change."""
-    later = [row for row in rows if row["seed"] >= _UNSEEN]
+    """Return what `blend` came to on the seeds that were run later."""
+    later = [row for row in rows if row["seed"] >= _LATER]
     (found,) = [c for c in compare_held(later, reference) if c.estimator == "blend"]
     return f"{difference_text(found)} points, p {p_phrase(found.p)}, not adjusted"
 
