@@ -36,11 +36,11 @@ class ForceClosureSampler:
 
     Contact sets are drawn where the surface is flat enough for a pad and supported by touches, and
     if no grasp comes of that also across convex bends: a prism of five sides has an edge opposite
-    each face, and thin rods and small balls have nothing else. The
-    palm's pose and the joints follow by inverse kinematics; a filter and FCL judge every link at
-    the grasp, at the opened posture, and along the approach (`HandPlacer`); what is left is
-    assessed and ranked by `GraspAssessor`. Then the best are refined: contacts beside theirs, ever
-    nearer ones, replace them where a grasp at these is likelier to hold.
+    each face, and thin rods and small balls have nothing else. The palm's pose and the joints
+    follow by inverse kinematics; a filter and FCL judge every link at the grasp, at the opened
+    posture, and along the approach (`HandPlacer`); what is left is assessed and ranked by
+    `GraspAssessor`. Then the best are refined: contacts beside theirs, ever nearer ones, replace
+    them where a grasp at these is likelier to hold.
 
     Parameters
     ----------
