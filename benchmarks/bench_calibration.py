@@ -28,10 +28,10 @@ from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.evaluation.calibration import calibration_bins, expected_calibration_error
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.grasping.assessment import robust_epsilon_on
-from lis_grasp.json_lines import append_lines, read_lines
-from lis_grasp.pipeline import estimate, plan, prove, support_height, touch
-from lis_grasp.run_config import RunConfig
-from lis_grasp.worker_pool import worker_pool
+from lis_grasp.io.json_lines import append_lines, read_lines
+from lis_grasp.pipeline import estimate, lift, plan, support_height, touch
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.worker_pool import worker_pool
 
 BUDGETS = (("blend", 5), ("blend", 8), ("blend", 15), ("gpis", 5), ("gpis", 10), ("lis", 8))
 HEADER = {"benchmark": "calibration", "format": 1}
@@ -86,7 +86,7 @@ def _lifts_on(
     found = plan(mesh, hand, support=support, friction=0.8, count=10, seed=seed).grasps
     rows = []
     for grasp in dict.fromkeys([*found[:1], *found[-1:]]):
-        outcome = prove(shape, hand, grasp, mass=0.2, friction=0.8)
+        outcome = lift(shape, hand, grasp, mass=0.2, friction=0.8)
         felt = outcome.felt
         rows.append(
             {

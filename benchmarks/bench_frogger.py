@@ -26,14 +26,14 @@ import trimesh
 
 from lis_grasp import shapes
 from lis_grasp.grasping.assessment import epsilon_on
-from lis_grasp.grasping.collision import HandCollisionChecker
 from lis_grasp.grasping.force_closure import min_weight, resisted_force
-from lis_grasp.grasping.grasp import Grasp
+from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip import balanced_grip
-from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.inverse_kinematics import PadTargets, reach
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.simulation.lift import LiftOptions, prove_grasp
+from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.hand import Hand
+from lis_grasp.simulation.simulate_lift import LiftOptions, prove_grasp
 
 OURS, THEIRS, MENDED = "lis_grasp", "FRoGGeR", "FRoGGeR, mended"
 PLANNERS = (OURS, THEIRS, MENDED)

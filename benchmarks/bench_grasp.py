@@ -17,9 +17,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import ForceClosureSampler, Hand, epsilon_quality, is_force_closure, shapes
-from lis_grasp.grasping.collision import HandCollisionChecker
-from lis_grasp.grasping.pose_filter import HandPoseFilter
 from lis_grasp.grasping.quality import epsilon_qualities
+from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.pose_filter import HandPoseFilter
 
 
 def main() -> None:

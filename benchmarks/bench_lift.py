@@ -12,9 +12,10 @@ from collections import Counter
 import numpy as np
 
 from lis_grasp import shapes
-from lis_grasp.grasping.hand import HAND_NAMES, Hand
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.simulation.lift import prove_grasp
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.shipped_models import HAND_NAMES
+from lis_grasp.simulation.simulate_lift import simulate_lift
 
 
 def main() -> None:
@@ -40,7 +41,7 @@ def main() -> None:
             for rank, grasp in enumerate(search.grasps[: options.best], start=1):
                 for mass in masses:
                     start = time.perf_counter()
-                    outcome = prove_grasp(
+                    outcome = simulate_lift(
                         mesh, hand, grasp, support_height=support_height, mass=mass
                     )
                     seconds.append(time.perf_counter() - start)

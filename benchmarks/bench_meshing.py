@@ -22,8 +22,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 HALF = 0.1
 POSES = 20

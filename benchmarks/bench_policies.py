@@ -28,13 +28,14 @@ from lis_grasp import Hand, extract_mesh, shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
-from lis_grasp.exploration import Exploration, Workspace, explore
+from lis_grasp.exploration import Exploration, Workspace
+from lis_grasp.exploration import exploration_loop as explore
 from lis_grasp.exploration.motion_time import motion_seconds
-from lis_grasp.json_lines import append_lines, read_lines
-from lis_grasp.pipeline import make_policy
-from lis_grasp.run_config import RunConfig
+from lis_grasp.io.json_lines import append_lines, read_lines
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.stages import make_policy
+from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
-from lis_grasp.simulation.kinematic_probing import KinematicProber
 from lis_grasp.surfaces import ESTIMATORS
 
 matplotlib.use("Agg")

@@ -18,10 +18,10 @@ from pathlib import Path
 
 from distributed import Client, LocalCluster
 
-from lis_grasp.study.results import StudyResults
-from lis_grasp.study.scheduling import DaskCluster, run_study
-from lis_grasp.study.study import Study
-from lis_grasp.study.trial import run_job
+from lis_grasp.experiments.study.scheduling import DaskCluster, run_study
+from lis_grasp.experiments.study.study import Study
+from lis_grasp.experiments.study.study_results import StudyResults
+from lis_grasp.experiments.study.study_trial import run_job
 
 OBJECTS = ("box", "mallet", "sphere", "hollow_cylinder")
 ESTIMATORS = ("gpis", "blend")

@@ -22,11 +22,11 @@ from bench_calibration import tell_calibration
 from scipy.stats import binomtest
 
 from lis_grasp import Hand, shapes
-from lis_grasp.json_lines import append_lines, read_lines
-from lis_grasp.pipeline import plan, prove, support_height, touch
-from lis_grasp.regrasp import grasp_by_touch
-from lis_grasp.run_config import RunConfig
-from lis_grasp.worker_pool import worker_pool
+from lis_grasp.io.json_lines import append_lines, read_lines
+from lis_grasp.pipeline import lift, plan, support_height, touch
+from lis_grasp.pipeline.regrasp import grasp_by_touch
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.worker_pool import worker_pool
 
 PLANS = (("allegro", "truth"), ("allegro", 40), ("allegro", 15), ("wsg50", "truth"), ("wsg50", 40))
 HEADER = {"benchmark": "success", "format": 2}
@@ -74,7 +74,7 @@ def trials(name: str, seed: int) -> list[Row]:
                 )
                 if search.grasps:
                     foretold = search.grasps[0].quality["success_probability"]
-                    outcome = prove(
+                    outcome = lift(
                         shape, hand, search.grasps[0], mass=config.mass, friction=config.friction
                     )
             else:

@@ -16,8 +16,8 @@ import numpy as np
 
 from lis_grasp import Hand, shapes, surface_error
 from lis_grasp.exploration import STEP_FRACTION
-from lis_grasp.pipeline import estimate, touch
-from lis_grasp.run_config import RunConfig
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.stages import estimate, touch
 from lis_grasp.surfaces import ESTIMATORS
 
 MEASURES = ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")

@@ -19,11 +19,11 @@ from lis_grasp import Hand, shapes
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exploration import Probe
-from lis_grasp.pipeline import touch
-from lis_grasp.run_config import RunConfig
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.stages import touch
+from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
-from lis_grasp.simulation.kinematic_probing import KinematicProber
-from lis_grasp.simulation.probing import TOPPLED, DynamicProber
+from lis_grasp.simulation.dynamic_prober import TOPPLED, DynamicProber
 
 _TILT = np.deg2rad(40.0)
 

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from lis_grasp.contacts import Contacts as Contacts
     from lis_grasp.evaluation.surface_error import surface_error as surface_error
     from lis_grasp.grasping.force_closure import is_force_closure as is_force_closure
-    from lis_grasp.grasping.grasp import Grasp as Grasp
-    from lis_grasp.grasping.grasp import GraspSearch as GraspSearch
-    from lis_grasp.grasping.hand import Hand as Hand
+    from lis_grasp.grasping.grasps import Grasp as Grasp
+    from lis_grasp.grasping.grasps import GraspSearch as GraspSearch
     from lis_grasp.grasping.quality import epsilon_quality as epsilon_quality
     from lis_grasp.grasping.sampler import ForceClosureSampler as ForceClosureSampler
+    from lis_grasp.hands.hand import Hand as Hand
     from lis_grasp.meshing import extract_mesh as extract_mesh
     from lis_grasp.surfaces import BlendedImplicitSurface as BlendedImplicitSurface
     from lis_grasp.surfaces import (
@@ -33,9 +33,9 @@ _HOMES = {
     "Contacts": "lis_grasp.contacts",
     "ForceClosureSampler": "lis_grasp.grasping.sampler",
     "GaussianProcessImplicitSurface": "lis_grasp.surfaces",
-    "Grasp": "lis_grasp.grasping.grasp",
-    "GraspSearch": "lis_grasp.grasping.grasp",
-    "Hand": "lis_grasp.grasping.hand",
+    "Grasp": "lis_grasp.grasping.grasps",
+    "GraspSearch": "lis_grasp.grasping.grasps",
+    "Hand": "lis_grasp.hands.hand",
     "ImplicitSurface": "lis_grasp.surfaces",
     "LocalImplicitSurface": "lis_grasp.surfaces",
     "PatchImplicitSurface": "lis_grasp.surfaces",

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.exceptions import InvalidContactsError
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.io.contact_files import read_contact_file, write_contact_file
+from lis_grasp.typing import FloatArray
 
 FARTHEST = 1e7
 """Largest coordinate of a contact [m]: a place on Earth has less; more is a mistake."""
@@ -168,16 +168,24 @@ class Contacts:
 
     @classmethod
     def load(cls, path: Path | str) -> Contacts:
-        """Read contacts from a .ply (oriented point cloud) or .csv file, see `contact_files`."""
-        from lis_grasp.contact_files import load_contacts
+        """Read contacts from a .ply (oriented point cloud) or .csv file, see `io.contact_files`.
 
-        return load_contacts(Path(path))
+        Raises
+        ------
+        InvalidFileError
+            If the file is missing, of another format, damaged, or lacks points or normals.
+        InvalidContactsError
+            If its numbers are no contacts.
+        """
+        fields = read_contact_file(Path(path))
+        try:
+            return cls(**fields)
+        except InvalidContactsError as error:
+            raise InvalidContactsError(f"{path}: {error}") from None
 
     def save(self, path: Path | str, *, header: str = "") -> None:
         """Write contacts to a .ply or .csv file; `header` is kept as comment lines (PLY)."""
-        from lis_grasp.contact_files import save_contacts
-
-        save_contacts(self, Path(path), header=header)
+        write_contact_file(self, Path(path), header=header)
 
 
 def _join(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:

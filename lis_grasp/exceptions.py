@@ -1,13 +1,17 @@
-"""Errors raised on purpose; each says what was required, what came, and what to do."""
+"""Errors that the package raises on purpose: one sentence for people, attributes for programs."""
+
+from __future__ import annotations
 
 import reprlib
+from collections.abc import Iterable
+from pathlib import Path
 
-# Messages name what came, which may be a whole damaged file: the middle of such is left out.
+# Messages quote input, which may be a whole damaged file: the middle of a longer one is left out.
 _LONGEST = 800
 
 
 def shown(value: object) -> str:
-    """Return a value as a message names it: short, however large or deep the value is."""
+    """Return a short representation of a value for a message, however large or deep it is."""
     try:
         return reprlib.repr(value)
     except ValueError:  # an int of more digits than Python writes
@@ -25,7 +29,19 @@ class LisGraspError(Exception):
 
 
 class InvalidContactsError(LisGraspError):
-    """Contacts that no surface can be estimated from, or that contradict their own format."""
+    """Contacts that no surface can be estimated from, or that contradict their own format.
+
+    Attributes
+    ----------
+    field
+        Name of the field of `Contacts` that is wrong; empty if it is none in particular.
+    row
+        Index of the first contact that is wrong; None if it is none in particular.
+    """
+
+    def __init__(self, message: str, *, field: str = "", row: int | None = None) -> None:
+        super().__init__(message)
+        self.field, self.row = field, row
 
 
 class InvalidMeshError(LisGraspError):
@@ -33,15 +49,64 @@ class InvalidMeshError(LisGraspError):
 
 
 class InvalidHandError(LisGraspError):
-    """A hand description (YAML or URDF) that is incomplete or contradicts itself."""
+    """A hand description (YAML, URDF or SDF) that is incomplete or contradicts itself.
+
+    Attributes
+    ----------
+    file
+        Name of the file; empty if it is none in particular.
+    key
+        Dotted key in it, for example ``pads.thumb.radius``; empty if it is none in particular.
+    """
+
+    def __init__(self, message: str, *, file: str = "", key: str = "") -> None:
+        super().__init__(message)
+        self.file, self.key = file, key
 
 
 class InvalidOptionError(LisGraspError):
-    """An option outside its permitted range or set."""
+    """An option outside its permitted range or set.
+
+    Attributes
+    ----------
+    option
+        Its name; empty if the options contradict each other.
+    value
+        What was given.
+    """
+
+    def __init__(self, message: str, *, option: str = "", value: object = None) -> None:
+        super().__init__(message)
+        self.option, self.value = option, value
+
+    @classmethod
+    def not_one_of(
+        cls, option: str, value: object, choices: Iterable[object]
+    ) -> InvalidOptionError:
+        """Return the error of a value that is not in a set of choices."""
+        known = ", ".join(str(choice) for choice in choices)
+        return cls(
+            f"{option} must be one of {known}; it is {shown(value)}", option=option, value=value
+        )
+
+    @classmethod
+    def out_of_range(cls, option: str, value: object, required: str) -> InvalidOptionError:
+        """Return the error of a value out of range; `required` ends "<option> must be ..."."""
+        return cls(f"{option} must be {required}; it is {shown(value)}", option=option, value=value)
 
 
 class InvalidFileError(LisGraspError):
-    """A file that is missing, unreadable, or not of the format its name promises."""
+    """A file that is missing, unreadable, or not of the format that its name promises.
+
+    Attributes
+    ----------
+    path
+        Of the file; None if it is none in particular.
+    """
+
+    def __init__(self, message: str, *, path: Path | None = None) -> None:
+        super().__init__(message)
+        self.path = path
 
 
 class EstimationError(LisGraspError):

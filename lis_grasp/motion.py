@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.output_files import whole_file
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.typing import FloatArray
 
 OBJECT = "object"  # the name under which `Motion.poses` holds the object
 

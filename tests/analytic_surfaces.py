@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
+
 Function = Callable[[FloatArray], FloatArray]
 
 # Central differences of a function of lengths about 0.1 m.

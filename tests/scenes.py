@@ -8,9 +8,9 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.grasping.grasp import Grasp
-from lis_grasp.grasping.hand import Hand
-from lis_grasp.grasping.hand_parts import Joint, LinkGeometry, Pad
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_parts import Joint, LinkGeometry, Pad
 from lis_grasp.motion import Motion
 from lis_grasp.visualization import Scene
 from lis_grasp.visualization.touch_poses import TouchPose

@@ -1,41 +1,36 @@
-"""The package's shape: which way imports point, where Drake is, what the public names are."""
+"""The package's structure: direction of imports, where Drake is, public names."""
 
 import ast
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
+import networkx as nx
 import pytest
 
 import lis_grasp
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
 
-# The flow, one way: a module imports only from its own layer and from those above it in this list.
+# The flow: a module imports from its own folder and from those above it in this list, never below.
 LAYERS = [
-    ["exceptions"],
-    [
-        "bounding_volumes",
-        "output_files",
-        "ply_files",
-        "json_lines",
-        "model_files",
-        "provenance",
-        "read_only",
-        "winding",
-        "worker_pool",
-    ],
-    ["contacts", "contact_files", "shapes", "mesh_files", "motion"],
+    ["exceptions", "typing", "records"],
+    ["io"],
+    ["contacts", "motion"],
+    ["shapes"],
     ["surfaces"],
-    ["exploration"],
     ["meshing"],
+    ["exploration"],
+    ["hands"],
+    ["probing"],
     ["grasping"],
+    ["lifting"],
     ["simulation"],
     ["evaluation"],
-    ["run_config", "pipeline", "regrasp"],
-    ["study"],
-    ["visualization", "reporting", "scene_files"],
-    ["paper_report", "study_report"],
+    ["pipeline"],
+    ["visualization"],
+    ["experiments"],
     ["cli"],
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
@@ -45,47 +40,70 @@ def _modules() -> list[Path]:
     return [path for path in sorted(PACKAGE.rglob("*.py")) if path != PACKAGE / "__init__.py"]
 
 
-def _layer(path: Path) -> str:
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+def _folder(module: str) -> str:
+    return module.split(".")[1]
 
 
-def _imports(path: Path, *, runtime_only: bool) -> list[str]:
+def _imports(path: Path) -> list[str]:
+    """Return every module that a file imports while it runs, inside functions too."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    skipped: set[ast.AST] = set()
-    if runtime_only:
-        for node in ast.walk(tree):
-            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-                skipped.update(ast.walk(node))
+    annotations = {
+        child
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        for child in ast.walk(node)
+    }
     names = []
     for node in ast.walk(tree):
-        if node in skipped:
-            continue
-        if isinstance(node, ast.Import):
+        if isinstance(node, ast.Import) and node not in annotations:
             names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
+        elif isinstance(node, ast.ImportFrom) and node not in annotations:
             assert node.level == 0, f"{path}: relative imports hide the direction of the flow"
-            module = node.module or ""
-            names += [f"{module}.{alias.name}" for alias in node.names]
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
     return names
 
 
-@pytest.mark.parametrize("path", _modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_point_upstream(path: Path) -> None:
-    own = _layer(path)
-    assert own in LEVEL, f"'{own}' has no place in the flow yet: give it one in LAYERS"
-    for name in _imports(path, runtime_only=True):
-        parts = name.split(".")
-        if parts[0] != "lis_grasp" or len(parts) < 2 or parts[1].startswith("__"):
-            continue
-        assert LEVEL[parts[1]] <= LEVEL[own], f"{own} must not import {name}: it is downstream"
+def _module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-@pytest.mark.parametrize("path", _modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_drake_is_imported_in_simulation_only(path: Path) -> None:
-    if _layer(path) == "simulation":
-        return
-    drake = [n for n in _imports(path, runtime_only=False) if n.split(".")[0] == "pydrake"]
-    assert not drake
+def _import_graph() -> nx.DiGraph:
+    """Return modules of the package, with an arrow from each to every module that it imports."""
+    modules = {_module_name(path): path for path in _modules()}
+    graph = nx.DiGraph()
+    graph.add_nodes_from(modules)
+    for module, path in modules.items():
+        for name in _imports(path):
+            target = name if name in modules else name.rpartition(".")[0]
+            if target in modules and target != module:
+                graph.add_edge(module, target)
+    return graph
+
+
+def test_imports_follow_the_flow_without_circles() -> None:
+    graph = _import_graph()
+    unplaced = {_folder(module) for module in graph} - set(LEVEL)
+    assert not unplaced, f"give each of {unplaced} a place in LAYERS"
+    upward = [
+        (module, target)
+        for module, target in graph.edges
+        if LEVEL[_folder(target)] > LEVEL[_folder(module)]
+    ]
+    assert not upward
+    circles = [group for group in nx.strongly_connected_components(graph) if len(group) > 1]
+    assert not circles
+    drake = {
+        _folder(_module_name(path))
+        for path in _modules()
+        if any(name.split(".")[0] == "pydrake" for name in _imports(path))
+    }
+    assert drake == {"simulation"}
+
+
+def test_a_file_name_occurs_once() -> None:
+    names = Counter(path.name for path in _modules() if path.name != "__init__.py")
+    assert not [name for name, count in names.items() if count > 1]
 
 
 def test_contacts_to_grasps_runs_where_drake_cannot_be_imported() -> None:

@@ -11,15 +11,13 @@ from pathlib import Path
 from string import Template
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.json_lines import Row
-from lis_grasp.output_files import write_text
-from lis_grasp.study import Study, StudyResults, compare, load_study
-from lis_grasp.study.comparison import compare_held, kinds_of, names, pair_of
-from lis_grasp.study.keys import label
-from lis_grasp.study.trial import TIMES
-from lis_grasp.study_report.answer import answer
-from lis_grasp.study_report.pictures import draw_pictures
-from lis_grasp.study_report.tables import (
+from lis_grasp.experiments.figures.palette import estimator_label
+from lis_grasp.experiments.study import Study, StudyResults, compare, load_study
+from lis_grasp.experiments.study.answer import answer
+from lis_grasp.experiments.study.comparison import compare_held, kinds_of, names, pair_of
+from lis_grasp.experiments.study.keys import label
+from lis_grasp.experiments.study.study_figures import draw_pictures
+from lis_grasp.experiments.study.study_tables import (
     agreements_table,
     difference_text,
     differences_table,
@@ -30,7 +28,9 @@ from lis_grasp.study_report.tables import (
     reasons_table,
     summary_table,
 )
-from lis_grasp.visualization.figures.palette import estimator_label
+from lis_grasp.experiments.study.study_trial import TIMES
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.io.json_lines import Row
 
 _HERE = Path(__file__).parent
 # The first of the seeds that were run after the planner had learnt of edges.

@@ -14,15 +14,15 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import POLICIES
-from lis_grasp.output_files import write_text
-from lis_grasp.run_config import PROBERS
-from lis_grasp.worker_pool import process_count
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.pipeline.run_config import PROBERS
+from lis_grasp.pipeline.worker_pool import process_count
 
 if TYPE_CHECKING:
-    from lis_grasp.json_lines import Row
-    from lis_grasp.study.results import StudyResults
-    from lis_grasp.study.scheduling import Scheduler
-    from lis_grasp.study.study import Study
+    from lis_grasp.experiments.study.scheduling import Scheduler
+    from lis_grasp.experiments.study.study import Study
+    from lis_grasp.experiments.study.study_results import StudyResults
+    from lis_grasp.io.json_lines import Row
 
 _OUTPUT = Path("results/compare")
 
@@ -102,9 +102,9 @@ def add_parser(verbs: Any) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run what trials are missing, and write tables and report; or run one row again."""
-    from lis_grasp.study.results import StudyResults
-    from lis_grasp.study.scheduling import run_study
-    from lis_grasp.study.study import Study
+    from lis_grasp.experiments.study.scheduling import run_study
+    from lis_grasp.experiments.study.study import Study
+    from lis_grasp.experiments.study.study_results import StudyResults
 
     output: Path = options.output or _OUTPUT
     results = StudyResults(output)
@@ -132,8 +132,8 @@ def execute(options: argparse.Namespace) -> None:
 
 def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
     """Write the study's file into the folder, unless it is there, with whatever comments it has."""
-    from lis_grasp.study.study import Study
-    from lis_grasp.study.study_file import load_study
+    from lis_grasp.experiments.study.study import Study
+    from lis_grasp.experiments.study.study_file import load_study
 
     described = output / "study.yaml"
     known = load_study(described, options.meshes) if _study_file(options) == described else None
@@ -143,11 +143,11 @@ def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
 
 
 def _report(study: Study, rows: list[Row], output: Path) -> None:
-    from lis_grasp.study.comparison import compare
-    from lis_grasp.study_report import write_report, write_tables
-    from lis_grasp.study_report.cases import draw_cases
-    from lis_grasp.study_report.pictures import draw_pictures
-    from lis_grasp.study_report.tables import all_tables
+    from lis_grasp.experiments.study.cases import draw_cases
+    from lis_grasp.experiments.study.comparison import compare
+    from lis_grasp.experiments.study.study_figures import draw_pictures
+    from lis_grasp.experiments.study.study_page import write_report
+    from lis_grasp.experiments.study.study_tables import all_tables, write_tables
 
     with Stage("Reporting") as stage:
         comparisons = compare(rows, study.reference)
@@ -168,7 +168,7 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
 
 def _facts(options: argparse.Namespace) -> dict[str, Any]:
     """Return the facts of a study: those of the file, or --quick, and on top those of flags."""
-    from lis_grasp.study.study_file import load_study, with_places
+    from lis_grasp.experiments.study.study_file import load_study, with_places
 
     if options.study is not None and options.quick:
         raise InvalidOptionError("--quick is a study of its own: leave out --study, or --quick")
@@ -195,7 +195,7 @@ def _study_file(options: argparse.Namespace) -> Path | None:
 
 
 def _scheduler(options: argparse.Namespace) -> Scheduler:
-    from lis_grasp.study.scheduling import DaskCluster, InProcess, LocalPool
+    from lis_grasp.experiments.study.scheduling import DaskCluster, InProcess, LocalPool
 
     if options.scheduler is not None:
         if options.jobs is not None:
@@ -206,9 +206,9 @@ def _scheduler(options: argparse.Namespace) -> Scheduler:
 
 
 def _rerun(results: StudyResults, options: argparse.Namespace) -> None:
-    from lis_grasp.study.results import job_of, without_times
-    from lis_grasp.study.study import Study
-    from lis_grasp.study.trial import run_job
+    from lis_grasp.experiments.study.study import Study
+    from lis_grasp.experiments.study.study_results import job_of, without_times
+    from lis_grasp.experiments.study.study_trial import run_job
 
     recorded = results.row(options.rerun)
     study = Study.from_facts(_facts(options))

@@ -16,9 +16,9 @@ import lis_grasp
 from lis_grasp import pipeline
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import LisGraspError
-from lis_grasp.grasping.hand import Hand
-from lis_grasp.grasping.hand_check import Finding, check_hand
-from lis_grasp.run_config import RunConfig
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_check import Finding, check_hand
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import find
 
 _PACKAGES = ("drake", "numpy", "scipy", "trimesh", "python-fcl", "meshcat", "manifold3d")

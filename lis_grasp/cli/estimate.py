@@ -6,12 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from lis_grasp import pipeline, provenance
+from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.cli.results import result_file
+from lis_grasp.cli.results_folder import result_file
 from lis_grasp.contacts import Contacts
-from lis_grasp.mesh_files import save_surface
+from lis_grasp.io import provenance
+from lis_grasp.io.surface_files import save_surface
 
 
 def add_parser(verbs: Any) -> None:

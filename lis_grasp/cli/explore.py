@@ -6,13 +6,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from lis_grasp import pipeline, provenance
+from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.cli.results import remove_made_from
+from lis_grasp.cli.results_folder import remove_made_from
 from lis_grasp.exploration import Exploration, TouchLog
-from lis_grasp.grasping.hand import Hand
-from lis_grasp.run_config import RunConfig
+from lis_grasp.hands.hand import Hand
+from lis_grasp.io import provenance
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape
 
 LOG = "touches.jsonl"

@@ -8,15 +8,16 @@ from typing import Any
 
 import trimesh
 
-from lis_grasp import pipeline, provenance
+from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.cli.results import result_file
-from lis_grasp.grasping.grasp import GraspSearch, save_grasps
-from lis_grasp.grasping.hand import Hand
+from lis_grasp.cli.results_folder import result_file
+from lis_grasp.grasping.grasps import GraspSearch, save_grasps
 from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
-from lis_grasp.mesh_files import load_surface
-from lis_grasp.run_config import RunConfig
+from lis_grasp.hands.hand import Hand
+from lis_grasp.io import provenance
+from lis_grasp.io.surface_files import load_surface
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import load
 
 

@@ -1,4 +1,4 @@
-"""`lis-grasp lift`: prove planned grasps on the true object in Drake."""
+"""`lis-grasp lift`: simulate the lift of planned grasps on the true object."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from lis_grasp import pipeline, provenance
+from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.grasping.grasp import load_grasps
-from lis_grasp.grasping.hand import Hand
-from lis_grasp.output_files import write_json
-from lis_grasp.reporting import lift_facts
-from lis_grasp.worker_pool import process_count
+from lis_grasp.grasping.grasps import load_grasps
+from lis_grasp.hands.hand import Hand
+from lis_grasp.io import provenance
+from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.pipeline.run_report import lift_facts
+from lis_grasp.pipeline.worker_pool import process_count
 
 
 def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
-    parser = verbs.add_parser("lift", help="prove grasps on the true object, write lifts.json")
+    parser = verbs.add_parser("lift", help="simulate lifts of the true object, write lifts.json")
     parser.add_argument("grasps_file", type=Path, metavar="GRASPS", help="grasps.json of `grasp`")
     opt.add_object(parser, required_name=False)
     parser.add_argument(
@@ -49,7 +50,7 @@ def execute(options: argparse.Namespace) -> None:
     hand = Hand.load(config.hand)
     output = options.output or options.grasps_file.parent
     grasps = search.grasps[: options.best]
-    trials = pipeline.prove_all(
+    trials = pipeline.lift_each(
         shape,
         hand,
         grasps,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.exploration import POLICIES
-from lis_grasp.run_config import FINGERS, PROBERS, RunConfig
+from lis_grasp.pipeline.run_config import FINGERS, PROBERS, RunConfig
 from lis_grasp.shapes import NAMES, UNITS, Shape, find
 from lis_grasp.surfaces import ESTIMATORS
 

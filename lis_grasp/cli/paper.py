@@ -8,18 +8,18 @@ from typing import Any, get_args
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.evaluation.paper.contenders import OURS
-from lis_grasp.evaluation.paper.results import ResultsFile, run_trials
-from lis_grasp.evaluation.paper.trials import Experiment, trials
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.output_files import write_text
-from lis_grasp.run_config import RunConfig
-from lis_grasp.surfaces.baselines import BASELINES
-from lis_grasp.worker_pool import process_count
+from lis_grasp.experiments.baselines import BASELINES
+from lis_grasp.experiments.compared_estimators import OURS
+from lis_grasp.experiments.paper.paper_results import ResultsFile, run_trials
+from lis_grasp.experiments.paper.paper_trials import Experiment, trials
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.worker_pool import process_count
 
 _OUTPUT = Path("results/paper")
 _SEEDS, _QUICK_SEEDS = 10, 2
-_QUICK_CONTENDERS = ("lis", "lis_printed", "gpis", "blend")
+_QUICK_CONTENDERS = ("lis", "lis_as_published", "gpis", "blend")
 _CONTENDERS = (*OURS, "hermite_rbf", "offset_rbf")
 
 
@@ -54,9 +54,9 @@ def add_parser(verbs: Any) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run what trials are missing, draw the figures, write the report."""
-    from lis_grasp.paper_report import write_report
-    from lis_grasp.paper_report.pictures import draw_pictures
-    from lis_grasp.paper_report.tables import rows_as_csv
+    from lis_grasp.experiments.paper.paper_figures import draw_pictures
+    from lis_grasp.experiments.paper.paper_page import write_report
+    from lis_grasp.experiments.paper.paper_tables import rows_as_csv
 
     default = _QUICK_SEEDS if options.quick else _SEEDS
     seeds = default if options.seeds is None else options.seeds

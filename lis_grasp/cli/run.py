@@ -8,24 +8,25 @@ from typing import TYPE_CHECKING, Any
 
 import trimesh
 
-from lis_grasp import pipeline, provenance
+from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.explore import explored_header, touch_with_log
 from lis_grasp.cli.grasp import grasp_header, say_search
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.contacts import Contacts
-from lis_grasp.grasping.grasp import GraspSearch, save_grasps
-from lis_grasp.grasping.hand import Hand
-from lis_grasp.mesh_files import load_surface, save_surface
-from lis_grasp.output_files import write_json
-from lis_grasp.regrasp import Attempt, grasp_by_touch
-from lis_grasp.reporting import build_report
-from lis_grasp.run_config import RunConfig
-from lis_grasp.scene_files import write_scene_of
+from lis_grasp.grasping.grasps import GraspSearch, save_grasps
+from lis_grasp.hands.hand import Hand
+from lis_grasp.io import provenance
+from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.io.surface_files import load_surface, save_surface
+from lis_grasp.pipeline.regrasp import Attempt, grasp_by_touch
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.run_report import build_report
 from lis_grasp.shapes import Shape
+from lis_grasp.visualization.run_scene import write_scene_of
 
 if TYPE_CHECKING:
-    from lis_grasp.simulation.lift import LiftOutcome
+    from lis_grasp.simulation.simulate_lift import LiftOutcome
 
 
 def add_parser(verbs: Any) -> None:
@@ -109,13 +110,13 @@ def _attempts(
 
     def lift(*arguments: Any, **options: Any) -> LiftOutcome:
         with Stage(f"Lifting the true {shape.name}") as stage, watch.measure("lift"):
-            outcome = pipeline.prove(*arguments, **options)
+            outcome = pipeline.lift(*arguments, **options)
             outcome.motion.save(output / "motion.npz")
             stage.result = outcome.reason
         return outcome
 
     (output / "motion.npz").unlink(missing_ok=True)
-    return tuple(grasp_by_touch(shape, hand, contacts, config, planner=plan, prover=lift))
+    return tuple(grasp_by_touch(shape, hand, contacts, config, planner=plan, lift=lift))
 
 
 def _estimate(

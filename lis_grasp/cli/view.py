@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.cli.progress import say
-from lis_grasp.cli.results import scene_is_outdated
+from lis_grasp.cli.results_folder import scene_is_outdated
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.scene_files import write_scene_of
+from lis_grasp.visualization.run_scene import write_scene_of
 
 
 def add_parser(verbs: Any) -> None:

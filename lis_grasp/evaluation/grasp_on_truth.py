@@ -6,8 +6,8 @@ import numpy as np
 import trimesh
 
 from lis_grasp.grasping.assessment import epsilon_on
-from lis_grasp.grasping.grasp import Grasp
-from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.hands.hand import Hand
 
 
 def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, hand: Hand, *, friction: float) -> float:

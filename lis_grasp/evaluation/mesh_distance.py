@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Triangles are cut until no side is longer than three times that of this many equal ones: a few
 # large ones would otherwise be candidates everywhere.

@@ -15,8 +15,7 @@ from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
 from lis_grasp.exceptions import EstimationError, InvalidContactsError, InvalidOptionError
 from lis_grasp.shapes import Shape
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 SAMPLES = 10_000
 """Points on each surface, and along all edges."""

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Fractional steps of the two-dimensional golden sequence (Roberts 2018, "R2"): 1/g and 1/g^2 with
 # g^3 = g + 1.

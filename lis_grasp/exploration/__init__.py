@@ -1,6 +1,6 @@
 """Exploration: what to touch next, given what was touched before."""
 
-from lis_grasp.exploration.explore import Exploration, explore
+from lis_grasp.exploration.exploration_loop import Exploration, explore
 from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy
 from lis_grasp.exploration.probe import Probe, ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import Certain, Covered, StopRule, TimeSpent

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.hollows import bridged_places
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 """Directions of the first probes, shape (6, 3)."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.surfaces import ImplicitSurface
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 # Places are looked at this far apart along a tip's way, in units of the step.
 _SPACING = 0.25

@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 PROBE_SPEED = 0.1
 """Of a guarded motion, which may touch at any time [m/s]."""

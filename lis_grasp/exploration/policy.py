@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import aiming, choices
@@ -16,8 +15,7 @@ from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, uncarved
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 
 class Policy(Protocol):

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.typing import FloatArray
 
 if TYPE_CHECKING:
     from lis_grasp.exploration.known_shape import KnownShape
 
-FloatArray = npt.NDArray[np.float64]
 
 ProbeStatus = Literal["touched", "missed", "blocked"]
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.probe import ProbeOutcome
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 UNKNOWN = "unknown"
 """The link of a false touch."""

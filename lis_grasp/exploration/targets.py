@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.aiming import SAME_DIRECTION
@@ -14,9 +13,7 @@ from lis_grasp.exploration.motion_time import seconds_to_touch
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
-
-FloatArray = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from lis_grasp.typing import BoolArray, FloatArray
 
 # A target is the same as an earlier one within this share of its gap, if their directions agree.
 _SAME_TARGET = 0.4
@@ -56,7 +53,7 @@ class Targets:
     nearest: FloatArray
     second: FloatArray
     emptiness: FloatArray
-    new: Mask
+    new: BoolArray
     step: float
     seconds: FloatArray
 
@@ -98,7 +95,7 @@ def gaps(
 
 def _tried(
     points: FloatArray, normals: FloatArray, reach: FloatArray, outcomes: Sequence[ProbeOutcome]
-) -> Mask:
+) -> BoolArray:
     """Tell which points, shape (P,), were a target before, from about the same side."""
     targets = np.array([outcome.probe.target for outcome in outcomes])  # (K, 3)
     directions = np.array([outcome.probe.direction for outcome in outcomes])

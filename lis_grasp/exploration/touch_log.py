@@ -13,7 +13,7 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidFileError, InvalidOptionError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
-from lis_grasp.json_lines import Row, append_lines, read_lines
+from lis_grasp.io.json_lines import Row, append_lines, read_lines
 
 _END = "ended"
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.zero_set import sample_zero_set
 from lis_grasp.surfaces import ImplicitSurface
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 STEP_FRACTION = 0.25
 """Length of a step in sizes of the object: 50 mm on 20 cm (Ottenhaus et al. 2016, IV.B)."""

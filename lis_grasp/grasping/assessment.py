@@ -7,20 +7,18 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from lis_grasp.grasping.contact_model import ContactModel
 from lis_grasp.grasping.contact_search import ContactSets
 from lis_grasp.grasping.force_closure import resisted_force
-from lis_grasp.grasping.grasp import Grasp
+from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip import balanced_grip
-from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.inverse_kinematics import Postures
 from lis_grasp.grasping.quality import epsilon_qualities, epsilon_quality
 from lis_grasp.grasping.shape_uncertainty import UncertainSurface
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.hands.hand import Hand
+from lis_grasp.typing import FloatArray
 
 # Contacts are known to a few degrees only: grasps are ranked at this share of the friction.
 _ROBUST_SHARE = 0.5

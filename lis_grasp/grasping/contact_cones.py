@@ -15,9 +15,7 @@ from lis_grasp.grasping.contact_model import (
     contact_wrenches,
     scaled_arms,
 )
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 _ROUNDING = 1e-12
 
@@ -25,7 +23,7 @@ _ROUNDING = 1e-12
 class ContactCones(Protocol):
     """The wrenches of B grasps with C contacts each, normal forces of 1."""
 
-    def farthest(self, directions: FloatArray, grasps: IntArray) -> FloatArray:
+    def farthest(self, directions: FloatArray, grasps: IndexArray) -> FloatArray:
         """Return each contact's wrench, shape (b, C, 6), farthest along its grasp's direction.
 
         Parameters
@@ -50,7 +48,7 @@ class LinearCones:
 
     wrenches: FloatArray
 
-    def farthest(self, directions: FloatArray, grasps: IntArray) -> FloatArray:
+    def farthest(self, directions: FloatArray, grasps: IndexArray) -> FloatArray:
         """See `ContactCones.farthest`."""
         wrenches = self.wrenches[grasps]  # (b, C, K, 6)
         reach = (wrenches @ directions[:, None, :, None])[..., 0]  # (b, C, K)
@@ -84,7 +82,7 @@ class RoundCones:
     friction: float
     levers: FloatArray
 
-    def farthest(self, directions: FloatArray, grasps: IntArray) -> FloatArray:
+    def farthest(self, directions: FloatArray, grasps: IndexArray) -> FloatArray:
         """See `ContactCones.farthest`."""
         arms, inward = self.arms[grasps], -self.normals[grasps]  # (b, C, 3)
         turn = directions[:, None, 3:]

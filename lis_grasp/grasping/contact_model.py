@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidOptionError
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 ContactModel = Literal["frictionless", "coulomb", "soft_finger"]
 

@@ -7,8 +7,7 @@ import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from lis_grasp.typing import BoolArray, FloatArray
 
 _SAMPLES = 4000
 # A pad wants the surface flat about as far as it reaches: normals within this radius [m] may differ

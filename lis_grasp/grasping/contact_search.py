@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.grasping.contact_samples import REACH, SurfaceSamples
-from lis_grasp.grasping.hand import Hand
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.hands.hand import Hand
+from lis_grasp.typing import FloatArray
 
 # Contacts oppose each other when their normals do, within these angles [rad]: straight across from
 # the thumb, and for the fingers, each of which may have a face of its own (a prism's).

@@ -12,8 +12,7 @@ from lis_grasp.grasping.contact_cones import contact_cones
 from lis_grasp.grasping.contact_model import CONE_EDGES, ContactModel
 from lis_grasp.grasping.grasp_contacts import frame_of, one_grasp, primitive_wrenches
 from lis_grasp.grasping.quality import spans
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 # Least weight, and reach of a cone beyond a separating plane, that count as none.
 _NO_WEIGHT, _NO_REACH = 1e-9, 1e-7
@@ -74,13 +73,13 @@ def is_force_closure(
     InvalidContactsError
         If points and normals are not (C, 3) with C >= 1, or not finite.
     """
-    proof = prove_force_closure(
+    proof = certify_force_closure(
         points, normals, friction=friction, model=model, torsion=torsion, edges=edges
     )
     return proof.holds
 
 
-def prove_force_closure(
+def certify_force_closure(
     points: npt.ArrayLike,
     normals: npt.ArrayLike,
     *,

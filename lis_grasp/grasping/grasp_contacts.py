@@ -7,8 +7,7 @@ import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.grasping.contact_model import CONE_EDGES, ContactModel, contact_wrenches
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 
 def checked_contacts(

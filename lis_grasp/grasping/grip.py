@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import nnls
 
 from lis_grasp.grasping.contact_model import cone_edges
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 # Balance first, then the asked total, then evenness: each two orders of magnitude behind the last.
 _BALANCE_WEIGHT = 100.0

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.grasping.hand import Hand
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.hands.hand import Hand
+from lis_grasp.typing import FloatArray
 
 _ITERATIONS = 40
 _DAMPING = 1e-3

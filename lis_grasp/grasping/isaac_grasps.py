@@ -9,9 +9,9 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.grasping.grasp import Grasp, GraspSearch
-from lis_grasp.grasping.hand import Hand
-from lis_grasp.output_files import whole_file
+from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.hands.hand import Hand
+from lis_grasp.io.atomic_writing import whole_file
 
 
 def save_isaac_grasps(path: Path | str, search: GraspSearch, hand: Hand) -> None:

@@ -9,13 +9,12 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.grasping.assessment import PlacedHands
-from lis_grasp.grasping.collision import HandCollisionChecker
 from lis_grasp.grasping.contact_search import ContactSets
-from lis_grasp.grasping.hand import Hand
 from lis_grasp.grasping.inverse_kinematics import PadTargets, reach
-from lis_grasp.grasping.pose_filter import HandPoseFilter
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.pose_filter import HandPoseFilter
+from lis_grasp.typing import FloatArray
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border

@@ -21,10 +21,8 @@ from lis_grasp.grasping.grasp_contacts import (
     one_grasp,
     primitive_wrenches,
 )
-from lis_grasp.grasping.inner_ball import inner_radii
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from lis_grasp.grasping.inscribed_ball import inner_radii
+from lis_grasp.typing import FloatArray, IndexArray
 
 ForceLimit = Literal["sum", "each"]
 """What is bounded by 1: the sum of the normal forces (L1), or each of them (L-infinity)."""
@@ -166,7 +164,7 @@ def epsilon_qualities(
         edges=edges,
     )
 
-    def farthest(directions: FloatArray, grasps: IntArray) -> FloatArray:
+    def farthest(directions: FloatArray, grasps: IndexArray) -> FloatArray:
         wrenches = cones.farthest(directions, grasps)  # (b, C, 6)
         reach = (wrenches @ directions[:, :, None])[..., 0]  # (b, C)
         if limit == "each":

@@ -9,10 +9,9 @@ import numpy.typing as npt
 
 from lis_grasp.grasping.contact_samples import SurfaceSamples
 from lis_grasp.grasping.contact_search import ContactSets
-from lis_grasp.grasping.grasp import Grasp
-from lis_grasp.grasping.hand import Hand
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.hands.hand import Hand
+from lis_grasp.typing import FloatArray
 
 
 def vary(

@@ -13,12 +13,11 @@ from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.assessment import GraspAssessor
 from lis_grasp.grasping.contact_samples import SurfaceSamples
 from lis_grasp.grasping.contact_search import ContactSets, find_contact_sets, initial_postures
-from lis_grasp.grasping.grasp import Grasp, GraspSearch
-from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.placement import HandPlacer
 from lis_grasp.grasping.refinement import vary
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.hands.hand import Hand
+from lis_grasp.typing import FloatArray
 
 # Contact sets that are worked on together.
 _ROUND = 100

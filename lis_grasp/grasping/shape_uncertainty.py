@@ -9,7 +9,7 @@ import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 # Over which share of the object's largest extent errors of an estimate go together: the distance of
 # contacts from each other when an object of that size is explored.

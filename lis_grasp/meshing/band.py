@@ -15,9 +15,7 @@ import numpy.typing as npt
 
 from lis_grasp.meshing.field import Field
 from lis_grasp.meshing.grid import Grid
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray
 
 # Side of a coarse cell, in cells.
 COARSE = 4

@@ -24,9 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.meshing.grid import Grid
-
-IndexArray = npt.NDArray[np.intp]
-ByteArray = npt.NDArray[np.uint8]
+from lis_grasp.typing import ByteArray, IndexArray
 
 _CORNER_BIT = (4, 2, 1)
 

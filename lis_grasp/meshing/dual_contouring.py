@@ -15,9 +15,7 @@ from lis_grasp.meshing.cell_sheets import corner_configurations, edge_number, sh
 from lis_grasp.meshing.grid import Grid
 from lis_grasp.meshing.hermite import Crossings
 from lis_grasp.meshing.quadrics import place_vertices
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Cells round an edge along +a, in turn: cell (u, v) has the edge at its (b, c) = (u, v).
 _AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))

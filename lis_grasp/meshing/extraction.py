@@ -12,11 +12,9 @@ from lis_grasp.meshing.dual_contouring import contour
 from lis_grasp.meshing.field import Field
 from lis_grasp.meshing.grid import Grid
 from lis_grasp.meshing.hermite import find_crossings
-from lis_grasp.meshing.support import supported_faces
+from lis_grasp.meshing.phantom_parts import supported_faces
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Cells along the largest extent, if nothing else is asked for.
 CELLS = 64

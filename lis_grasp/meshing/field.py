@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 
 class Field:

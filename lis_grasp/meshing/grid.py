@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Parts of a cell by which the grid is shifted: multiples of the golden ratio, no simple fractions.
 _SHIFT = np.array([0.1459, 0.0902, 0.0557])

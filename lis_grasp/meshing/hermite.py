@@ -9,9 +9,7 @@ import numpy.typing as npt
 
 from lis_grasp.meshing.field import Field
 from lis_grasp.meshing.grid import Grid
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # A step this short, in cells, is the last; the crossing is then good to the next order.
 _TOLERANCE = 5e-3

@@ -9,13 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.meshing.grid import Grid
 from lis_grasp.meshing.hermite import Crossings
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Eigenvalues of a quadric below this part of the largest are noise, not an edge: with equal
 # shares of both sides, an edge that turns by less than 16 deg (tan^2 of half the angle).

@@ -19,7 +19,7 @@ from lis_grasp.shapes.builtin import (
     torus,
 )
 from lis_grasp.shapes.finding import find
-from lis_grasp.shapes.mesh_files import FORMATS, UNITS, load
+from lis_grasp.shapes.mesh_loading import FORMATS, UNITS, load
 from lis_grasp.shapes.shape import SHARP_ANGLE, Shape, sharp_edges
 
 __all__ = [

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
-from lis_grasp.shapes.mesh_files import FORMATS, load
+from lis_grasp.shapes.mesh_loading import FORMATS, load
 from lis_grasp.shapes.shape import Shape
 
 

@@ -12,9 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.shapes.topology import edge_keys
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.int64]
+from lis_grasp.typing import FloatArray, IntArray
 
 # Squared edge lengths count this much against areas.
 _LENGTH_WEIGHT = 0.01
@@ -25,9 +23,7 @@ _SLIVER = 1e-3
 _LONGEST = 400
 
 
-def fill_loop(
-    vertices: FloatArray, faces: IndexArray, loop: IndexArray
-) -> tuple[IndexArray, FloatArray]:
+def fill_loop(vertices: FloatArray, faces: IntArray, loop: IntArray) -> tuple[IntArray, FloatArray]:
     """Return the triangles (F, 3) that close a loop, and the vertices (0 or 1, 3) that they add.
 
     Parameters
@@ -44,7 +40,7 @@ def fill_loop(
     return _fan(vertices, loop)
 
 
-def _forbidden(faces: IndexArray, loop: IndexArray) -> npt.NDArray[np.bool_]:
+def _forbidden(faces: IntArray, loop: IntArray) -> npt.NDArray[np.bool_]:
     """Tell the chords, shape (n, n), that are edges of the mesh already and can take no face."""
     n = len(loop)
     if n == 3:
@@ -58,7 +54,7 @@ def _forbidden(faces: IndexArray, loop: IndexArray) -> npt.NDArray[np.bool_]:
     return forbidden
 
 
-def _least_area(ring: FloatArray, forbidden: npt.NDArray[np.bool_]) -> IndexArray | None:
+def _least_area(ring: FloatArray, forbidden: npt.NDArray[np.bool_]) -> IntArray | None:
     """Return the best triangulation of a ring (n, 3) as rows of its corners; None if there is none.
 
     cost[i, j] is that of the ring's part from i to j, closed by the chord between them.
@@ -92,7 +88,7 @@ def _least_area(ring: FloatArray, forbidden: npt.NDArray[np.bool_]) -> IndexArra
     return np.array(corners, dtype=np.int64)
 
 
-def _fan(vertices: FloatArray, loop: IndexArray) -> tuple[IndexArray, FloatArray]:
+def _fan(vertices: FloatArray, loop: IntArray) -> tuple[IntArray, FloatArray]:
     """Close a loop by triangles to its middle, a new vertex: always possible, if not always flat.
 
     The middle is weighted by length, so that many short edges on one side do not pull it there.

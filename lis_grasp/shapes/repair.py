@@ -26,10 +26,8 @@ from lis_grasp.shapes.topology import (
     part_at_shared_edges,
 )
 from lis_grasp.shapes.uniting import unite
-from lis_grasp.winding import winding_number
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.int64]
+from lis_grasp.shapes.winding_number import winding_number
+from lis_grasp.typing import FloatArray, IntArray
 
 # Vertices closer than this part of the object's size are one vertex written twice.
 _SAME_VERTEX = 1e-6
@@ -45,7 +43,7 @@ _PLACES = 50
 _MOST_HOLES = 2000
 
 
-def mend(vertices: FloatArray, faces: IndexArray) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+def mend(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     """Return a closed, outward mesh of the triangles, and what was mended, one sentence each.
 
     Raises
@@ -74,7 +72,7 @@ def _roughly_boxed(mesh: trimesh.Trimesh) -> float:
     return float(np.prod(np.maximum(mesh.extents, 1e-3 * mesh.extents.max())))
 
 
-def _merged(vertices: FloatArray, faces: IndexArray) -> trimesh.Trimesh:
+def _merged(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
     """Join vertices written more than once (every STL; seams of textures elsewhere)."""
     used, numbers = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], numbers.reshape(-1, 3)
@@ -121,7 +119,7 @@ def _drop_degenerate(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     mesh.remove_unreferenced_vertices()
 
 
-def _is_even(faces: IndexArray, ordered: IndexArray) -> npt.NDArray[np.bool_]:
+def _is_even(faces: IntArray, ordered: IntArray) -> npt.NDArray[np.bool_]:
     """Tell which faces are an even permutation of their ordered vertices."""
     start = np.argmin(faces, axis=1)
     following = faces[np.arange(len(faces)), (start + 1) % 3]
@@ -146,7 +144,7 @@ def _orient(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
         repairs.append(f"turned {_count(turned, 'face')} outward")
 
 
-def _same_turn(before: IndexArray, after: IndexArray) -> npt.NDArray[np.bool_]:
+def _same_turn(before: IntArray, after: IntArray) -> npt.NDArray[np.bool_]:
     return _is_even(before, np.sort(before, axis=1)) == _is_even(after, np.sort(after, axis=1))
 
 
@@ -209,7 +207,7 @@ def _turn_parts_outward(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
         repairs.append(f"turned {_count(turned, 'part')} outward")
 
 
-def _each_body(mesh: trimesh.Trimesh) -> list[IndexArray]:
+def _each_body(mesh: trimesh.Trimesh) -> list[IntArray]:
     """Return the face indices of every connected part."""
     count = len(mesh.faces)
     pairs = mesh.face_adjacency

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 SHARP_ANGLE = float(np.radians(30.0))
 """Two faces that meet at a larger angle between their normals form a sharp edge [rad]."""

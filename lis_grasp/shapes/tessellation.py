@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.int64]
+from lis_grasp.typing import FloatArray, IntArray
 
-Patch = tuple[FloatArray, IndexArray]
+Patch = tuple[FloatArray, IntArray]
 """Vertices (V, 3) and faces (F, 3) of a part of a surface."""
 
 

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from lis_grasp.typing import BoolArray, FloatArray, IntArray
 
 # Faces at one edge whose directions differ by less than this [rad] lie on each other.
 _SAME_ANGLE = 1e-6
 
 
-def edge_keys(start: IndexArray, end: IndexArray, base: int) -> IndexArray:
+def edge_keys(start: IntArray, end: IntArray, base: int) -> IntArray:
     """Return one number for each edge, whichever way it runs; vertices are below `base`."""
     return np.minimum(start, end) * base + np.maximum(start, end)
 
 
-def edge_groups(faces: IndexArray) -> tuple[IndexArray, Mask, IndexArray]:
+def edge_groups(faces: IntArray) -> tuple[IntArray, BoolArray, IntArray]:
     """Number the edges of faces (F, 3).
 
     Returns
@@ -38,13 +35,13 @@ def edge_groups(faces: IndexArray) -> tuple[IndexArray, Mask, IndexArray]:
     return edge.reshape(-1, 3), start < end, count
 
 
-def is_bad_edge(edge: IndexArray, forward: Mask, count: IndexArray) -> Mask:
+def is_bad_edge(edge: IntArray, forward: BoolArray, count: IntArray) -> BoolArray:
     """Tell the edges, shape (E,), with three faces or more, or with two that disagree."""
     ahead = np.bincount(edge.ravel(), weights=forward.ravel(), minlength=len(count))
     return (count > 2) | ((count == 2) & (ahead != 1))
 
 
-def disagreeing_faces(faces: IndexArray) -> Mask:
+def disagreeing_faces(faces: IntArray) -> BoolArray:
     """Tell the faces, shape (F,), to turn over so that neighbours agree, as few as a part allows.
 
     Every face is two nodes, as it is and turned over, linked to the node of each neighbour that
@@ -68,7 +65,7 @@ def disagreeing_faces(faces: IndexArray) -> Mask:
     return (as_is != turned) & (fewer | tie)
 
 
-def drop_fins(faces: IndexArray) -> Mask:
+def drop_fins(faces: IntArray) -> BoolArray:
     """Tell the faces, shape (F,), to keep when all that stick out of a surface go.
 
     A fin has an edge with too many faces on one side and ends openly on the other.
@@ -82,7 +79,7 @@ def drop_fins(faces: IndexArray) -> Mask:
         kept[np.flatnonzero(kept)[fins]] = False
 
 
-def part_at_shared_edges(vertices: FloatArray, faces: IndexArray) -> tuple[FloatArray, IndexArray]:
+def part_at_shared_edges(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Part a mesh where solids touch along an edge, by giving each solid vertices of its own.
 
     Round such an edge the faces are paired across the material between them. Vertices that are at
@@ -116,8 +113,8 @@ def part_at_shared_edges(vertices: FloatArray, faces: IndexArray) -> tuple[Float
 
 
 def _pair_round_edge(
-    vertices: FloatArray, faces: IndexArray, ahead: IndexArray, behind: IndexArray
-) -> IndexArray:
+    vertices: FloatArray, faces: IntArray, ahead: IntArray, behind: IntArray
+) -> IntArray:
     """Pair the faces at one edge, given by corner numbers, with material between each two."""
     start = faces.ravel()[ahead[0]]
     end = faces[ahead[0] // 3, (ahead[0] + 1) % 3]
@@ -126,7 +123,7 @@ def _pair_round_edge(
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     second = np.cross(axis, first)
 
-    def angles(corners: IndexArray) -> FloatArray:
+    def angles(corners: IntArray) -> FloatArray:
         away = vertices[faces[corners // 3, (corners + 2) % 3]] - vertices[start]
         return np.arctan2(away @ second, away @ first)
 
@@ -141,7 +138,7 @@ def _pair_round_edge(
     return np.array(pairs, dtype=np.int64)
 
 
-def boundary_loops(faces: IndexArray) -> list[IndexArray]:
+def boundary_loops(faces: IntArray) -> list[IntArray]:
     """Return the borders of a mesh whose inner edges have two agreeing faces each.
 
     Every loop runs along its faces' own direction and passes no vertex twice. As many border
@@ -160,7 +157,7 @@ def boundary_loops(faces: IndexArray) -> list[IndexArray]:
     return loops
 
 
-def _walk(following: dict[int, list[int]], start: int) -> list[IndexArray]:
+def _walk(following: dict[int, list[int]], start: int) -> list[IntArray]:
     """Walk from `start` until back there, using edges up, and cut off a loop at each crossing."""
     loops = []
     path, position = [start], {start: 0}

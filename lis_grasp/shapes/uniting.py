@@ -6,8 +6,8 @@ import fcl
 import numpy as np
 import trimesh
 
-from lis_grasp.bounding_volumes import bounding_volumes
 from lis_grasp.exceptions import InvalidMeshError
+from lis_grasp.shapes.bounding_volumes import bounding_volumes
 
 # Faces of solids meet along lines, or lie on each other: up to five crossings a face. Where there
 # are more than this for each face of the file, solids are torn, and uniting them may take minutes.

@@ -39,11 +39,10 @@ from pydrake.multibody.tree import (
     UnitInertia,
 )
 
-from lis_grasp.grasping.hand import Hand
-from lis_grasp.grasping.hand_parts import Inertial, LinkGeometry
-from lis_grasp.grasping.hand_parts import Joint as HandJoint
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_parts import Inertial, LinkGeometry
+from lis_grasp.hands.hand_parts import Joint as HandJoint
+from lis_grasp.typing import FloatArray
 
 # A frame without matter still needs a mass for the solver; a gram on a hand of a kilogram.
 _LEAST_MASS = 1e-3

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import lsq_linear
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.grasping.grasp import Grasp
+from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip import balanced_grip
-from lis_grasp.grasping.hand import Hand
+from lis_grasp.hands.hand import Hand
 from lis_grasp.simulation.lift_scene import LiftScene, Touch
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 # What a fingertip must feel before its finger stops: the weight of a few coins.
 _TOUCH_FORCE = 0.2  # [N]

@@ -19,15 +19,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.grasping.hand import Hand
+from lis_grasp.hands.hand import Hand
 from lis_grasp.motion import OBJECT
+from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.advancing import advance
 from lis_grasp.simulation.hand_plant import add_hand, add_wrist, ignore_self_collision
-from lis_grasp.simulation.lift_mesh import merge_flat_faces
 from lis_grasp.simulation.object_plant import add_object
 from lis_grasp.simulation.table import add_table
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 # Firm rubber: 5 N flatten a spherical fingertip by 0.4 mm, F = pi E d^2.
 _SKIN_MODULUS = 1e7  # [Pa]

@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.grasping.grasp import Grasp
-from lis_grasp.grasping.hand import Hand
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome, Reason
+from lis_grasp.lifting.wrist_trajectory import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.simulation.lift_control import FingerControl
-from lis_grasp.simulation.lift_outcome import LiftOptions, LiftOutcome, Reason
 from lis_grasp.simulation.lift_scene import LiftScene
-from lis_grasp.simulation.lift_wrist import WristPath, line, rest_at, shake_about
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 _GRAVITY = 9.81  # [m/s^2]
 # Fingers are commanded at this rate, the wrist in each time step.
@@ -46,11 +44,11 @@ _RETREAT_TIME = 0.4  # [s]
 _FingerCommand = Callable[[float], bool]
 
 # What the fingers feel when they have closed, before they squeeze -> whether to go on.
-Judge = Callable[[Contacts], bool]
+AcceptGrasp = Callable[[Contacts], bool]
 
 
 class LiftTrial:
-    """A grasp trial; arguments as `prove_grasp`, which checks them."""
+    """A grasp trial; arguments as `simulate_lift`, which checks them."""
 
     def __init__(
         self,
@@ -62,11 +60,11 @@ class LiftTrial:
         mass: float,
         friction: float,
         options: LiftOptions,
-        judge: Judge | None,
+        accept_grasp: AcceptGrasp | None,
         X_WO: FloatArray | None,
     ) -> None:
         self._options = options
-        self._judge = judge
+        self._accept_grasp = accept_grasp
         self._support_height = support_height
         stiffness = hand.effort_limits / _full_effort_errors(hand)
         self._scene = LiftScene(
@@ -143,7 +141,7 @@ class LiftTrial:
     def _approach(self) -> Reason | None:
         duration = self._options.approach_time
         way = line(self._retreat, np.zeros(6), duration)
-        self._advance(duration, way, self._feel if self._judge is not None else None)
+        self._advance(duration, way, self._feel if self._accept_grasp is not None else None)
         if len(self._felt):
             return self._decline()
         self._advance(_SETTLE_TIME, rest_at(np.zeros(6)))
@@ -156,7 +154,7 @@ class LiftTrial:
         interval = 1.0 / _CONTROL_RATE
         self._advance(_CLOSING_LIMIT, here, lambda time: self._control.close(time, interval))
         self._closed, self._felt = True, self._control.felt()
-        if self._judge is not None and not self._judge(self._felt):
+        if self._accept_grasp is not None and not self._accept_grasp(self._felt):
             return self._decline()
         if len(self._felt) < 2:
             return "no_contact"
@@ -225,7 +223,7 @@ class LiftTrial:
         here = np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
         self._advance(_RETREAT_TIME, rest_at(here))
         self._advance(_RETREAT_TIME, line(here, self._retreat, _RETREAT_TIME))
-        return "declined"
+        return "aborted"
 
     def _hold_on(self, time: float) -> bool:
         self._control.hold()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
 from pydrake.math import RigidTransform, RotationMatrix
@@ -21,16 +20,15 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.grasping.hand import Hand
+from lis_grasp.hands.hand import Hand
+from lis_grasp.probing.approach import rotation_to_x
+from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.advancing import advance
-from lis_grasp.simulation.approach import rotation_to_x
+from lis_grasp.simulation.contact_patches import Patch, contact_patches, normal_force
 from lis_grasp.simulation.hand_plant import add_hand, ignore_self_collision
-from lis_grasp.simulation.lift_mesh import merge_flat_faces
 from lis_grasp.simulation.object_plant import add_object
-from lis_grasp.simulation.patches import Patch, contact_patches, normal_force
 from lis_grasp.simulation.table import add_table
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 _TIME_STEP = 0.002  # [s]
 _SKIN_MODULUS = 1e6  # [Pa]: 0.2 N at a quarter of a millimetre for a tip of 12 mm radius

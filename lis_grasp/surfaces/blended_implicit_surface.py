@@ -17,9 +17,7 @@ from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import compact_blocks, flat_points, require_contacts
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 Estimator = Callable[[Contacts], PatchImplicitSurface]
 Function = Callable[[FloatArray], FloatArray]

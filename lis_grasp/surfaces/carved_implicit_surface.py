@@ -13,9 +13,7 @@ from scipy.spatial.distance import cdist
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Points of a ball at which an estimate is asked: its centre, and on its surface towards the faces
 # and the corners of a cube. A cap that none of them is in is lower than a fifth of the radius.

@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.surfaces.kernel_mean import NEGLIGIBLE
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # |beta*| stays below 1: at 1 the inside of a contact with another one straight opposite would be
 # exactly 0, which a mesher takes for surface.

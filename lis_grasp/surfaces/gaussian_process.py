@@ -34,8 +34,7 @@ from lis_grasp.surfaces.queries import (
     require_contacts,
     require_range,
 )
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 _KERNELS: dict[KernelName, type[SquaredExponential] | type[Matern52] | type[ThinPlate]] = {
     "rbf": SquaredExponential,

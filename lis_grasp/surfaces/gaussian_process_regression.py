@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.kernels import RadialKernel
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Value, slopes along x, y and z.
 ROWS = 4

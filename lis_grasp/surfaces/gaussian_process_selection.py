@@ -6,14 +6,12 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq, minimize_scalar
 
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.gaussian_process_regression import GradientRegression
 from lis_grasp.surfaces.kernels import KernelName, RadialKernel
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 Criterion = Literal["likelihood", "leave_one_out"]
 

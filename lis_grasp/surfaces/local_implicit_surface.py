@@ -22,14 +22,12 @@ from lis_grasp.surfaces.queries import (
     require_contacts,
     require_range,
 )
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 Weights = Literal["voronoi", "density"]
-Beta = Literal["mended", "printed", "none"]
+Beta = Literal["corrected", "as_published", "none"]
 
-_BETA_SIGN = {"mended": -1.0, "printed": 1.0, "none": 0.0}
+_BETA_SIGN = {"corrected": -1.0, "as_published": 1.0, "none": 0.0}
 
 # Width of the kernel, in units of the contacts' spacing; smaller leaves steps, larger rounds edges.
 _SIGMA = 0.2
@@ -104,7 +102,7 @@ class LocalImplicitSurface:
         *,
         sigma: float | None = None,
         weights: Weights = "density",
-        beta: Beta = "mended",
+        beta: Beta = "corrected",
         position_noise: float = 0.0,
         normal_noise: float = 0.0,
         margin: float | None = None,
@@ -121,7 +119,7 @@ class LocalImplicitSurface:
             w_i: "voronoi", eq. 9 with cells clipped to a ball of one spacing, or "density",
             1 / sum_j k(c_i, c_j), which is cheaper and about as good.
         beta
-            Convexity: "mended" is 1 - sgn(y) beta*, "printed" is eq. 10 to the letter, with a plus,
+            Convexity: "corrected" is 1 - sgn(y) beta*; "as_published" is eq. 10 with its plus sign,
             which grows the wrong side of every edge (a convex edge is the maximum of its planes, so
             the outside must win there), "none" is 1.
         position_noise, normal_noise

@@ -10,9 +10,7 @@ import numpy.typing as npt
 from lis_grasp.surfaces.kernel_mean import LEAST_SHARE, KernelMean
 from lis_grasp.surfaces.local_quadrics import LocalQuadrics
 from lis_grasp.surfaces.queries import compact_blocks
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Correlation of the errors of neighbours' quadrics, which see much the same contacts: measured on
 # eight solids touched with noise, where 71 and 94 % of the surface lie within one and 1.96

@@ -17,16 +17,14 @@ from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.local_quadrics import LocalQuadrics
 from lis_grasp.surfaces.patch import Patch, values_of_patches
 from lis_grasp.surfaces.patch_relations import Formula, Meetings, compose_formulas
-from lis_grasp.surfaces.patches import REACH, ContactPairs, find_patches
+from lis_grasp.surfaces.patch_segmentation import REACH, ContactPairs, find_patches
 from lis_grasp.surfaces.queries import (
     flat_points,
     map_blocks,
     require_contacts,
     require_range,
 )
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Widths of the kernels that blend quadrics within a patch and formulas of contacts, in spacings.
 _PATCH_SIGMA = 0.4

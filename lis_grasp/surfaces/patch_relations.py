@@ -15,15 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.surfaces.patches import REACH, ContactPairs
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
+from lis_grasp.surfaces.patch_segmentation import REACH, ContactPairs
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 Piece = tuple[int, ...]
 """Patches whose functions' maximum is taken, ascending."""

@@ -9,9 +9,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import FARTHEST, Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
-
-FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Smaller blocks cost more by their number than they save.
 _SMALL_BLOCK = 256

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 ELEVATION = np.deg2rad(24.0)
 

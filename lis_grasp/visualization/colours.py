@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidOptionError
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 # Viridis (Nathaniel Smith and Stefan van der Walt, 2015, CC0) at 17 even steps; straight lines
 # between them stay within 6/255 of the whole map.

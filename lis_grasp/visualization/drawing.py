@@ -12,6 +12,7 @@ import trimesh
 import umsgpack
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.colours import linear_rgb
 
 with warnings.catch_warnings():
@@ -20,7 +21,6 @@ with warnings.catch_warnings():
     from meshcat import animation, commands, geometry
     from meshcat.path import Path as ScenePath
 
-FloatArray = npt.NDArray[np.float64]
 
 # Neighbouring faces that meet at a larger angle are drawn with an edge between them.
 _CREASE = np.deg2rad(35.0)

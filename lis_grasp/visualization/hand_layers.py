@@ -6,20 +6,19 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.motion import OBJECT, Motion
+from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import drawing
 from lis_grasp.visualization.camera import box_corners, outermost, surface_points
 from lis_grasp.visualization.canvas import OBJECT_NODE, ROOT, Canvas, Layer
 
 if TYPE_CHECKING:
-    from lis_grasp.grasping.grasp import Grasp
-    from lis_grasp.grasping.hand import Hand
+    from lis_grasp.grasping.grasps import Grasp
+    from lis_grasp.hands.hand import Hand
     from lis_grasp.visualization.touch_poses import TouchPose
 
-FloatArray = npt.NDArray[np.float64]
 
 PALM_COLOUR, LINK_COLOUR, PAD_COLOUR = "#3a3f47", "#565d68", "#e4e2dc"
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import drawing
 from lis_grasp.visualization.camera import box_corners
 from lis_grasp.visualization.canvas import OBJECT_NODE, ROOT, Canvas, Layer
 from lis_grasp.visualization.colours import ColourScale, round_up
-
-FloatArray = npt.NDArray[np.float64]
 
 TRUTH_COLOUR = "#5f86bd"
 CONTACT_COLOUR, NORMAL_COLOUR = "#ff4d4d", "#f2912c"

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.motion import Motion
-from lis_grasp.output_files import write_text
+from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.camera import ELEVATION, choose_azimuth, outermost, surface_points
 from lis_grasp.visualization.canvas import Canvas
 from lis_grasp.visualization.hand_layers import (
@@ -35,15 +35,14 @@ from lis_grasp.visualization.object_layers import (
     draw_truth,
 )
 from lis_grasp.visualization.overlay import build_overlay
-from lis_grasp.visualization.page import build_page
+from lis_grasp.visualization.scene_page import build_page
 from lis_grasp.visualization.story import Story
 
 if TYPE_CHECKING:
-    from lis_grasp.grasping.grasp import Grasp
-    from lis_grasp.grasping.hand import Hand
+    from lis_grasp.grasping.grasps import Grasp
+    from lis_grasp.hands.hand import Hand
     from lis_grasp.visualization.touch_poses import TouchPose
 
-FloatArray = npt.NDArray[np.float64]
 
 _NOTHING = np.empty((0, 3))
 _LEAST_SIZE = 0.01  # [m] of a scene with a single contact

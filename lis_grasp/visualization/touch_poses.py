@@ -6,17 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, ProbeOutcome, TactileSensor, Workspace
 from lis_grasp.exploration.known_shape import KnownShape
-from lis_grasp.grasping.hand import Hand
-from lis_grasp.simulation.guarded_motion import Course, GuardedMotion
+from lis_grasp.hands.hand import Hand
+from lis_grasp.probing.guarded_motion import Course, GuardedMotion
 from lis_grasp.surfaces import ImplicitSurface, carved
-
-FloatArray = npt.NDArray[np.float64]
+from lis_grasp.typing import FloatArray
 
 # A pad sinks in by a fraction of a millimetre, and contact is a patch, of which the log has the
 # middle: a hand that stops further than this from what was felt is not where it was then [m].

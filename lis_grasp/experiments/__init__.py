@@ -1,0 +1,1 @@
+"""Experiments over many trials: the paper's, the study of grasp success, baselines, figures."""

@@ -1,0 +1,25 @@
+"""What else one would pick to reconstruct a surface from contacts, behind the same protocol."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.experiments.baselines.hermite_rbf import HermiteRBFSurface
+from lis_grasp.experiments.baselines.meshlab_surface import MeshLabSurface
+from lis_grasp.experiments.baselines.offset_surface import OffsetSurface
+from lis_grasp.surfaces.implicit_surface import ImplicitSurface
+
+BASELINES: Mapping[str, Callable[[Contacts], ImplicitSurface]] = MappingProxyType(
+    {
+        "hermite_rbf": HermiteRBFSurface.from_contacts,
+        "offset_rbf": OffsetSurface.thin_plate,
+        "offset_gp": OffsetSurface.gaussian_process,
+        "poisson": MeshLabSurface.poisson,
+        "rimls": MeshLabSurface.rimls,
+        "apss": MeshLabSurface.apss,
+    }
+)
+"""Every baseline by its short name. The first two need nothing else; `offset_gp` needs
+scikit-learn, the last three pymeshlab: `pip install lis-grasp[baselines]`."""
+
+__all__ = ["BASELINES", "HermiteRBFSurface", "MeshLabSurface", "OffsetSurface"]

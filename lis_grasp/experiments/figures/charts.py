@@ -1,0 +1,289 @@
+"""Charts of results: bars per object (figs. 9, 10), curves over noise (fig. 12), calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.experiments.figures.palette import (
+    INK,
+    estimator_colour,
+    estimator_label,
+)
+from lis_grasp.experiments.figures.style import (
+    LARGE,
+    NORMAL,
+    SMALL,
+    add_panel,
+    new_figure,
+    plain_axes,
+)
+from lis_grasp.typing import FloatArray
+
+ALL = "mean"
+"""The group that is the mean over objects."""
+
+_GROUP = 0.82  # share of a group's width that bars take
+_LEFT, _WIDE = 0.075, 0.905
+_MARKERS = "osD^vPX*<>"
+_DASHES = (0, (4, 3))
+_CURVE: dict[str, Any] = {"lw": 2.0, "ms": 5.5, "mec": "white", "mew": 0.7}
+
+
+def bars(
+    values: Mapping[str, Mapping[str, Sequence[float]]],
+    *,
+    title: str,
+    ylabel: str,
+    claims: Mapping[str, float] | None = None,
+) -> Figure:
+    """Draw a bar for each estimator and object: the mean, one standard deviation, and every seed.
+
+    The last group is the mean over objects, its number stands behind the estimator's name; its
+    spread is over seeds, where all objects have equally many. Seeds without a value (NaN) are left
+    out, and so are objects for which an estimator has none.
+
+    Parameters
+    ----------
+    values
+        Estimator -> object -> value of each seed, in mm.
+    title
+        Above the chart.
+    ylabel
+        What the values are, with the unit.
+    claims
+        Label -> height in mm of lines to compare with, such as a paper's numbers.
+
+    Raises
+    ------
+    InvalidOptionError
+        If there are no values.
+    """
+    known = {name: _known(objects) for name, objects in values.items()}
+    objects = list(dict.fromkeys(name for of in known.values() for name in of))
+    if not objects:
+        raise InvalidOptionError("bars need the values of at least one estimator and object")
+    groups = [*objects, ALL] if len(objects) > 1 else objects
+    figure = new_figure(3.7)
+    axes = add_panel(figure, _LEFT, 0.12, _WIDE, 0.66)
+    width = _GROUP / len(known)
+    for k, (name, of) in enumerate(known.items()):
+        for g, group in enumerate(groups):
+            seeds = _over_objects(of) if group == ALL else of.get(group, np.empty(0))
+            if len(seeds):
+                at = g + (k + 0.5) * width - 0.5 * _GROUP
+                _bar(axes, at, 0.88 * width, seeds, estimator_colour(name))
+    handles = [
+        _handle(name, f"{estimator_label(name)} ({_short(_over_objects(of).mean())})")
+        for name, of in known.items()
+        if of
+    ]
+    for label, height in (claims or {}).items():
+        axes.axhline(height, color=INK, lw=1.0, ls=_DASHES, zorder=3)
+        handles.append(Line2D([], [], color=INK, lw=1.0, ls=_DASHES, label=label))
+    if len(groups) > len(objects):
+        axes.axvspan(len(objects) - 0.5, len(objects) + 0.5, color="#f4f4f4", lw=0.0, zorder=0)
+    axes.set_xlim(-0.55, len(groups) - 0.45)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xticks(range(len(groups)), [group.replace("_", "\n") for group in groups])
+    _finish(axes, "", ylabel)
+    axes.tick_params(axis="x", length=0, labelsize=NORMAL)
+    _head(figure, title, handles)
+    return figure
+
+
+def curves(
+    levels: Sequence[str],
+    values: Mapping[str, npt.ArrayLike],
+    *,
+    title: str,
+    xlabel: str,
+    ylabel: str,
+) -> Figure:
+    """Draw a curve for each estimator over ordered levels: mean, and one standard deviation.
+
+    Parameters
+    ----------
+    levels
+        Labels of the L levels, in order.
+    values
+        Estimator -> values, shape (L, repeats), in the unit of `ylabel`; NaN is left out.
+    title, xlabel, ylabel
+        What is shown.
+
+    Raises
+    ------
+    InvalidOptionError
+        If values have another shape.
+    """
+    return curve_panels(levels, {title: values}, xlabel=xlabel, ylabel=ylabel)
+
+
+def curve_panels(
+    levels: Sequence[str],
+    panels: Mapping[str, Mapping[str, npt.ArrayLike]],
+    *,
+    xlabel: str,
+    ylabel: str,
+) -> Figure:
+    """Draw panels of curves beside each other, with one scale: title -> values, see `curves`."""
+    figure = new_figure(3.7)
+    names = list(dict.fromkeys(name for values in panels.values() for name in values))
+    width, top = _WIDE / len(panels), 0.0
+    place = np.arange(len(levels), dtype=np.float64)
+    for p, (title, values) in enumerate(panels.items()):
+        axes = add_panel(
+            figure, _LEFT + p * width, 0.2, (0.94 if len(panels) > 1 else 1) * width, 0.56
+        )
+        for name, table in values.items():
+            mean, spread = _statistics(name, table, len(levels))
+            low, high = np.maximum(mean - spread, 0.0), mean + spread
+            colour, marker = estimator_colour(name), _marker(names, name)
+            axes.fill_between(place, low, high, color=colour, alpha=0.15, lw=0.0)
+            axes.plot(place, mean, color=colour, marker=marker, **_CURVE)
+            top = max(top, float(np.nanmax(high, initial=0.0)))
+        axes.set_xticks(range(len(levels)), list(levels))
+        axes.set_xlabel(xlabel, fontsize=NORMAL, color=INK)
+        axes.set_xlim(-0.15, len(levels) - 0.85)
+        _finish(axes, title if len(panels) > 1 else "", ylabel if p == 0 else "")
+        axes.tick_params(labelleft=p == 0)
+    for axes in figure.axes:
+        axes.set_ylim(0.0, 1.03 * top or 1.0)
+    handles = [_handle(name, estimator_label(name), _marker(names, name)) for name in names]
+    _head(figure, title if len(panels) == 1 else "", handles)
+    return figure
+
+
+def calibration(
+    nominal: Sequence[float], covered: Mapping[str, npt.ArrayLike], *, title: str
+) -> Figure:
+    """Draw which share of the truth lay within each estimator's bands, beside what was promised.
+
+    Parameters
+    ----------
+    nominal
+        Shares that the bands promise, from 0 to 1, one a panel, M of them.
+    covered
+        Estimator -> shares found, shape (M,) or (M, repeats), from 0 to 1; NaN is left out.
+    title
+        Above the chart.
+
+    Raises
+    ------
+    InvalidOptionError
+        If shares have another shape.
+    """
+    rows = np.arange(len(covered))
+    height = 1.15 + 0.3 * len(rows)
+    figure = new_figure(height)
+    left, width = 0.2, 0.78 / len(nominal)
+    for p, promised in enumerate(nominal):
+        axes = add_panel(
+            figure, left + p * width, 0.55 / height, 0.9 * width, 0.3 * len(rows) / height
+        )
+        axes.axvline(promised, color=INK, lw=1.0, ls=_DASHES)
+        for row, (name, table) in zip(rows, covered.items(), strict=True):
+            shares = np.asarray(table, dtype=np.float64)
+            columns = shares[:, None] if shares.ndim == 1 else shares
+            mean, spread = (a[p] for a in _statistics(name, columns, len(nominal)))
+            colour = estimator_colour(name)
+            axes.hlines(row, mean - spread, min(mean + spread, 1.0), color=colour, lw=2.0)
+            axes.plot([mean], [row], "o", ms=7.0, mfc=colour, mec="white", mew=0.8)
+        axes.set_xlim(0.0, 1.02)
+        axes.set_ylim(len(rows) - 0.5, -0.5)
+        axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25", "50", "75", "100 %"])
+        axes.set_yticks(
+            rows, [estimator_label(name) for name in covered] if p == 0 else [""] * len(rows)
+        )
+        axes.set_xlabel("share of the truth found in the band", fontsize=NORMAL, color=INK)
+        _finish(axes, f"promised: {100 * promised:.3g} %", "")
+        axes.tick_params(axis="y", length=0, labelsize=NORMAL)
+    _head(figure, title, [])
+    return figure
+
+
+def _bar(axes: Axes, at: float, width: float, seeds: FloatArray, colour: str) -> None:
+    mean, spread = float(seeds.mean()), float(seeds.std())
+    axes.bar(at, mean, width, color=colour, alpha=0.85, lw=0.0)
+    axes.vlines(at, max(mean - spread, 0.0), mean + spread, color=INK, lw=0.9)
+    # Side by side in their order, not jittered at random.
+    places = at + 0.5 * width * np.linspace(-0.7, 0.7, len(seeds)) if len(seeds) > 1 else [at]
+    axes.plot(places, seeds, "o", ms=1.8, mfc=INK, mew=0.0, alpha=0.45)
+
+
+def _short(value: float) -> str:
+    return f"{value:.1f}" if value >= 0.95 else f"{value:.2f}"
+
+
+def _known(objects: Mapping[str, Sequence[float]]) -> dict[str, FloatArray]:
+    """Return the values that are numbers, of the objects that have some."""
+    arrays = {name: np.asarray(seeds, dtype=np.float64) for name, seeds in objects.items()}
+    numbers = {name: seeds[~np.isnan(seeds)] for name, seeds in arrays.items()}
+    return {name: seeds for name, seeds in numbers.items() if len(seeds)}
+
+
+def _over_objects(of: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the mean over objects, of each seed where all have the same number of them."""
+    counts = {len(seeds) for seeds in of.values()}
+    if len(counts) == 1:
+        return np.asarray(np.mean(list(of.values()), axis=0))
+    return np.array([np.mean([seeds.mean() for seeds in of.values()])]) if of else np.empty(0)
+
+
+def _statistics(name: str, table: npt.ArrayLike, levels: int) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation over repeats, shape (levels,), NaN left out."""
+    values = np.asarray(table, dtype=np.float64)
+    if values.ndim != 2 or len(values) != levels:
+        raise InvalidOptionError(
+            f"values of {name} must have shape ({levels}, repeats), one row a level; they have"
+            f" {values.shape}"
+        )
+    masked = np.ma.masked_invalid(values)
+    mean, spread = masked.mean(axis=1), masked.std(axis=1)
+    return np.ma.filled(mean, np.nan), np.ma.filled(spread, np.nan)
+
+
+def _marker(names: Sequence[str], name: str) -> str:
+    return _MARKERS[names.index(name) % len(_MARKERS)]
+
+
+def _handle(name: str, label: str, marker: str = "") -> Line2D:
+    """Return an estimator's line of the legend: a stroke with its marker, or a block without."""
+    style = _CURVE if marker else {"lw": 7.0}
+    return Line2D(
+        [], [], color=estimator_colour(name), marker=marker, label=label,
+        solid_capstyle="butt", **style,
+    )  # fmt: skip
+
+
+def _finish(axes: Axes, title: str, ylabel: str) -> None:
+    """Write a panel's title and label, and leave of the frame what is read."""
+    plain_axes(axes)
+    axes.set_ylabel(ylabel, fontsize=NORMAL, color=INK)
+    axes.set_title(title, fontsize=NORMAL, color=INK, loc="left", pad=6)
+
+
+def _head(figure: Figure, title: str, handles: Sequence[Line2D]) -> None:
+    """Write a chart's title and, below it, its legend."""
+    inches = figure.get_figheight()
+    if title:
+        figure.text(0.012, 1.0 - 0.06 / inches, title, fontsize=LARGE, color=INK, va="top")
+    if handles:
+        figure.legend(
+            handles=handles,
+            loc="upper left",
+            bbox_to_anchor=(0.005, 1.0 - (0.25 if title else 0.0) / inches),
+            ncols=min(len(handles), 5),
+            frameon=False,
+            fontsize=SMALL,
+            labelcolor=INK,
+            handlelength=1.4,
+            columnspacing=1.4,
+        )

@@ -1,0 +1,68 @@
+"""What the figures show: the objects, their contacts and the estimates, as in the experiments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.experiments.compared_estimators import Noise, contender
+from lis_grasp.experiments.figures.painter import View
+from lis_grasp.experiments.paper.paper_trials import explored
+from lis_grasp.experiments.paper.surface_walk import SurfaceWalk
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.shapes import Shape
+from lis_grasp.surfaces import ImplicitSurface
+
+COLUMNS = ("gpis", "lis", "blend")
+"""Estimators beside each other: the paper's two, then the package's default."""
+
+VIEW = View(np.deg2rad(-55.0), np.deg2rad(28.0))
+"""From where most objects are seen."""
+
+_VIEWS = {
+    "half_cylinder": View(np.deg2rad(-35.0), np.deg2rad(28.0)),
+    "hollow_cylinder": View(np.deg2rad(-55.0), np.deg2rad(38.0)),
+    "torus": View(np.deg2rad(-55.0), np.deg2rad(42.0)),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Explored:
+    """An object of the paper's size and one walk over it."""
+
+    shape: Shape
+    walk: SurfaceWalk
+
+
+def view_of(name: str) -> View:
+    """Return from where a built-in object is seen."""
+    return _VIEWS.get(name, VIEW)
+
+
+def view_on(contacts: Contacts) -> View:
+    """Return the view, at the usual elevation, that most contacts face."""
+    views = [View(azimuth, VIEW.elevation) for azimuth in np.deg2rad(np.arange(-180, 180, 15))]
+    facing = [np.clip(contacts.normals @ view.axes[2], 0.0, None).sum() for view in views]
+    return views[int(np.argmax(facing))]
+
+
+@lru_cache(maxsize=32)
+def explored_object(name: str, seed: int) -> Explored:
+    """Return a built-in object, 20 cm large, with the contacts of the trials of a seed."""
+    return Explored(*explored(name, seed))
+
+
+def estimate(name: str, contacts: Contacts) -> ImplicitSurface:
+    """Return the surface of an estimator, by its name in the experiments, from exact contacts."""
+    return contender(name)(contacts, Noise())
+
+
+def estimated_mesh(
+    name: str, contacts: Contacts, *, resolution: float | None = None
+) -> trimesh.Trimesh:
+    """Return the mesh of the estimated surface; resolution [m] as `extract_mesh` takes it."""
+    return extract_mesh(estimate(name, contacts), resolution=resolution)

@@ -1,0 +1,131 @@
+"""The figures of the report, in its order, with what there is to see on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from lis_grasp.experiments.figures import (
+    CHART_CAPTIONS,
+    FIGURES,
+    bars,
+    calibration,
+    curve_panels,
+    png_of,
+)
+from lis_grasp.experiments.paper.paper_page import Picture
+from lis_grasp.experiments.paper.summary import Table, tabulate
+from lis_grasp.experiments.paper.wedge import NOISE_LEVELS
+from lis_grasp.io.json_lines import Row
+
+_SHOWN = ("gpis", "lis", "blend")
+_UNDER_NOISE = (*_SHOWN, "gpis_thin_plate", "hermite_rbf")
+
+Entry = tuple[str, str, Callable[[], Figure]]
+
+
+def draw_pictures(
+    rows: Sequence[Row], *, progress: Callable[[int, int], None] | None = None
+) -> Iterator[Picture]:
+    """Draw the figures one after the other.
+
+    Parameters
+    ----------
+    rows
+        Results of the trials, for the charts.
+    progress
+        Called after each with the figures drawn and all.
+    """
+    entries = [
+        *(_drawn(number) for number in (1, 2, 4, 5, 6, 7, 8)),
+        *_charts_of_objects(rows),
+        _drawn(11),
+        *_charts_of_bands(rows),
+    ]
+    for k, (title, caption, draw) in enumerate(entries):
+        yield Picture(title, caption, png_of(draw()))
+        if progress is not None:
+            progress(k + 1, len(entries))
+
+
+def _drawn(number: int) -> Entry:
+    figure = FIGURES[number]
+    return f"Figure {number}: {figure.title}", figure.caption, figure.draw
+
+
+def _charts_of_objects(rows: Sequence[Row]) -> list[Entry]:
+    whole = {
+        measure: _values(tabulate(rows, "whole", measure))
+        for measure in ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
+    }
+    ninth = CHART_CAPTIONS[9]
+    return [
+        (
+            "Figure 9, estimate to truth",
+            ninth + " The paper shows one direction of the two and does not say which.",
+            lambda: bars(whole["rmsd"], title="Estimate to truth", ylabel="RMSD [mm]"),
+        ),
+        (
+            "Figure 9, truth to estimate",
+            ninth,
+            lambda: bars(
+                whole["rmsd_truth_to_estimate"], title="Truth to estimate", ylabel="RMSD [mm]"
+            ),
+        ),
+        (
+            "Figure 10",
+            CHART_CAPTIONS[10],
+            lambda: bars(whole["edge_rmsd"], title="True edges to estimate", ylabel="RMSD [mm]"),
+        ),
+    ]
+
+
+def _charts_of_bands(rows: Sequence[Row]) -> list[Entry]:
+    labels = [
+        f"{1e3 * noise.position:g} mm\n{np.degrees(noise.normal):g}°" for noise in NOISE_LEVELS
+    ]
+    panels = {
+        "at the edge": _levels(tabulate(rows, "wedge", "edge_rmsd")),
+        "truth to estimate": _levels(tabulate(rows, "wedge", "rmsd_truth_to_estimate")),
+    }
+    bands = [tabulate(rows, "noisy", f"within_{k}_sigma") for k in ("1", "1.96")]
+    covered = {
+        name: np.array([table.per_object(name) for table in bands])
+        for name in _SHOWN
+        if name in bands[0].estimators
+    }
+    return [
+        (
+            "Figure 12",
+            CHART_CAPTIONS[12],
+            lambda: curve_panels(
+                labels, panels, xlabel="noise of positions and normals", ylabel="RMSD [mm]"
+            ),
+        ),
+        (
+            "Beyond the paper: uncertainty",
+            "Which share of the explored truth lies within 1 and 1.96 standard deviations of the"
+            " estimate, contacts with 1 mm and 3 degrees of noise, of which the estimators were"
+            " told: means over objects, lines one standard deviation between objects.",
+            lambda: calibration((0.683, 0.95), covered, title="Bands of uncertainty"),
+        ),
+    ]
+
+
+def _values(table: Table) -> dict[str, dict[str, list[float]]]:
+    """Return the values of the estimators shown, in mm, by object; objects without any left out."""
+    return {
+        estimator: {
+            name: (1e3 * table.of(estimator)[k]).tolist()
+            for k, name in enumerate(table.objects)
+            if not np.isnan(table.of(estimator)[k]).all()
+        }
+        for estimator in _SHOWN
+        if estimator in table.estimators
+    }
+
+
+def _levels(table: Table) -> dict[str, np.ndarray]:
+    return {name: 1e3 * table.of(name) for name in _UNDER_NOISE if name in table.estimators}

@@ -1,0 +1,92 @@
+"""What a row is called: the same on every machine, wherever its files are."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.hands.shipped_models import HAND_NAMES
+from lis_grasp.shapes import NAMES
+
+if TYPE_CHECKING:
+    from lis_grasp.experiments.study.study import Setup, Trial
+
+KEY_LENGTH = 16
+HAND_SUFFIXES = (".yaml", ".yml")
+
+
+def row_key(trial: Trial, setup: Setup, estimator: str) -> str:
+    """Return the name of a row: a hash of all that decides what is in it.
+
+    An object's mesh file and a hand's YAML, URDF and SDF count by their names and what is in them,
+    not by the folder that they are in.
+    """
+    facts = [columns_of(trial), asdict(setup), estimator, *file_digests(trial.object, trial.hand)]
+    text = json.dumps(facts, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
+
+
+def columns_of(trial: Trial) -> dict[str, Any]:
+    """Return what a row says of which trial it is of, by column."""
+    return asdict(trial) | {"object": label(trial.object), "hand": label(trial.hand)}
+
+
+def label(name: str) -> str:
+    """Return what an object or a hand is called in rows: a built-in name, or its file's name."""
+    return Path(name).name
+
+
+def located(names: Sequence[str], folder: Path, *, suffixes: Sequence[str]) -> list[str]:
+    """Return names, those of files as absolute paths; relative ones start at a folder.
+
+    Parameters
+    ----------
+    names
+        Of objects or hands.
+    folder
+        Where relative paths start.
+    suffixes
+        What a file's name ends on; what ends otherwise is a built-in name, and stays.
+    """
+    return [
+        str((folder / name).absolute()) if Path(name).suffix.lower() in suffixes else name
+        for name in names
+    ]
+
+
+def file_digests(object_name: str, hand_name: str) -> tuple[str, ...]:
+    """Return hashes of what is in the files of an object and a hand; none of built-in ones."""
+    of_object = object_digest(object_name)
+    return (*([] if of_object is None else [of_object]), *_hand_digests(hand_name))
+
+
+def object_digest(name: str) -> str | None:
+    """Return a hash of what is in an object's mesh file; None for a built-in shape."""
+    return None if name in NAMES else _file_digest(Path(name))
+
+
+def _hand_digests(name: str) -> list[str]:
+    if name in HAND_NAMES:
+        return []
+    path = Path(name)
+    models = (*sorted(path.parent.glob("*.urdf")), *sorted(path.parent.glob("*.sdf")))
+    return [_file_digest(file) for file in (path, *models)]
+
+
+def _file_digest(path: Path) -> str:
+    try:
+        facts = path.stat()
+        return _digest(path, facts.st_mtime_ns, facts.st_size)
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
+
+
+@lru_cache(maxsize=4096)
+def _digest(path: Path, _changed: int, _size: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,224 @@
+"""The figures of a study's report, in its order, with what there is to see on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from lis_grasp.experiments.figures import png_of
+from lis_grasp.experiments.figures.palette import (
+    INK,
+    QUIET,
+    estimator_colour,
+    estimator_label,
+)
+from lis_grasp.experiments.figures.style import (
+    NORMAL,
+    SMALL,
+    add_panel,
+    head,
+    new_figure,
+    plain_axes,
+)
+from lis_grasp.experiments.paper.paper_page import Picture
+from lis_grasp.experiments.study.comparison import Kind, is_kind, kinds_of, names
+from lis_grasp.experiments.study.study import TRUTH
+from lis_grasp.experiments.study.study_tables import KIND_LABELS
+from lis_grasp.experiments.study.success_rates import Share, share_of
+from lis_grasp.io.json_lines import Row
+
+_LEFT, _WIDE = 0.075, 0.915
+_BELOW = 0.85  # [in] between rows of panels, for labels and titles
+_MARKERS = "osD^vPX*"
+_BINS, _LEAST = 4, 8  # bins of equal numbers of trials, at the most; trials in one
+
+
+def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
+    """Draw the figures one after the other."""
+    for noise in dict.fromkeys(row["noise"] for row in rows):
+        chosen = [row for row in rows if row["noise"] == noise]
+        yield Picture(
+            f"Held against touches, noise: {noise}",
+            "Share of trials whose best grasp lifted the true object and held it through the shake;"
+            " a trial without a grasp is not held. Bars are 95 % intervals, had other seeds been"
+            " drawn; estimators stand side by side at each number of touches.",
+            png_of(held_against_touches(chosen)),
+        )
+    yield Picture(
+        "What the estimate promises, and what the truth keeps",
+        "Epsilon of the best grasp of every trial, planned on the estimate, against the epsilon of"
+        " the same grasp where its fingers meet the true object. On the dashed line both are equal;"
+        " below it the estimate promised too much. Full: held; hollow: not held.",
+        png_of(promise_against_truth(rows)),
+    )
+    if any(row["edge_rmsd"] is not None for row in rows):
+        yield Picture(
+            "Held against the error at edges",
+            "Trials on objects with edges, of all estimators together and of each, in bins of equal"
+            " numbers of trials by their error at edges (a point is at the bin's median); bars are"
+            " 95 % intervals, had other seeds been drawn. If edges matter to grasps, the line"
+            " falls.",
+            png_of(held_against_edge_error(rows)),
+        )
+
+
+def held_against_touches(rows: Sequence[Row]) -> Figure:
+    """Draw the share of held grasps over touches, a panel each kind of objects."""
+    kinds = kinds_of(rows)
+    figure, panels = _panels(len(kinds), columns=2, high=2.6)
+    who = names(rows, "estimator")
+    budgets = sorted(names(rows, "touches"))
+    for k, (kind, axes) in enumerate(zip(kinds, panels, strict=True)):
+        for n, name in enumerate(who):
+            of = [row for row in rows if is_kind(row, kind) and row["estimator"] == name]
+            held = [share_of([row for row in of if row["touches"] == m]) for m in budgets]
+            # Budgets are steps: evenly apart, and the estimators side by side on each.
+            places = np.arange(len(budgets)) + 0.7 * ((n + 0.5) / len(who) - 0.5)
+            _shares(axes, places, held, estimator_colour(name), _MARKERS[n % len(_MARKERS)])
+        axes.set_xticks(range(len(budgets)), [str(budget) for budget in budgets])
+        _finish(axes, KIND_LABELS[kind], "touches", "held [%]" if k % 2 == 0 else "")
+        axes.set_ylim(0.0, 104.0)
+    _legend(figure, who)
+    return figure
+
+
+def promise_against_truth(rows: Sequence[Row]) -> Figure:
+    """Draw epsilon on the truth over epsilon on the estimate, a panel each estimator."""
+    who = names(rows, "estimator")
+    figure, panels = _panels(len(who), columns=4, high=2.1, legend=0.15)
+    known = [row for row in rows if row["epsilon_truth"] is not None]
+    largest = 1.05 * max(
+        [max(row["epsilon_estimate"], row["epsilon_truth"]) for row in known], default=1.0
+    )
+    for k, (name, axes) in enumerate(zip(who, panels, strict=True)):
+        axes.plot([0.0, largest], [0.0, largest], color=QUIET, lw=1.0, ls=(0, (4, 3)))
+        for held in (False, True):
+            of = [row for row in known if row["estimator"] == name and row["held"] == held]
+            axes.plot(
+                [row["epsilon_estimate"] for row in of],
+                [row["epsilon_truth"] for row in of],
+                "o",
+                ms=3.5 if len(known) < 500 else 2.0,
+                mec=estimator_colour(name),
+                mfc=estimator_colour(name) if held else "none",
+                mew=0.8,
+                alpha=0.75 if len(known) < 500 else 0.45,
+                rasterized=True,
+            )
+        axes.set_xlim(0.0, largest)
+        axes.set_ylim(-0.02 * largest, largest)
+        axes.locator_params(nbins=4)
+        axes.tick_params(labelleft=k % 4 == 0)
+        _finish(
+            axes, estimator_label(name), "on the estimate", "on the truth" if k % 4 == 0 else ""
+        )
+    return figure
+
+
+def held_against_edge_error(rows: Sequence[Row]) -> Figure:
+    """Draw the share of held grasps over the error at edges, in bins of equal numbers."""
+    kinds = [k for k in kinds_of(rows) if any(r["edge_rmsd"] is not None for r in _of(rows, k))]
+    figure, panels = _panels(len(kinds), columns=2, high=2.6)
+    who = [name for name in names(rows, "estimator") if name != TRUTH]  # which has no error
+    for k, (kind, axes) in enumerate(zip(kinds, panels, strict=True)):
+        known = [r for r in _of(rows, kind) if r["edge_rmsd"] is not None and r["estimator"] in who]
+        groups = [("", known), *((n, [r for r in known if r["estimator"] == n]) for n in who)]
+        for n, (name, of) in enumerate(groups):
+            if not of:
+                continue
+            ordered = sorted(of, key=lambda row: (row["edge_rmsd"], row["key"]))
+            count = min(max(len(ordered) // _LEAST, 1), _BINS)
+            ends = [len(ordered) * i // count for i in range(count + 1)]
+            bins = [ordered[a:b] for a, b in pairwise(ends)]
+            places = np.array([1e3 * np.median([row["edge_rmsd"] for row in b]) for b in bins])
+            colour = estimator_colour(name) if name else INK
+            marker = _MARKERS[(n - 1) % len(_MARKERS)] if name else ""
+            _shares(axes, places, [share_of(b) for b in bins], colour, marker)
+        axes.set_ylim(0.0, 104.0)
+        axes.set_xlim(left=0.0)
+        label = "edges to estimate, RMSD [mm]"
+        _finish(axes, KIND_LABELS[kind], label, "held [%]" if k % 2 == 0 else "")
+    _legend(figure, who, more=[Line2D([], [], color=INK, lw=2.0, label="all")])
+    return figure
+
+
+def _shares(
+    axes: Axes, places: np.ndarray, shares: Sequence[Share | None], colour: str, marker: str
+) -> None:
+    """Draw shares in percent with their intervals; what has no trial is left out."""
+    known = [(x, share) for x, share in zip(places, shares, strict=True) if share is not None]
+    told = [(x, s.low, s.high) for x, s in known if s.low is not None and s.high is not None]
+    axes.vlines(
+        [x for x, _, _ in told],
+        [100.0 * low for _, low, _ in told],
+        [100.0 * high for _, _, high in told],
+        color=colour,
+        lw=1.2,
+        alpha=0.6,
+    )
+    axes.plot(
+        [x for x, _ in known],
+        [100.0 * share.value for _, share in known],
+        color=colour,
+        marker=marker,
+        lw=1.5,
+        ms=5.0,
+        mec="white",
+        mew=0.7,
+    )
+
+
+def _panels(
+    count: int, *, columns: int, high: float, legend: float = 0.55
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure of panels in rows, each `high` inches, below a legend of `legend` inches."""
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    total = legend + rows * (high + _BELOW)
+    figure = new_figure(total)
+    width = _WIDE / columns
+    panels = []
+    for k in range(count):
+        down, across = divmod(k, columns)
+        bottom = total - legend - (down + 1) * (high + _BELOW) + 0.75 * _BELOW
+        left = _LEFT + across * width
+        panels.append(add_panel(figure, left, bottom / total, width - 0.05, high / total))
+    return figure, panels
+
+
+def _finish(axes: Axes, title: str, xlabel: str, ylabel: str) -> None:
+    plain_axes(axes)
+    head(axes, title)
+    axes.set_xlabel(xlabel, fontsize=NORMAL, color=INK)
+    axes.set_ylabel(ylabel, fontsize=NORMAL, color=INK)
+
+
+def _legend(figure: Figure, names: Sequence[str], *, more: Sequence[Line2D] = ()) -> None:
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=estimator_colour(name),
+            marker=_MARKERS[n % len(_MARKERS)],
+            lw=2.0,
+            label=estimator_label(name),
+        )
+        for n, name in enumerate(names)
+    ]
+    figure.legend(
+        handles=[*handles, *more],
+        loc="upper left",
+        ncols=6,
+        frameon=False,
+        fontsize=SMALL,
+        labelcolor=INK,
+    )
+
+
+def _of(rows: Sequence[Row], kind: Kind) -> list[Row]:
+    return [row for row in rows if is_kind(row, kind)]

@@ -1,0 +1,257 @@
+"""Collision of a hand with an object's mesh, its support, and itself, judged by python-fcl."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import fcl
+import numpy as np
+import trimesh
+
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_parts import LinkGeometry
+from lis_grasp.shapes.bounding_volumes import bounding_volumes
+from lis_grasp.shapes.winding_number import any_inside
+from lis_grasp.typing import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestLink:
+    """The link of a hand that is nearest to an object.
+
+    Parameters
+    ----------
+    link
+        Its name.
+    distance
+        Between it and the object [m], 0 or less where they touch.
+    point
+        Shape (3,) [m], in O: the object's nearest point.
+    face
+        The triangle of the object's mesh that the point is on.
+    """
+
+    link: str
+    distance: float
+    point: FloatArray
+    face: int
+
+
+class HandCollisionChecker:
+    """Says which links of a hand touch what they should not.
+
+    Bodies are built once and moved. A triangle mesh is a shell to FCL, so a body wholly inside the
+    object is found by the winding number of a point of it, not by FCL.
+
+    Parameters
+    ----------
+    hand
+        The hand.
+    mesh
+        Closed triangle mesh of the object in O [m].
+    support_height
+        Height of the supporting plane in O [m]; None without one.
+    clearance
+        How far the hand must stay from the support [m].
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        support_height: float | None = None,
+        clearance: float = 0.002,
+    ) -> None:
+        self._hand = hand
+        self._mesh = mesh
+        self._floor = None if support_height is None else support_height + clearance
+        self._model = bounding_volumes(mesh)
+        self._object = fcl.CollisionObject(self._model, fcl.Transform())
+        shapes = [_fcl_shape(geometry) for geometry in hand.link_geometries]
+        self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
+        self._outlines = [_outline(g) for g in hand.link_geometries]
+        self._points = [_point_of(g) for g in hand.link_geometries]
+        self._manager = fcl.DynamicAABBTreeCollisionManager()
+        self._manager.registerObjects(self._bodies)
+        self._manager.setup()
+        # A contact names the two shapes that meet, by identity.
+        self._shapes = shapes
+        self._index = {id(shape): i for i, shape in enumerate(shapes)}
+        self._pads = hand.pad_links
+
+    def first_collision(
+        self, X_OH: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
+    ) -> str | None:
+        """Return what the hand collides with first, or None.
+
+        Parameters
+        ----------
+        X_OH, q
+            Shape (4, 4) and (J,): pose of the palm in O, joint positions.
+        pads_may_touch
+            Whether the links that carry pads may touch the object (they must not the support).
+
+        Returns
+        -------
+        str or None
+            ``"support"``, ``"object"``, ``"self"`` or None.
+        """
+        poses = self._pose(X_OH @ self.poses_in_hand(q))
+        return self._first_collision(poses, pads_may_touch=pads_may_touch)
+
+    def first_collision_on_the_way(self, X_OH: FloatArray, q: FloatArray) -> str | None:
+        """Return what a hand of fixed posture collides with first, or None; as `first_collision`.
+
+        Parameters
+        ----------
+        X_OH
+            Shape (W, 4, 4): poses of the palm on its way.
+        q
+            Shape (J,).
+        """
+        in_hand = self.poses_in_hand(q)
+        for X in X_OH:
+            hit = self._first_collision(self._pose(X @ in_hand), pads_may_touch=False)
+            if hit is not None:
+                return hit
+        return None
+
+    def _first_collision(self, poses: FloatArray, *, pads_may_touch: bool) -> str | None:
+        if self._floor is not None and self.lowest(poses) < self._floor:
+            return "support"
+        if self._touches_object(pads_may_touch=pads_may_touch):
+            return "object"
+        if self._touches_itself():
+            return "self"
+        return None
+
+    def touches_object(self, X_OH: FloatArray, q: FloatArray) -> bool:
+        """Return whether any link touches the object or is inside it."""
+        self._pose(X_OH @ self.poses_in_hand(q))
+        return self._touches_object(pads_may_touch=False)
+
+    def poses_in_hand(self, q: FloatArray) -> FloatArray:
+        """Return the poses X_HG of all bodies at joint positions q, shape (J,), for `place`."""
+        links = self._hand.forward_kinematics(np.eye(4), q)
+        return np.stack([links[g.link] @ g.X_LG for g in self._hand.link_geometries])
+
+    def place(self, X_OH: FloatArray, poses: FloatArray) -> bool:
+        """Put the hand somewhere, for `nearest`; tell whether it meets the object's surface there.
+
+        A hand wholly inside the object does not meet its surface.
+
+        Parameters
+        ----------
+        X_OH
+            Shape (4, 4), pose of the palm in O.
+        poses
+            Shape (G, 4, 4), as returned by `poses_in_hand`.
+        """
+        self._pose(X_OH @ poses)
+        data = fcl.CollisionData()
+        self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
+        return bool(data.result.is_collision)
+
+    def nearest(self, moved: FloatArray) -> NearestLink:
+        """Return which link is nearest to the object when the placed hand is moved, and where.
+
+        Parameters
+        ----------
+        moved
+            Shape (3,) [m], in O: by how much, from where `place` last put it.
+        """
+        self._object.setTranslation(-moved)  # the same, and one body to move
+        try:
+            data = fcl.DistanceData(request=fcl.DistanceRequest(enable_nearest_points=True))
+            self._manager.distance(self._object, data, fcl.defaultDistanceCallback)
+        finally:
+            self._object.setTranslation(np.zeros(3))
+        result = data.result
+        first = result.o1 is self._model
+        body = self._index[id(result.o2 if first else result.o1)]
+        face = int(result.b1 if first else result.b2)
+        if self._hand.link_geometries[body].kind == "sphere":
+            near = self._bodies[body].getTranslation()  # FCL's points of spheres are in odd frames
+        else:
+            near = np.asarray(result.nearest_points[0 if first else 1])
+        triangle = self._mesh.triangles[face][None]
+        point = trimesh.triangles.closest_point(triangle, (near + moved)[None])[0]
+        link = self._hand.link_geometries[body].link
+        return NearestLink(link, float(result.min_distance), point, face)
+
+    def _pose(self, poses: FloatArray) -> FloatArray:
+        for body, X_OG in zip(self._bodies, poses, strict=True):
+            body.setTransform(fcl.Transform(X_OG[:3, :3], X_OG[:3, 3]))
+        self._manager.update()
+        return poses
+
+    def lowest(self, poses: FloatArray) -> float:
+        """Return the height of the hand's lowest point [m], bodies at poses X_OG (G, 4, 4)."""
+        return min(
+            float((outline @ X[2, :3]).min() + X[2, 3] - thickness)
+            for (outline, thickness), X in zip(self._outlines, poses, strict=True)
+        )
+
+    def _touches_object(self, *, pads_may_touch: bool) -> bool:
+        data = fcl.CollisionData(request=fcl.CollisionRequest(num_max_contacts=1000))
+        self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
+        # One callback stops the manager at `num_max_contacts`; asked link by link it is exact.
+        if data.result.is_collision:
+            for body, geometry in zip(self._bodies, self._hand.link_geometries, strict=True):
+                if pads_may_touch and geometry.link in self._pads:
+                    continue
+                result = fcl.CollisionResult()
+                if fcl.collide(body, self._object, fcl.CollisionRequest(), result):
+                    return True
+        places = [
+            body.getRotation() @ point + body.getTranslation()
+            for body, point in zip(self._bodies, self._points, strict=True)
+        ]
+        return any_inside(self._mesh, np.array(places))
+
+    def _touches_itself(self) -> bool:
+        data = fcl.CollisionData(
+            request=fcl.CollisionRequest(num_max_contacts=100_000, enable_contact=True)
+        )
+        self._manager.collide(data, fcl.defaultCollisionCallback)
+        geometries = self._hand.link_geometries
+        for contact in data.result.contacts:
+            first = geometries[self._index[id(contact.o1)]].link
+            second = geometries[self._index[id(contact.o2)]].link
+            pair = (first, second) if first <= second else (second, first)
+            if first != second and pair not in self._hand.self_collision_exclusions:
+                return True
+        return False
+
+
+def _point_of(geometry: LinkGeometry) -> FloatArray:
+    """Return a point of a link's body, shape (3,), in the body's frame."""
+    if geometry.kind == "mesh":
+        vertex: FloatArray = np.asarray(geometry.mesh.vertices)[0]
+        return vertex
+    return np.zeros(3)
+
+
+def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
+    match geometry.kind:
+        case "box":
+            return fcl.Box(*geometry.dimensions)
+        case "sphere":
+            return fcl.Sphere(*geometry.dimensions)
+        case "cylinder":
+            return fcl.Cylinder(*geometry.dimensions)
+        case "capsule":
+            return fcl.Capsule(*geometry.dimensions)
+        case "mesh":
+            return bounding_volumes(geometry.mesh)
+
+
+def _outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
+    """Return points and a radius whose sum covers the body, however it is turned."""
+    if geometry.kind == "sphere":
+        return np.zeros((1, 3)), geometry.dimensions[0]
+    if geometry.kind == "capsule":
+        radius, length = geometry.dimensions
+        return np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]]), radius
+    return np.asarray(geometry.mesh.vertices), 0.0

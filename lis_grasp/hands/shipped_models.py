@@ -1,0 +1,33 @@
+"""Where the shipped hand and object models are, in a wheel and in a source checkout alike."""
+
+from pathlib import Path
+
+from lis_grasp.exceptions import InvalidFileError
+
+HAND_NAMES = ("allegro", "wsg50", "barrett")
+"""The hands that the package ships, by the name that `Hand.load` takes."""
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def model_path(relative: str) -> Path:
+    """Return the path of a shipped model file or folder.
+
+    Parameters
+    ----------
+    relative
+        Path below ``models/``, for example ``"hands/allegro/allegro.yaml"``.
+
+    Raises
+    ------
+    InvalidFileError
+        If the package ships no such file.
+    """
+    # The wheel carries models/ as lis_grasp/_models; a source checkout has it beside the package.
+    for root in (_PACKAGE / "_models", _PACKAGE.parent / "models"):
+        path = root / relative
+        if path.exists():
+            return path
+    raise InvalidFileError(
+        f"the package ships no model '{relative}'; give the path of a file instead"
+    )

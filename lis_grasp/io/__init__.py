@@ -1,0 +1,1 @@
+"""File formats of contacts and surfaces, atomic writing, and provenance headers."""

@@ -1,0 +1,100 @@
+"""Where the wrist goes during a grasp trial: smooth from rest to rest, and shaken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+
+from lis_grasp.typing import FloatArray
+
+# Time since the start [s] -> displacement (6,) and its rate (6,): x, y, z [m], then roll, pitch and
+# yaw [rad] about the axes of W.
+WristPath = Callable[[float], tuple[FloatArray, FloatArray]]
+
+
+def rest_at(place: FloatArray) -> WristPath:
+    """Return a path that stays at a place, shape (6,)."""
+    return lambda time: (place, np.zeros(6))
+
+
+def line(start: FloatArray, end: FloatArray, duration: float) -> WristPath:
+    """Return a straight path from rest at `start` to rest at `end`, shapes (6,)."""
+
+    def path(time: float) -> tuple[FloatArray, FloatArray]:
+        share, rate = minimum_jerk(time / duration)
+        return start + share * (end - start), rate / duration * (end - start)
+
+    return path
+
+
+def shake_about(
+    place: FloatArray, direction: FloatArray, *, acceleration: float, frequency: float, cycles: int
+) -> WristPath:
+    """Return a path that shakes about a place (6,) along a direction (6,); see `shake`.
+
+    The acceleration is what the direction is multiplied with: [m/s^2] along a unit axis; for a
+    turn, a tangential acceleration if the direction is a unit axis over an arm [1/m].
+    """
+
+    def path(time: float) -> tuple[FloatArray, FloatArray]:
+        displacement, velocity = shake(
+            time, acceleration=acceleration, frequency=frequency, cycles=cycles
+        )
+        return place + displacement * direction, velocity * direction
+
+    return path
+
+
+def minimum_jerk(phase: float) -> tuple[float, float]:
+    """Return the minimum-jerk path from 0 to 1 at `phase`, and its derivative; at rest outside.
+
+    Formula: ``s = 10 u^3 - 15 u^4 + 6 u^5`` (Flash and Hogan 1985), at rest at both ends. A path
+    of length d in time T accelerates by at most ``5.77 d / T^2``.
+    """
+    u = min(max(phase, 0.0), 1.0)
+    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * u**2 * (1.0 - u) ** 2
+
+
+def shake(
+    time: float, *, acceleration: float, frequency: float, cycles: int
+) -> tuple[float, float]:
+    """Return displacement [m] and velocity [m/s] of a shake along one line.
+
+    A sine of the given frequency, faded in and out over one period each, so that it starts and
+    ends at rest where it began; scaled so that its acceleration reaches `acceleration` exactly.
+
+    Parameters
+    ----------
+    time
+        Time since the shake's start [s]; it is at rest before 0 and after `cycles / frequency`.
+    acceleration
+        Largest acceleration, met in both directions [m/s^2].
+    frequency
+        Frequency of the sine [Hz].
+    cycles
+        Number of periods, at least 2.
+    """
+    displacement, velocity = _unit_shake(time * frequency, cycles)
+    amplitude = acceleration / (_unit_shake_acceleration(cycles) * frequency**2)
+    return amplitude * displacement, amplitude * frequency * velocity
+
+
+def _unit_shake(turns: float, cycles: int) -> tuple[float, float]:
+    if not 0.0 < turns < cycles:
+        return 0.0, 0.0
+    rising = turns <= cycles / 2.0
+    window, slope = minimum_jerk(turns if rising else cycles - turns)
+    slope = slope if rising else -slope
+    angle = 2.0 * np.pi * turns
+    sine, cosine = float(np.sin(angle)), float(np.cos(angle))
+    return window * sine, slope * sine + 2.0 * np.pi * window * cosine
+
+
+@lru_cache
+def _unit_shake_acceleration(cycles: int) -> float:
+    """Return the largest acceleration of the unit shake, by differences of its velocity."""
+    turns = np.linspace(0.0, cycles, 2000 * cycles + 1)
+    velocity = np.array([_unit_shake(float(u), cycles)[1] for u in turns])
+    return float(np.abs(np.gradient(velocity, turns)).max())

@@ -1,0 +1,89 @@
+"""Which closed parts of a mesh are the object, and which are phantoms that no touch supports.
+
+An estimator may be zero where nobody has touched, far behind or between contacts. A part of the
+mesh is dropped if all of it is worse supported than half of the main body is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from lis_grasp.shapes.winding_number import winding_number
+from lis_grasp.typing import FloatArray, IndexArray
+
+# The main body is the part that holds most of this part of all vertices, the best supported ones.
+_BEST = 0.1
+
+
+def supported_faces(
+    vertices: FloatArray, faces: IndexArray, uncertainty: FloatArray
+) -> npt.NDArray[np.bool_]:
+    """Tell which triangles of a closed mesh belong to supported parts, shape (F,).
+
+    A cavity, whose triangles face inward, is kept or dropped like any other part; the result
+    encloses a volume: what a kept cavity is cut out of is kept with it.
+
+    Parameters
+    ----------
+    vertices
+        Shape (V, 3) [m], each used by some triangle.
+    faces
+        Shape (F, 3), closed, outward.
+    uncertainty
+        Shape (V,) [m], one standard deviation of the surface at each vertex.
+    """
+    count, part = _parts(len(vertices), faces)
+    if count == 1:
+        return np.ones(len(faces), dtype=bool)
+    # method="lower": an uncertainty may be infinite.
+    best_supported = uncertainty <= np.quantile(uncertainty, _BEST, method="lower")
+    main = int(np.argmax(np.bincount(part[best_supported], minlength=count)))
+    lowest = np.full(count, np.inf)
+    np.minimum.at(lowest, part, uncertainty)
+    supported = lowest <= np.quantile(uncertainty[part == main], 0.5, method="lower")
+    if not supported.all():
+        supported = _with_their_solids(supported, vertices, faces, part)
+    return np.asarray(supported[part[faces[:, 0]]])
+
+
+def _parts(vertices: int, faces: IndexArray) -> tuple[int, IndexArray]:
+    """Return the number of connected parts, and the part of each vertex."""
+    first, second = faces.reshape(-1), np.roll(faces, 1, axis=1).reshape(-1)
+    links = coo_array(
+        (np.ones(len(first), dtype=bool), (first, second)), shape=(vertices, vertices)
+    )
+    count, part = connected_components(links, directed=False)
+    return int(count), part.astype(np.intp)
+
+
+def _with_their_solids(
+    supported: npt.NDArray[np.bool_], vertices: FloatArray, faces: IndexArray, part: IndexArray
+) -> npt.NDArray[np.bool_]:
+    """Return the supported parts and those without which they would be inside out."""
+    corners = vertices[faces]  # (F, 3, 3)
+    owner = part[faces[:, 0]]
+    volumes = np.bincount(owner, np.linalg.det(corners - vertices.mean(axis=0)) / 6.0)
+    low, high = np.full((len(volumes), 3), np.inf), np.full((len(volumes), 3), -np.inf)
+    np.minimum.at(low, part, vertices)
+    np.maximum.at(high, part, vertices)
+    kept = supported.copy()
+    by_size = np.argsort(-np.abs(volumes), kind="stable")
+    for this in by_size[supported[by_size]]:
+        # The parts round this one, the outermost first: those round a point are nested.
+        probe = vertices[np.argmax(part == this)]
+        boxed = ((low < probe) & (probe < high)).all(axis=1)
+        boxed[this] = False
+        around = [
+            other
+            for other in by_size[boxed[by_size]]
+            if abs(winding_number(probe, corners[owner == other])) > 0.5
+        ]
+        outer = [other for other in around if kept[other]]
+        in_material = bool(outer) and volumes[outer[-1]] > 0.0
+        faces_out = volumes[this] > 0.0
+        if faces_out == in_material and around:
+            kept[around[-1]] = True
+    return kept

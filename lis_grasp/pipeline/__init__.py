@@ -1,0 +1,25 @@
+"""The pipeline from touch to lift: each stage as one function, and its configuration."""
+
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.stages import (
+    Stopwatch,
+    estimate,
+    lift,
+    lift_each,
+    make_policy,
+    plan,
+    support_height,
+    touch,
+)
+
+__all__ = [
+    "RunConfig",
+    "Stopwatch",
+    "estimate",
+    "lift",
+    "lift_each",
+    "make_policy",
+    "plan",
+    "support_height",
+    "touch",
+]

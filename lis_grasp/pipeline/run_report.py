@@ -1,0 +1,106 @@
+"""What a run reports: surface errors, grasp quality on estimate and truth, the lift, the time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import trimesh
+
+import lis_grasp
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
+from lis_grasp.evaluation.surface_error import surface_error
+from lis_grasp.exploration import STEP_FRACTION
+from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.hands.hand import Hand
+from lis_grasp.pipeline.regrasp import Attempt
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.shapes import Shape
+
+if TYPE_CHECKING:
+    from lis_grasp.simulation.simulate_lift import LiftOutcome
+
+
+def build_report(
+    config: RunConfig,
+    shape: Shape,
+    hand: Hand,
+    attempts: Sequence[Attempt],
+    timings: dict[str, float],
+) -> dict[str, Any]:
+    """Return the report of a run as plain values: lengths in metres, times in seconds.
+
+    Surface, grasps and lift are of the last attempt.
+    """
+    last = attempts[-1]
+    return {
+        "version": lis_grasp.__version__,
+        "config": config.facts(),
+        "object": shape.name,
+        "hand": config.hand,
+        "estimator": config.estimator,
+        "seed": config.seed,
+        "touches": len(attempts[0].contacts),
+        "repairs": list(shape.repairs),
+        "surface": surface_facts(shape, last.contacts, last.mesh),
+        "grasps": grasp_facts(config, shape, hand, last.search),
+        "attempts": [attempt_facts(attempt) for attempt in attempts],
+        "lift": lift_facts(last.outcome),
+        "timings": {stage: round(seconds, 3) for stage, seconds in timings.items()},
+    }
+
+
+def surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> dict[str, Any]:
+    """Return the estimate's errors over the explored part: within a step of a contact [m]."""
+    error = surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size)
+    return {
+        **asdict(error),
+        "triangles": len(mesh.faces),
+        "watertight": bool(mesh.is_watertight),
+    }
+
+
+def grasp_facts(config: RunConfig, shape: Shape, hand: Hand, search: GraspSearch) -> dict[str, Any]:
+    """Return how many grasps were found, why others were not, and the best one's quality."""
+    facts: dict[str, Any] = {
+        "number": len(search.grasps),
+        "candidates": search.candidates,
+        "rejections": dict(search.rejections),
+        "best_epsilon_estimate": None,
+        "best_epsilon_truth": None,
+    }
+    if search.grasps:
+        best = search.grasps[0]
+        facts["best_epsilon_estimate"] = best.quality["epsilon"]
+        facts["best_epsilon_truth"] = epsilon_on_truth(
+            best, shape.mesh, hand, friction=config.friction
+        )
+    return facts
+
+
+def attempt_facts(attempt: Attempt) -> dict[str, Any]:
+    """Return which grasp was tried, how likely it was to hold, and what came of it."""
+    if attempt.outcome is None:
+        return {"grasp": None, "success_probability": None, "felt": 0, "reason": "no_grasp"}
+    return {
+        "grasp": attempt.rank + 1,
+        "success_probability": attempt.search.grasps[attempt.rank].quality["success_probability"],
+        "felt": len(attempt.outcome.felt),
+        "reason": attempt.outcome.reason,
+    }
+
+
+def lift_facts(outcome: LiftOutcome | None) -> dict[str, Any]:
+    """Return the outcome of a lift; without a grasp to lift with, that."""
+    if outcome is None:
+        return {"lifted": False, "held": False, "reason": "no_grasp"}
+    return {
+        "lifted": outcome.lifted,
+        "held": outcome.held,
+        "reason": outcome.reason,
+        "slip": outcome.slip,
+        "acceleration_survived": outcome.acceleration_survived,
+        "simulated_seconds": outcome.duration,
+    }

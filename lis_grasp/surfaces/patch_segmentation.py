@@ -1,0 +1,179 @@
+"""Contacts sorted into patches, the smooth pieces of a surface that edges bound.
+
+Two contacts i, j on one circular arc lie equally deep below each other's tangent planes: the
+asymmetry |y_i(c_j) - y_j(c_i)| / |c_j - c_i| is 0 on planes, spheres and cylinders, whatever the
+angle between the normals, and small where curvature changes slowly. Across an edge it is 0 only if
+both contacts happen to be equally far from it. One pair cannot tell a bend from an edge; all pairs
+between two groups of contacts nearly always can.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lis_grasp.surfaces.contact_merging import SMALLEST
+from lis_grasp.typing import FloatArray, IndexArray
+
+# How far contacts see each other, in spacings.
+REACH = 2.6
+
+# Asymmetry of pairs on one smooth surface and across an edge (one standard deviation, without
+# noise), and how much one pair may say: neighbouring pairs are not independent witnesses.
+_ASYMMETRY = 0.08
+_EDGE_ASYMMETRY = 0.6
+_PAIR_LIMIT = 2.0
+
+# Log odds that neighbouring contacts belong together before their asymmetry is known, and how they
+# fall with the angle between normals [1/rad]: even at 37 degrees, 33 to 1 against at 90.
+_PRIOR = 2.5
+_PRIOR_SLOPE = 12.0 / np.pi
+
+# Normals that differ by more say nothing about a common arc.
+_MAX_BEND = np.deg2rad(115.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactPairs:
+    """Pairs of contacts i < j within reach of each other, P of them, and how they lie.
+
+    Parameters
+    ----------
+    first, second
+        Shape (P,), the indices i and j.
+    distances
+        Shape (P,) [m].
+    heights, back_heights
+        Shape (P,) [m], y_i(c_j) and y_j(c_i).
+    bends
+        Shape (P,) [rad], the angle between both normals.
+    """
+
+    first: IndexArray
+    second: IndexArray
+    distances: FloatArray
+    heights: FloatArray
+    back_heights: FloatArray
+    bends: FloatArray
+
+    @classmethod
+    def within(cls, points: FloatArray, normals: FloatArray, radius: float) -> ContactPairs:
+        """Find the pairs at most `radius` [m] apart, in order of their indices."""
+        pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
+        first, second = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
+        offsets = points[second] - points[first]
+        crosses = np.linalg.norm(np.cross(normals[first], normals[second]), axis=1)
+        cosines = np.einsum("pk,pk->p", normals[first], normals[second])
+        return cls(
+            first=first,
+            second=second,
+            distances=np.linalg.norm(offsets, axis=1),
+            heights=np.einsum("pk,pk->p", offsets, normals[first]),
+            back_heights=-np.einsum("pk,pk->p", offsets, normals[second]),
+            bends=np.arctan2(crosses, cosines),
+        )
+
+    def on_one_patch(self, patches: IndexArray) -> tuple[IndexArray, IndexArray]:
+        """Return contacts and their neighbours on the same patch, both directions, shape (Q,)."""
+        same = (patches[self.first] == patches[self.second]) & (self.bends < _MAX_BEND)
+        first, second = self.first[same], self.second[same]
+        return np.concatenate([first, second]), np.concatenate([second, first])
+
+
+def find_patches(
+    pairs: ContactPairs, count: int, *, position_noise: float, normal_noise: float
+) -> IndexArray:
+    """Return the patch of each contact, shape (count,): 0 for the first contact's, and so on.
+
+    Patches grow together, most likely ones first, as long as the pairs between two patches make
+    one smooth surface likelier than an edge. The log odds of a pair are those of its asymmetry,
+    normal in both cases, but several times wider across an edge.
+
+    Parameters
+    ----------
+    pairs
+        Of contacts within reach of each other.
+    count
+        Number of contacts.
+    position_noise, normal_noise
+        One standard deviation of contacts along their normals [m] and of the normals [rad].
+    """
+    apart = pairs.distances > SMALLEST
+    distances = np.where(apart, pairs.distances, 1.0)
+    asymmetry = np.abs(pairs.heights - pairs.back_heights) / distances
+    # Both heights of a pair err by its normals, and by its positions with opposite signs.
+    variance = _ASYMMETRY**2 + 2.0 * normal_noise**2 + 8.0 * (position_noise / distances) ** 2
+    across = variance + _EDGE_ASYMMETRY**2
+    odds = 0.5 * np.log(across / variance) - 0.5 * asymmetry**2 * (1.0 / variance - 1.0 / across)
+    odds = np.clip(odds, -_PAIR_LIMIT, _PAIR_LIMIT)
+    told = apart & (pairs.bends < _MAX_BEND)
+    borders = _Borders(pairs.first[told], pairs.second[told], odds[told], pairs.bends[told])
+    patches = np.arange(count)
+    while True:
+        borders = borders.between_patches(count)
+        renamed = borders.mutual_favourites(count)
+        if renamed is None:
+            _, starts, inverse = np.unique(patches, return_index=True, return_inverse=True)
+            return np.argsort(np.argsort(starts))[inverse]
+        patches = renamed[patches]
+        borders = _Borders(renamed[borders.low], renamed[borders.high], borders.odds, borders.bends)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Borders:
+    """What separates patches: the evidence of the pairs across each border.
+
+    Parameters
+    ----------
+    low, high
+        Shape (B,), the two patches of each border.
+    odds
+        Shape (B,), log odds of its pairs, added up.
+    bends
+        Shape (B,) [rad], the least angle between normals of a pair.
+    """
+
+    low: IndexArray
+    high: IndexArray
+    odds: FloatArray
+    bends: FloatArray
+
+    def between_patches(self, count: int) -> _Borders:
+        """Return each border once, its evidence put together, without those within a patch."""
+        low, high = np.minimum(self.low, self.high), np.maximum(self.low, self.high)
+        apart = low < high
+        keys = (low * count + high)[apart]
+        if not len(keys):
+            return _Borders(keys, keys, np.empty(0), np.empty(0))
+        order = np.argsort(keys, kind="stable")
+        keys = keys[order]
+        starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+        return _Borders(
+            keys[starts] // count,
+            keys[starts] % count,
+            np.add.reduceat(self.odds[apart][order], starts),
+            np.minimum.reduceat(self.bends[apart][order], starts),
+        )
+
+    def mutual_favourites(self, count: int) -> IndexArray | None:
+        """Return new names of patches, shape (count,), that merge each other's likeliest partners.
+
+        None if no two patches should be merged.
+        """
+        totals = self.odds + _PRIOR - _PRIOR_SLOPE * self.bends
+        best = np.zeros(count)
+        np.maximum.at(best, self.low, totals)
+        np.maximum.at(best, self.high, totals)
+        mutual = (totals > 0.0) & (totals == best[self.low]) & (totals == best[self.high])
+        if not mutual.any():
+            return None
+        # Ties: a patch takes part in one merger a round, the one of lowest indices.
+        renamed = np.arange(count)
+        taken = np.zeros(count, dtype=bool)
+        for a, b in zip(self.low[mutual], self.high[mutual], strict=True):
+            if not taken[a] and not taken[b]:
+                taken[a] = taken[b] = True
+                renamed[b] = a
+        return renamed

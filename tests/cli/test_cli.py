@@ -1,0 +1,196 @@
+"""The command line as a user meets it: exit codes, messages, files, equal bytes."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp import shapes
+from lis_grasp.cli.main import main
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.io import provenance
+from lis_grasp.io.surface_files import load_surface
+
+CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
+
+
+@pytest.fixture
+def cube_contacts(tmp_path: Path) -> Path:
+    path = tmp_path / "contacts.csv"
+    rows = np.hstack([0.03 * CUBE_AXES, CUBE_AXES])
+    np.savetxt(path, rows, delimiter=",", header="x,y,z,nx,ny,nz", comments="")
+    return path
+
+
+def _misuse(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(arguments) == 2
+    message = capsys.readouterr().err
+    assert "Traceback" not in message
+    assert message.count("\n") == 1, "a mistake gets one sentence"
+    return message
+
+
+def test_own_contacts_become_a_closed_surface_and_grasps(
+    cube_contacts: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["estimate", str(cube_contacts)]) == 0
+    surface = cube_contacts.with_name("surface.ply")
+    mesh = load_surface(surface)
+    assert mesh.is_watertight
+    # Six contacts on the faces of a 6 cm cube: LIS makes the cube itself.
+    assert mesh.volume == pytest.approx(0.06**3, rel=1e-3)
+    assert main(["grasp", str(surface), "--hand", "wsg50", "--grasps", "2"]) == 0
+    grasps = json.loads(surface.with_name("grasps.json").read_text())
+    assert 1 <= len(grasps["grasps"]) <= 2
+    assert "lis-grasp grasp" in capsys.readouterr().out
+
+
+def test_the_same_seed_writes_the_same_bytes(cube_contacts: Path, tmp_path: Path) -> None:
+    written = []
+    for name in ("a", "b"):
+        folder = tmp_path / name
+        assert main(["estimate", str(cube_contacts), "--output", str(folder)]) == 0
+        surface = folder / "surface.ply"
+        assert main(["grasp", str(surface), "--hand", "wsg50", "--seed", "5"]) == 0
+        written.append([surface.read_bytes(), (folder / "grasps.json").read_bytes()])
+    assert written[0] == written[1]
+
+
+def test_the_number_of_threads_changes_no_byte(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(60, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = 0.04 * normals + rng.normal(scale=0.001, size=(60, 3))
+    Contacts(points, normals).save(tmp_path / "contacts.ply")
+    written = []
+    for threads in ("1", "2"):
+        output = tmp_path / threads
+        subprocess.run(
+            [
+                *(sys.executable, "-m", "lis_grasp.cli.main", "estimate"),
+                *(str(tmp_path / "contacts.ply"), "--estimator", "gpis", "--output", str(output)),
+            ],
+            env={**os.environ, "OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads},
+            check=True,
+            capture_output=True,
+        )
+        written.append((output / "surface.ply").read_bytes())
+    assert written[0] == written[1]
+
+
+def test_a_missing_file_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "absent.ply" in _misuse(capsys, "estimate", "absent.ply")
+    assert "absent.stl" in _misuse(capsys, "grasp", "absent.stl")
+    assert "absent.json" in _misuse(capsys, "lift", "absent.json")
+    assert "absent" in _misuse(capsys, "view", "absent")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["run", "{}.stl"], ["explore", "{}"], ["grasp", "{}.ply"], ["view", "{}"]]
+    + [["doctor", "--hand", "{}"], ["explore", "box", "--hand", "{}.yaml"]],
+)
+def test_a_name_longer_than_a_file_may_have_is_one_sentence(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "9" * 400
+    assert name in _misuse(capsys, *(argument.format(name) for argument in arguments))
+
+
+def test_an_unknown_object_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    message = _misuse(capsys, "explore", "teapot")
+    assert "teapot" in message
+    assert "mallet" in message
+
+
+def test_an_unknown_hand_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    message = _misuse(capsys, "explore", "box", "--hand", "claw")
+    assert "claw" in message
+    assert "allegro" in message
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--touches", "0"], ["--seed", "-1"], ["--size", "0"], ["--size", "nan"]],
+)
+def test_options_out_of_range_are_refused_before_work(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    _misuse(capsys, "explore", "box", *arguments)
+
+
+def test_an_empty_folder_has_no_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "holds no results" in _misuse(capsys, "view", str(tmp_path))
+
+
+def test_grasps_of_no_known_object_ask_for_one(
+    cube_contacts: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["estimate", str(cube_contacts)])
+    main(["grasp", str(cube_contacts.with_name("surface.ply")), "--hand", "wsg50"])
+    capsys.readouterr()
+    assert "--object" in _misuse(capsys, "lift", str(cube_contacts.with_name("grasps.json")))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("estimator", ["lis", "gpis"])
+def test_stages_run_alone_repeat_the_run_byte_for_byte(estimator: str, tmp_path: Path) -> None:
+    chosen = ["--touches", "15", "--seed", "1", "--estimator", estimator]
+    run, alone = tmp_path / "run", tmp_path / "alone"
+    assert main(["run", "box", *chosen, "--output", str(run)]) == 0
+    assert main(["explore", "box", *chosen, "--output", str(alone)]) == 0
+    assert main(["estimate", str(alone / "contacts.ply")]) == 0
+    assert main(["grasp", str(alone / "surface.ply")]) == 0
+    for name in ("contacts.ply", "surface.ply", "grasps.json"):
+        assert (run / name).read_bytes() == (alone / name).read_bytes(), name
+    assert len(Contacts.load(run / "contacts.ply")) == 15
+    report = json.loads((run / "report.json").read_text())
+    assert report["touches"] == 15
+    assert report["surface"]["watertight"]
+    if report["grasps"]["number"]:
+        assert main(["lift", str(alone / "grasps.json")]) == 0
+        lifts = json.loads((alone / "lifts.json").read_text())["lifts"]
+        assert lifts[0]["held"] == report["lift"]["held"]
+        assert lifts[0]["slip"] == report["lift"]["slip"]
+
+
+def test_a_noisy_sensor_s_contacts_are_recorded_as_such_and_the_estimate_is_told(
+    tmp_path: Path,
+) -> None:
+    options = ["--prober", "kinematic", "--touches", "12", "--position-noise", "0.002"]
+    assert main(["explore", "box", *options, "--output", str(tmp_path)]) == 0
+    path = tmp_path / "contacts.ply"
+    assert provenance.read(path)["position_noise"] == 0.002
+    box = shapes.build("box")
+    noisy = Contacts.load(path)
+    off = distances_to_mesh(noisy.points, box.mesh)[0]
+    assert 0.0005 < np.sqrt(np.mean(off**2)) < 0.004  # 2 mm, of which one component is seen
+    assert main(["estimate", str(path)]) == 0
+    surface = tmp_path / "surface.ply"
+    told = load_surface(surface).vertex_attributes["uncertainty"].min()
+    assert main(["estimate", str(path), "--position-noise", "0.004"]) == 0
+    # Near contacts, where noise is all there is.
+    assert load_surface(surface).vertex_attributes["uncertainty"].min() > 1.2 * told
+
+
+@pytest.mark.slow
+def test_what_fingers_feel_is_learned_and_kept_with_the_results(tmp_path: Path) -> None:
+    # Six touches tell so little of a torus that the first grasp of this seed meets it on the way.
+    arguments = ["--touches", "6", "--prober", "kinematic", "--seed", "2"]
+    assert main(["run", "torus", *arguments, "--output", str(tmp_path)]) == 0
+    report = json.loads((tmp_path / "report.json").read_text())
+    declined = report["attempts"][:-1]
+    assert declined
+    assert {attempt["reason"] for attempt in declined} == {"aborted"}
+    assert report["attempts"][-1]["reason"] == report["lift"]["reason"]
+    known = Contacts.load(tmp_path / "contacts.ply")
+    assert len(known) == 6 + sum(attempt["felt"] for attempt in declined)
+    # The files are those of the last attempt: each stage repeats from the one before.
+    again = tmp_path / "again"
+    assert main(["estimate", str(tmp_path / "contacts.ply"), "--output", str(again)]) == 0
+    assert (again / "surface.ply").read_bytes() == (tmp_path / "surface.ply").read_bytes()

@@ -1,0 +1,159 @@
+"""The doctor: shipped hands are healthy, and each fault put into one is named."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+
+from lis_grasp.cli.main import main
+from lis_grasp.grasping.grasps import load_grasps
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_check import check_hand
+from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
+
+
+@pytest.mark.parametrize("name", HAND_NAMES)
+def test_shipped_hands_are_healthy(name: str) -> None:
+    faults = [finding.text for finding in check_hand(Hand.load(name)) if not finding.fine]
+    assert not faults
+
+
+def change_urdf(old: str, new: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        urdf = folder / "allegro.urdf"
+        text = urdf.read_text()
+        assert old in text
+        urdf.write_text(text.replace(old, new))
+
+    return change
+
+
+def change_yaml(edit: Callable[[dict], object]) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        path = folder / "allegro.yaml"
+        document = yaml.safe_load(path.read_text())
+        edit(document)
+        path.write_text(yaml.safe_dump(document))
+
+    return change
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("allegro.urdf", "allegro.yaml"):
+        (tmp_path / name).write_text((model_path("hands/allegro") / name).read_text())
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (change_urdf('ixx="1.960e-05"', 'ixx="1.960e-02"'), "is that of no body"),
+        (change_urdf('<mass value="0.54"/>', '<mass value="540"/>'), "masses are in kg"),
+        (
+            # Fingers bent until they run into the palm.
+            change_yaml(lambda d: d["pregrasps"].update(fist=[0, 1.6, 1.7, 1.6] * 3 + [0.3] * 4)),
+            "links collide in pregrasp fist",
+        ),
+        (
+            change_yaml(lambda d: d["pads"]["index"].update(center=[-0.01, 0, 0])),
+            "below its link's surface",
+        ),
+        (
+            change_yaml(lambda d: d["pads"]["index"].update(radius=0.03)),
+            "outside of its link",
+        ),
+        (
+            change_yaml(lambda d: [pad.update(axis=[0, 0, 1]) for pad in d["pads"].values()]),
+            "no two pads face each other",
+        ),
+        (
+            change_yaml(lambda d: d["probe_postures"]["index"].update(direction=[0, 0, -1])),
+            "ahead of the tip's sphere",
+        ),
+        (
+            change_yaml(
+                lambda d: d["probe_postures"]["index"].update(positions=[0] * 12 + [0.3] * 4)
+            ),
+            "will touch flat objects first",
+        ),
+        (change_yaml(lambda d: d.update(max_contact_force=60)), "lower it, or check"),
+    ],
+)
+def test_a_fault_is_named_with_what_to_mend(
+    change: Callable[[Path], None],
+    message: str,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    change(folder)
+    assert main(["doctor", "--hand", str(folder / "allegro.yaml")]) == 1
+    output = capsys.readouterr()
+    mended = [line for line in output.out.splitlines() if line.startswith("MEND")]
+    assert any(message in line for line in mended), output.out
+    assert "must be mended" in output.err
+
+
+def test_this_machine_is_fit(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor"]) == 0
+    output = capsys.readouterr().out
+    assert "Drake can be imported" in output
+    assert "15 touches of a box" in output
+
+
+def test_a_hand_s_urdf_may_lie_in_a_package(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere = tmp_path / "models" / "my_hands" / "urdf"
+    elsewhere.mkdir(parents=True)
+    (folder / "allegro.urdf").rename(elsewhere / "allegro.urdf")
+    change_yaml(lambda d: d.update(urdf="package://my_hands/urdf/allegro.urdf"))(folder)
+    path = folder / "allegro.yaml"
+    assert main(["doctor", "--hand", str(path)]) == 2  # not found
+    for root in (tmp_path / "models", tmp_path / "models" / "my_hands"):
+        monkeypatch.setenv("ROS_PACKAGE_PATH", str(root))
+        assert Hand.load(path).joint_names == Hand.load("allegro").joint_names
+
+
+CLAW = """<robot name="claw">
+  <link name="palm">
+    <inertial><mass value="0.4"/><inertia ixx="3e-4" ixy="0" ixz="0" iyy="3e-4" iyz="0" izz="3e-4"/>
+    </inertial>
+    <collision><geometry><box size="0.06 0.07 0.04"/></geometry></collision>
+  </link>
+  {fingers}
+</robot>"""
+FINGER = """<link name="{side}_finger">
+    <inertial><mass value="0.1"/><inertia ixx="8e-5" ixy="0" ixz="0" iyy="8e-5" iyz="0" izz="4e-6"/>
+    </inertial>
+    <collision><origin xyz="0 0 0.05"/><geometry><cylinder radius="0.008" length="0.1"/></geometry>
+    </collision>
+  </link>
+  <link name="{side}_tip">
+    <inertial><mass value="0.01"/>
+      <inertia ixx="4e-7" ixy="0" ixz="0" iyy="4e-7" iyz="0" izz="4e-7"/></inertial>
+    <collision><geometry><sphere radius="0.01"/></geometry></collision>
+  </link>
+  <joint name="{side}" type="revolute"><parent link="palm"/><child link="{side}_finger"/>
+    <origin xyz="{x} {y} 0.02"/><axis xyz="0 {turn} 0"/>
+    <limit lower="-0.6" upper="1.0" effort="1.5" velocity="3"/></joint>
+  <joint name="{side}_mount" type="fixed"><parent link="{side}_finger"/><child link="{side}_tip"/>
+    <origin xyz="0 0 0.1"/></joint>"""
+
+
+def test_the_guide_s_own_hand_touches_and_grasps(tmp_path: Path) -> None:
+    guide = Path(__file__).parents[2] / "docs" / "adding-a-hand.md"
+    text = guide.read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0]
+    (tmp_path / "claw.yaml").write_text(text)
+    places = {"left": (-0.025, -0.025, -1), "right": (-0.025, 0.025, -1), "thumb": (0.025, 0, 1)}
+    fingers = [FINGER.format(side=side, x=x, y=y, turn=t) for side, (x, y, t) in places.items()]
+    (tmp_path / "claw.urdf").write_text(CLAW.format(fingers="".join(fingers)))
+    hand = str(tmp_path / "claw.yaml")
+    assert main(["doctor", "--hand", hand]) == 0
+    out = str(tmp_path / "out")
+    options = ["--hand", hand, "--output", out, "--touches", "12", "--prober", "kinematic"]
+    assert main(["explore", "cylinder", *options]) == 0
+    assert main(["estimate", f"{out}/contacts.ply"]) == 0
+    assert main(["grasp", f"{out}/surface.ply", "--hand", hand, "--grasps", "2"]) == 0
+    assert load_grasps(Path(out) / "grasps.json").grasps

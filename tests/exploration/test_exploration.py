@@ -1,0 +1,497 @@
+"""Choosing what to touch next: against exact shapes, with the finger a ray."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+
+from lis_grasp import shapes
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import (
+    Exploration,
+    Probe,
+    ProbeOutcome,
+    TargetPolicy,
+    Workspace,
+    explore,
+)
+from lis_grasp.exploration.targets import Targets
+from lis_grasp.exploration.zero_set import sample_zero_set
+from lis_grasp.shapes import Shape
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
+from lis_grasp.typing import FloatArray
+
+STEP_SHARE = 0.25  # the paper's: 50 mm on 20 cm
+
+
+@dataclass
+class RayProber:
+    """A finger without width: touches where its line meets the mesh (Moeller, Trumbore 1997)."""
+
+    mesh: trimesh.Trimesh
+    probes: list[Probe] = field(default_factory=list)
+
+    def probe(self, probe: Probe, known: object = None) -> ProbeOutcome:
+        self.probes.append(probe)
+        triangles = np.asarray(self.mesh.triangles)
+        e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+        cross = np.cross(probe.direction, e2)
+        determinant = np.einsum("fk,fk->f", e1, cross)
+        inverse = 1.0 / np.where(np.abs(determinant) > 1e-15, determinant, np.inf)
+        away = probe.start - triangles[:, 0]
+        u = inverse * np.einsum("fk,fk->f", away, cross)
+        turned = np.cross(away, e1)
+        v = inverse * (turned @ probe.direction)
+        t = inverse * np.einsum("fk,fk->f", e2, turned)
+        hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9) & (t > 0.0) & (inverse != 0.0)
+        if not hit.any():
+            return ProbeOutcome(probe, "missed")
+        face = np.flatnonzero(hit)[np.argmin(t[hit])]
+        normal = self.mesh.face_normals[face]
+        if normal @ probe.direction > 0.0:
+            return ProbeOutcome(probe, "blocked")  # the start was inside
+        if t[face] > probe.standoff + probe.overshoot:
+            return ProbeOutcome(probe, "missed")
+        return ProbeOutcome(
+            probe, "touched", Contacts([probe.start + t[face] * probe.direction], [normal])
+        )
+
+
+class NeverProber:
+    """Feels nothing, wherever it goes, or cannot go anywhere."""
+
+    def __init__(self, status: str) -> None:
+        self.status = status
+
+    def probe(self, probe: Probe, known: object = None) -> ProbeOutcome:
+        return ProbeOutcome(probe, self.status)  # type: ignore[arg-type]
+
+
+def policy_for(shape: Shape) -> TargetPolicy:
+    center = shape.mesh.bounds.mean(axis=0)
+    return TargetPolicy(Workspace(STEP_SHARE * shape.size, center, shape.size))
+
+
+def explored(
+    name: str, *, estimator: str, touches: int, seed: int = 0, size: float | None = None
+) -> tuple[Shape, Exploration]:
+    shape = shapes.build(name, size)
+    exploration = explore(
+        RayProber(shape.mesh),
+        policy_for(shape),
+        ESTIMATORS[estimator],
+        touches=touches,
+        rng=np.random.default_rng(seed),
+    )
+    return shape, exploration
+
+
+def coverage(shape: Shape, contacts: Contacts) -> float:
+    """Share of the surface within a step of a contact, the paper's measure of what is explored."""
+    samples, _ = trimesh.sample.sample_surface(shape.mesh, 4000, seed=0)
+    apart = np.linalg.norm(samples[:, None] - contacts.points, axis=-1)
+    return float(np.mean(apart.min(axis=1) < STEP_SHARE * shape.size))
+
+
+@dataclass
+class Ball:
+    """An exact sphere as an estimate."""
+
+    radius: float
+    center: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def bounds(self) -> FloatArray:
+        return self.center + self.radius * np.array([[-1.0] * 3, [1.0] * 3])
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        return np.linalg.norm(np.asarray(points) - self.center, axis=-1) - self.radius
+
+    def gradient(self, points: npt.ArrayLike) -> FloatArray:
+        away = np.asarray(points) - self.center
+        return away / np.linalg.norm(away, axis=-1, keepdims=True)
+
+    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
+        return np.zeros(np.asarray(points).shape[:-1])
+
+
+class Shelf(Ball):
+    """A floor at z = 0 that jumps, at x = 0, from inside up to outside without a zero between."""
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        p = np.asarray(points)
+        return np.where(p[..., 0] < 0.0, p[..., 2] - 1.0, p[..., 2] + 1.0)
+
+    def gradient(self, points: npt.ArrayLike) -> FloatArray:
+        return np.broadcast_to([0.0, 0.0, 1.0], np.shape(points))
+
+
+# ---------------------------------------------------------------- probes
+
+
+def test_a_probe_runs_from_its_start_to_its_end_through_its_target() -> None:
+    probe = Probe([1.0, 0.0, 0.0], [0.0, 0.0, -2.0], 0.3, 0.1)
+    np.testing.assert_array_equal(probe.direction, [0, 0, -1])
+    np.testing.assert_allclose(probe.start, [1, 0, 0.3])
+    np.testing.assert_allclose(probe.end, [1, 0, -0.1])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"target": [0, 0]}, "target must be 3 finite numbers"),
+        ({"target": [0, 0, np.nan]}, "target must be 3 finite numbers"),
+        ({"direction": [0, 0, 0]}, "direction must not be zero"),
+        ({"standoff": -0.1}, "standoff must be a length"),
+        ({"overshoot": np.inf}, "overshoot must be a length"),
+    ],
+)
+def test_what_is_no_probe_is_refused(change: dict, message: str) -> None:
+    valid = {"target": [0, 0, 0], "direction": [0, 0, 1], "standoff": 0.1, "overshoot": 0.0}
+    Probe(**valid)  # type: ignore[arg-type]
+    with pytest.raises(InvalidOptionError, match=message):
+        Probe(**(valid | change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"status": "lost"}, "status must be one of touched, missed, blocked"),
+        ({"contacts": Contacts.empty()}, "must come with a contact"),
+        ({"status": "missed"}, "missed felt nothing, but comes with 1"),
+        ({"duration": -1.0}, "duration must be at least 0"),
+        ({"free_points": [[0, 0, np.inf]]}, "free_points must be finite"),
+    ],
+)
+def test_outcomes_that_contradict_themselves_are_refused(change: dict, message: str) -> None:
+    probe = Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1)
+    valid = {"probe": probe, "status": "touched", "contacts": Contacts([[0, 0, 0]], [[0, 0, -1]])}
+    ProbeOutcome(**valid)  # type: ignore[arg-type]
+    with pytest.raises(InvalidOptionError, match=message):
+        ProbeOutcome(**(valid | change))  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- points of the zero set
+
+
+def test_zero_set_points_lie_on_the_surface_and_their_normals_look_out() -> None:
+    ball = Ball(0.05, np.array([0.01, 0.0, -0.02]))
+    points, normals = sample_zero_set(ball, ball.bounds + 0.01 * np.array([[-1], [1]]), 0.01)
+    # A secant step on a distance that bends by cell / radius leaves less than 1/50 of a cell.
+    assert np.abs(ball.evaluate(points)).max() < 0.01 / 50.0
+    np.testing.assert_allclose(normals, ball.gradient(points))
+    # Every place of the sphere has a point within a cell's diagonal.
+    rng = np.random.default_rng(0)
+    places = rng.normal(size=(200, 3))
+    places = ball.center + ball.radius * places / np.linalg.norm(places, axis=1, keepdims=True)
+    apart = np.linalg.norm(places[:, None] - points, axis=-1).min(axis=1)
+    assert apart.max() < 0.01 * np.sqrt(3.0)
+
+
+def test_a_jump_over_zero_is_no_surface() -> None:
+    points, _ = sample_zero_set(Shelf(1.0), np.array([[-0.5] * 3, [0.5] * 3]), 0.09)
+    assert len(points) == 0
+
+
+def test_where_nothing_changes_sign_there_is_no_surface() -> None:
+    points, normals = sample_zero_set(Ball(0.01), np.array([[1.0] * 3, [1.2] * 3]), 0.05)
+    assert points.shape == normals.shape == (0, 3)
+
+
+# ---------------------------------------------------------------- the loop
+
+
+class Scripted:
+    """A policy that knows one line of probes, and prober that answers with fixed contacts."""
+
+    def __init__(self, answers: Sequence[Contacts]) -> None:
+        self.answers = list(answers)
+        self.seen: list[tuple[int, bool, int]] = []
+
+    def next_probe(
+        self,
+        contacts: Contacts,
+        surface: ImplicitSurface | None,
+        *,
+        outcomes: Sequence[ProbeOutcome],
+        rng: np.random.Generator,
+    ) -> Probe | None:
+        self.seen.append((len(contacts), surface is None, len(outcomes)))
+        return Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1) if self.answers else None
+
+    def probe(self, probe: Probe, known: object = None) -> ProbeOutcome:
+        contacts = self.answers.pop(0)
+        free = np.full((2, 3), float(len(self.answers)))
+        status = "touched" if len(contacts) else "missed"
+        return ProbeOutcome(probe, status, contacts, free, duration=0.5)
+
+
+def touch_at(*heights: float) -> Contacts:
+    points = [[0.0, 0.0, h] for h in heights]
+    # A prober may put its free points into the contacts too, as the outcome has them.
+    return Contacts(points, [[0.0, 0.0, 1.0]] * len(points), free_points=[[9.0, 9.0, 9.0]])
+
+
+def run(script: Scripted, touches: int, **options: object) -> Exploration:
+    estimate: Callable[[Contacts], ImplicitSurface] = lambda contacts: Ball(1.0)  # noqa: E731
+    return explore(
+        script, script, estimate, touches=touches, rng=np.random.default_rng(0), **options
+    )  # type: ignore[arg-type]
+
+
+def test_exploring_ends_with_as_many_contacts_as_asked_for() -> None:
+    exploration = run(Scripted([touch_at(0.0, 0.1), touch_at(0.2, 0.3), touch_at(0.4)]), 3)
+    np.testing.assert_array_equal(exploration.contacts.points[:, 2], [0.0, 0.1, 0.2])
+    assert len(exploration.outcomes) == 2
+
+
+def test_exploring_ends_when_the_policy_knows_nothing_more() -> None:
+    exploration = run(Scripted([touch_at(0.0), Contacts.empty()]), 5)
+    assert exploration.summary() == "1 contact from 2 probes (1 touched, 1 missed, 0 blocked)"
+    assert exploration.duration == 1.0
+
+
+def test_exploring_ends_after_the_probes_allowed() -> None:
+    exploration = run(Scripted([Contacts.empty()] * 9), 5, max_probes=4)
+    assert len(exploration.outcomes) == 4
+    assert len(exploration.contacts) == 0
+
+
+def test_a_contact_felt_twice_counts_once() -> None:
+    exploration = run(Scripted([touch_at(0.0, 0.0005), touch_at(0.0009), touch_at(0.0011)]), 5)
+    np.testing.assert_array_equal(exploration.contacts.points[:, 2], [0.0, 0.0011])
+
+
+def test_free_places_are_kept_once_whether_touched_or_missed() -> None:
+    exploration = run(Scripted([touch_at(0.0), Contacts.empty(), touch_at(0.1)]), 5)
+    np.testing.assert_array_equal(exploration.contacts.free_points[:, 0], [2, 2, 1, 1, 0, 0])
+
+
+def test_the_policy_sees_what_was_felt_and_every_outcome() -> None:
+    script = Scripted([Contacts.empty(), touch_at(0.0), touch_at(0.1)])
+    run(script, 5)
+    assert script.seen == [(0, True, 0), (0, True, 1), (1, False, 2), (2, False, 3)]
+
+
+def test_progress_is_told_after_every_probe() -> None:
+    told: list[tuple[int, int]] = []
+    script = Scripted([Contacts.empty(), touch_at(0.0), touch_at(0.1)])
+    run(script, 2, progress=lambda done, wanted: told.append((done, wanted)))
+    assert told == [(0, 2), (1, 2), (2, 2)]
+
+
+@pytest.mark.parametrize("options", [{"touches": 0}, {"touches": 1, "max_probes": 0}])
+def test_exploring_for_nothing_is_refused(options: dict) -> None:
+    with pytest.raises(InvalidOptionError, match="must be at least 1"):
+        run(Scripted([]), **options)
+
+
+# ---------------------------------------------------------------- the frontier
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"step": 0.0}, "step must be a positive length"),
+        ({"size": -1.0}, "size must be a positive length"),
+        ({"size": np.nan}, "size must be a positive length"),
+        ({"center": [0, 0]}, "center must be 3 finite numbers"),
+        ({"center": [0, 0, np.inf]}, "center must be 3 finite numbers"),
+    ],
+)
+def test_a_workspace_without_measure_is_refused(change: dict, message: str) -> None:
+    valid = {"step": 0.03, "center": [0, 0, 0], "size": 0.12}
+    Workspace(**valid)  # type: ignore[arg-type]
+    with pytest.raises(InvalidOptionError, match=message):
+        Workspace(**(valid | change))  # type: ignore[arg-type]
+
+
+def test_the_first_probes_come_from_all_six_sides_to_the_middle() -> None:
+    shape, exploration = explored("box", estimator="gpis", touches=6)
+    directions = np.array([outcome.probe.direction for outcome in exploration.outcomes])
+    assert {tuple(d) for d in directions.round().astype(int).tolist()} == {
+        tuple(int(x) for x in d) for d in np.vstack([np.eye(3), -np.eye(3)])
+    }
+    for outcome in exploration.outcomes:
+        assert np.abs(outcome.probe.target).max() <= 0.1 * shape.size
+        assert np.abs(outcome.probe.start).max() > 0.5 * shape.size  # from outside of the object
+
+
+def test_then_targets_lie_on_the_estimate_a_step_from_the_nearest_contact() -> None:
+    step, radius = 0.03, 0.06
+    ball = Ball(radius)
+    policy = TargetPolicy(Workspace(step=step, center=np.zeros(3), size=2.0 * radius))
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    outcomes = [
+        ProbeOutcome(Probe(np.zeros(3), -n, 0.1, 0.0), "touched", Contacts([radius * n], [n]))
+        for n in axes
+    ]
+    contacts = Contacts(radius * axes, axes)
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        probe = policy.next_probe(contacts, ball, outcomes=outcomes, rng=rng)
+        assert np.linalg.norm(probe.target) == pytest.approx(radius, abs=step / 100.0)
+        nearest = np.linalg.norm(contacts.points - probe.target, axis=1).min()
+        assert nearest == pytest.approx(step, rel=0.2)
+        np.testing.assert_allclose(probe.direction, -probe.target / radius, atol=0.02)
+        assert np.linalg.norm(probe.start) == pytest.approx(radius + step, rel=0.02)
+
+
+def test_when_all_is_within_a_step_the_largest_gap_is_filled() -> None:
+    """On a ball touched all over but for one place, the next probe goes to that place."""
+    radius = 0.06
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(200)
+    height = 1.0 - (np.arange(200) + 0.5) / 100.0
+    ring = np.sqrt(1.0 - height**2)
+    normals = np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
+    gap = np.array([0.6, 0.0, 0.8])
+    normals = normals[np.linalg.norm(radius * (normals - gap), axis=1) > 0.02]
+    outcomes = [
+        ProbeOutcome(Probe(2 * radius * n, -n, 0.1, 0.1), "touched", Contacts([radius * n], [n]))
+        for n in normals
+    ]
+    policy = TargetPolicy(Workspace(step=0.03, center=np.zeros(3), size=2.0 * radius))
+    probe = policy.next_probe(
+        Contacts(radius * normals, normals),
+        Ball(radius),
+        outcomes=outcomes,
+        rng=np.random.default_rng(0),
+    )
+    assert np.linalg.norm(probe.target - radius * gap) < 0.01  # a cell of the search, and its half
+
+
+@pytest.mark.parametrize("name", shapes.NAMES)
+@pytest.mark.parametrize(
+    "estimator",
+    ["gpis", pytest.param("lis", marks=pytest.mark.slow)],
+)
+def test_forty_touches_cover_nine_tenths_of_every_object(name: str, estimator: str) -> None:
+    for seed in range(2):
+        shape, exploration = explored(name, estimator=estimator, touches=40, seed=seed)
+        assert len(exploration.contacts) == 40
+        assert coverage(shape, exploration.contacts) > 0.9
+
+
+@pytest.mark.parametrize("name", ["box", "hollow_cylinder"])
+def test_lis_explores_although_its_planes_never_end(name: str) -> None:
+    shape, exploration = explored(name, estimator="lis", touches=40)
+    assert len(exploration.contacts) == 40
+    assert coverage(shape, exploration.contacts) > 0.9
+    assert exploration.missed < 40
+
+
+@pytest.mark.parametrize("name", shapes.NAMES)
+@pytest.mark.parametrize(
+    "estimator",
+    ["gpis", pytest.param("lis", marks=pytest.mark.slow)],
+)
+def test_touches_lie_about_a_step_apart_until_the_surface_is_full(
+    name: str, estimator: str
+) -> None:
+    """Twenty touches are fewer than any of the objects has room for, a step apart."""
+    shape, exploration = explored(name, estimator=estimator, touches=20)
+    assert 0.6 < exploration.contacts.spacing / (STEP_SHARE * shape.size) < 1.1
+
+
+def test_the_bore_of_a_tube_is_touched_from_within() -> None:
+    shape, exploration = explored("hollow_cylinder", estimator="gpis", touches=40)
+    points, normals = exploration.contacts.points, exploration.contacts.normals
+    inward = np.einsum("nk,nk->n", points[:, :2], normals[:, :2]) < -1e-6
+    assert inward.sum() >= 3
+    radius = np.hypot(*points[inward, :2].T)
+    np.testing.assert_allclose(radius, 0.225 * shape.size, rtol=1e-3)
+
+
+@pytest.mark.parametrize("estimator", ["gpis", "lis"])
+def test_the_same_seed_touches_the_same_and_another_seed_something_else(estimator: str) -> None:
+    runs = [
+        explored("pentagon", estimator=estimator, touches=15, seed=seed)[1].contacts
+        for seed in (0, 0, 1)
+    ]
+    assert runs[0].points.tobytes() == runs[1].points.tobytes()
+    assert runs[0].normals.tobytes() == runs[1].normals.tobytes()
+    apart = np.linalg.norm(runs[0].points[:, None] - runs[2].points, axis=-1).min(axis=1)
+    assert np.median(apart) > 1e-3
+
+
+def test_an_object_ten_times_as_large_and_elsewhere_is_explored_alike() -> None:
+    shape = shapes.pentagon(0.1)
+    moved = shape.mesh.copy()
+    offset = np.array([0.3, -0.2, 0.5])
+    moved.apply_scale(10.0)
+    moved.apply_translation(offset)
+    points = []
+    for mesh, factor, center in ((shape.mesh, 1.0, np.zeros(3)), (moved, 10.0, offset)):
+        exploration = explore(
+            RayProber(mesh),
+            TargetPolicy(Workspace(step=0.025 * factor, center=center, size=0.1 * factor)),
+            lambda contacts, factor=factor, center=center: Ball(0.045 * factor, center),
+            touches=25,
+            rng=np.random.default_rng(0),
+        )
+        points.append((exploration.contacts.points - center) / factor)
+    np.testing.assert_allclose(points[0], points[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("status", ["missed", "blocked"])
+def test_a_finger_that_never_feels_anything_stops_in_the_end(status: str) -> None:
+    exploration = explore(
+        NeverProber(status),
+        TargetPolicy(Workspace(step=0.03, center=np.zeros(3), size=0.12)),
+        ESTIMATORS["lis"],
+        touches=5,
+        rng=np.random.default_rng(0),
+    )
+    assert len(exploration.contacts) == 0
+    assert len(exploration.outcomes) == 40  # four a touch and twenty more
+    starts = np.array([outcome.probe.start for outcome in exploration.outcomes])
+    assert len(np.unique(starts.round(6), axis=0)) == 40
+
+
+def test_a_target_is_not_tried_twice_from_the_same_side() -> None:
+    shape = shapes.build("mallet")
+    prober = RayProber(shape.mesh)
+    explore(prober, policy_for(shape), ESTIMATORS["lis"], touches=30, rng=np.random.default_rng(3))
+    tries = prober.probes[6:]
+    targets = np.array([probe.target for probe in tries])
+    directions = np.array([probe.direction for probe in tries])
+    apart = np.linalg.norm(targets[:, None] - targets, axis=-1) + np.eye(len(tries))
+    same = (apart < 0.002) & (directions @ directions.T > np.cos(np.radians(5.0)))
+    assert not same.any()
+
+
+def test_no_touch_at_all_is_a_result() -> None:
+    exploration = Exploration(Contacts.empty(), ())
+    assert exploration.summary() == "0 contacts from 0 probes (0 touched, 0 missed, 0 blocked)"
+
+
+def test_no_target_is_in_free_space() -> None:
+    # The estimate is a ball of 1 m; a link filled a ball about its pole, and touched nothing.
+    pole = np.array([[0.0, 0.0, 1.0]])
+    touched = Contacts([[-1.0, 0.0, 0.0]], [[-1.0, 0.0, 0.0]])
+    felt = Contacts(touched.points, touched.normals, free_points=pole, free_radii=[0.4])
+    space = Workspace(0.5, np.zeros(3), 2.0)
+    outcomes = [
+        ProbeOutcome(Probe([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.1, 0.1), "touched", touched)
+    ]
+    before = Targets.find(space, touched, Ball(1.0), outcomes, rng=np.random.default_rng(0))
+    after = Targets.find(space, felt, Ball(1.0), outcomes, rng=np.random.default_rng(0))
+    near = np.linalg.norm(after.points - pole, axis=1) < 0.3
+    far = np.linalg.norm(after.points - pole, axis=1) > 0.9
+    assert near.any()
+    assert before.new[near].all()
+    assert not after.new[near].any()
+    np.testing.assert_array_equal(after.new[far], before.new[far])
+
+
+def test_the_first_contacts_come_with_what_was_free_by_then() -> None:
+    exploration = run(Scripted([touch_at(0.0), Contacts.empty(), touch_at(0.1, 0.2)]), 5)
+    first = exploration.first(2)
+    np.testing.assert_array_equal(first.points[:, 2], [0.0, 0.1])
+    np.testing.assert_array_equal(first.free_points[:, 0], [2, 2, 1, 1, 0, 0])
+    np.testing.assert_array_equal(exploration.first(1).free_points[:, 0], [2, 2])
+    assert len(exploration.first(9)) == len(exploration.contacts)

@@ -1,0 +1,81 @@
+"""When an exploration ends: each rule against a surface whose measures are known."""
+
+import numpy as np
+import pytest
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import Certain, Covered, Probe, ProbeOutcome, TimeSpent, Workspace
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.surfaces import GaussianProcessImplicitSurface
+
+RADIUS = 0.05
+SPACE = Workspace(0.025, np.zeros(3), 2.0 * RADIUS)
+
+
+class Ball:
+    """A ball whose surface is known to 1 mm below the middle and to 3 mm above."""
+
+    bounds = np.array([[-0.06] * 3, [0.06] * 3])
+
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(points, axis=-1) - RADIUS
+
+    def gradient(self, points: np.ndarray) -> np.ndarray:
+        return points / np.linalg.norm(points, axis=-1, keepdims=True)
+
+    def uncertainty(self, points: np.ndarray) -> np.ndarray:
+        return np.where(points[..., 2] < 0.0, 0.001, 0.003)
+
+
+def cap(share: float, count: int = 400) -> Contacts:
+    """Contacts all over the lowest part of the ball: area goes with height."""
+    z = -1.0 + 2.0 * share * (np.arange(count) + 0.5) / count
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    ring = np.sqrt(1.0 - z**2)
+    normals = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
+    return Contacts(RADIUS * normals, normals)
+
+
+def test_coverage_is_the_share_of_the_estimate_within_a_step() -> None:
+    # A cap of height h covers up to a chord of one step beyond its rim: 2 arcsin(1/4) of angle.
+    contacts = cap(0.5)
+    covered = 0.5 * (1.0 + np.sin(2.0 * np.arcsin(0.25)))
+    for share, ends in ((covered - 0.03, True), (covered + 0.03, False)):
+        reason = Covered(share, SPACE).reason_to_stop(contacts, Ball(), ())
+        assert (reason is not None) == ends
+
+
+def test_nearly_all_must_be_certain() -> None:
+    assert Certain(0.0035, SPACE).reason_to_stop(cap(0.5), Ball(), ()) is not None
+    assert Certain(0.0025, SPACE).reason_to_stop(cap(0.5), Ball(), ()) is None
+
+
+def test_time_is_the_robot_s() -> None:
+    outcome = ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "missed", duration=2.0)
+    assert TimeSpent(4.0).reason_to_stop(cap(0.5), Ball(), [outcome]) is None
+    assert "4 s" in str(TimeSpent(4.0).reason_to_stop(cap(0.5), Ball(), [outcome] * 2))
+
+
+def test_an_estimate_without_surface_is_no_reason_to_stop() -> None:
+    far = Contacts([[1.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]])
+    surface = GaussianProcessImplicitSurface.from_contacts(far)
+    assert Covered(0.5, SPACE).reason_to_stop(far, surface, ()) is None
+    assert Certain(0.1, SPACE).reason_to_stop(far, surface, ()) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"until_coverage": 1.2}, "coverage must be above 0"),
+        ({"until_uncertainty": 0.0}, "uncertainty must be above 0"),
+        ({"max_seconds": float("nan")}, "time must be above 0"),
+        (
+            {"policy": "psychic"},
+            "policy must be one of spread, swift, frontier, uncertainty, random",
+        ),
+    ],
+)
+def test_rules_that_never_or_always_stop_are_refused(options: dict, message: str) -> None:
+    with pytest.raises(InvalidOptionError, match=message):
+        RunConfig(**options)

@@ -1,0 +1,152 @@
+"""The log of touches: to the last bit, through interruptions, and never somebody else's."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp import shapes
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exploration import (
+    Exploration,
+    Probe,
+    ProbeOutcome,
+    TactileSensor,
+    TargetPolicy,
+    TouchLog,
+    Workspace,
+    explore,
+    load_outcomes,
+)
+from lis_grasp.hands.hand import Hand
+from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.surfaces import ESTIMATORS
+
+FACTS = {"object": "pentagon", "seed": 3}
+
+
+def explored(log: TouchLog | None, *, stop_after: int | None = None) -> Exploration:
+    """Explore with noise, at random places of the tip; break off after some probes."""
+    shape = shapes.build("pentagon", None)
+    made: list[ProbeOutcome] = []
+
+    def record(outcome: ProbeOutcome) -> None:
+        if log is not None:
+            log.append(outcome)
+        made.append(outcome)
+        if len(made) == stop_after:
+            raise KeyboardInterrupt
+
+    return explore(
+        KinematicProber(Hand.load("allegro"), shape.mesh),
+        TargetPolicy(Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)),
+        ESTIMATORS["gpis"],
+        touches=14,
+        rng=np.random.default_rng(5),
+        sensor=TactileSensor(position_noise=0.001, normal_noise=0.05, miss_rate=0.1),
+        recorded=log.resume() if log is not None else (),
+        record=record,
+    )
+
+
+def arrays(exploration: Exploration) -> list[np.ndarray]:
+    contacts = exploration.contacts
+    probes = [(o.probe.target, o.probe.direction) for o in exploration.outcomes]
+    return [contacts.points, contacts.normals, contacts.times, contacts.free_points, *probes]
+
+
+def assert_same(one: Exploration, other: Exploration) -> None:
+    for first, second in zip(arrays(one), arrays(other), strict=True):
+        np.testing.assert_array_equal(first, second)
+    assert one.contacts.fingers == other.contacts.fingers
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> Exploration:
+    return explored(None)
+
+
+@pytest.mark.parametrize("stop_after", [1, 5, 9])
+def test_an_interrupted_exploration_goes_on_as_if_nothing_had_happened(
+    stop_after: int, undisturbed: Exploration, tmp_path: Path
+) -> None:
+    log = TouchLog(tmp_path / "touches.jsonl", FACTS)
+    with pytest.raises(KeyboardInterrupt):
+        explored(log, stop_after=stop_after)
+    with log.path.open("ab") as file:
+        file.write(b'{"target": [0.1, ')  # killed while it wrote
+    assert len(log.resume()) == stop_after
+    assert_same(explored(log), undisturbed)
+
+
+def test_a_log_replays_into_the_same_contacts(undisturbed: Exploration, tmp_path: Path) -> None:
+    log = TouchLog(tmp_path / "touches.jsonl", FACTS)
+    for outcome in undisturbed.outcomes:
+        log.append(outcome)
+    log.end(undisturbed.ended)
+    assert_same(Exploration.replay(load_outcomes(log.path), touches=14), undisturbed)
+
+
+@pytest.mark.parametrize("change", ["ended", "other facts"])
+def test_an_ended_log_and_one_of_something_else_are_begun_anew(change: str, tmp_path: Path) -> None:
+    log = TouchLog(tmp_path / "touches.jsonl", FACTS)
+    log.append(ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "blocked", reason="why"))
+    assert log.resume()[0].reason == "why"
+    if change == "ended":
+        log.end("1 contact made")
+    else:
+        log = TouchLog(log.path, {**FACTS, "seed": 4})
+    assert log.resume() == ()
+    assert not log.path.exists()
+
+
+def test_contacts_of_any_kind_survive(tmp_path: Path) -> None:
+    log = TouchLog(tmp_path / "touches.jsonl", FACTS)
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(2, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    bare = Contacts(rng.normal(size=(2, 3)), normals)
+    full = Contacts(
+        bare.points, normals, forces=rng.random(2), fingers=("a", "b"), times=rng.random(2)
+    )
+    probes = [Probe(rng.normal(size=3), rng.normal(size=3), 0.1, 0.2) for _ in range(2)]
+    outcomes: Sequence[ProbeOutcome] = [
+        ProbeOutcome(
+            probe, "touched", contacts, rng.normal(size=(4, 3)), 0.3, free_radii=rng.random(4)
+        )
+        for probe, contacts in zip(probes, (bare, full), strict=True)
+    ]
+    for outcome in outcomes:
+        log.append(outcome)
+    for read, written in zip(log.resume(), outcomes, strict=True):
+        np.testing.assert_array_equal(read.probe.direction, written.probe.direction)
+        np.testing.assert_array_equal(read.contacts.normals, written.contacts.normals)
+        np.testing.assert_array_equal(read.free_points, written.free_points)
+        np.testing.assert_array_equal(read.free_radii, written.free_radii)
+        assert (read.contacts.forces is None) == (written.contacts.forces is None)
+        assert read.contacts.fingers == written.contacts.fingers
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x,y,z\n1,2,3\n", "one JSON object a line"),
+        ('{"results": 1}\n', "must be a log of touches"),
+        ('{"touch_log": 1}\n{"target": [0, 0]}\n', "line 2, is no probe"),
+    ],
+)
+def test_other_files_are_not_taken_for_logs(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "touches.jsonl"
+    path.write_text(text)
+    with pytest.raises(InvalidFileError, match=message):
+        load_outcomes(path)
+    with pytest.raises(InvalidFileError, match=message):
+        TouchLog(path, {}).resume()
+    assert path.read_text() == text
+
+
+def test_no_log_at_all_is_said() -> None:
+    with pytest.raises(InvalidFileError, match="missing or empty"):
+        load_outcomes(Path("nowhere.jsonl"))

@@ -1,0 +1,373 @@
+"""The grasp sampler: what it accepts is in force closure, reached, and free of collision."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+from lis_grasp import ForceClosureSampler, GraspSearch, Hand, is_force_closure, shapes
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.evaluation.surface_samples import sample_segments
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
+from lis_grasp.grasping import sampler as sampler_module
+from lis_grasp.grasping.contact_samples import SurfaceSamples
+from lis_grasp.grasping.refinement import vary
+from lis_grasp.hands.collision import HandCollisionChecker
+
+ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
+
+
+def _search(hand: Hand, name: str, seed: int = 0, candidates: int = 400) -> GraspSearch:
+    shape = shapes.build(name)
+    sampler = ForceClosureSampler(hand, friction=0.8, candidates=candidates)
+    return sampler.sample(
+        shape.mesh,
+        rng=np.random.default_rng(seed),
+        support_height=float(shape.mesh.bounds[0, 2]),
+        count=5,
+    )
+
+
+@pytest.fixture(scope="module")
+def box_search() -> GraspSearch:
+    return _search(ALLEGRO, "box")
+
+
+@pytest.mark.parametrize("name", ["box", "cylinder", "mallet"])
+def test_a_hand_finds_grasps_on(name: str) -> None:
+    search = _search(ALLEGRO, name)
+    assert search.grasps
+    for grasp in search.grasps:
+        assert is_force_closure(grasp.contact_points, grasp.contact_normals, friction=0.8)
+
+
+@pytest.mark.parametrize("name", ["box", "cylinder"])
+def test_a_jaw_finds_antipodal_grasps_on(name: str) -> None:
+    search = _search(JAW, name)
+    assert search.grasps
+    for grasp in search.grasps:
+        first, second = grasp.contact_normals
+        line = grasp.contact_points[1] - grasp.contact_points[0]
+        line /= np.linalg.norm(line)
+        # Nguyen 1988: the line between the contacts lies inside both friction cones.
+        assert -line @ first > np.cos(np.arctan(0.8))
+        assert line @ second > np.cos(np.arctan(0.8))
+
+
+def test_contacts_lie_on_the_surface_with_its_normal(box_search: GraspSearch) -> None:
+    mesh = shapes.build("box").mesh
+    for grasp in box_search.grasps:
+        _, distance, faces = mesh.nearest.on_surface(grasp.contact_points)
+        np.testing.assert_allclose(distance, 0.0, atol=1e-9)
+        np.testing.assert_allclose(mesh.face_normals[faces], grasp.contact_normals, atol=1e-9)
+
+
+def test_pads_touch_their_contacts(box_search: GraspSearch) -> None:
+    for grasp in box_search.grasps:
+        centers = ALLEGRO.pad_centers(grasp.X_OH, grasp.joint_positions)
+        used = [ALLEGRO.fingers.index(finger) for finger in grasp.contact_fingers]
+        radii = np.array([ALLEGRO.pads[f].radius for f in used])
+        expected = grasp.contact_points + radii[:, None] * grasp.contact_normals
+        # The sampler's own bound on a pad's error.
+        assert np.linalg.norm(centers[used] - expected, axis=1).max() <= 0.0015
+
+
+def test_no_link_collides_at_the_grasp_or_on_the_way(box_search: GraspSearch) -> None:
+    mesh = shapes.build("box").mesh
+    checker = HandCollisionChecker(ALLEGRO, mesh, support_height=float(mesh.bounds[0, 2]))
+    for grasp in box_search.grasps:
+        closed = checker.first_collision(grasp.X_OH, grasp.joint_positions, pads_may_touch=True)
+        assert closed is None
+        for back in np.linspace(0.0, 0.1, 5):
+            X_OH = grasp.X_OH.copy()
+            X_OH[:3, 3] -= back * grasp.approach_O
+            assert checker.first_collision(X_OH, grasp.pregrasp_positions) is None
+
+
+def test_no_pad_is_pressed_into_the_surface_by_a_millimetre(box_search: GraspSearch) -> None:
+    mesh = shapes.build("box").mesh
+    for grasp in box_search.grasps:
+        centers = ALLEGRO.pad_centers(grasp.X_OH, grasp.joint_positions)
+        outside = -trimesh.proximity.signed_distance(mesh, centers)
+        radii = np.array([pad.radius for pad in ALLEGRO.pads])
+        assert np.all(radii - outside < 0.001)
+
+
+def test_planned_forces_squeeze_in_balance(box_search: GraspSearch) -> None:
+    for grasp in box_search.grasps:
+        total = np.linalg.norm(grasp.contact_forces, axis=1).sum()
+        assert total > ALLEGRO.max_contact_force
+        assert np.linalg.norm(grasp.contact_forces.sum(axis=0)) < 0.01 * total
+
+
+def test_grasps_are_ranked_by_how_likely_they_are_to_hold(box_search: GraspSearch) -> None:
+    qualities = [grasp.quality for grasp in box_search.grasps]
+    values = [quality["success_probability"] for quality in qualities]
+    assert values == sorted(values, reverse=True)
+    for quality in qualities:
+        assert 0.0 < quality["success_probability"] < 1.0
+        assert quality["epsilon"] >= quality["epsilon_robust"]
+        assert quality["weight_robust"] > 0.0
+        # A true mesh is certain.
+        assert quality["epsilon_expected"] == quality["epsilon_robust"]
+        assert quality["closure_probability"] == 1.0
+
+
+def test_the_less_a_surface_is_known_the_less_likely_its_grasps_hold(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sampler_module, "_STEPS", ())  # so that some grasps are the same
+    found = []
+    for deviation in (0.0, 0.001, 0.01):
+        mesh = trimesh.creation.box((0.05, 0.06, 0.10))
+        mesh.vertex_attributes["uncertainty"] = np.full(len(mesh.vertices), deviation)
+        search = ForceClosureSampler(ALLEGRO, candidates=250).sample(
+            mesh, rng=np.random.default_rng(0), support_height=-0.05, count=20
+        )
+        found.append({grasp.X_OH.tobytes(): grasp.quality for grasp in search.grasps})
+    shared = set.intersection(*(set(grasps) for grasps in found))
+    assert shared
+    for name in ("success_probability", "epsilon_expected", "closure_probability"):
+        means = [np.mean([grasps[X][name] for X in shared]) for grasps in found]
+        assert means[0] >= means[1] > means[2]
+
+
+def test_every_candidate_is_accounted_for(box_search: GraspSearch) -> None:
+    assert len(box_search.grasps) + sum(box_search.rejections.values()) == box_search.candidates
+
+
+@pytest.mark.parametrize(("hand", "name"), [(ALLEGRO, "mallet"), (JAW, "box")])
+def test_grasps_turn_and_move_with_the_object(hand: Hand, name: str) -> None:
+    mesh = shapes.build(name).mesh
+    X = trimesh.transformations.rotation_matrix(0.7, [0.0, 0.0, 1.0])
+    X[:3, 3] = [0.3, -0.2, 0.05]
+    moved = mesh.copy()
+    moved.apply_transform(X)
+    here, there = (
+        ForceClosureSampler(hand, candidates=200).sample(
+            body,
+            rng=np.random.default_rng(0),
+            support_height=float(body.bounds[0, 2]),
+            count=5,
+        )
+        for body in (mesh, moved)
+    )
+    assert len(here.grasps) == len(there.grasps) > 2
+    for first, second in zip(here.grasps, there.grasps, strict=True):
+        np.testing.assert_allclose(X @ first.X_OH, second.X_OH, atol=1e-9)
+        # Epsilon in a batch is exact to some millionths.
+        chances = [g.quality["success_probability"] for g in (first, second)]
+        assert chances[0] == pytest.approx(chances[1], abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["box", "mallet", "torus"])
+def test_refined_grasps_are_likelier_to_hold(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    refined = _search(ALLEGRO, name, seed=5)
+    monkeypatch.setattr(sampler_module, "_STEPS", ())
+    drawn = _search(ALLEGRO, name, seed=5)
+    chances = [
+        [grasp.quality["success_probability"] for grasp in search.grasps]
+        for search in (drawn, refined)
+    ]
+    assert all(after >= before for before, after in zip(*chances, strict=True))
+    assert chances[1][0] > chances[0][0]
+    # Ten variations of each are tried at the most.
+    assert drawn.candidates < refined.candidates <= drawn.candidates + 10 * len(drawn.grasps)
+
+
+def test_varied_contacts_lie_on_the_surface_beside_those_they_vary(
+    box_search: GraspSearch,
+) -> None:
+    mesh, rng = shapes.build("box").mesh, np.random.default_rng(0)
+    samples = SurfaceSamples(mesh, lowest=-np.inf, rng=rng)
+    grasps = box_search.grasps
+    parents, sets, X_OH, q = vary(ALLEGRO, grasps, samples, each=30, distance=0.004, rng=rng)
+    assert len(parents) == len(sets) == len(X_OH) == len(q) > 15 * len(grasps)
+    for parent, points, normals, used in zip(
+        parents, sets.points, sets.normals, sets.used, strict=True
+    ):
+        fingers = [f for f, on in zip(ALLEGRO.fingers, used, strict=True) if on]
+        assert fingers == list(grasps[parent].contact_fingers)
+        off, faces = distances_to_mesh(points[used], mesh)
+        assert off.max() < 1e-9
+        np.testing.assert_allclose(mesh.face_normals[faces], normals[used], atol=1e-9)
+        assert np.linalg.norm(points[used] - grasps[parent].contact_points, axis=1).max() < 0.03
+
+
+def test_contacts_do_not_move_to_where_no_pad_may_press(box_search: GraspSearch) -> None:
+    mesh, rng = shapes.build("box").mesh, np.random.default_rng(0)
+    lowest = float(mesh.bounds[1, 2]) - 0.03
+    samples = SurfaceSamples(mesh, lowest=lowest, rng=rng)
+    _, sets, _, _ = vary(ALLEGRO, box_search.grasps, samples, each=50, distance=0.02, rng=rng)
+    assert len(sets)
+    # A contact may lie 5 mm beside its sample.
+    assert sets.points[sets.used][:, 2].min() > lowest - 0.005
+
+
+def test_the_same_seed_finds_the_same_grasps_and_another_seed_others() -> None:
+    first, again, other = (_search(JAW, "box", seed, 100) for seed in (1, 1, 2))
+    assert np.array_equal(first.grasps[0].X_OH, again.grasps[0].X_OH)
+    assert not np.array_equal(first.grasps[0].X_OH, other.grasps[0].X_OH)
+
+
+def test_an_object_too_wide_for_the_hand_gives_reasons_instead_of_grasps() -> None:
+    mesh = trimesh.creation.box((0.4, 0.4, 0.4))
+    search = ForceClosureSampler(JAW, candidates=100).sample(
+        mesh, rng=np.random.default_rng(0), support_height=-0.2
+    )
+    assert search.grasps == ()
+    # A hundred where it is flat, and a hundred across bends, too.
+    assert sum(search.rejections.values()) == search.candidates == 200
+
+
+@pytest.mark.parametrize("width", [0.006, 0.011])
+def test_a_bar_that_a_pad_overhangs_is_taken_by_the_middle_of_its_faces(width: float) -> None:
+    bar = trimesh.creation.box((width, width, 0.12))
+    search = ForceClosureSampler(JAW, candidates=1000).sample(
+        bar, rng=np.random.default_rng(0), support_height=-0.06
+    )
+    assert search.grasps
+    assert search.rejections["no_flat_supported_surface"] == 1000
+    assert search.candidates > 1000
+    for grasp in search.grasps:
+        normals, points = grasp.contact_normals, grasp.contact_points
+        np.testing.assert_array_equal(np.sort(np.abs(normals), axis=1), [[0, 0, 1], [0, 0, 1]])
+        # Both edges are under the pad, or it is as far from one as from the other.
+        beside = (points * (1.0 - np.abs(normals)))[:, :2]
+        assert np.abs(beside).max() < max(0.006 - width / 2.0, 0.001)
+
+
+@pytest.mark.parametrize("radius", [0.004, 0.008])
+def test_a_jaw_takes_a_thin_rod_across(radius: float) -> None:
+    rod = trimesh.creation.cylinder(radius=radius, height=0.12, sections=64)
+    search = ForceClosureSampler(JAW, candidates=1000).sample(
+        rod, rng=np.random.default_rng(0), support_height=-0.06
+    )
+    assert search.grasps
+    for grasp in search.grasps:
+        from_axis = np.linalg.norm(grasp.contact_points[:, :2], axis=1)
+        # On the surface, which goes by chords.
+        assert from_axis.max() <= radius + 1e-9
+        assert from_axis.min() >= radius * np.cos(np.pi / 64) - 1e-9
+        assert np.abs(grasp.contact_points[:, 2]).max() < 0.06 - 0.005
+
+
+def test_pads_lie_across_balls_and_rods_but_not_beside_edges_or_in_grooves() -> None:
+    def samples(mesh: trimesh.Trimesh) -> SurfaceSamples:
+        return SurfaceSamples(mesh, lowest=-1.0, rng=np.random.default_rng(0), bends=True)
+
+    assert len(samples(trimesh.creation.icosphere(4, radius=0.010))) == 4000
+    rod = samples(trimesh.creation.cylinder(radius=0.005, height=0.06, sections=64))
+    heights = np.abs(rod.points[:, 2])
+    side = np.abs(rod.normals[:, 2]) < 0.5
+    assert heights[side].max() < 0.03 - 0.0055
+    assert side.sum() > 0.9 * 4000 * 0.048 / 0.065  # 6 mm less at either end; ends count as 5 mm
+    # A wedge of 20 degrees is a blade at its thin end: nothing lies on it or beside it.
+    blade = trimesh.convex.convex_hull(
+        [[0, y, z] for y in (-0.03, 0.03) for z in (0,)]
+        + [[0.05, y, z] for y in (-0.03, 0.03) for z in (-0.0088, 0.0088)]
+    )
+    assert samples(blade).points[:, 0].min() > 0.0055
+    # A rod of the same radius as that above, but hollowed out of a block.
+    drilled = trimesh.creation.annulus(r_min=0.005, r_max=0.04, height=0.06, sections=64)
+    points = samples(drilled).points
+    assert np.linalg.norm(points[:, :2], axis=1).min() > 0.01
+
+
+def test_triangles_without_area_are_no_edges_to_lie_across() -> None:
+    box = trimesh.creation.box((0.06, 0.06, 0.10))
+    a, b, c = (int(v) for v in box.faces[0])
+    first = len(box.vertices)
+    between = [0.5 * (box.vertices[a] + box.vertices[b]), 0.75 * box.vertices[a]]
+    between[1] = between[1] + 0.25 * box.vertices[b]
+    m, k = first, first + 1  # a, k, m, b along one edge
+    faces = [(a, b, m), (a, m, k), (a, k, c), (k, m, c), (m, b, c)]
+    slivers = trimesh.Trimesh(
+        np.vstack([box.vertices, between]), np.vstack([box.faces[1:], faces]), process=False
+    )
+    assert slivers.is_watertight
+    assert np.sum(slivers.area_faces == 0.0) == 2
+    samples = SurfaceSamples(slivers, lowest=-1.0, rng=np.random.default_rng(0), bends=True)
+    np.testing.assert_allclose(np.linalg.norm(samples.normals, axis=1), 1.0)
+
+
+def test_surface_that_no_touch_supports_is_not_grasped() -> None:
+    mesh = trimesh.creation.box((0.05, 0.06, 0.10)).subdivide_to_size(0.008)
+    # Only the part with z > 0 was touched.
+    uncertain = np.where(mesh.vertices[:, 2] > 0.0, 0.001, 0.05)
+    mesh.vertex_attributes["uncertainty"] = uncertain
+    search = ForceClosureSampler(JAW, candidates=200).sample(
+        mesh, rng=np.random.default_rng(0), support_height=-0.05
+    )
+    assert search.grasps
+    for grasp in search.grasps:
+        # A face counts by the mean of its corners, 8 mm apart; a contact may lie 5 mm beside it.
+        assert grasp.contact_points[:, 2].min() > -0.013
+
+
+def test_an_open_mesh_is_refused() -> None:
+    mesh = trimesh.creation.box((0.05, 0.05, 0.05))
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    with pytest.raises(InvalidMeshError, match="closed"):
+        ForceClosureSampler(JAW).sample(mesh, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("options", [{"friction": 0.0}, {"candidates": 0}])
+def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(InvalidOptionError):
+        ForceClosureSampler(JAW, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["box", "pentagon", "mallet"])
+def test_contacts_stay_off_edges_and_on_the_object(name: str) -> None:
+    shape = shapes.build(name)
+    search = ForceClosureSampler(ALLEGRO, candidates=500).sample(
+        shape.mesh,
+        rng=np.random.default_rng(3),
+        support_height=shape.mesh.bounds[0, 2],
+        count=50,
+    )
+    points = np.concatenate([grasp.contact_points for grasp in search.grasps])
+    off, _ = distances_to_mesh(points, shape.mesh)
+    # On flat faces exactly; where a face is curved, its tangent leaves it within the 5 mm between a
+    # contact and its sample: 5^2 / (2 r), r of at least 12 mm here.
+    assert off.max() < 1.1e-3
+    edge = sample_segments(shape.edges, 4000)
+    assert cKDTree(edge).query(points)[0].min() > 0.5e-3
+
+
+def test_pads_may_lie_across_straight_convex_edges() -> None:
+    box = trimesh.creation.box((0.06, 0.06, 0.10))
+    plain, more = (
+        SurfaceSamples(box, lowest=-0.04, rng=np.random.default_rng(0), bends=bends)
+        for bends in (False, True)
+    )
+    points, normals = more.points[len(plain) :], more.normals[len(plain) :]
+    np.testing.assert_array_equal(more.points[: len(plain)], plain.points)
+    # On two faces at once, their normals' sum over sqrt(2); at corners there is no straight edge.
+    at_face = np.isclose(np.abs(points), [0.03, 0.03, 0.05])
+    np.testing.assert_array_equal(at_face.sum(axis=1), 2)
+    np.testing.assert_allclose(normals, np.sign(points) * at_face / np.sqrt(2.0), atol=1e-12)
+    corners = np.array([0.03, 0.03, 0.05])
+    assert np.linalg.norm(np.abs(points) - corners, axis=1).min() > 0.005
+    assert points[:, 2].min() > -0.04
+    # All round the top, 6 cm less 6 mm at either end, and four edges of 9 cm less 6 mm.
+    assert len(points) == pytest.approx(1000 * (4 * 0.048 + 4 * 0.084), rel=0.05)
+    # Concave edges are no place for a pad.
+    mallet = shapes.build("mallet").mesh
+    concave = ~mallet.face_adjacency_convex & (mallet.face_adjacency_angles > 0.5)
+    inner = sample_segments(mallet.vertices[mallet.face_adjacency_edges[concave]], 4000)
+    both = SurfaceSamples(mallet, lowest=-1.0, rng=np.random.default_rng(0), bends=True)
+    assert cKDTree(inner).query(both.points)[0].min() > 1e-3
+
+
+def test_a_jaw_takes_a_pentagon_across_an_edge() -> None:
+    pentagon = shapes.build("pentagon")
+    search = _search(JAW, "pentagon", candidates=400)
+    assert search.grasps
+    assert search.candidates > 400
+    for grasp in search.grasps:
+        from_edge, _ = cKDTree(sample_segments(pentagon.edges, 4000)).query(grasp.contact_points)
+        # One pad on a face, the other across the edge on its far side, normals opposed.
+        assert np.sort(from_edge)[0] < 2e-3 < np.sort(from_edge)[1]
+        np.testing.assert_allclose(grasp.contact_normals.sum(axis=0), 0.0, atol=0.05)

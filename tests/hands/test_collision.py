@@ -1,0 +1,118 @@
+"""Collision of a hand with object, support and itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp import Hand
+from lis_grasp.hands.collision import HandCollisionChecker
+
+JAW = Hand.load("wsg50")
+OPEN = JAW.pregrasps["wide"]
+
+
+def _above(height: float) -> np.ndarray:
+    """Return the jaw pointing down, its palm frame `height` above the origin."""
+    X_OH = np.diag([1.0, -1.0, -1.0, 1.0])
+    X_OH[2, 3] = height
+    return X_OH
+
+
+def test_a_hand_far_away_collides_with_nothing() -> None:
+    checker = HandCollisionChecker(
+        JAW, trimesh.creation.box((0.05, 0.05, 0.05)), support_height=-0.025
+    )
+    assert checker.first_collision(_above(0.5), OPEN) is None
+
+
+def test_a_palm_in_the_object_is_found() -> None:
+    checker = HandCollisionChecker(JAW, trimesh.creation.box((0.05, 0.05, 0.05)))
+    assert checker.first_collision(_above(0.02), OPEN) == "object"
+
+
+def test_a_hand_wholly_inside_the_object_is_found() -> None:
+    # A triangle mesh is a shell to FCL: nothing touches it here.
+    checker = HandCollisionChecker(JAW, trimesh.creation.box((2.0, 2.0, 2.0)))
+    assert checker.first_collision(_above(0.0), OPEN) == "object"
+
+
+@pytest.mark.parametrize(("at", "inside"), [(0.0, False), (-0.15, True)])
+def test_a_body_is_inside_where_its_mesh_is_and_not_its_frame(at: float, inside: bool) -> None:
+    # A cube of 1 cm, 15 cm beside its frame's origin, and a block of 5 cm round one of the two.
+    (body,) = {g.link: g for g in JAW.link_geometries if g.link == JAW.base_link}.values()
+    cube = trimesh.creation.box((0.01, 0.01, 0.01))
+    cube.apply_translation([0.15, 0.0, 0.0])
+    far = replace(body, kind="mesh", dimensions=(), mesh=cube, X_LG=np.eye(4))
+    hand = replace(JAW, link_geometries=(far,))
+    block = trimesh.creation.box((0.05, 0.05, 0.05))
+    X_OL = np.eye(4)
+    X_OL[0, 3] = at
+    checker = HandCollisionChecker(hand, block)
+    assert checker.touches_object(X_OL @ hand.X_LH, OPEN) == inside
+
+
+def test_the_lowest_point_decides_about_the_support() -> None:
+    hand = JAW
+    mesh = trimesh.creation.box((0.01, 0.01, 0.01))
+    mesh.apply_translation([0.0, 0.0, 3.0])
+    poses = hand.forward_kinematics(_above(0.3), OPEN)
+    vertices = [
+        trimesh.transform_points(g.mesh.vertices, poses[g.link] @ g.X_LG)
+        for g in hand.link_geometries
+    ]
+    # The shipped jaw ends in boxes and spheres; a sphere's triangle mesh lies inside of it.
+    lowest = min(v[:, 2].min() for v in vertices)
+    below = HandCollisionChecker(hand, mesh, support_height=lowest - 0.002, clearance=0.001)
+    above = HandCollisionChecker(hand, mesh, support_height=lowest + 0.002, clearance=0.001)
+    assert below.first_collision(_above(0.3), OPEN) is None
+    assert above.first_collision(_above(0.3), OPEN) == "support"
+
+
+def test_pads_may_touch_only_where_they_are_allowed_to() -> None:
+    checker = HandCollisionChecker(JAW, trimesh.creation.box((0.06, 0.03, 0.06)))
+    # The jaw is closed to 58 mm round 60 mm: both fingers press in by a millimetre.
+    closed = np.clip(np.full(2, 0.029), JAW.lower, JAW.upper)
+    X_OH = _above(0.075)
+    assert checker.first_collision(X_OH, closed) == "object"
+    assert checker.first_collision(X_OH, closed, pads_may_touch=True) is None
+
+
+def test_fingers_through_each_other_are_found() -> None:
+    hand = Hand.load("allegro")
+    checker = HandCollisionChecker(hand, trimesh.creation.icosphere(radius=0.001))
+    far = np.eye(4)
+    far[:3, 3] = 1.0
+    opened = hand.pregrasps["medium"].copy()
+    assert checker.first_collision(far, opened) is None
+    crossed = opened.copy()
+    names = list(hand.joint_names)
+    crossed[names.index("index_0")] = hand.lower[names.index("index_0")]
+    crossed[names.index("middle_0")] = hand.upper[names.index("middle_0")]
+    assert checker.first_collision(far, crossed) == "self"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_object_verdict_agrees_with_sampled_points(seed: int) -> None:
+    # Independent: points of the links' surfaces inside the mesh mean collision.
+    rng = np.random.default_rng(seed)
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    checker = HandCollisionChecker(JAW, mesh)
+    for _ in range(15):
+        X_OH = trimesh.transformations.random_rotation_matrix(rng.random(3))
+        X_OH[:3, 3] = rng.normal(scale=0.08, size=3)
+        poses = JAW.forward_kinematics(X_OH, OPEN)
+        depth = min(
+            np.linalg.norm(
+                trimesh.transform_points(
+                    g.mesh.subdivide_to_size(0.01).vertices, poses[g.link] @ g.X_LG
+                ),
+                axis=1,
+            ).min()
+            for g in JAW.link_geometries
+        )
+        if depth < 0.049:
+            assert checker.touches_object(X_OH, OPEN)
+        elif depth > 0.056 and not checker.touches_object(X_OH, OPEN):
+            continue

@@ -1,0 +1,77 @@
+"""The filter of hand poses: what it rejects collides, by FCL; and it rejects most of what does."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from lis_grasp import Hand, shapes
+from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.pose_filter import HandPoseFilter
+
+
+def _poses(count: int, spread: float, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    X = np.tile(np.eye(4), (count, 1, 1))
+    X[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
+    X[:, :3, 3] = rng.normal(scale=spread, size=(count, 3))
+    return X
+
+
+@pytest.mark.parametrize("hand_name", ["allegro", "wsg50", "barrett"])
+@pytest.mark.parametrize("name", ["box", "torus", "hollow_cylinder"])
+def test_what_is_rejected_collides_and_most_of_what_collides_is_rejected(
+    hand_name: str, name: str
+) -> None:
+    hand, mesh = Hand.load(hand_name), shapes.build(name).mesh
+    poses, checker = HandPoseFilter(hand, mesh), HandCollisionChecker(hand, mesh)
+    rng = np.random.default_rng(1)
+    X = _poses(150, 0.08, 2)
+    q = rng.uniform(hand.lower, hand.upper, size=(len(X), len(hand.lower)))
+    rejected = poses.collides(X, q)
+    true = np.array([checker.touches_object(*pose) for pose in zip(X, q, strict=True)])
+    assert not (rejected & ~true).any()
+    assert rejected.sum() > 0.5 * true.sum()
+    np.testing.assert_array_equal(
+        poses.collides(X, q[0]), poses.collides(X, np.tile(q[0], (150, 1)))
+    )
+
+
+def test_a_bead_needs_no_finer_a_grid_than_the_hand() -> None:
+    hand, bead = Hand.load("allegro"), trimesh.creation.icosphere(radius=0.001)
+    poses = HandPoseFilter(hand, bead)
+    assert poses._distances.size < 1e6
+    center = hand.pad_centers(np.eye(4), q := next(iter(hand.pregrasps.values())))[0]
+    X = np.tile(np.eye(4), (2, 1, 1))
+    X[0, :3, 3] = -center  # the bead is in the middle of a fingertip
+    X[1, :3, 3] = [0.0, 0.0, 1.0]
+    assert poses.collides(X, q).tolist() == [True, False]
+
+
+def test_pads_may_touch_if_told_so() -> None:
+    hand = Hand.load("wsg50")
+    center = hand.pad_centers(np.eye(4), hand.lower + 0.02).mean(axis=0)
+    ball = trimesh.creation.icosphere(radius=0.03)
+    ball.apply_translation(center)
+    poses = HandPoseFilter(hand, ball)
+    q = hand.lower + 0.005  # the pads reach deep into the ball, the palm is far
+    assert poses.collides(np.eye(4)[None], q)[0]
+    assert not poses.collides(np.eye(4)[None], q, pads_may_touch=True)[0]
+
+
+def test_a_link_wholly_inside_and_one_in_a_cavity_are_told_apart() -> None:
+    hand = Hand.load("allegro")
+    q = next(iter(hand.pregrasps.values()))
+    solid = trimesh.creation.box((1.0, 1.0, 1.0))
+    hollow = trimesh.util.concatenate([solid, _inside_out(trimesh.creation.box((0.9, 0.9, 0.9)))])
+    assert HandPoseFilter(hand, solid).collides(np.eye(4)[None], q)[0]
+    # A sealed cavity counts as inside: no hand can be there.
+    assert HandPoseFilter(hand, hollow).collides(np.eye(4)[None], q)[0]
+    away = np.eye(4)
+    away[0, 3] = 2.0
+    assert not HandPoseFilter(hand, solid).collides(away[None], q)[0]
+
+
+def _inside_out(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    mesh.invert()
+    return mesh

@@ -1,0 +1,45 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io import provenance
+
+
+def test_facts_survive_a_ply_header(tmp_path: Path) -> None:
+    path = tmp_path / "any.ply"
+    line = provenance.describe(seed=3, object="box")
+    path.write_text(f"ply\nformat ascii 1.0\ncomment {line}\nelement vertex 0\nend_header\n")
+    facts = provenance.read(path)
+    assert facts["seed"] == 3
+    assert facts["object"] == "box"
+
+
+def test_facts_survive_a_json_file(tmp_path: Path) -> None:
+    path = tmp_path / "any.json"
+    path.write_text(json.dumps({"header": provenance.describe(seed=7)}))
+    assert provenance.read(path)["seed"] == 7
+
+
+def test_a_later_stage_inherits_and_overrides(tmp_path: Path) -> None:
+    facts = provenance.parse(provenance.merge({"seed": 1, "hand": "a", "version": "0"}, hand="b"))
+    assert facts["seed"] == 1
+    assert facts["hand"] == "b"
+    assert facts["version"] != "0"
+
+
+@pytest.mark.parametrize("text", ["", "comment of somebody", "lis_grasp {broken", "lis_grasp [1]"])
+def test_other_headers_carry_no_facts(text: str) -> None:
+    assert provenance.parse(text) == {}
+
+
+def test_other_programs_files_carry_no_facts(tmp_path: Path) -> None:
+    path = tmp_path / "any.json"
+    path.write_text("[1, 2")
+    assert provenance.read(path) == {}
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError, match=r"absent\.ply"):
+        provenance.read(tmp_path / "absent.ply")

@@ -1,0 +1,200 @@
+"""Touching by geometry: exact on shapes with a formula, and in agreement with Drake."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp import shapes
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidMeshError
+from lis_grasp.exploration import Workspace
+from lis_grasp.exploration.known_shape import KnownShape
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.hand import Hand
+from lis_grasp.probing.guarded_motion import GuardedMotion
+from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.shapes import Shape
+from lis_grasp.simulation.dynamic_prober import DynamicProber
+from lis_grasp.surfaces import ESTIMATORS
+
+
+@pytest.fixture(scope="module", params=["allegro", "wsg50", "barrett"])
+def hand(request: pytest.FixtureRequest) -> Hand:
+    return Hand.load(request.param)
+
+
+def random_probes(shape: Shape, count: int, rng: np.random.Generator) -> list[Probe]:
+    """Probes at random points of a shape, up to 40 degrees off the normal."""
+    points, faces = trimesh.sample.sample_surface(shape.mesh, count, seed=rng)
+    probes = []
+    for point, normal in zip(points, shape.mesh.face_normals[faces], strict=True):
+        side = np.cross(normal, rng.normal(size=3))
+        tilt = rng.uniform(0.0, np.deg2rad(40.0))
+        direction = np.sin(tilt) * side / np.linalg.norm(side) - np.cos(tilt) * normal
+        probes.append(Probe(point, direction, 0.03, 0.02))
+    return probes
+
+
+def test_a_box_is_touched_exactly_where_it_was_aimed(hand: Hand) -> None:
+    prober = KinematicProber(hand, trimesh.creation.box(extents=[0.1, 0.08, 0.06]))
+    outcome = prober.probe(Probe([0.01, -0.02, 0.03], [0.0, 0.0, -1.0], 0.03, 0.02))
+    assert outcome.status == "touched"
+    # It stops 0.02 mm before the surface at the most; the point is on it.
+    assert outcome.contacts.points[0, 2] == pytest.approx(0.03, abs=1e-12)
+    np.testing.assert_allclose(outcome.contacts.normals, [[0.0, 0.0, 1.0]], atol=1e-12)
+    # 30 mm at 0.1 m/s, and back at 0.25 m/s.
+    assert outcome.duration == pytest.approx(0.3 + 0.12, abs=1e-3)
+
+
+def test_the_tip_s_sphere_meets_a_slope_beside_where_it_was_aimed() -> None:
+    # A sphere of radius r that moves down on a slope at 30 degrees, its lowest point along a line,
+    # meets it r sin 30 beside that line.
+    slope = trimesh.creation.box(extents=[0.2, 0.2, 0.1])
+    slope.apply_translation([0.0, 0.0, -0.05])
+    slope.apply_transform(trimesh.transformations.rotation_matrix(np.deg2rad(30.0), [0, 1, 0]))
+    hand = Hand.load("allegro")
+    radius = next(iter(hand.probe_postures.values())).radius
+    prober = KinematicProber(hand, slope)
+    outcome = prober.probe(Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.05, 0.02))
+    normal = np.array([0.5, 0.0, np.sqrt(0.75)])
+    np.testing.assert_allclose(outcome.contacts.normals, [normal], atol=1e-9)
+    assert outcome.contacts.points[0] @ normal == pytest.approx(0.0, abs=1e-12)
+    # 0.02 mm of slack across the slope, twice as much along it.
+    assert outcome.contacts.points[0, 0] == pytest.approx(-0.5 * radius, abs=5e-5)
+
+
+@pytest.mark.parametrize("name", ["cylinder", "hollow_cylinder", "mallet"])
+def test_both_probers_agree(name: str, hand: Hand) -> None:
+    shape = shapes.build(name, 0.2)
+    kinematic, dynamic = KinematicProber(hand, shape.mesh), DynamicProber(hand, shape.mesh)
+    gaps, angles, links, alike = [], [], [], []
+    for probe in random_probes(shape, 25, np.random.default_rng(7)):
+        met, felt = kinematic.probe(probe), dynamic.probe(probe)
+        alike.append(met.status == felt.status)
+        if met.status == felt.status == "touched":
+            apart = np.linalg.norm(felt.contacts.points - met.contacts.points[0], axis=1)
+            nearest = int(np.argmin(apart))
+            gaps.append(apart[nearest])
+            cosine = felt.contacts.normals[nearest] @ met.contacts.normals[0]
+            angles.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+            links.append(met.contacts.fingers[0] in felt.contacts.fingers)
+    # A grazing tip or link may or may not press 0.2 N before it passes.
+    assert np.mean(alike) >= 0.9
+    assert np.mean(links) >= 0.9
+    # Until it feels 0.2 N a tip goes on by a third of a millimetre, oblique ones along the surface.
+    assert np.median(gaps) < 1e-3
+    assert np.quantile(gaps, 0.9) < 3e-3
+    # Facets meet at up to 4 degrees; an edge gives either side's normal.
+    assert np.median(angles) < 2.0
+
+
+def test_a_ring_is_entered(hand: Hand) -> None:
+    ring = trimesh.creation.torus(major_radius=0.055, minor_radius=0.015)
+    prober = KinematicProber(hand, ring)
+    outcome = prober.probe(Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.04, 0.02))
+    assert outcome.status == "missed"
+    assert outcome.duration == pytest.approx(0.6 + 0.24)
+    radius = next(iter(hand.probe_postures.values())).radius
+    np.testing.assert_allclose(outcome.free_points[0], [0.0, 0.0, 0.04 + radius], atol=1e-12)
+
+
+@pytest.mark.parametrize("side", [0.1, 0.8])
+def test_a_start_inside_the_object_is_blocked(hand: Hand, side: float) -> None:
+    # Only the tip is in the small box; the whole hand is in the large one, and touches nothing.
+    prober = KinematicProber(hand, trimesh.creation.box(extents=[side] * 3))
+    outcome: ProbeOutcome = prober.probe(Probe([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], 0.01, 0.01))
+    assert outcome.status == "blocked"
+
+
+def known_before(shape: Shape) -> KnownShape:
+    space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
+    return KnownShape(space, Contacts.empty(), None)
+
+
+@pytest.mark.parametrize("from_outside", [False, True])
+def test_the_whole_hand_is_free_until_the_touch_and_not_beyond(
+    hand: Hand, from_outside: bool
+) -> None:
+    shape = shapes.build("mallet", 0.2)
+    motion = GuardedMotion(hand, shape.mesh, None)
+    oracle = HandCollisionChecker(hand, shape.mesh)
+    known = known_before(shape) if from_outside else None
+    met = on_the_way = 0
+    for probe in random_probes(shape, 30, np.random.default_rng(3)):
+        course = motion.run(probe, known)
+        if isinstance(course, str):
+            continue
+        q, moved = course.approach.posture.joint_positions, np.eye(4)
+        for part in np.linspace(0.0, 0.999, 7):
+            moved[:3, 3] = part * course.travelled * course.direction
+            assert not oracle.touches_object(moved @ course.X_OH, q)
+        if (
+            course.came == course.approach.run_in
+        ):  # it is where the probe starts: all free till here
+            for part in np.linspace(0.0, 0.999, 7):
+                moved[:3, 3] = (part - 1.0) * course.came * course.approach.axis
+                assert not oracle.touches_object(moved @ course.approach.X_OH, q)
+        else:
+            on_the_way += 1
+        if course.met is not None:
+            met += 1
+            # Beyond the 0.02 mm at which it counts as touching; a graze at 40 degrees needs more.
+            moved[:3, 3] = (course.travelled + 2e-4) * course.direction
+            assert oracle.touches_object(moved @ course.X_OH, q)
+    assert met > 15
+    assert on_the_way < 10
+
+
+def test_what_is_in_the_way_in_is_touched_by_whatever_link_meets_it(hand: Hand) -> None:
+    # A plate lies over the target, and nobody knows.
+    plate = trimesh.creation.box(extents=[0.3, 0.3, 0.01])
+    plate.apply_translation([0.0, 0.0, 0.08])
+    space = Workspace(0.05, np.zeros(3), 0.2)
+    prober = KinematicProber(hand, plate)
+    probe = Probe([0.0, 0.0, 0.03], [0.0, 0.0, -1.0], 0.02, 0.01)
+    outcome = prober.probe(probe, KnownShape(space, Contacts.empty(), None))
+    assert outcome.status == "touched"
+    assert outcome.contacts.points[0, 2] == pytest.approx(0.085, abs=1e-4)
+    # It came from outside of the ball, felt at 0.25 m/s, and went back.
+    way = float(np.sqrt(3.0)) * 0.1 - 0.085
+    radius = next(iter(hand.probe_postures.values())).radius
+    assert outcome.duration == pytest.approx(2.0 * (way - radius) / 0.25, abs=0.1)
+
+
+def test_a_hand_does_not_come_in_through_what_is_known(hand: Hand) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    contacts = Contacts(0.1 * normals, normals)
+    space = Workspace(0.1, np.zeros(3), 0.2)
+    surface = ESTIMATORS["gpis"](contacts)
+    prober = KinematicProber(hand, ball)
+    inside_out = Probe([0.0, 0.0, 0.1], [0.0, 0.0, 1.0], 0.02, 0.02)
+    outcome = prober.probe(inside_out, KnownShape(space, contacts, surface))
+    assert outcome.status == "blocked"
+    assert "past what is known" in outcome.reason
+    # As nobody knows of the ball, the hand comes along and feels its other side.
+    assert prober.probe(inside_out, KnownShape(space, Contacts.empty(), None)).status == "touched"
+
+
+def test_the_wall_of_a_bore_is_touched_from_within_with_the_finger_along_the_bore() -> None:
+    shape = shapes.build("hollow_cylinder", 0.2)
+    prober = KinematicProber(Hand.load("allegro"), shape.mesh)
+    direction = np.array([1.0, 0.0, 0.0])
+    probe = Probe([0.1, 0.0, 0.05], direction, 0.1, 0.0)
+    # All of the outside is known, so that the hand cannot come in through the other wall.
+    points, faces = trimesh.sample.sample_surface(shape.mesh, 300, seed=0)
+    contacts = Contacts(points, shape.mesh.face_normals[faces])
+    space = Workspace(0.05, np.zeros(3), 0.2)
+    known = KnownShape(space, contacts, ESTIMATORS["gpis"](contacts))
+    outcome = prober.probe(probe, known)
+    assert outcome.status == "touched"
+    inner = np.linalg.norm(outcome.contacts.points[0, :2])
+    assert outcome.contacts.normals[0] @ direction < -0.9
+    assert inner < 0.95 * np.linalg.norm(shape.mesh.vertices[:, :2], axis=1).max()
+
+
+def test_an_open_mesh_is_refused(hand: Hand) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    with pytest.raises(InvalidMeshError, match="watertight"):
+        KinematicProber(hand, trimesh.Trimesh(ball.vertices, ball.faces[:-1]))

@@ -1,0 +1,194 @@
+"""Kill explorations, runs and studies at random moments, run them again, and compare what is left.
+
+    python tests/robustness/kills.py --count 200                      # an hour on two cores
+    python tests/robustness/kills.py --count 50 --verbs explore       # a few minutes
+
+Each time the command is killed once to three times, by SIGKILL, SIGTERM or SIGINT, at a moment that
+is random or just after a file of its folder has changed; then it is run to its end. After every
+kill, files under their final names must be whole (the log of touches, which grows, a beginning of
+the undisturbed one's); at the end all files must be those of an undisturbed run, byte for byte but
+for times. Exit code 1 if any was not. After SIGTERM it ends the command it is at, and tells of
+those so far.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lis_grasp.experiments.study.study_results import StudyResults, without_times
+
+COMMANDS = {
+    "explore": "explore box --prober kinematic --touches 8 --position-noise 0.001",
+    "run": "run box --prober kinematic --touches 6 --grasps 1 --estimator patch",
+    "compare": "compare --objects box --estimators patch gpis --reference gpis --touches 4"
+    " --noise none --seeds 2 --jobs 1",
+}
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+LOG = "touches.jsonl"  # the one file that grows
+# An undisturbed command takes seconds; one that takes so long hangs [s].
+_LONGEST = 600.0
+_POLL = 0.002
+
+
+@dataclass(frozen=True)
+class Undisturbed:
+    """What a command writes when nobody kills it: its files without times, and how long it took."""
+
+    files: dict[str, bytes]
+    seconds: float
+
+
+def start(verb: str, folder: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "lis_grasp.cli.main", *COMMANDS[verb].split()]
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen([*command, "--output", str(folder)], stdout=quiet, stderr=quiet)
+
+
+def undisturbed(verb: str, folder: Path) -> Undisturbed:
+    began = time.monotonic()
+    if start(verb, folder).wait(_LONGEST):
+        raise SystemExit(f"the undisturbed {verb} failed")
+    return Undisturbed(files_in(folder), time.monotonic() - began)
+
+
+def files_in(folder: Path) -> dict[str, bytes]:
+    """Return what is in the files of a folder, times left out; unfinished ones have other names."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and not path.name.startswith("."):
+            found[str(path.relative_to(folder))] = content_of(path, folder)
+    return found
+
+
+def content_of(path: Path, folder: Path) -> bytes:
+    if path.name == "report.json":
+        report = json.loads(path.read_bytes())
+        report.pop("timings")
+        return json.dumps(report).encode()
+    if path.suffix == ".parquet" and path.parent.name == "rows":
+        row = StudyResults(folder).row(path.stem)
+        return json.dumps(without_times(row)).encode()
+    if path.name in ("rows.parquet", "rows.csv"):
+        return b""  # made from rows/, with their times
+    return path.read_bytes().replace(str(folder).encode(), b"FOLDER")
+
+
+def kill_once(
+    verb: str, folder: Path, plain: Undisturbed, rng: np.random.Generator
+) -> tuple[str, list[str]]:
+    """Start, kill, and look; return the signal, or "none" where it came too late, and faults."""
+    name = SIGNALS[rng.integers(len(SIGNALS))]
+    process = start(verb, folder)
+    end = time.monotonic() + float(rng.uniform(0.0, 1.1 * plain.seconds))
+    if rng.random() < 0.6:
+        wait_for_changes(folder, int(rng.integers(1, len(plain.files) + 12)), process)
+        end = time.monotonic() + float(rng.exponential(0.005))
+    while time.monotonic() < end and process.poll() is None:
+        time.sleep(_POLL)
+    late = process.poll() is not None
+    if not late:
+        process.send_signal(name)
+    process.wait(_LONGEST)
+    return "none" if late else name.name, half_written(folder, plain)
+
+
+def wait_for_changes(folder: Path, count: int, process: subprocess.Popen[bytes]) -> None:
+    """Wait until files of the folder, unfinished ones too, have changed so many times."""
+    before, seen = -1, 0
+    began = time.monotonic()
+    while seen < count and process.poll() is None and time.monotonic() - began < _LONGEST:
+        state = hash(tuple((p.name, size_of(p)) for p in sorted(folder.rglob("*"))))
+        seen += state != before
+        before = state
+        time.sleep(_POLL)
+
+
+def size_of(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return -1
+
+
+def half_written(folder: Path, plain: Undisturbed) -> list[str]:
+    """Name the files that are not as in an undisturbed run, nor, for the log, a beginning of it."""
+    faults = []
+    for name, content in files_in(folder).items():
+        whole = plain.files.get(name)
+        if whole is None or not (
+            whole.startswith(content[: content.rfind(b"\n") + 1])
+            if name == LOG
+            else content == whole
+        ):
+            faults.append(f"{name} after a kill")
+    return faults
+
+
+def disturbed(
+    verb: str, folder: Path, plain: Undisturbed, rng: np.random.Generator
+) -> tuple[list[str], list[str]]:
+    """Kill a command once to three times, run it to its end; return signals sent, and faults."""
+    signals, faults = [], []
+    for _ in range(int(rng.integers(1, 4))):
+        sent, found = kill_once(verb, folder, plain, rng)
+        signals.append(sent)
+        faults += found
+    code = start(verb, folder).wait(_LONGEST)
+    if code:
+        faults.append(f"run again, it ended with {code}")
+    left = files_in(folder)
+    faults += [
+        f"{name} in the end"
+        for name in sorted({*left, *plain.files})
+        if left.get(name) != plain.files.get(name)
+    ]
+    return signals, faults
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=20, help="commands to disturb, of all verbs")
+    parser.add_argument("--verbs", nargs="+", choices=list(COMMANDS), default=list(COMMANDS))
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    asked_to_stop: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: asked_to_stop.append(number))
+    failed = 0
+    for number, verb in enumerate(options.verbs):
+        if asked_to_stop:
+            break
+        count = options.count // len(options.verbs)
+        count += number < options.count % len(options.verbs)
+        signals: Counter[str] = Counter()
+        faulty = done = 0
+        with tempfile.TemporaryDirectory(prefix="kills-") as name:
+            plain = undisturbed(verb, Path(name) / "plain")
+            for index in range(count):
+                if asked_to_stop:
+                    break
+                rng = np.random.default_rng([options.seed, number, index])
+                sent, faults = disturbed(verb, Path(name) / f"killed{index}", plain, rng)
+                signals.update(sent)
+                faulty += bool(faults)
+                done += 1
+                for fault in faults:
+                    print(f"{verb} {index}, {', '.join(sent)}: {fault}", flush=True)
+        failed += faulty
+        listed = ", ".join(f"{key} {value}" for key, value in sorted(signals.items()))
+        print(f"{verb}: {done} disturbed, {faulty} with faults; kills: {listed}", flush=True)
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,142 @@
+"""Libraries that fail in the middle lose nothing that was finished, and no grasp is believed."""
+
+from collections.abc import Callable
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from kills import COMMANDS, Undisturbed, files_in, half_written
+from scipy.optimize import OptimizeResult
+
+from lis_grasp import ForceClosureSampler, Hand
+from lis_grasp.cli.main import main
+from lis_grasp.grasping.force_closure import is_force_closure, min_weight, resisted_force
+from lis_grasp.simulation.lift_scene import LiftScene
+from lis_grasp.simulation.simulate_lift import simulate_lift
+
+RUN = COMMANDS["run"].split()
+
+CHECKER = "lis_grasp.hands.collision.HandCollisionChecker"
+# What stages finish, one after the other.
+TOUCHED = {"touches.jsonl"}
+FELT = {*TOUCHED, "contacts.ply"}
+ESTIMATED = {*FELT, "surface.ply"}
+# What fails, after how many good calls, and what must be finished by then.
+FAULTS = {
+    "FCL while touching": (
+        f"{CHECKER}.nearest",
+        12,
+        TOUCHED,
+    ),
+    "meshing": ("lis_grasp.pipeline.stages.extract_mesh", 0, FELT),
+    "FCL at a grasp": (
+        f"{CHECKER}.first_collision",
+        3,
+        ESTIMATED,
+    ),
+    "a linear programme": ("lis_grasp.grasping.force_closure.linprog", 2, ESTIMATED),
+    "inverse kinematics": ("lis_grasp.grasping.placement.reach", 1, ESTIMATED),
+    "Drake's plant": ("lis_grasp.simulation.lift_scene.add_object", 0, ESTIMATED),
+}
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
+    folder = tmp_path_factory.mktemp("plain")
+    assert main([*RUN, "--output", str(folder)]) == 0
+    return Undisturbed(files_in(folder), 0.0)
+
+
+def _failing_after(calls: int, function: Callable[..., Any]) -> Callable[..., Any]:
+    left = calls
+
+    def fail(*arguments: Any, **options: Any) -> Any:
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise RuntimeError("a library has failed")
+        return function(*arguments, **options)
+
+    return fail
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_failed_run_leaves_whole_files_and_is_taken_up_again(
+    fault: str, plain: Undisturbed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target, calls, finished = FAULTS[fault]
+    with monkeypatch.context() as patch:
+        patch.setattr(target, _failing_after(calls, resolve_name(target)))
+        with pytest.raises(RuntimeError, match="a library has failed"):
+            main([*RUN, "--output", str(tmp_path)])
+    assert not half_written(tmp_path, plain)
+    assert finished <= set(files_in(tmp_path))
+    assert main([*RUN, "--output", str(tmp_path)]) == 0
+    assert files_in(tmp_path) == plain.files
+
+
+@pytest.mark.parametrize("status", [1, 4])  # the limit of iterations; numerical difficulties
+def test_where_the_solver_gives_up_no_grasp_is_believed(
+    status: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.0], [-0.5, -0.8, 0.0]])
+    arguments = {"points": points, "normals": points, "friction": 0.8}
+    assert is_force_closure(**arguments)
+    assert min_weight(**arguments) > 0.0
+    assert resisted_force(**arguments, direction=(0.0, 0.0, 1.0), origin=np.zeros(3)) > 0.0
+    monkeypatch.setattr(
+        "lis_grasp.grasping.force_closure.linprog",
+        lambda **_: OptimizeResult(x=None, status=status, success=False),
+    )
+    assert not is_force_closure(**arguments)
+    assert min_weight(**arguments) == 0.0
+    assert resisted_force(**arguments, direction=(0.0, 0.0, 1.0), origin=np.zeros(3)) == 0.0
+
+
+def _lose_all_numbers(scene: LiftScene) -> None:
+    state = scene._context.get_mutable_discrete_state_vector()
+    state.SetFromVector(np.full(state.size(), np.nan))
+
+
+def _fail_an_assertion(scene: LiftScene) -> None:
+    """Do what one of Drake's own assertions forbids; pydrake raises SystemExit then."""
+    scene._plant.SetPositions(scene._context, np.full(scene._plant.num_positions(), np.nan))
+
+
+class _FailingSimulator:
+    def __init__(self, scene: LiftScene, fail: Callable[[LiftScene], None], at: float) -> None:
+        self._scene, self._fail, self._at = scene, fail, at
+        self._simulator = scene._simulator
+
+    def AdvanceTo(self, time: float) -> None:
+        if time > self._at:
+            self._fail(self._scene)
+        self._simulator.AdvanceTo(time)
+
+
+@pytest.mark.parametrize("at", [0.0, 1.0])
+@pytest.mark.parametrize("fail", [_lose_all_numbers, _fail_an_assertion])
+def test_a_lift_that_diverges_says_so_and_where_the_object_was(
+    fail: Callable[[LiftScene], None], at: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    box, hand = trimesh.creation.box((0.05, 0.05, 0.08)), Hand.load("wsg50")
+    search = ForceClosureSampler(hand).sample(
+        box, support_height=-0.04, count=1, rng=np.random.default_rng(0)
+    )
+    build = LiftScene.__init__
+
+    def build_to_fail(scene: LiftScene, *arguments: Any, **options: Any) -> None:
+        build(scene, *arguments, **options)
+        scene._simulator = _FailingSimulator(scene, fail, at)
+
+    monkeypatch.setattr(LiftScene, "__init__", build_to_fail)
+    outcome = simulate_lift(box, hand, search.grasps[0], support_height=-0.04)
+    assert outcome.reason == "diverged"
+    assert not outcome.lifted
+    assert not outcome.held
+    assert np.isfinite(outcome.X_WO).all()
+    assert all(np.isfinite(X).all() for X in outcome.motion.poses.values())

@@ -1,0 +1,105 @@
+"""Touching an object that stands free: where it stays, where it slides, where it falls."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import Probe, Workspace
+from lis_grasp.exploration.known_shape import KnownShape
+from lis_grasp.hands.hand import Hand
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.probing.guarded_motion import AT_TABLE
+from lis_grasp.simulation import dynamic_prober as probing
+from lis_grasp.simulation.dynamic_prober import TOPPLED, DynamicProber
+from lis_grasp.simulation.probing_scene import FreeObject
+
+FROM_THE_SIDE = Probe([-0.03, 0.0, 0.0], [1.0, 0.0, 0.0], 0.02, 0.02)
+
+
+def touched(mesh: trimesh.Trimesh, *, mass: float, friction: float, probe: Probe = FROM_THE_SIDE):
+    free = FreeObject(float(mesh.bounds[0, 2]), mass, friction)
+    prober = DynamicProber(Hand.load("allegro"), mesh, free=free)
+    return prober.probe(probe), prober
+
+
+def cube() -> trimesh.Trimesh:
+    return trimesh.creation.box(extents=[0.06, 0.06, 0.06])
+
+
+def test_a_touch_weaker_than_friction_moves_nothing() -> None:
+    # 0.5 x 0.5 kg x g = 2.5 N of friction, and a touch of 0.2 N, felt 0.06 mm too late at the most.
+    outcome, _ = touched(cube(), mass=0.5, friction=0.5)
+    assert outcome.status == "touched"
+    assert outcome.moved < 2e-4
+    np.testing.assert_allclose(outcome.contacts.points[0], [-0.03, 0.0, 0.0], atol=1e-3)
+
+
+def test_an_object_that_slides_is_followed_and_its_contacts_stay_true() -> None:
+    # 0.02 x 0.05 kg x g = 0.01 N of friction: it slides away from the finger.
+    outcome, prober = touched(cube(), mass=0.05, friction=0.02)
+    assert outcome.moved > 1e-3
+    if outcome.status == "touched":
+        np.testing.assert_allclose(outcome.contacts.points[0, 0], -0.03, atol=2e-4)
+    # The next probe finds it where it was aimed, whatever the one before did to it.
+    again = prober.probe(Probe([0.0, 0.0, 0.03], [0.0, 0.0, -1.0], 0.02, 0.02))
+    np.testing.assert_allclose(again.contacts.points[0], [0.0, 0.0, 0.03], atol=1e-3)
+
+
+def test_a_touch_that_topples_the_object_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    # It gives way at 0.01 N and comes back when the finger does, which gives up after 10 mm; pushed
+    # by 50 mm at a height of 180 mm it leans beyond its foot of 20 mm.
+    monkeypatch.setattr(probing, "_BEYOND", 0.05)
+    stick = trimesh.creation.box(extents=[0.02, 0.02, 0.2])
+    probe = Probe([-0.01, 0.0, 0.08], [1.0, 0.0, 0.0], 0.02, 0.06)
+    outcome, _ = touched(stick, mass=0.02, friction=0.8, probe=probe)
+    assert outcome.status == "blocked"
+    assert outcome.reason == TOPPLED
+    assert len(outcome.contacts) == 0
+
+
+def test_nothing_comes_in_through_the_table() -> None:
+    mesh = cube()
+    space = Workspace(0.015, np.zeros(3), 0.06, float(mesh.bounds[0, 2]))
+    prober = DynamicProber(Hand.load("allegro"), mesh, free=FreeObject(space.support_height))
+    known = KnownShape(space, Contacts.empty(), None)
+    from_below = prober.probe(Probe([0.0, 0.0, -0.03], [0.0, 0.0, 1.0], 0.02, 0.02), known)
+    assert from_below.status == "blocked"
+    assert prober.probe(FROM_THE_SIDE, known).status == "touched"
+
+
+@pytest.mark.parametrize(
+    ("beside", "depth", "status"),
+    [(0.05, 0.0, "missed"), (0.05, 0.08, "blocked"), (0.0, 0.0, "touched")],
+)
+def test_a_hand_stops_at_the_table_and_does_not_know_what_is_below(
+    beside: float, depth: float, status: str
+) -> None:
+    # Beside a cube of 6 cm, and on it: down by 10 cm from 2 cm above its top, past a target that is
+    # as high as the top, or to one below the table.
+    mesh = cube()
+    space = Workspace(0.015, np.zeros(3), 0.06, -0.03)
+    prober = DynamicProber(Hand.load("allegro"), mesh, free=FreeObject(space.support_height))
+    down = Probe([beside, 0.0, 0.03 - depth], [0.0, 0.0, -1.0], 0.02 + depth, 0.08 - depth)
+    outcome = prober.probe(down, KnownShape(space, Contacts.empty(), None))
+    assert outcome.status == status
+    assert outcome.reason == (AT_TABLE if status == "blocked" else "")
+    if status != "touched":
+        # The tip's ball comes down to the table, and no ball goes below it.
+        lowest = (outcome.free_points[:, 2] - outcome.free_radii).min()
+        assert lowest == pytest.approx(space.support_height, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"mass": 0.0}, "mass must be a positive"), ({"friction": np.nan}, "friction must be a pos")],
+)
+def test_an_object_without_weight_or_grip_is_refused(change: dict, message: str) -> None:
+    with pytest.raises(InvalidOptionError, match=message):
+        FreeObject(**({"support_height": 0.0} | change))
+
+
+def test_a_free_object_needs_dynamics() -> None:
+    with pytest.raises(InvalidOptionError, match="needs the dynamic prober"):
+        RunConfig(free=True, prober="kinematic")

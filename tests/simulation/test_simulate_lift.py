@@ -1,0 +1,465 @@
+"""Grasp trials: what must hold is held, what must fail fails for the named reason, repeatably."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.grip import balanced_grip
+from lis_grasp.grasping.sampler import ForceClosureSampler
+from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.wrist_trajectory import line, shake
+from lis_grasp.pipeline import lift_each
+from lis_grasp.shapes import Shape
+from lis_grasp.shapes.simplification import merge_flat_faces
+from lis_grasp.simulation.simulate_lift import (
+    LiftOptions,
+    LiftOutcome,
+    simulate_lift,
+)
+
+# The default trial with less of a hold, to keep these tests quick.
+SHORT = LiftOptions(hold_time=0.5, lift_time=0.6)
+# The palm looks down, the fingers reach over the object along -x, the thumb comes from +x.
+_OVER_THE_TOP = np.column_stack([[0, 0, -1], [0, -1, 0], [-1, 0, 0]])
+_CURLED = np.array([0.0, 0.9, 0.6, 0.5] * 3 + [1.39, 0.5, 0.3, 0.6])
+
+
+def allegro_grasp(
+    hand: Hand, points: np.ndarray, normals: np.ndarray, fingers: Sequence[str]
+) -> Grasp:
+    """Return a grasp from above with the named fingertips at points (C, 3) with normals (C, 3)."""
+    index = [hand.fingers.index(finger) for finger in fingers]
+    centers = points + normals * np.array([hand.pads[i].radius for i in index])[:, None]
+    rest = _CURLED
+    above = points.mean(axis=0) + np.array([0.04, 0.0, 0.1])
+
+    def pose(x: np.ndarray) -> np.ndarray:
+        X_OH = np.eye(4)
+        X_OH[:3, :3] = Rotation.from_rotvec(x[:3]).as_matrix() @ _OVER_THE_TOP
+        X_OH[:3, 3] = x[3:6]
+        return X_OH
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        reached = hand.pad_centers(pose(x), x[6:])[index]
+        return np.concatenate([100.0 * (reached - centers).ravel(), 0.05 * (x[6:] - rest), x[:3]])
+
+    start = np.concatenate([np.zeros(3), above, np.clip(rest, hand.lower, hand.upper)])
+    lower = np.concatenate([[-1.0] * 3, above - 0.15, hand.lower])
+    upper = np.concatenate([[1.0] * 3, above + 0.15, hand.upper])
+    x = least_squares(residual, start, bounds=(lower, upper)).x
+    opened = x[6:].copy()
+    for finger in hand.fingers:
+        opened[list(hand.finger_joints(finger))[1:]] -= [0.25, 0.15, 0.1]
+    return Grasp(
+        hand=hand.name,
+        X_OH=pose(x),
+        joint_names=hand.joint_names,
+        joint_positions=x[6:],
+        pregrasp_positions=np.clip(opened, hand.lower, hand.upper),
+        approach_O=pose(x)[:3, :3] @ hand.approach_H,
+        contact_points=points,
+        contact_normals=normals,
+        contact_fingers=tuple(fingers),
+        contact_forces=balanced_grip(points, normals, friction=0.5, total=10.0),
+        quality={"epsilon": 0.0},
+        accepted="made by hand",
+    )
+
+
+def jaw_grasp(hand: Hand, center: np.ndarray, width: float) -> Grasp:
+    """Return a grasp from above with the jaws on both sides, along x, of an object of a width."""
+    X_OH = np.eye(4)
+    X_OH[:3, :3] = np.column_stack([[1, 0, 0], [0, -1, 0], [0, 0, -1]])
+    q = np.full(2, 0.5 * width)
+    X_OH[:3, 3] = center - hand.pad_centers(X_OH, q).mean(axis=0)
+    normals = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    return Grasp(
+        hand=hand.name,
+        X_OH=X_OH,
+        joint_names=hand.joint_names,
+        joint_positions=q,
+        pregrasp_positions=np.minimum(q + 0.02, hand.upper),
+        approach_O=X_OH[:3, :3] @ hand.approach_H,
+        contact_points=center + 0.5 * width * normals,
+        contact_normals=normals,
+        contact_fingers=hand.fingers,
+        contact_forces=-10.0 * normals,
+        quality={"epsilon": 0.0},
+        accepted="made by hand",
+    )
+
+
+def box_grasp(hand: Hand) -> Grasp:
+    """Return a four-finger grasp of the box of `box_mesh`, a little above its middle."""
+    points = np.array([[-0.025, y, 0.02] for y in (-0.025, 0.0, 0.025)] + [[0.025, 0.0, 0.02]])
+    normals = np.array([[-1.0, 0.0, 0.0]] * 3 + [[1.0, 0.0, 0.0]])
+    return allegro_grasp(hand, points, normals, ("index", "middle", "ring", "thumb"))
+
+
+def box_mesh() -> trimesh.Trimesh:
+    return trimesh.creation.box([0.05, 0.07, 0.10])
+
+
+def lift_box(hand: Hand, grasp: Grasp, **arguments: float) -> LiftOutcome:
+    return simulate_lift(box_mesh(), hand, grasp, support_height=-0.05, options=SHORT, **arguments)
+
+
+def moved(grasp: Grasp, displacement: np.ndarray) -> Grasp:
+    """Return the grasp somewhere else, the object left where it is."""
+    X_OH = grasp.X_OH.copy()
+    X_OH[:3, 3] += displacement
+    return replace(grasp, X_OH=X_OH, contact_points=grasp.contact_points + displacement)
+
+
+@pytest.fixture(scope="module")
+def allegro() -> Hand:
+    return Hand.load("allegro")
+
+
+@pytest.fixture(scope="module")
+def wsg50() -> Hand:
+    return Hand.load("wsg50")
+
+
+def test_a_good_grasp_of_a_box_lifts_and_holds_it(allegro: Hand) -> None:
+    outcome = lift_box(allegro, box_grasp(allegro))
+    assert (outcome.reason, outcome.lifted, outcome.held) == ("held", True, True)
+    assert outcome.slip < 0.01
+    assert outcome.acceleration_survived == SHORT.shake_accelerations[-1]
+    rise = outcome.motion.poses["object"][-1][2, 3]
+    # The object rises with the wrist, less what it slips and sinks into compliant fingers.
+    assert abs(rise - SHORT.lift_height) < outcome.slip + 0.003
+
+
+def test_jaws_on_both_sides_of_a_box_lift_and_hold_it(wsg50: Hand) -> None:
+    outcome = lift_box(wsg50, jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05))
+    assert (outcome.reason, outcome.held) == ("held", True)
+
+
+@pytest.mark.parametrize("corners", [4, 64])
+def test_a_jaw_holds_rods_that_its_pads_overhang(wsg50: Hand, corners: int) -> None:
+    rod = trimesh.creation.cylinder(radius=0.005, height=0.12, sections=corners)
+    search = ForceClosureSampler(wsg50).sample(
+        rod, rng=np.random.default_rng(0), support_height=-0.06, count=1
+    )
+    (grasp,) = search.grasps
+    outcome = simulate_lift(rod, wsg50, grasp, support_height=-0.06, mass=0.1, options=SHORT)
+    assert outcome.held
+    assert outcome.slip < 0.005
+
+
+def test_a_trial_plays_in_the_frame_that_it_was_planned_in(allegro: Hand) -> None:
+    grasp = moved(box_grasp(allegro), np.array([0.0, 0.25, 0.0]))
+    motion = lift_box(allegro, grasp).motion
+    np.testing.assert_array_equal(motion.poses["object"][0], np.eye(4))
+    assert set(motion.poses) == {"object", *allegro.links}
+    X_OH = motion.poses[allegro.base_link][-1] @ allegro.X_LH
+    # No contact: the palm is where it was sent, within what its springs give by the fingers' pull.
+    np.testing.assert_allclose(X_OH, grasp.X_OH, atol=1e-3)
+
+
+def test_a_grasp_beside_the_object_makes_no_contact(allegro: Hand) -> None:
+    outcome = lift_box(allegro, moved(box_grasp(allegro), np.array([0.0, 0.25, 0.0])))
+    assert (outcome.reason, outcome.lifted, outcome.held) == ("no_contact", False, False)
+    assert outcome.slip == 0.0
+    # An object that nobody touches stays where it stands, but for sinking into a compliant table.
+    np.testing.assert_allclose(outcome.motion.poses["object"][-1], np.eye(4), atol=1e-4)
+
+
+def test_an_object_with_next_to_no_friction_is_not_held(wsg50: Hand) -> None:
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    outcome = lift_box(wsg50, grasp, friction=0.02)
+    assert not outcome.held
+    assert outcome.reason in ("not_lifted", "slipped", "dropped", "ejected")
+
+
+def test_a_hand_that_runs_into_the_object_is_a_collision_on_approach(allegro: Hand) -> None:
+    outcome = lift_box(allegro, moved(box_grasp(allegro), np.array([0.0, 0.0, -0.09])))
+    assert (outcome.reason, outcome.held) == ("collision_on_approach", False)
+
+
+def test_an_object_that_cannot_stand_is_unstable(wsg50: Hand) -> None:
+    tip_down = trimesh.creation.cone(0.03, 0.1)
+    tip_down.apply_transform(trimesh.transformations.rotation_matrix(np.pi - 0.6, [1, 0, 0]))
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.3]), 0.05)
+    outcome = simulate_lift(
+        tip_down, wsg50, grasp, support_height=float(tip_down.bounds[0, 2]), options=SHORT
+    )
+    assert outcome.reason == "unstable"
+
+
+@pytest.mark.parametrize("lean", [0.05, -0.05])
+def test_an_object_that_leans_falls_beyond_its_foot_and_stands_up_before(
+    wsg50: Hand, lean: float
+) -> None:
+    # A box of 5 cm width and 10 cm height stands on an edge, its middle beside it.
+    mesh = box_mesh()
+    tilt = np.arctan2(0.05, 0.10) + lean
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(tilt, [0, 1, 0]))
+    away = jaw_grasp(wsg50, np.array([0.3, 0.0, 0.4]), 0.05)
+    outcome = simulate_lift(
+        mesh, wsg50, away, support_height=float(mesh.bounds[0, 2]), options=SHORT
+    )
+    # Either way its middle comes down by more than a push that counts as none.
+    assert outcome.reason == "unstable"
+    assert np.sign(outcome.X_WO[0, 2]) == np.sign(lean)
+
+
+def test_an_object_far_from_the_origin_stands_on_the_table_too(wsg50: Hand) -> None:
+    far = np.array([3.0, -2.0, 0.0])
+    mesh = box_mesh()
+    mesh.apply_translation(far)
+    grasp = moved(jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05), far)
+    outcome = simulate_lift(mesh, wsg50, grasp, support_height=-0.05, options=SHORT)
+    assert outcome.held
+    np.testing.assert_allclose(outcome.motion.poses["object"][0], np.eye(4), atol=1e-12)
+    here = lift_box(wsg50, jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05))
+    assert outcome.slip == pytest.approx(here.slip, abs=1e-4)
+    felt = [trial.felt.points for trial in (outcome, here)]
+    np.testing.assert_allclose(felt[0] - far, felt[1], atol=1e-4)
+
+
+def coupled(hand: Hand) -> Hand:
+    """Return a jaw whose second finger follows the first, as a real one's."""
+    joints = tuple(
+        replace(joint, index=0, follows=True, multiplier=1.0, offset=0.0)
+        if joint.index == 1
+        else joint
+        for joint in hand.joints
+    )
+    return replace(
+        hand,
+        joint_names=hand.joint_names[:1],
+        lower=hand.lower[:1],
+        upper=hand.upper[:1],
+        effort_limits=hand.effort_limits[:1],
+        joints=joints,
+        pregrasps={name: np.asarray(q)[:1] for name, q in hand.pregrasps.items()},
+        probe_postures={},
+    )
+
+
+def test_a_jaw_of_one_motor_squeezes_as_one_of_two(wsg50: Hand) -> None:
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    one = coupled(wsg50)
+    pulled = replace(
+        grasp,
+        joint_names=one.joint_names,
+        joint_positions=grasp.joint_positions[:1],
+        pregrasp_positions=grasp.pregrasp_positions[:1],
+    )
+    slips = [lift_box(hand, planned).slip for hand, planned in ((wsg50, grasp), (one, pulled))]
+    # With half of the squeeze it slips by 2.6 mm instead of 0.8.
+    assert slips[1] == pytest.approx(slips[0], abs=1e-4)
+
+
+def test_two_trials_of_one_grasp_are_equal_to_the_last_bit(wsg50: Hand) -> None:
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    options = LiftOptions(hold_time=0.01, lift_time=0.3, shake_accelerations=())
+    first, second = (
+        simulate_lift(box_mesh(), wsg50, grasp, support_height=-0.05, options=options)
+        for _ in range(2)
+    )
+    assert (first.slip, first.reason, first.duration) == (
+        second.slip,
+        second.reason,
+        second.duration,
+    )
+    for name in first.motion.poses:
+        np.testing.assert_array_equal(first.motion.poses[name], second.motion.poses[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shift", [(0.003, 0.0, 0.0), (-0.003, 0.0, 0.0), (0.0, 0.004, 0.003)])
+def test_a_grasp_planned_a_few_millimetres_off_still_holds(allegro: Hand, shift: tuple) -> None:
+    outcome = simulate_lift(
+        box_mesh(), allegro, moved(box_grasp(allegro), np.array(shift)), support_height=-0.05
+    )
+    assert outcome.held
+
+
+@pytest.mark.slow
+def test_a_hollow_object_is_held_by_its_rim_with_one_jaw_inside(wsg50: Hand) -> None:
+    # Its convex hull has no inside: a jaw there is proof that the true surface is what touches.
+    ring = trimesh.creation.annulus(0.03, 0.04, 0.08, sections=48)
+    grasp = jaw_grasp(wsg50, np.array([0.035, 0.0, 0.03]), 0.01)
+    outcome = simulate_lift(ring, wsg50, grasp, support_height=-0.04)
+    assert outcome.held
+
+
+def test_an_open_mesh_is_refused(wsg50: Hand) -> None:
+    mesh = box_mesh()
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    grasp = jaw_grasp(wsg50, np.zeros(3), 0.05)
+    with pytest.raises(InvalidMeshError, match="watertight"):
+        simulate_lift(mesh, wsg50, grasp, support_height=-0.05)
+
+
+@pytest.mark.parametrize("arguments", [{"mass": 0.0}, {"friction": -1.0}, {"mass": np.nan}])
+def test_mass_and_friction_must_be_positive(wsg50: Hand, arguments: dict[str, float]) -> None:
+    with pytest.raises(InvalidOptionError, match="must be positive"):
+        lift_box(wsg50, jaw_grasp(wsg50, np.zeros(3), 0.05), **arguments)
+
+
+def test_a_grasp_of_another_hand_is_refused(allegro: Hand, wsg50: Hand) -> None:
+    with pytest.raises(InvalidOptionError, match="not for those of 'allegro'"):
+        lift_box(allegro, jaw_grasp(wsg50, np.zeros(3), 0.05))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"time_step": 0.0}, {"shake_cycles": 1}, {"shake_accelerations": (9.81, -1.0)}]
+    + [{"shake_accelerations": (9.81, 4.9)}],
+)
+def test_options_without_meaning_are_refused(options: dict) -> None:
+    with pytest.raises(InvalidOptionError):
+        LiftOptions(**options)
+
+
+def test_a_minimum_jerk_line_starts_and_ends_at_rest() -> None:
+    start, end = np.eye(6)[2] * -0.1, np.eye(6)[0] * 0.02
+    path = line(start, end, 0.5)
+    for time, place in ((0.0, start), (0.5, end), (0.7, end)):
+        position, velocity = path(time)
+        np.testing.assert_allclose(position, place, atol=1e-12)
+        np.testing.assert_allclose(velocity, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("cycles", [2, 3])
+def test_a_shake_returns_to_rest_and_peaks_at_its_acceleration(cycles: int) -> None:
+    times = np.linspace(0.0, cycles / 4.0, 4001)
+    states = np.array([shake(t, acceleration=9.81, frequency=4.0, cycles=cycles) for t in times])
+    np.testing.assert_allclose(states[[0, -1]], 0.0, atol=1e-12)
+    # Velocity is the derivative of displacement, to second order in the step of 0.125 ms.
+    np.testing.assert_allclose(np.gradient(states[:, 0], times)[1:-1], states[1:-1, 1], atol=1e-5)
+    accelerations = np.gradient(states[:, 1], times)
+    assert accelerations.max() == pytest.approx(9.81, rel=1e-3)
+    assert accelerations.min() == pytest.approx(-9.81, rel=1e-3)
+
+
+def test_merging_flat_faces_keeps_the_solid() -> None:
+    fine = box_mesh().subdivide().subdivide()
+    merged = merge_flat_faces(fine)
+    assert len(merged.faces) == 12
+    assert merged.is_watertight
+    # manifold3d may hold coordinates in single precision: 6e-8 of them.
+    assert merged.volume == pytest.approx(fine.volume, rel=1e-6)
+
+
+def test_the_object_shakes_with_the_asked_acceleration_along_and_about_every_axis(
+    wsg50: Hand,
+) -> None:
+    # Steps of half and of one g: the hand's own motion, recorded at the rate of the time step.
+    options = LiftOptions(hold_time=0.5, lift_time=0.6, frame_rate=200.0)
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    outcome = simulate_lift(box_mesh(), wsg50, grasp, support_height=-0.05, options=options)
+    assert outcome.reason == "held"
+    assert outcome.acceleration_survived == pytest.approx(9.81)
+    palm = outcome.motion.poses[wsg50.base_link]
+    times = outcome.motion.times
+    shaken = times > times[-1] - 0.5 - 12 * 0.5
+    center = palm[:, :3, 3]
+    turns = Rotation.from_matrix(palm[0, :3, :3].T @ palm[:, :3, :3])
+    turned = turns.magnitude()[shaken].max()
+    # A turn by 1 g at 0.1 m and 4 Hz swings by a / (0.1 w^2), and some for its fading in and out.
+    swing = 9.81 / 0.1 / (2.0 * np.pi * 4.0) ** 2
+    assert turned == pytest.approx(swing, rel=0.4)
+    for axis in range(3):
+        accelerations = np.gradient(np.gradient(center[:, axis], times), times)[shaken]
+        # The wrist follows its command within a tenth, but for what differences of steps lose.
+        assert np.abs(accelerations).max() == pytest.approx(9.81, rel=0.3)
+
+
+def test_trials_come_in_order_and_alike_from_any_number_of_processes(wsg50: Hand) -> None:
+    box = Shape("box", box_mesh(), np.empty((0, 2, 3)))
+    grasps = [jaw_grasp(wsg50, np.array([0.0, 0.0, height]), 0.05) for height in (0.02, 0.3, 0.03)]
+    alone, shared = (
+        list(lift_each(box, wsg50, grasps, mass=0.2, friction=0.8, jobs=jobs, options=SHORT))
+        for jobs in (1, 2)
+    )
+    assert [outcome.reason for outcome in alone] == ["held", "no_contact", "held"]
+    for first, second in zip(alone, shared, strict=True):
+        assert (first.reason, first.slip) == (second.reason, second.slip)
+        np.testing.assert_array_equal(first.X_WO, second.X_WO)
+
+
+def test_fingers_feel_the_true_surface_where_they_close(allegro: Hand) -> None:
+    judged: list[Contacts] = []
+
+    def accept_grasp(felt: Contacts) -> bool:
+        judged.append(felt)
+        return False
+
+    outcome = simulate_lift(
+        box_mesh(),
+        allegro,
+        box_grasp(allegro),
+        support_height=-0.05,
+        options=SHORT,
+        accept_grasp=accept_grasp,
+    )
+    assert outcome.reason == "aborted"
+    (felt,) = judged
+    assert set(felt.fingers) == {"index", "middle", "ring", "thumb"}
+    # Skin and its forces of 0.2 N: within tenths of a millimetre of the box's faces.
+    np.testing.assert_allclose(np.abs(felt.points[:, 0]), 0.025, atol=5e-4)
+    np.testing.assert_allclose(np.abs(felt.normals[:, 0]), 1.0, atol=1e-2)
+    # The hand has let go and gone back; the object stands where it stood, within a millimetre.
+    np.testing.assert_allclose(outcome.X_WO[:3, 3], 0.0, atol=1e-3)
+    assert not outcome.lifted
+    away = outcome.motion.poses[allegro.base_link][[0, -1], :3, 3]
+    np.testing.assert_allclose(away[0], away[1], atol=2e-3)
+
+
+def test_a_hand_that_feels_its_way_stops_where_it_meets_what_it_did_not_expect(
+    allegro: Hand,
+) -> None:
+    low = moved(box_grasp(allegro), np.array([0.0, 0.0, -0.09]))  # deeper than the box allows
+    judged: list[Contacts] = []
+
+    def accept_grasp(felt: Contacts) -> bool:
+        judged.append(felt)
+        return True
+
+    outcome = simulate_lift(
+        box_mesh(), allegro, low, support_height=-0.05, options=SHORT, accept_grasp=accept_grasp
+    )
+    assert outcome.reason == "aborted"
+    assert not judged  # the fingers never closed
+    assert len(outcome.felt) >= 1
+    off, _ = distances_to_mesh(outcome.felt.points, box_mesh())
+    assert off.max() < 2e-3
+    assert np.linalg.norm(outcome.X_WO[:3, 3]) < 5e-3
+
+
+def test_an_object_that_stands_elsewhere_is_met_there(wsg50: Hand) -> None:
+    X_WO = np.eye(4)
+    X_WO[0, 3] = 0.004
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    outcome = simulate_lift(
+        box_mesh(), wsg50, grasp, support_height=-0.05, options=SHORT, X_WO=X_WO
+    )
+    assert outcome.held
+    assert outcome.motion.poses["object"][0][0, 3] == pytest.approx(0.004)
+    assert sorted(outcome.felt.points[:, 0].round(3)) == pytest.approx([-0.021, 0.029], abs=2e-3)
+
+
+def test_a_grasp_can_be_sent_to_another_process(wsg50: Hand) -> None:
+    grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
+    copy = pickle.loads(pickle.dumps(grasp))  # noqa: S301
+    assert copy.quality == grasp.quality
+    np.testing.assert_array_equal(copy.X_OH, grasp.X_OH)
+    with pytest.raises(TypeError):
+        copy.quality["epsilon"] = 1.0

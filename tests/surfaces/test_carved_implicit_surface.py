@@ -1,0 +1,269 @@
+"""Free space taken out of an estimate: closed forms, contacts that stay, and the true objects."""
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lis_grasp import shapes
+from lis_grasp.cli.main import main
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import Exploration, Workspace
+from lis_grasp.exploration import exploration_loop as explore
+from lis_grasp.hands.hand import Hand
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.stages import make_policy
+from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.surfaces import ESTIMATORS, CarvedImplicitSurface, ImplicitSurface, carved, uncarved
+from lis_grasp.typing import FloatArray
+
+RADIUS = 0.04
+LOBE, LOBE_RADIUS = np.array([0.05, 0.0, 0.0]), 0.02
+
+
+class BallWithLobe:
+    """A ball, and a second ball on its side that is not there in truth; exact distances outside."""
+
+    bounds = np.array([[-0.08, -0.08, -0.08], [0.08, 0.08, 0.08]])
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        ball, lobe = self._parts(np.asarray(points, dtype=float))
+        return np.minimum(ball, lobe)
+
+    def gradient(self, points: npt.ArrayLike) -> FloatArray:
+        x = np.asarray(points, dtype=float)
+        ball, lobe = self._parts(x)
+        away = np.where((ball < lobe)[..., None], x, x - LOBE)
+        return away / np.linalg.norm(away, axis=-1, keepdims=True)
+
+    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
+        return np.full(np.asarray(points).shape[:-1], 1e-3)
+
+    def _parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return (
+            np.linalg.norm(x, axis=-1) - RADIUS,
+            np.linalg.norm(x - LOBE, axis=-1) - LOBE_RADIUS,
+        )
+
+
+def on_ball(directions: FloatArray, **free: npt.ArrayLike) -> Contacts:
+    return Contacts(RADIUS * directions, directions, **free)  # type: ignore[arg-type]
+
+
+def some_directions(count: int, seed: int = 0) -> FloatArray:
+    vectors = np.random.default_rng(seed).normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def free_beside_the_ball(count: int = 400, seed: int = 1) -> Contacts:
+    """Contacts on the ball, and balls of 1 cm, all free, that touch it or nearly so."""
+    heights = np.random.default_rng(seed).uniform(0.0, 0.03, count)
+    centers = (RADIUS + 0.01 + heights)[:, None] * some_directions(count, seed)
+    return on_ball(some_directions(30), free_points=centers, free_radii=np.full(count, 0.01))
+
+
+def lobe_of(surface: ImplicitSurface) -> FloatArray:
+    """Return points of a fine grid that are in the estimate and not in the true ball."""
+    axis = np.linspace(-0.08, 0.08, 41)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid[(surface.evaluate(grid) < 0.0) & (np.linalg.norm(grid, axis=1) > RADIUS)]
+
+
+# ---------------------------------------------------------------- closed forms
+
+
+def test_a_lobe_that_the_hand_passed_through_is_carved_off() -> None:
+    with_lobe, contacts = BallWithLobe(), free_beside_the_ball(3000)
+    left = lobe_of(carved(with_lobe, contacts))
+    assert len(lobe_of(with_lobe)) > 100
+    assert len(left) < 0.1 * len(lobe_of(with_lobe))
+
+
+def test_the_value_is_the_larger_of_the_estimates_and_the_depth_in_a_ball() -> None:
+    center, radius = np.array([0.06, 0.0, 0.0]), 0.015
+    contacts = on_ball(some_directions(3), free_points=center[None], free_radii=[radius])
+    surface = carved(BallWithLobe(), contacts, growth=0.0)
+    points = np.random.default_rng(0).uniform(-0.08, 0.08, size=(5, 100, 3))
+    depths = radius - np.linalg.norm(points - center, axis=-1)
+    expected = np.maximum(BallWithLobe().evaluate(points), depths)
+    np.testing.assert_allclose(surface.evaluate(points), expected, atol=1e-15)
+
+
+def test_what_is_outside_stays_outside_and_beside_the_balls_nothing_changes() -> None:
+    contacts = free_beside_the_ball()
+    surface = carved(BallWithLobe(), contacts, growth=0.0)
+    points = np.random.default_rng(2).uniform(-0.08, 0.08, size=(4000, 3))
+    before, after = BallWithLobe().evaluate(points), surface.evaluate(points)
+    assert np.all(after >= before)
+    apart = np.linalg.norm(points[:, None] - contacts.free_points, axis=-1) - contacts.free_radii
+    beside = apart.min(axis=1) > 0.0
+    np.testing.assert_array_equal((after < 0.0)[beside], (before < 0.0)[beside])
+
+
+def test_the_gradient_is_that_of_the_value() -> None:
+    surface = carved(BallWithLobe(), free_beside_the_ball(), growth=0.0)
+    assert isinstance(surface, CarvedImplicitSurface)
+    points = np.random.default_rng(3).uniform(-0.07, 0.07, size=(2000, 3))
+    step = 1e-6
+    numeric = np.stack(
+        [
+            (surface.evaluate(points + step * axis) - surface.evaluate(points - step * axis))
+            / (2.0 * step)
+            for axis in np.eye(3)
+        ],
+        axis=-1,
+    )
+    # Values are distances: where the difference is not of length 1 there is a crease between.
+    smooth = np.abs(np.linalg.norm(numeric, axis=1) - 1.0) < 1e-6
+    assert smooth.mean() > 0.99
+    np.testing.assert_allclose(surface.gradient(points)[smooth], numeric[smooth], atol=1e-5)
+
+
+def test_the_carved_surface_closes_and_faces_outward() -> None:
+    mesh = extract_mesh(carved(BallWithLobe(), free_beside_the_ball()))
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(4.0 / 3.0 * np.pi * RADIUS**3, rel=0.1)
+
+
+def test_uncertainty_grows_by_how_deep_the_estimate_was_wrong() -> None:
+    center = np.array([0.06, 0.0, 0.0])
+    contacts = on_ball(some_directions(3), free_points=center[None], free_radii=[0.015])
+    surface = carved(BallWithLobe(), contacts, growth=0.0)
+    at = np.array([[0.046, 0.0, 0.0], [0.0, RADIUS, 0.0]])  # 16 mm deep in the lobe; on the ball
+    np.testing.assert_allclose(surface.uncertainty(at), [np.hypot(1e-3, 0.016), 1e-3])
+
+
+# ---------------------------------------------------------------- contacts
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from(sorted(ESTIMATORS)))
+def test_contacts_are_never_carved_off(seed: int, estimator: str) -> None:
+    # Balls anywhere, in contradiction to the contacts too, as noise or a false touch makes them.
+    rng = np.random.default_rng(seed)
+    contacts = on_ball(
+        some_directions(12, seed),
+        free_points=rng.uniform(-0.06, 0.06, size=(50, 3)),
+        free_radii=rng.uniform(0.0, 0.03, 50),
+    )
+    before = ESTIMATORS[estimator](contacts)
+    after = carved(before, contacts)
+    at_before, at_after = before.evaluate(contacts.points), after.evaluate(contacts.points)
+    assert np.all(at_after >= at_before)
+    assert np.all(at_after <= np.maximum(at_before, 1e-12))  # no ball reaches beyond a contact
+
+
+@pytest.mark.parametrize(
+    "free",
+    [
+        {},
+        {"free_points": [LOBE]},  # a radius of 0: as told by files without one
+        {"free_points": [[0.0, 0.07, 0.0]], "free_radii": [0.02]},  # beside the estimate
+        {"free_points": [[0.5, 0.0, 0.0]], "free_radii": [0.1]},  # far away
+    ],
+)
+def test_an_estimate_that_nothing_contradicts_is_returned_as_it_is(free: dict) -> None:
+    surface = BallWithLobe()
+    assert carved(surface, on_ball(some_directions(9), **free)) is surface
+
+
+def test_a_margin_leaves_as_much_of_what_was_found_free() -> None:
+    contacts = on_ball(some_directions(3), free_points=[[0.06, 0.0, 0.0]], free_radii=[0.015])
+    surface = carved(BallWithLobe(), contacts, margin=0.002, growth=0.0)
+    assert isinstance(surface, CarvedImplicitSurface)
+    np.testing.assert_allclose(surface.radii, 0.013)
+    assert uncarved(surface) is surface.surface
+    for option in ("margin", "growth"):
+        with pytest.raises(InvalidOptionError, match=option):
+            carved(BallWithLobe(), contacts, **{option: -0.001})
+
+
+@pytest.mark.parametrize(
+    ("center", "grown"),
+    [
+        # 4 mm inside the lobe: 4 mm more, and half the way to the nearest contact is farther.
+        ([0.066, 0.0, 0.0], 0.009),
+        # 17 mm inside, 9 mm from the contact at the pole of x: halfway between 5 and 9.
+        ([0.049, 0.0, 0.0], 0.007),
+        # Its centre is outside of the lobe, its edge is not: it stays as it is.
+        ([0.074, 0.0, 0.0], 0.005),
+    ],
+)
+def test_a_ball_deep_inside_grows_as_deep_but_halfway_to_a_contact(
+    center: list[float], grown: float
+) -> None:
+    pole = np.array([[1.0, 0.0, 0.0]])
+    contacts = on_ball(pole, free_points=[center], free_radii=[0.005])
+    surface = carved(BallWithLobe(), contacts)
+    assert isinstance(surface, CarvedImplicitSurface)
+    np.testing.assert_allclose(surface.radii, [grown], atol=1e-12)
+
+
+# ---------------------------------------------------------------- the hand
+
+
+def explored(name: str, *, touches: int, seed: int) -> tuple[shapes.Shape, Exploration]:
+    shape = shapes.build(name)
+    space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
+    exploration = explore(
+        KinematicProber(Hand.load("allegro"), shape.mesh),
+        make_policy(RunConfig(), space),
+        ESTIMATORS["patch"],
+        touches=touches,
+        space=space,
+        rng=np.random.default_rng(seed),
+    )
+    return shape, exploration
+
+
+@pytest.mark.parametrize("name", shapes.NAMES)
+def test_no_space_that_the_hand_passed_is_the_objects(name: str) -> None:
+    shape, exploration = explored(name, touches=12, seed=4)
+    contacts = exploration.contacts
+    apart, _ = distances_to_mesh(contacts.free_points, shape.mesh)
+    outside = ~shape.mesh.contains(contacts.free_points)
+    assert outside.all()
+    # Conservative advancement ends within 0.02 mm of contact.
+    assert np.all(contacts.free_radii < apart + 3e-5)
+    assert len(contacts.free_points) > 100
+
+
+def test_carving_brings_no_point_of_the_estimate_off_the_object() -> None:
+    shape, exploration = explored("hollow_cylinder", touches=12, seed=4)
+    contacts = exploration.contacts
+    points = np.random.default_rng(0).uniform(*shape.mesh.bounds, size=(3000, 3))
+    true = trimesh.proximity.signed_distance(shape.mesh, points) > 1e-4
+    for name, estimator in ESTIMATORS.items():
+        before = estimator(contacts)
+        after = carved(before, contacts, growth=0.0)
+        changed = (before.evaluate(points) < 0.0) & (after.evaluate(points) >= 0.0)
+        assert changed.any(), name
+        assert not (changed & true).any(), name
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".csv"])
+def test_the_command_line_carves_what_a_file_of_contacts_knows_to_be_free(
+    tmp_path: Path, suffix: str
+) -> None:
+    # Five touches leave one side of a ball to guess; a hand was there, 1 cm before the guess.
+    normals = np.vstack([np.eye(3), -np.eye(3)])[:5]
+    contacts = Contacts(
+        RADIUS * normals, normals, free_points=[[0.0, 0.0, -0.8 * RADIUS]], free_radii=[0.015]
+    )
+    path = tmp_path / f"contacts{suffix}"
+    contacts.save(path)
+    volumes = {}
+    for flag in ("--free-space", "--no-free-space"):
+        output = tmp_path / flag
+        output.mkdir()
+        arguments = ["estimate", str(path), "--estimator", "gpis", flag, "--output", str(output)]
+        assert main(arguments) == 0
+        volumes[flag] = trimesh.load(output / "surface.ply").volume
+    assert volumes["--free-space"] < 0.99 * volumes["--no-free-space"]

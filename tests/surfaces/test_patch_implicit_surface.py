@@ -1,0 +1,407 @@
+"""The patch estimator against literal loops, exact solids, and the paper's estimator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import reference
+
+from lis_grasp import shapes
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
+from lis_grasp.surfaces.local_quadrics import _CURVATURE, _THIRD_ORDER, LocalQuadrics
+from lis_grasp.surfaces.patch import values_of_patches
+from lis_grasp.surfaces.patch_implicit_surface import _most_patches
+from lis_grasp.surfaces.patch_relations import Meetings, compose_formulas
+from lis_grasp.surfaces.patch_segmentation import REACH, ContactPairs, find_patches
+
+NOISELESS = {"position_noise": 0.0, "normal_noise": 0.0}
+
+
+def scattered_touches(
+    points: np.ndarray, normals: np.ndarray, spacing: float, seed: int
+) -> Contacts:
+    """Points of a dense sample in random order, each at least `spacing` from those before it."""
+    kept: list[int] = []
+    for i in np.random.default_rng(seed).permutation(len(points)):
+        if all(np.linalg.norm(points[i] - points[j]) >= spacing for j in kept):
+            kept.append(int(i))
+    return Contacts(points[kept], normals[kept])
+
+
+def touched_box(half: np.ndarray, spacing: float, seed: int = 0, clear: float = 0.004) -> Contacts:
+    rng = np.random.default_rng(seed)
+    points, normals = [], []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            on_face = rng.uniform(-1, 1, (400, 3)) * (half - clear)
+            on_face[:, axis] = side * half[axis]
+            points.append(on_face)
+            normals.append(np.tile(side * np.eye(3)[axis], (400, 1)))
+    return scattered_touches(np.vstack(points), np.vstack(normals), spacing, seed)
+
+
+def touched_sphere(radius: float, spacing: float, seed: int = 0) -> Contacts:
+    normals = np.random.default_rng(seed).normal(size=(1500, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return scattered_touches(radius * normals, normals, spacing, seed)
+
+
+def touched_cylinder(radius: float, half: float, spacing: float, seed: int = 0) -> Contacts:
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(0, 2 * np.pi, 2000)
+    around = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(2000)])
+    side = radius * around + rng.uniform(-half + 0.004, half - 0.004, (2000, 1)) * [0, 0, 1]
+    up = np.where(rng.uniform(size=2000) < 0.5, -1.0, 1.0)[:, None] * [0, 0, 1]
+    disc = (radius - 0.004) * np.sqrt(rng.uniform(size=(2000, 1))) * around + half * up
+    return scattered_touches(np.vstack([side, disc]), np.vstack([around, up]), spacing, seed)
+
+
+def patch_count(surface: PatchImplicitSurface) -> int:
+    return len(surface.patches)
+
+
+def test_equals_its_formulas_term_by_term() -> None:
+    surface = PatchImplicitSurface.from_contacts(touched_cylinder(0.05, 0.06, 0.035))
+    quadrics = surface.patches[0].quadrics
+    for x in np.random.default_rng(1).uniform(-0.09, 0.09, (40, 3)):
+        patches = []
+        for patch in surface.patches:
+            values = [
+                reference.quadric_distance(
+                    x, quadrics.points[i], quadrics.heights[i], quadrics.normals[i],
+                    quadrics.curvatures[i],
+                )
+                for i in patch.members
+            ]  # fmt: skip
+            nodes = surface.points[patch.members]
+            patches.append(reference.kernel_mean(x, nodes, patch.mean.sigma, values))
+        solids = [
+            min(max(patches[p] for p in piece) for piece in surface.formulas[k])
+            for k in surface.formula_of
+        ]
+        nearest = min(np.linalg.norm(surface.points - x, axis=1))
+        shares = np.exp(surface.mean.log_weights) * np.exp(
+            -0.5 * (np.sum((surface.points - x) ** 2, axis=1) - nearest**2) / surface.mean.sigma**2
+        )
+        expected = float(shares @ np.array(solids) / shares.sum())
+        assert surface.evaluate(x) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_quadrics_equal_plain_least_squares() -> None:
+    contacts = touched_sphere(0.06, 0.03)
+    rng = np.random.default_rng(4)
+    points = contacts.points + 0.002 * rng.normal(size=contacts.points.shape)
+    owners, others = np.array([0, 0, 0, 1, 1, 5]), np.array([1, 2, 7, 0, 3, 6])
+    noise = {"position_noise": 0.002, "normal_noise": 0.05}
+    fast = LocalQuadrics.fit(points, contacts.normals, (owners, others), 0.03, **noise)
+    for i in (0, 1, 4, 5):
+        neighbors = [int(j) for j in others[owners == i]]
+        height, normal, curvature = reference.local_quadric(
+            i, neighbors, points, contacts.normals, 0.03, **noise,
+            curvature=_CURVATURE, third_order=_THIRD_ORDER,
+        )  # fmt: skip
+        # The oracle's weights span 1e9, so that it keeps some 1e-7 of 1e-16 / 1e-9.
+        assert fast.heights[i] == pytest.approx(height, abs=1e-8)
+        np.testing.assert_allclose(fast.normals[i], normal, atol=1e-6)
+        np.testing.assert_allclose(fast.curvatures[i], curvature, atol=1e-4)
+
+
+def test_gradient_equals_differences_of_values() -> None:
+    surface = PatchImplicitSurface.from_contacts(touched_cylinder(0.05, 0.06, 0.035))
+    queries = np.random.default_rng(2).uniform(-0.09, 0.09, (300, 3))
+    step = 1e-7
+    differences = np.stack(
+        [
+            (surface.evaluate(queries + m) - surface.evaluate(queries - m)) / (2 * step)
+            for m in step * np.eye(3)
+        ],
+        axis=-1,
+    )
+    error = np.linalg.norm(surface.gradient(queries) - differences, axis=1)
+    # A step of 1e-7 m meets a kink once in a thousand queries or so.
+    assert np.mean(error < 1e-5) > 0.98
+
+
+def test_a_sphere_is_one_patch_and_exact() -> None:
+    surface = PatchImplicitSurface.from_contacts(touched_sphere(0.05, 0.03), **NOISELESS)
+    assert patch_count(surface) == 1
+    directions = np.random.default_rng(3).normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    # Left over is the pull towards flat: 1 part in (noise floor / prior)^2, and third-order
+    # allowances beside it, some 1e-3 of the sagitta (30 mm)^2 / (8 * 50 mm) = 2 mm.
+    assert np.abs(surface.evaluate(0.05 * directions)).max() < 1e-4
+    assert (surface.evaluate(0.0495 * directions) < 0).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_box_is_six_planes_with_exact_edges_and_corners(seed: int) -> None:
+    half = np.array([0.06, 0.045, 0.08])
+    surface = PatchImplicitSurface.from_contacts(touched_box(half, 0.04, seed))
+    assert patch_count(surface) == 6
+    queries = np.random.default_rng(seed).uniform(-1.15, 1.15, (4000, 3)) * half
+    distance = (np.abs(queries) - half).max(axis=1)
+    near = np.abs(distance) > 1e-9
+    assert (np.sign(surface.evaluate(queries)) == np.sign(distance))[near].mean() > 0.995
+    along = np.linspace(-1, 1, 101)[:, None]
+    for axis in range(3):
+        a, b = np.eye(3)[np.arange(3) != axis] * half
+        edge = along * np.eye(3)[axis] * half + a + b
+        assert np.median(np.abs(surface.evaluate(edge))) < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_cylinder_is_three_patches_with_a_sharp_rim(seed: int) -> None:
+    surface = PatchImplicitSurface.from_contacts(touched_cylinder(0.05, 0.06, 0.035, seed))
+    assert patch_count(surface) == 3
+    angle = np.linspace(0, 2 * np.pi, 200)
+    rim = np.column_stack([0.05 * np.cos(angle), 0.05 * np.sin(angle), np.full(200, 0.06)])
+    # Chords of 35 mm on a radius of 50 mm are 3 mm deep: planes are off by as much.
+    assert np.sqrt(np.mean(surface.evaluate(rim) ** 2)) < 5e-4
+
+
+def test_a_concave_edge_is_a_union_of_pieces() -> None:
+    # Floor z = 0 for x > 0, wall x = 0 for z > 0: the solid fills all else.
+    rng = np.random.default_rng(0)
+    floor = np.column_stack(
+        [rng.uniform(0.01, 0.1, 300), rng.uniform(-0.05, 0.05, 300), np.zeros(300)]
+    )
+    wall = floor[:, [2, 1, 0]]
+    normals = np.vstack([np.tile([0.0, 0.0, 1.0], (300, 1)), np.tile([1.0, 0.0, 0.0], (300, 1))])
+    surface = PatchImplicitSurface.from_contacts(
+        scattered_touches(np.vstack([floor, wall]), normals, 0.03, 0)
+    )
+    assert patch_count(surface) == 2
+    queries = rng.uniform([-0.02, -0.05, -0.02], [0.05, 0.05, 0.05], (500, 3))
+    np.testing.assert_allclose(
+        surface.evaluate(queries), np.minimum(queries[:, 0], queries[:, 2]), atol=1e-9
+    )
+
+
+def test_six_contacts_make_a_cube() -> None:
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    surface = PatchImplicitSurface.from_contacts(Contacts(0.05 * normals, normals))
+    queries = np.random.default_rng(0).uniform(-0.07, 0.07, (500, 3))
+    np.testing.assert_allclose(
+        surface.evaluate(queries), np.abs(queries).max(axis=1) - 0.05, atol=1e-12
+    )
+
+
+def test_a_thin_plate_keeps_both_sides() -> None:
+    surface = PatchImplicitSurface.from_contacts(touched_box(np.array([0.08, 0.06, 0.004]), 0.03))
+    inside = np.random.default_rng(0).uniform(-1, 1, (300, 3)) * [0.06, 0.045, 0.003]
+    above = np.array([0.0, 0.0, 0.012])
+    assert (surface.evaluate(inside) < 0).all()
+    assert (surface.evaluate(inside + above) > 0).all()
+    assert (surface.evaluate(inside - above) > 0).all()
+
+
+def test_contacts_on_an_arc_are_one_patch_up_to_a_sharp_bend() -> None:
+    for bend, expected in ((40.0, 1), (90.0, 2)):
+        angle = np.deg2rad(bend)
+        normals = np.array([[0.0, 0.0, 1.0], [np.sin(angle), 0.0, np.cos(angle)]])
+        points = 0.05 * normals  # equally deep below each other: nothing but the bend tells
+        pairs = ContactPairs.within(points, normals, 1.0)
+        assert find_patches(pairs, 2, **NOISELESS).max() + 1 == expected
+
+
+def test_patches_are_numbered_by_their_first_contact() -> None:
+    contacts = touched_box(np.array([0.06, 0.045, 0.08]), 0.04)
+    pairs = ContactPairs.within(contacts.points, contacts.normals, REACH * contacts.spacing)
+    patches = find_patches(pairs, len(contacts), **NOISELESS)
+    _, first = np.unique(patches, return_index=True)
+    assert (np.diff(first) > 0).all()
+
+
+def test_a_handle_does_not_cut_the_head_it_stands_on() -> None:
+    # A slab |z| < 20 mm with a round handle on top: the handle's cylinder, prolonged, must not cut
+    # the slab's rim, which lies within reach and is below all of the handle's tangent planes.
+    slab = touched_box(np.array([0.07, 0.04, 0.02]), 0.025, seed=3)
+    under = (slab.normals[:, 2] > 0.5) & (np.hypot(*slab.points[:, :2].T) < 0.022)
+    handle = touched_cylinder(0.018, 0.04, 0.018, seed=3)
+    handle = handle.subset(handle.normals[:, 2] > -0.5)
+    handle = Contacts(handle.points + np.array([0.0, 0.0, 0.06]), handle.normals)
+    surface = PatchImplicitSurface.from_contacts(slab.subset(~under).append(handle))
+    in_slab = np.random.default_rng(0).uniform(-1, 1, (500, 3)) * [0.066, 0.036, 0.016]
+    assert (surface.evaluate(in_slab) < 0).mean() > 0.99
+    assert surface.evaluate([0.0, 0.0, 0.06]) < 0
+    assert surface.evaluate([0.05, 0.0, 0.06]) > 0
+
+
+def test_contacts_on_the_very_edge_leave_it_where_it_is() -> None:
+    # A tip that meets an edge reports the normal of either side.
+    half = np.array([0.06, 0.045, 0.08])
+    along = np.linspace(-0.05, 0.05, 4)
+    on_edge = np.column_stack([np.full(4, half[0]), np.full(4, half[1]), along])
+    sides = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] * 2)
+    contacts = touched_box(half, 0.04).append(Contacts(on_edge, sides))
+    surface = PatchImplicitSurface.from_contacts(contacts)
+    edge = np.column_stack([np.tile(half[:2], (50, 1)), np.linspace(-0.07, 0.07, 50)])
+    np.testing.assert_allclose(surface.evaluate(edge), 0.0, atol=1e-6)
+    # Beyond the edge, level with one side, is outside.
+    beyond = edge + [0.0, 0.01, 0.0]
+    assert surface.evaluate(beyond).min() > 0.005
+    assert surface.evaluate(edge + [0.01, 0.0, 0.0]).min() > 0.005
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_told_is_noise_averaged(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    axis = 0.03 * (np.arange(8) - 3.5)
+    across = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    points = np.column_stack([across + rng.uniform(-0.004, 0.004, (64, 2)), np.zeros(64)])
+    points[:, 2] = 0.003 * rng.normal(size=64)
+    normals = np.column_stack([0.05 * rng.normal(size=(64, 2)), np.ones(64)])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    surface = PatchImplicitSurface.from_contacts(
+        Contacts(points, normals), position_noise=0.003, normal_noise=0.05
+    )
+    plane = np.column_stack([rng.uniform(-0.09, 0.09, (400, 2)), np.zeros(400)])
+    # A fit to a dozen neighbours should leave 3 mm / sqrt(12) = 0.9 mm, and does not at the rim.
+    assert np.sqrt(np.mean(surface.evaluate(plane) ** 2)) < 0.5 * 0.003
+
+
+@pytest.mark.parametrize("name", ["box", "cylinder", "half_cylinder", "pentagon"])
+def test_edges_are_found_better_than_by_planes(name: str) -> None:
+    shape = shapes.build(name, 0.2)
+    mesh = shape.mesh
+    midpoints = shape.edges.mean(axis=1)
+    clear = (
+        np.linalg.norm(mesh.triangles_center[:, None] - midpoints[None], axis=2).min(axis=1) > 0.006
+    )
+    contacts = scattered_touches(
+        mesh.triangles_center[clear], mesh.face_normals[clear], 0.045, seed=1
+    )
+    errors = [
+        np.sqrt(np.mean(estimate.from_contacts(contacts).evaluate(midpoints) ** 2))
+        for estimate in (PatchImplicitSurface, LocalImplicitSurface)
+    ]
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_uncertainty_of_a_lone_contact_is_the_sensor_s() -> None:
+    contact = Contacts(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
+    surface = PatchImplicitSurface.from_contacts(contact, position_noise=0.001, normal_noise=0.0)
+    assert surface.uncertainty(np.zeros(3)) == pytest.approx(0.001, rel=1e-9)
+
+
+def test_uncertainty_is_below_the_sensor_s_among_neighbours_and_grows_away_from_them() -> None:
+    contacts = touched_sphere(0.05, 0.03)
+    surface = PatchImplicitSurface.from_contacts(contacts, position_noise=0.001)
+    at_contacts = surface.uncertainty(contacts.points)
+    # Six neighbours and the contact itself: no better than the mean of seven.
+    assert (at_contacts < 0.001).all()
+    assert (at_contacts > 0.001 / np.sqrt(7.0)).all()
+    away = np.linspace(1.0, 3.0, 30)[:, None] * contacts.points[0]
+    assert (np.diff(surface.uncertainty(away)) > 0).all()
+
+
+def test_noise_moves_a_plane_s_estimate_by_its_uncertainty() -> None:
+    # Contacts on a plane with known noise, many times: the spread of the estimate's height at one
+    # place is what the surface says it is. The prior lets it be a little more than the spread.
+    grid = np.stack(np.meshgrid(*2 * [0.03 * np.arange(-3, 4)]), axis=-1).reshape(-1, 2)
+    place, heights, told = np.array([[0.012, 0.008, 0.0]]), [], []
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        points = np.column_stack([grid, 0.001 * rng.normal(size=len(grid))])
+        normals = np.column_stack([0.05 * rng.normal(size=grid.shape), np.ones(len(grid))])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        surface = PatchImplicitSurface.from_contacts(
+            Contacts(points, normals), position_noise=0.001, normal_noise=0.05
+        )
+        heights.append(surface.evaluate(place)[0])
+        told.append(surface.uncertainty(place)[0])
+    # The spread of 60 draws is known to 1 / sqrt(120) = 9 %.
+    assert 0.7 < np.mean(told) / np.std(heights) < 1.4
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"position_noise": -1e-3}, "position_noise must be at least 0"),
+        ({"normal_noise": float("inf")}, "normal_noise must be at least 0"),
+        ({"margin": -0.1}, "margin must be at least 0"),
+    ],
+)
+def test_an_option_out_of_range_is_refused(options: dict[str, float], message: str) -> None:
+    with pytest.raises(InvalidOptionError, match=message):
+        PatchImplicitSurface.from_contacts(touched_sphere(0.05, 0.04), **options)
+
+
+def test_value_and_gradient_in_one_go_are_those_asked_for_apart() -> None:
+    surface = PatchImplicitSurface.from_contacts(touched_box(np.array([0.06, 0.045, 0.08]), 0.04))
+    queries = np.random.default_rng(1).uniform(-0.09, 0.09, (700, 3))
+    values, gradients = surface.value_and_gradient(queries)
+    np.testing.assert_array_equal(values, surface.evaluate(queries))
+    np.testing.assert_array_equal(gradients, surface.gradient(queries))
+
+
+def test_contacts_that_have_nothing_in_common_are_refused_at_once() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.1, 0.1, size=(3000, 3))
+    normals = rng.normal(size=(3000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    with pytest.raises(EstimationError, match="normal belongs to its point"):
+        PatchImplicitSurface.from_contacts(Contacts(points, normals), position_noise=1e-5)
+
+
+def contradicting_touches(places: int, each: int) -> Contacts:
+    """Touches of `places`**3 places on a grid, `each` of a place, of any normal."""
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.meshgrid(*[0.025 * np.arange(places)] * 3), axis=-1).reshape(-1, 3)
+    normals = rng.normal(size=(each * len(grid), 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Contacts(np.repeat(grid, each, axis=0), normals)
+
+
+def test_contacts_that_contradict_each_other_at_every_place_are_refused() -> None:
+    with pytest.raises(EstimationError, match="1090 contacts contradict each other"):
+        PatchImplicitSurface.from_contacts(contradicting_touches(4, 20))
+
+
+def test_formulas_of_many_pieces_are_their_literal_minima_of_maxima() -> None:
+    surface = PatchImplicitSurface.from_contacts(contradicting_touches(2, 12))
+    assert np.mean([len(formula) for formula in surface.formulas]) > 5
+    queries = np.random.default_rng(1).uniform(-0.02, 0.05, (30, 3))
+    told = [patch.evaluate(queries, with_gradient=True) for patch in surface.patches]
+    near, shares = surface.mean.shares(queries)
+    expected = np.zeros(len(queries))
+    for node, share in zip(near, shares, strict=True):
+        formula = surface.formulas[surface.formula_of[node]]
+        pieces = [np.max([told[p][0] for p in piece], axis=0) for piece in formula]
+        expected += share * np.min(pieces, axis=0)
+    np.testing.assert_allclose(surface.evaluate(queries), expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "mallet", "contradicting"])
+def test_formulas_need_no_values_but_those_that_are_asked_for(kind: str) -> None:
+    if kind == "contradicting":
+        contacts = contradicting_touches(3, 5)
+    else:
+        mesh = shapes.build(kind).mesh
+        chosen = np.random.default_rng(3).permutation(len(mesh.triangles_center))[:150]
+        contacts = Contacts(mesh.triangles_center[chosen], mesh.face_normals[chosen])
+    surface = PatchImplicitSurface.from_contacts(contacts)
+    patch_of = np.empty(len(surface.points), dtype=np.intp)
+    for number, patch in enumerate(surface.patches):
+        patch_of[patch.members] = number
+    pairs = ContactPairs.within(surface.points, surface.normals, REACH * surface.spacing)
+    meetings = Meetings.of(pairs, patch_of, surface.spacing)
+    whole = np.ones((len(patch_of), len(surface.patches)), dtype=bool)
+    formulas = []
+    values = values_of_patches(surface.points, surface.patches, surface.patches[0].quadrics, whole)
+    for wanted in (whole, meetings.asked_for()[patch_of]):
+        formulas.append(
+            compose_formulas(pairs, meetings, np.where(wanted, values, np.nan), surface.spacing)
+        )
+    assert formulas[0] == formulas[1]
+    assert formulas[0] == [surface.formulas[k] for k in surface.formula_of]
+
+
+def test_a_lone_contact_among_very_many_is_a_patch_and_no_contradiction() -> None:
+    # Of random contacts half a per cent have none within reach, however many there are.
+    assert _most_patches(2_000) == 1000
+    assert _most_patches(95_000) == 1900
+    # One value of each patch at each contact, 8 bytes, must fit into memory.
+    assert 1e6 * _most_patches(1_000_000) <= 2e8
