@@ -28,8 +28,7 @@ from lis_grasp import Hand, extract_mesh, shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
-from lis_grasp.exploration import Exploration, Workspace
-from lis_grasp.exploration import exploration_loop as explore
+from lis_grasp.exploration import Exploration, Workspace, explore
 from lis_grasp.exploration.motion_time import motion_seconds
 from lis_grasp.io.json_lines import append_lines, read_lines
 from lis_grasp.pipeline.run_config import RunConfig

@@ -8,7 +8,7 @@ from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidHandError, InvalidMeshError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.hands.hand import Hand
-from lis_grasp.simulation import dynamic_prober as probing
+from lis_grasp.simulation import dynamic_prober
 from lis_grasp.simulation.contact_patches import split_patch
 from lis_grasp.simulation.dynamic_prober import DynamicProber
 
@@ -223,7 +223,9 @@ def test_skipping_free_flight_changes_nothing(
     probes = [Probe(-RADIUS * d, d, 0.03, 0.005) for d in directions(3, np.random.default_rng(3))]
     prober = DynamicProber(hand, coarse_ball)
     skipping = [prober.probe(probe) for probe in probes]
-    monkeypatch.setattr(probing, "_BEFORE", 1.0)  # longer than the motion: all of it is simulated
+    monkeypatch.setattr(
+        dynamic_prober, "_BEFORE", 1.0
+    )  # longer than the motion: all of it is simulated
     for probe, expected in zip(probes, skipping, strict=True):
         whole = prober.probe(probe)
         assert whole.duration == expected.duration

@@ -11,7 +11,7 @@ from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.probing.guarded_motion import AT_TABLE
-from lis_grasp.simulation import dynamic_prober as probing
+from lis_grasp.simulation import dynamic_prober
 from lis_grasp.simulation.dynamic_prober import TOPPLED, DynamicProber
 from lis_grasp.simulation.probing_scene import FreeObject
 
@@ -50,7 +50,7 @@ def test_an_object_that_slides_is_followed_and_its_contacts_stay_true() -> None:
 def test_a_touch_that_topples_the_object_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     # It gives way at 0.01 N and comes back when the finger does, which gives up after 10 mm; pushed
     # by 50 mm at a height of 180 mm it leans beyond its foot of 20 mm.
-    monkeypatch.setattr(probing, "_BEYOND", 0.05)
+    monkeypatch.setattr(dynamic_prober, "_BEYOND", 0.05)
     stick = trimesh.creation.box(extents=[0.02, 0.02, 0.2])
     probe = Probe([-0.01, 0.0, 0.08], [1.0, 0.0, 0.0], 0.02, 0.06)
     outcome, _ = touched(stick, mass=0.02, friction=0.8, probe=probe)

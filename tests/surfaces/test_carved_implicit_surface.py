@@ -14,8 +14,7 @@ from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Exploration, Workspace
-from lis_grasp.exploration import exploration_loop as explore
+from lis_grasp.exploration import Exploration, Workspace, explore
 from lis_grasp.hands.hand import Hand
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.run_config import RunConfig

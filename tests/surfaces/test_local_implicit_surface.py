@@ -258,7 +258,7 @@ def test_no_contacts_are_refused() -> None:
         ({"sigma": 0.0}, "sigma must be above 0"),
         ({"sigma": float("nan")}, "sigma must be above 0"),
         ({"weights": "equal"}, "weights must be one of voronoi, density"),
-        ({"beta": "minus"}, "beta must be one of mended, printed, none"),
+        ({"beta": "minus"}, "beta must be one of corrected, as_published, none"),
         ({"position_noise": -1e-3}, "position_noise must be at least 0"),
         ({"normal_noise": float("inf")}, "normal_noise must be at least 0"),
         ({"margin": -0.1}, "margin must be at least 0"),
