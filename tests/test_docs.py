@@ -1,4 +1,4 @@
-"""The pages under docs/: every command and every block of code that they show runs as it stands."""
+"""Documentation tests: commands and code blocks of README.md and docs/ run as shown."""
 
 import argparse
 import json
@@ -10,20 +10,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lis_grasp import Contacts, GraspSearch
 from lis_grasp.cli.main import build_parser, main
 
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+README = ROOT / "README.md"
 GUIDES = ("own-contacts", "own-objects", "own-estimator")
 UNRUN = "cluster"  # needs a cluster
 
-# A fenced block: its language, perhaps the name of the file that it is, and what is in it.
+# A fenced block: its language, the name of the file that it becomes (optional), and its content.
 _BLOCK = re.compile(
     r"^```(?:\{code-block\} )?(\w+)\n(?::caption: (\S+)\n)?(.*?)^```$", re.MULTILINE | re.DOTALL
 )
 
 
 def _run_page(path: Path, folder: Path) -> int:
-    """Run a page's blocks in order, in a folder of their own; return how many ran."""
+    """Run a page's blocks in order, in an empty folder; return their number."""
     space: dict[str, object] = {"__name__": path.stem}
     ran = 0
     for language, name, text in _BLOCK.findall(path.read_text(encoding="utf-8")):
@@ -34,7 +37,7 @@ def _run_page(path: Path, folder: Path) -> int:
         elif language == "sh":
             for line in text.splitlines():
                 words = shlex.split(line, comments=True)
-                assert not words or words[0] == "lis-grasp", f"{path} shows what is not run: {line}"
+                assert not words or words[0] == "lis-grasp", f"{path}: {line}"
                 assert not words or main(words[1:]) == 0, line
         ran += language in ("python", "sh") or bool(name)
     return ran
@@ -49,7 +52,7 @@ def test_blocks_of_a_guide_run(
 
 
 @pytest.mark.slow
-def test_blocks_of_the_tutorial_run_and_the_page_on_files_names_every_key(
+def test_tutorial_runs_and_file_formats_page_names_every_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -85,26 +88,81 @@ def test_examples_of_the_command_line_run(
         assert f"\n## {verb}\n" in page.read_text(encoding="utf-8")
 
 
-def test_every_guide_is_among_those_that_are_run() -> None:
+def test_every_guide_is_run() -> None:
     pages = {path.stem for path in (DOCS / "how-to").glob("*.md")} - {"index"}
     assert pages == {*GUIDES, UNRUN}
 
 
-def test_the_readme_s_table_of_the_study_is_the_page_s() -> None:
-    def table_of(page: Path, first: str) -> dict[str, list[str]]:
-        """Return the cells of the table with a row that begins so, by each row's first cell."""
-        lines = page.read_text(encoding="utf-8").split("\n")
-        start = next(k for k, line in enumerate(lines) if line.startswith(first))
-        rows = takewhile(lambda line: line.startswith("|"), lines[start:])
-        cells = [[c.strip() for c in row.replace("**", "").strip("|").split("|")] for row in rows]
-        return {name.strip("`"): values for name, *values in cells}
+def _table(page: Path, first: str) -> dict[str, list[str]]:
+    """Return the rows of the table with a row that begins with `first`, by their first cell."""
+    lines = page.read_text(encoding="utf-8").split("\n")
+    start = next(k for k, line in enumerate(lines) if line.startswith(first))
+    while lines[start - 1].startswith("|"):
+        start -= 1
+    rows = takewhile(lambda line: line.startswith("|"), lines[start:])
+    cells = [[c.strip() for c in row.replace("**", "").strip("|").split("|")] for row in rows]
+    return {name: values for name, *values in cells}
 
-    readme = table_of(DOCS.parent / "README.md", "| `blend` |")
-    page = table_of(DOCS / "study.md", "| GPIS |")
-    names = {"gpis": "GPIS", "lis` (the paper's)": "LIS"}
-    assert {names.get(name, name) for name in readme} == set(page)
-    for name, values in readme.items():
-        # Planning on the true mesh does not depend on touches: those cells are empty.
-        shown = [(k, value) for k, value in enumerate(values) if value]
-        assert len(shown) == 3 if name == "the true mesh" else len(shown) == 7
-        assert shown == [(k, page[names.get(name, name)][k]) for k, _ in shown], name
+
+def test_success_rates_of_the_readme_are_those_of_the_study() -> None:
+    readme = _table(README, "| `blend` (default) |")
+    study = _table(DOCS / "study.md", "| GPIS |")
+    column = study["estimator"].index("all")
+    names = {
+        "`lis` (the paper's)": "LIS",
+        "`gpis`": "GPIS",
+        "`blend` (default)": "blend",
+        "the true mesh": "the true mesh",
+    }
+    for name, row in names.items():
+        assert readme[name][-1] == study[row][column], name
+
+
+def test_errors_of_the_readme_are_those_of_the_results_page() -> None:
+    readme = _table(README, "| `blend` (default) |")
+    even = _table(DOCS / "results.md", "| RIMLS |")
+    random = _table(DOCS / "results.md", "| `gpis` | ")
+    assert readme["`gpis`"][0] == even["`gpis` (Matern 5/2)"][0]
+    for name in ("`lis` (the paper's)", "`blend` (default)"):
+        assert readme[name][0] == even[name][0]
+    for name in ("`gpis`", "`blend` (default)"):
+        assert readme[name][1] == random[name][0]
+
+
+def test_readme_example_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    Contacts(points=0.03 * axes, normals=axes).save(tmp_path / "contacts.csv")
+    blocks = _BLOCK.findall(README.read_text(encoding="utf-8"))
+    (example,) = [text for language, _, text in blocks if language == "python"]
+    space: dict[str, object] = {}
+    exec(compile(example, str(README), "exec"), space)
+    assert isinstance(space["search"], GraspSearch)
+    assert len(space["search"].grasps) > 0
+
+
+def test_readme_commands_parse() -> None:
+    lines = [
+        line
+        for language, _, text in _BLOCK.findall(README.read_text(encoding="utf-8"))
+        if language == "sh"
+        for line in text.splitlines()
+        if line.startswith("lis-grasp")
+    ]
+    assert len(lines) == 6
+    for line in lines:
+        build_parser().parse_args(shlex.split(line, comments=True)[1:])
+
+
+def test_contributing_describes_every_folder() -> None:
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    folders = [path.parent.name for path in (ROOT / "lis_grasp").glob("*/__init__.py")]
+    assert len(folders) > 10
+    for folder in folders:
+        assert f"| `{folder}/` |" in page, folder
+
+
+def test_readme_fits_on_two_screens() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
