@@ -1,7 +1,6 @@
-"""The documentation: Sphinx, with pages in MyST Markdown and notebooks executed as they are read.
+"""Sphinx configuration: MyST Markdown pages, executed notebooks, formulas as MathML.
 
-Formulas become MathML, which browsers draw by themselves: the built pages load nothing from
-anywhere, like the package's own.
+Browsers render MathML without a library, so the built pages work offline.
 """
 
 import os
@@ -15,7 +14,7 @@ from sphinx.application import Sphinx
 
 import lis_grasp
 
-# Sphinx reads what lies below this folder; a link instead would hide notebooks/ from hatchling.
+# Sphinx reads below this folder only. A symbolic link would hide notebooks/ from hatchling.
 _HERE = Path(__file__).parent
 shutil.rmtree(_HERE / "notebooks", ignore_errors=True)
 shutil.copytree(
@@ -51,7 +50,7 @@ python_maximum_signature_line_length = 88
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
-# Figures belong in the page, whatever the shell asks for.
+# Show figures in the page, also when MPLBACKEND is set in the shell.
 os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
 nb_execution_mode = "cache"
 nb_execution_raise_on_error = True
@@ -73,18 +72,18 @@ html_show_sourcelink = False
 
 
 def write_inline(translator: Any, node: nodes.math) -> None:
-    """Write a formula within a line."""
+    """Write an inline formula."""
     translator.body.append(latex2mathml.tex2mathml(node.astext()))
     raise nodes.SkipNode
 
 
 def write_block(translator: Any, node: nodes.math_block) -> None:
-    """Write a formula on lines of its own."""
+    """Write a displayed formula."""
     formula = latex2mathml.tex2mathml(node.astext(), as_block=True)
     translator.body.append(f'<div class="math">{formula}</div>\n')
     raise nodes.SkipNode
 
 
 def setup(app: Sphinx) -> None:
-    """Let Sphinx write formulas as MathML."""
+    """Register the MathML renderer."""
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
