@@ -1,0 +1,59 @@
+"""Explore an object with your own surface estimator.
+
+    python examples/own_estimator.py --output results/own_estimator
+
+The estimator here is the tangent plane of the nearest contact. A class with these four members is
+enough: nothing is registered or inherited.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lis_grasp import Contacts, Hand, extract_mesh, shapes, surface_error
+from lis_grasp.exploration import STEP_FRACTION, TargetPolicy, Workspace, explore
+from lis_grasp.probing.kinematic_prober import KinematicProber
+
+
+class NearestPlane:
+    def __init__(self, contacts: Contacts) -> None:
+        self.contacts, self.tree = contacts, cKDTree(contacts.points)
+        margin = 0.15 * contacts.extent
+        self.bounds = contacts.bounds + [[-margin], [margin]]  # (2, 3) [m]
+
+    def evaluate(self, points):  # (..., 3) -> (...): negative inside
+        nearest = self.tree.query(points)[1]
+        offset = points - self.contacts.points[nearest]
+        return np.sum(offset * self.contacts.normals[nearest], axis=-1)
+
+    def gradient(self, points):  # (..., 3) -> (..., 3): outward
+        return self.contacts.normals[self.tree.query(points)[1]]
+
+    def uncertainty(self, points):  # (..., 3) -> (...): one standard deviation [m]
+        return 0.2 * self.tree.query(points)[0]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", type=Path, default=Path("results/own_estimator"))
+    output = parser.parse_args().output
+    output.mkdir(parents=True, exist_ok=True)
+
+    pentagon, hand = shapes.build("pentagon"), Hand.load("allegro")
+    center = pentagon.mesh.bounds.mean(axis=0)
+    space = Workspace(STEP_FRACTION * pentagon.size, center, pentagon.size)
+    prober, rng = KinematicProber(hand, pentagon.mesh), np.random.default_rng(0)
+    exploration = explore(
+        prober, TargetPolicy(space), NearestPlane, touches=15, rng=rng, space=space
+    )
+    mesh = extract_mesh(NearestPlane(exploration.contacts))
+    mesh.export(output / "surface.ply")
+    error = surface_error(mesh, pentagon, exploration.contacts, explored_radius=space.step)
+    print(exploration.summary())
+    print(f"error {1e3 * error.rmsd:.1f} mm where explored; wrote {output / 'surface.ply'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""Examples: each script runs from another folder and writes results that are checked here."""
+
+import csv
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from lis_grasp import Contacts, Hand
+from lis_grasp.motion import Motion
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def _has_mesh(folder: Path) -> None:
+    # As written: loading with processing would merge vertices that are equal in single precision.
+    assert trimesh.load(folder / "surface.ply", process=False).is_watertight
+
+
+def _has_grasps(folder: Path) -> None:
+    grasps = json.loads((folder / "grasps.json").read_text(encoding="utf-8"))["grasps"]
+    assert grasps
+    assert all(grasp["quality"]["epsilon"] > 0.0 for grasp in grasps)
+
+
+def _check_cube(folder: Path) -> None:
+    assert len(Contacts.load(folder / "contacts.ply")) == 6
+    _has_mesh(folder)
+    # The contacts are exact and the planes through them bound the cube; noise only widens bands.
+    assert trimesh.load(folder / "surface.ply").volume == pytest.approx(0.06**3, rel=1e-3)
+
+
+def _check_hand(folder: Path) -> None:
+    assert Hand.load(folder / "gripper.yaml").name == "gentle_gripper"
+    _has_grasps(folder)
+
+
+def _check_policy(folder: Path) -> None:
+    assert len(Contacts.load(folder / "contacts.ply")) == 12
+    _has_mesh(folder)
+
+
+def _check_lift(folder: Path) -> None:
+    assert len(Contacts.load(folder / "contacts.ply")) == 15
+    _has_mesh(folder)
+    _has_grasps(folder)
+    height = Motion.load(folder / "motion.npz").poses["object"][:, 2, 3]
+    assert height[-1] - height[0] > 0.05  # [m]: held to the end of the trial
+
+
+def _check_comparison(folder: Path) -> None:
+    with (folder / "errors.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4
+    assert all(0.0 < float(row["rmsd_mm"]) < 100.0 for row in rows)
+
+
+CHECKS: dict[str, Callable[[Path], None]] = {
+    "contacts_to_mesh": _check_cube,
+    "mesh_to_grasps": _has_grasps,
+    "own_hand": _check_hand,
+    "own_estimator": _has_mesh,
+    "own_policy": _check_policy,
+    "explore_to_lift": _check_lift,
+    "compare_estimators": _check_comparison,
+}
+FAST = ("contacts_to_mesh",)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in FAST else pytest.mark.slow) for n in CHECKS]
+)
+def test_an_example_writes_its_results(name: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / f"{name}.py", "--output", "out"],
+        cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) >= 2
+    CHECKS[name](tmp_path / "out")
+
+
+def test_every_example_is_short_checked_and_listed() -> None:
+    listed = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    scripts = sorted(EXAMPLES.glob("*.py"))
+    assert {path.stem for path in scripts} == set(CHECKS)
+    for path in scripts:
+        assert len(path.read_text(encoding="utf-8").splitlines()) < 60
+        assert f"[{path.name}]({path.name})" in listed
