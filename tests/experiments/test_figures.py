@@ -1,4 +1,4 @@
-"""Figures: projections, what hides what, colours that mean something, lines as long as errors."""
+"""Figures: projection, hidden surfaces, colour scales, error lines, charts."""
 
 from __future__ import annotations
 
@@ -28,18 +28,12 @@ from lis_grasp.experiments.figures import (
     bars,
     calibration,
     curve_panels,
-    curves,
     png_of,
 )
 from lis_grasp.experiments.figures.angular_kernel import angular_kernel
 from lis_grasp.experiments.figures.convexity_discs import around, tangent_axes
-from lis_grasp.experiments.figures.corner_overshoot import (
-    OUTLINE,
-    convexity_towards,
-    step_contacts,
-)
 from lis_grasp.experiments.figures.cutting import cut_segments, cut_triangles
-from lis_grasp.experiments.figures.error_lines import ErrorLines, error_lines, rmsd_note
+from lis_grasp.experiments.figures.error_figures import error_lines
 from lis_grasp.experiments.figures.experiment import explored_object, view_on
 from lis_grasp.experiments.figures.painter import (
     Patches,
@@ -61,7 +55,13 @@ from lis_grasp.experiments.figures.palette import (
     rgba,
 )
 from lis_grasp.experiments.figures.patch_map import _owners, _patch_of, patch_map
-from lis_grasp.experiments.figures.potential_fields import draw_field, planar_contacts
+from lis_grasp.experiments.figures.planar_figures import (
+    OUTLINE,
+    convexity_towards,
+    draw_field,
+    planar_contacts,
+    step_contacts,
+)
 from lis_grasp.experiments.figures.solids import two_tone_patches
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
@@ -82,7 +82,7 @@ def test_a_view_from_plus_x_has_y_to_the_right_and_z_up() -> None:
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0.3, 0.5), (-2.0, 1.2), (3.0, -0.4)])
-def test_a_views_axes_are_a_right_handed_frame_and_z_never_leans(
+def test_a_views_axes_are_a_right_handed_frame_and_z_is_vertical(
     azimuth: float, elevation: float
 ) -> None:
     view = View(azimuth, elevation)
@@ -101,7 +101,7 @@ def _pixels(patches: list[Patches], frame: FloatArray = UNIT_FRAME) -> npt.NDArr
 
 
 def _is(pixel: npt.NDArray[np.uint8], colour: str) -> bool:
-    """Tell whether a pixel has a colour's hue: shading scales it."""
+    """Return whether a pixel has a colour's hue: shading scales it."""
     shown = pixel[:3] / max(int(pixel[:3].max()), 1)
     return bool(np.allclose(shown, rgba(colour)[:3], atol=0.02))
 
@@ -115,7 +115,7 @@ def _triangle(depth: float, colour: str) -> Patches:
 
 
 @pytest.mark.parametrize("near_first", [True, False])
-def test_a_nearer_triangle_hides_a_farther_one_in_whatever_order_they_come(
+def test_a_nearer_triangle_hides_a_farther_one_in_any_order(
     near_first: bool,
 ) -> None:
     near, far = _triangle(0.5, RED), _triangle(-0.5, BLUE)
@@ -124,7 +124,7 @@ def test_a_nearer_triangle_hides_a_farther_one_in_whatever_order_they_come(
 
 
 @pytest.mark.parametrize(("depth", "seen"), [(0.3, RED), (-0.3, BLUE)])
-def test_lines_and_points_are_hidden_by_what_is_nearer(depth: float, seen: str) -> None:
+def test_lines_and_points_are_hidden_by_nearer_triangles(depth: float, seen: str) -> None:
     wall = _triangle(0.0, BLUE)
     across = np.array([[[-0.5, 0.0, depth], [0.5, 0.0, depth]]]) @ LOOK.axes
     line = line_patches(LOOK, across, RED, width=0.1, piece=0.05)
@@ -133,7 +133,7 @@ def test_lines_and_points_are_hidden_by_what_is_nearer(depth: float, seen: str) 
     assert _is(_pixels([point, wall])[50, 50], seen)
 
 
-def test_a_lifted_line_lies_on_the_surface_that_it_is_in() -> None:
+def test_a_lifted_line_is_visible_on_the_surface_that_it_is_in() -> None:
     cube = trimesh.creation.box((1.0, 1.0, 1.0))
     surface = mesh_patches(LOOK, cube, BLUE, piece=0.1)
     corner = edge_patches(LOOK, cube, RED, width=0.05, lift=0.1)
@@ -150,7 +150,7 @@ def _areas(outlines: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize("name", ["box", "hollow_cylinder"])
-def test_what_is_drawn_of_a_mesh_is_the_faces_towards_the_eye_foreshortened(name: str) -> None:
+def test_a_mesh_is_drawn_as_its_faces_towards_the_eye_foreshortened(name: str) -> None:
     mesh = shapes.build(name).mesh
     cosines = np.clip(mesh.face_normals @ LOOK.axes[2], 0.0, None)
     drawn = mesh_patches(LOOK, mesh, BLUE, piece=0.004)
@@ -188,7 +188,7 @@ def test_cut_lines_are_equal_parts_in_order() -> None:
     assert_allclose(pieces[4:, :, 1], [[0.0, 0.15], [0.15, 0.3]])
 
 
-def test_a_frame_holds_all_that_is_drawn() -> None:
+def test_a_frame_contains_all_patches() -> None:
     patches = point_patches(LOOK, np.array([[0.0, 0, 0], [0, 0, 1]]), RED, radius=0.1)
     frame = frame_of([patches], margin=0.0)
     assert_allclose(frame[:, 1], [-0.1, np.cos(LOOK.elevation) + 0.1], atol=1e-12)
@@ -221,10 +221,10 @@ def test_every_estimator_has_a_colour_of_its_own() -> None:
     assert estimator_label("someone_elses") == "someone_elses"
 
 
-# --- what is drawn is what was computed ----------------------------------------------------------
+# --- drawings match the computed values ----------------------------------------------------------
 
 
-def test_the_zero_line_is_where_f_changes_sign() -> None:
+def test_f_changes_sign_on_the_zero_line() -> None:
     contacts = step_contacts()
     surface = LocalImplicitSurface.from_contacts(contacts)
     axes = Figure().add_axes((0.0, 0.0, 1.0, 1.0))
@@ -265,7 +265,7 @@ def test_the_steps_middle_contact_is_convex_upwards_and_concave_downwards() -> N
     assert down > 0.5
 
 
-def test_the_steps_contacts_lie_on_its_outline() -> None:
+def test_the_steps_contacts_are_on_its_outline() -> None:
     for point in step_contacts().points[:, :2]:
         detours = [
             np.linalg.norm(point - a) + np.linalg.norm(point - b) - np.linalg.norm(b - a)
@@ -274,7 +274,7 @@ def test_the_steps_contacts_lie_on_its_outline() -> None:
         assert_allclose(min(detours), 0.0, atol=1e-12)
 
 
-def test_mended_beta_overshoots_corners_less_than_none_and_the_printed_sign_more() -> None:
+def test_corrected_beta_overshoots_corners_less_than_none_and_the_published_sign_more() -> None:
     contacts = step_contacts()
     x = np.linspace(0.002, 0.03, 30)
     overshoot = {}
@@ -301,7 +301,7 @@ def test_two_neighbours_merge_by_the_angular_kernel_as_drawn() -> None:
     surface = LocalImplicitSurface.from_contacts(Contacts(points, normals), sigma=sigma)
     plane = tangent_axes(normals[0])
     phi = np.linspace(-3.0, 3.0, 13)
-    x_axis = np.arctan2(*plane[:, 0][::-1])  # the plane's angle of +x, where neighbour 1 lies
+    x_axis = np.arctan2(*plane[:, 0][::-1])  # the plane's angle of +x, of neighbour 1
     y_axis = np.arctan2(*plane[:, 1][::-1])
     merged, total = np.zeros(13), np.zeros(13)
     for j, angle in ((1, x_axis), (2, y_axis)):
@@ -316,7 +316,7 @@ def test_two_neighbours_merge_by_the_angular_kernel_as_drawn() -> None:
 
 
 def _shrunk_box(by: float) -> tuple[Shape, trimesh.Trimesh, Contacts]:
-    """Return a cube of 10 cm, an estimate that lies `by` inside of it, and contacts all over."""
+    """Return a cube of 10 cm, an estimate `by` inside of it, and contacts all over."""
     truth = Shape.from_mesh("cube", trimesh.creation.box((0.1, 0.1, 0.1)))
     estimate = trimesh.creation.box((0.1 - 2 * by,) * 3)
     axes = np.vstack([np.eye(3), -np.eye(3)])
@@ -327,8 +327,8 @@ def test_error_lines_are_as_long_as_the_distances_and_end_on_the_estimate() -> N
     by = 0.004
     truth, estimate, contacts = _shrunk_box(by)
     lines = error_lines(estimate, truth, contacts, radius=1.0)
-    # From a piece's middle to the inner cube: `by` along two axes, and along the third what the
-    # middle lies beyond the inner cube's end.
+    # From a piece's middle to the inner cube: `by` along two axes, and along the third the
+    # distance of the middle beyond the inner cube's end.
     middles = lines.pieces.mean(axis=1)
     beyond = np.clip(np.abs(middles) - (0.05 - by), 0.0, None)
     assert_allclose(lines.lines[:, 0], middles, atol=1e-15)
@@ -345,10 +345,10 @@ def test_the_noted_error_is_that_of_the_evaluation() -> None:
     assert lines.rmsd is not None
     assert error.edge_rmsd is not None
     assert_allclose(lines.rmsd, error.edge_rmsd, rtol=2.5 / 66)
-    assert rmsd_note(lines) == f"{1e3 * lines.rmsd:.1f} mm"
+    assert lines.note == f"{1e3 * lines.rmsd:.1f} mm"
 
 
-def test_edges_that_nobody_explored_get_no_lines() -> None:
+def test_unexplored_edges_get_no_lines() -> None:
     truth, estimate, contacts = _shrunk_box(0.004)
     one = contacts.subset([0])
     lines = error_lines(estimate, truth, one, radius=0.06)
@@ -356,13 +356,12 @@ def test_edges_that_nobody_explored_get_no_lines() -> None:
     assert cKDTree(one.points).query(lines.lines[:, 0])[0].max() <= 0.06
     none = error_lines(estimate, truth, one, radius=0.01)
     assert none.rmsd is None
-    assert rmsd_note(none) == "no edge explored"
-    assert isinstance(none, ErrorLines)
+    assert none.note == "no edge explored"
 
 
-def test_the_yellow_share_of_what_is_seen_is_the_explored_share() -> None:
-    explored = explored_object("box", 100)
-    contacts, mesh = explored.walk.until(0.5), explored.shape.mesh
+def test_the_yellow_fraction_of_the_visible_area_is_the_explored_fraction() -> None:
+    shape, walk = explored_object("box", 100)
+    contacts, mesh = walk.until(0.5), shape.mesh
     view = view_on(contacts)
     patches = two_tone_patches(view, mesh, contacts, 0.05, ("#ffff00", "#ff0000"), piece=0.001)
     yellow = patches.colours[:, 1] > 0.1
@@ -385,22 +384,22 @@ def test_contacts_face_the_view_that_is_chosen_for_them() -> None:
 # --- charts --------------------------------------------------------------------------------------
 
 
-def test_bars_are_as_high_as_the_means_and_claims_are_lines() -> None:
+def test_bars_are_as_high_as_the_means() -> None:
     values = {"gpis": {"box": [1.0, 3.0], "mallet": [5.0, 7.0]}, "lis": {"box": [1.0, np.nan]}}
-    figure = bars(values, title="t", ylabel="mm", claims={"claimed": 2.5})
+    figure = bars(values, title="t", ylabel="mm")
     axes = figure.axes[0]
     drawn = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
     heights = [patch.get_height() for patch in drawn if patch.get_width() < 0.9]
     assert_allclose(heights, [2.0, 6.0, 4.0, 1.0, 1.0])  # box, mallet, mean; box, mean
-    assert any(np.allclose(line.get_ydata(), 2.5) for line in axes.lines)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["GPIS (4.0)", "LIS (1.0)", "claimed"]
+    assert labels == ["GPIS (4.0)", "LIS (1.0)"]
     assert axes.get_ylim()[0] == 0.0
 
 
 def test_bars_need_values() -> None:
-    with pytest.raises(InvalidOptionError, match="at least one estimator and object"):
+    with pytest.raises(InvalidOptionError) as error:
         bars({"lis": {"box": [np.nan]}}, title="t", ylabel="mm")
+    assert error.value.option == "values"
 
 
 def test_curves_go_through_the_means_with_nothing_cut_off() -> None:
@@ -413,22 +412,22 @@ def test_curves_go_through_the_means_with_nothing_cut_off() -> None:
     assert_allclose(left.lines[0].get_ydata(), [2.0, 4.0, 7.0])
     assert left.get_ylim() == right.get_ylim()
     assert right.get_ylim()[1] > 27.0  # mean and deviation of the largest, 21 + 6
-    single = curves(["a", "b", "c"], {"lis": values}, title="t", xlabel="x", ylabel="y")
-    assert_allclose(single.axes[0].lines[0].get_ydata(), [2.0, 4.0, 7.0])
 
 
 def test_curves_of_another_number_of_levels_are_refused() -> None:
-    with pytest.raises(InvalidOptionError, match=r"shape \(2, repeats\)"):
-        curves(["a", "b"], {"lis": np.zeros((3, 4))}, title="", xlabel="", ylabel="")
+    with pytest.raises(InvalidOptionError) as error:
+        curve_panels(["a", "b"], {"t": {"lis": np.zeros((3, 4))}}, xlabel="", ylabel="")
+    assert error.value.option == "lis"
 
 
-def test_calibration_shows_found_shares_beside_the_promise() -> None:
-    found = {"lis": np.array([[0.5, 0.7], [0.9, 1.0]]), "gpis": [0.68, 0.95]}
-    first, second = calibration([0.683, 0.95], found, title="t").axes
+def test_calibration_shows_observed_beside_predicted_coverage() -> None:
+    observed = {"lis": np.array([[0.5, 0.7], [0.9, 1.0]]), "gpis": [0.68, 0.95]}
+    first, second = calibration([0.683, 0.95], observed, title="t").axes
     assert_allclose([line.get_xdata()[0] for line in first.lines], [0.683, 0.6, 0.68])
     assert_allclose([line.get_xdata()[0] for line in second.lines], [0.95, 0.95, 0.95])
-    with pytest.raises(InvalidOptionError, match=r"shape \(2, repeats\)"):
+    with pytest.raises(InvalidOptionError) as error:
         calibration([0.683, 0.95], {"lis": [0.5]}, title="t")
+    assert error.value.option == "lis"
 
 
 # --- whole figures -------------------------------------------------------------------------------
@@ -486,11 +485,11 @@ def test_matplotlib_is_loaded_for_figures_only_and_pyplot_never() -> None:
 
 
 def test_at_a_contact_the_map_shows_the_contact_s_own_patch() -> None:
-    contacts = explored_object("box", 0).walk.contacts
+    contacts = explored_object("box", 0)[1].contacts
     surface = PatchImplicitSurface.from_contacts(contacts)
     patch_of = _patch_of(surface)
     assert len(np.unique(patch_of)) == 6
-    # A box: contacts share a patch if they share a normal.
+    # A box: contacts are in one patch if their normals are equal.
     same_normal = contacts.normals @ contacts.normals.T > 0.99
     assert_array_equal(patch_of[:, None] == patch_of, same_normal)
     owners = _owners(surface, surface.points)

@@ -1,8 +1,8 @@
-"""The pictures of the paper's experiments, drawn by matplotlib without a display.
+"""Figures of the paper's experiments, drawn by matplotlib without a display.
 
 Each figure of the paper (Ottenhaus et al. 2016) that needs no results of trials is a function of
-its own, from seeds; `FIGURES` has them by number. Figs. 9, 10 and 12 are charts of results, which
-`bars`, `curves` and `calibration` draw from plain numbers.
+seeds; `FIGURES` has them by number. Figs. 9, 10 and 12 are charts of results, which `bars`,
+`curve_panels` and `calibration` draw from plain numbers.
 """
 
 from __future__ import annotations
@@ -14,30 +14,18 @@ from types import MappingProxyType
 from matplotlib.figure import Figure
 
 from lis_grasp.experiments.figures.angular_kernel import figure_4
-from lis_grasp.experiments.figures.charts import bars, calibration, curve_panels, curves
+from lis_grasp.experiments.figures.charts import bars, calibration, curve_panels
 from lis_grasp.experiments.figures.convexity_discs import figure_5
-from lis_grasp.experiments.figures.corner_overshoot import figure_2
-from lis_grasp.experiments.figures.evaluation_run import figure_8, figure_11
-from lis_grasp.experiments.figures.explored_region import figure_7
-from lis_grasp.experiments.figures.object_set import figure_6
-from lis_grasp.experiments.figures.orthogonal_normals import figure_1
+from lis_grasp.experiments.figures.error_figures import figure_8, figure_11
+from lis_grasp.experiments.figures.object_figures import figure_6, figure_7
 from lis_grasp.experiments.figures.patch_map import patch_map
+from lis_grasp.experiments.figures.planar_figures import figure_1, figure_2
 from lis_grasp.experiments.figures.style import png_of
 
 
 @dataclass(frozen=True, slots=True)
 class PaperFigure:
-    """A figure of the paper, drawn again.
-
-    Parameters
-    ----------
-    title
-        A few words.
-    caption
-        What is shown, what to look at, and where it departs from the paper.
-    draw
-        Returns the figure; its options have defaults.
-    """
+    """A figure of the paper: its title, its caption, and the function that draws it."""
 
     title: str
     caption: str
@@ -48,41 +36,41 @@ FIGURES: Mapping[int, PaperFigure] = MappingProxyType(
     {
         1: PaperFigure(
             "Contacts with orthogonal normals",
-            "Top: two contacts and the implicit shape potential estimated from them, violet inside"
-            " and orange outside; the thick line is the surface, f = 0. The estimators work in"
-            " space: these contacts have z = 0 and normals in the plane, and f is shown at z = 0."
-            " Bottom: a cube of 10 cm, touched in the middle of each of its six faces. GPIS rounds"
-            " corners and closes behind the contacts; LIS and blend keep corners sharp and go on"
-            " where nobody touched. Of f only the sign and the zero are promised: LIS scales it by"
-            " β, so that its values inside are small. With so few contacts blend is patch.",
+            "Top: two contacts and the estimated implicit shape potential, violet inside and orange"
+            " outside; the thick line is the surface, f = 0. The contacts have z = 0 and normals in"
+            " the plane; f is shown at z = 0. Bottom: a cube of 10 cm, touched in the middle of"
+            " each face. GPIS rounds corners and closes behind the contacts; LIS and blend keep"
+            " corners sharp and extrapolate where there is no contact. Only the sign and the zero"
+            " set of f are guaranteed: LIS scales f by β, so its values inside are small. With so"
+            " few contacts blend equals patch.",
             figure_1,
         ),
         2: PaperFigure(
             "Local convexity at corners",
             "LIS on three contacts of a step, a concave and a convex corner (true outline dashed,"
             " section at z = 0). Without β the surface overshoots both corners. Circles show β*"
-            " towards each direction: blue is convex, red concave; it is extended to the side"
-            " where no contact is. With the sign mended (middle) the overshoot goes away almost"
-            " wholly; with eq. 10 as printed (right) it grows. So the printed sign is taken to be"
-            " a misprint. The kernel is wider here than by default, 0.3 instead of 0.2 of the"
-            " contacts' spacing, which shows the effect more clearly; the paper does not give it.",
+            " towards each direction: blue is convex, red concave; it is extrapolated to the side"
+            " without contacts. With the corrected sign (middle) the overshoot almost vanishes;"
+            " with eq. 10 as published (right) it grows, so the published sign seems to be a"
+            " misprint. The kernel is wider than by default, 0.3 instead of 0.2 of the contacts'"
+            " spacing, to show the effect clearly; the paper gives no width.",
             figure_2,
         ),
         4: PaperFigure(
             "Angular kernel",
-            "By how much a neighbour counts towards a direction at angle φ from its own (eq. 11)."
-            " The width σ_w falls with the neighbour's height above or below the contact's plane"
-            " (eq. 13), the height σ_h with its distance (eq. 12).",
+            "Weight of a neighbour towards a direction at angle φ from its own (eq. 11). The width"
+            " σ_w falls with the neighbour's height above or below the contact's plane (eq. 13),"
+            " the height σ_h with its distance (eq. 12).",
             figure_4,
         ),
         5: PaperFigure(
             "Local convexity of every contact",
             "Each contact of two fully explored objects with its β* towards each direction of its"
-            " tangent plane: blue is convex, red concave, white flat. Look at the handle's foot,"
-            " concave towards the head and convex round the handle, and at the bore of the hollow"
-            " cylinder, concave round its axis; narrow blue wedges there point at contacts on the"
-            " other side of the wall, which LIS cannot tell from the same side. The kernel is"
-            " 0.3 of the contacts' spacing wide, as in figure 2.",
+            " tangent plane: blue is convex, red concave, white flat. The handle's foot is concave"
+            " towards the head and convex round the handle; the bore of the hollow cylinder is"
+            " concave round its axis. Narrow blue wedges in the bore point at contacts on the other"
+            " side of the wall, which LIS cannot distinguish from the same side. The kernel is 0.3"
+            " of the contacts' spacing wide, as in figure 2.",
             figure_5,
         ),
         6: PaperFigure(
@@ -94,27 +82,27 @@ FIGURES: Mapping[int, PaperFigure] = MappingProxyType(
         7: PaperFigure(
             "Explored region",
             "A half-explored object from two opposite sides. Yellow is within 50 mm of a contact"
-            " and counts as explored, red does not. Distances are straight, so that a contact also"
+            " and counts as explored, red does not. Distances are straight lines, so a contact also"
             " explores a little round the corner.",
             figure_7,
         ),
         8: PaperFigure(
             "One exploration",
-            "Estimates of the half cylinder from the same contacts while it is explored: grey where"
-            " explored, cream beyond, where errors are not measured. Lines go from the true edges"
-            " to the nearest point of the estimate, at true scale, green is small and red large;"
-            " the number is their root mean square. What the estimate hides shines through, true"
-            " edges that nobody explored are thin and grey. Beyond the contacts LIS and blend go on"
-            " until the bounds cut them off. At edges LIS is closer than GPIS, yet its planes"
-            " overshoot beside them: an error at edges does not see what sticks out, fig. 9 does.",
+            "Estimates of the half cylinder from the same contacts during its exploration: grey"
+            " where explored, cream beyond, where errors are not measured. Lines connect the true"
+            " edges with the nearest point of the estimate, at true scale, from green (small) to"
+            " red (large); the number is their root mean square. Hidden lines are faint; unexplored"
+            " true edges are thin and grey. LIS and blend extrapolate beyond the contacts up to the"
+            " bounds. LIS is closer to the true edges than GPIS, yet its planes overshoot beside"
+            " them: an error at edges does not measure overshoot, fig. 9 does.",
             figure_8,
         ),
         11: PaperFigure(
             "Errors at edges, fully explored",
             "The six objects that have edges, drawn as in figure 8, from all contacts of one walk"
-            " each. The distance from an edge is 0 where a surface passes through it, also where"
-            " the surface then goes on beyond the object, as every estimate does above the"
-            " mallet's handle if its end was not touched.",
+            " each. The distance from an edge is 0 where a surface passes through it, even if the"
+            " surface then extends beyond the object. Every estimate does so above the mallet's"
+            " handle if its end was not touched.",
             figure_11,
         ),
     }
@@ -129,8 +117,8 @@ CHART_CAPTIONS: Mapping[int, str] = MappingProxyType(
         10: "Root mean square distance from the explored true edges to the estimate, drawn as in"
         " figure 9; objects without edges are missing.",
         12: "Twelve contacts round a 90 degree edge under growing noise of positions and normals:"
-        " mean error over seeds, the band is one standard deviation. Estimators are told the"
-        " noise, as far as they take it.",
+        " mean error over seeds, the band is one standard deviation. Estimators that accept a noise"
+        " level are given it.",
     }
 )
 """Captions of the charts of results, by their numbers in the paper."""
@@ -142,7 +130,6 @@ __all__ = [
     "bars",
     "calibration",
     "curve_panels",
-    "curves",
     "figure_1",
     "figure_2",
     "figure_4",

@@ -1,4 +1,4 @@
-"""Fig. 4: the angular kernel, by which a neighbour counts towards a direction."""
+"""Fig. 4: the angular kernel, the weight of a neighbour towards a direction."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from lis_grasp.experiments.figures.style import (
 )
 from lis_grasp.typing import FloatArray
 
-WIDTHS = (1.0, 0.5, 0.25, 0.1, 0.03)
-HEIGHTS = (1.0, 0.75, 0.5, 0.25)
+_WIDTHS = (1.0, 0.5, 0.25, 0.1, 0.03)
+_HEIGHTS = (1.0, 0.75, 0.5, 0.25)
 _HEIGHT_WIDTH = 0.25
 
 # From dark to light: one colour in steps of lightness, since the curves are an ordered family.
@@ -40,46 +40,38 @@ def angular_kernel(phi: npt.ArrayLike, *, width: float, height: float) -> FloatA
     return height * np.exp(-0.5 * (np.sin(0.5 * np.asarray(phi)) / width) ** 2)
 
 
-def figure_4(*, widths: Sequence[float] = WIDTHS, heights: Sequence[float] = HEIGHTS) -> Figure:
-    """Draw the angular kernel for several widths at height 1, and for several heights.
-
-    Parameters
-    ----------
-    widths
-        sigma_w of the left panel, at most five.
-    heights
-        sigma_h of the right panel, at most five.
-    """
+def figure_4() -> Figure:
+    """Draw the angular kernel for several widths at height 1, and for several heights."""
     figure = new_figure(3.1)
-    phi = np.linspace(-np.pi, np.pi, 721)
-    panels = (
-        (0.075, f"widths σ$_w$, at height σ$_h$ = {1:g}", [(w, 1.0, w) for w in widths]),
-        (
-            0.565,
-            f"heights σ$_h$, at width σ$_w$ = {_HEIGHT_WIDTH:g}",
-            [(_HEIGHT_WIDTH, h, h) for h in heights],
-        ),
+    widths = f"widths σ$_w$, at height σ$_h$ = {1:g}", [(w, 1.0, w) for w in _WIDTHS]
+    heights = (
+        f"heights σ$_h$, at width σ$_w$ = {_HEIGHT_WIDTH:g}",
+        [(_HEIGHT_WIDTH, h, h) for h in _HEIGHTS],
     )
-    for left, title, curves in panels:
-        axes = add_panel(figure, left, 0.18, 0.36, 0.68)
-        for shade, (width, height, shown) in zip(_SHADES, curves, strict=False):
-            values = angular_kernel(phi, width=width, height=height)
-            axes.plot(phi, values, color=rgba(shade), lw=2.0, label=f"{shown:g}")
-        axes.set_xlim(-np.pi, np.pi)
-        axes.set_ylim(0.0, 1.05)
-        axes.set_xticks(
-            np.pi * np.array([-1.0, -0.5, 0.0, 0.5, 1.0]), ["−π", "−π/2", "0", "π/2", "π"]
-        )
-        axes.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0])
-        axes.set_xlabel("φ, angle from the neighbour’s direction", fontsize=NORMAL, color=INK)
-        plain_axes(axes)
-        axes.legend(
-            loc="center left",
-            bbox_to_anchor=(1.0, 0.5),
-            frameon=False,
-            fontsize=SMALL,
-            handlelength=1.4,
-        )
-        head(axes, title)
+    _draw_kernels(figure, 0.075, *widths)
+    _draw_kernels(figure, 0.565, *heights)
     figure.axes[0].set_ylabel("k$_φ$(φ)", fontsize=NORMAL, color=INK)
     return figure
+
+
+def _draw_kernels(
+    figure: Figure, left: float, title: str, kernels: Sequence[tuple[float, float, float]]
+) -> None:
+    """Draw kernels, each a width, a height and the number shown in the legend."""
+    axes = add_panel(figure, left, 0.18, 0.36, 0.68)
+    phi = np.linspace(-np.pi, np.pi, 721)
+    for shade, (width, height, shown) in zip(_SHADES, kernels, strict=False):
+        values = angular_kernel(phi, width=width, height=height)
+        axes.plot(phi, values, color=rgba(shade), lw=2.0, label=f"{shown:g}")
+    axes.set(xlim=(-np.pi, np.pi), ylim=(0.0, 1.05), yticks=[0.0, 0.25, 0.5, 0.75, 1.0])
+    axes.set_xticks(np.pi * np.array([-1.0, -0.5, 0.0, 0.5, 1.0]), ["−π", "−π/2", "0", "π/2", "π"])
+    axes.set_xlabel("φ, angle from the neighbour’s direction", fontsize=NORMAL, color=INK)
+    plain_axes(axes)
+    axes.legend(
+        loc="center left",
+        bbox_to_anchor=(1.0, 0.5),
+        frameon=False,
+        fontsize=SMALL,
+        handlelength=1.4,
+    )
+    head(axes, title)

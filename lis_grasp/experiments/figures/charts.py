@@ -12,11 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.experiments.figures.palette import (
-    INK,
-    estimator_colour,
-    estimator_label,
-)
+from lis_grasp.experiments.figures.palette import INK, estimator_colour, estimator_label
 from lis_grasp.experiments.figures.style import (
     LARGE,
     NORMAL,
@@ -27,28 +23,18 @@ from lis_grasp.experiments.figures.style import (
 )
 from lis_grasp.typing import FloatArray
 
-ALL = "mean"
-"""The group that is the mean over objects."""
-
-_GROUP = 0.82  # share of a group's width that bars take
+_MEAN = "mean"  # the group that is the mean over objects
+_GROUP = 0.82  # fraction of a group's width that bars take
 _LEFT, _WIDE = 0.075, 0.905
 _MARKERS = "osD^vPX*<>"
-_DASHES = (0, (4, 3))
 _CURVE: dict[str, Any] = {"lw": 2.0, "ms": 5.5, "mec": "white", "mew": 0.7}
 
 
-def bars(
-    values: Mapping[str, Mapping[str, Sequence[float]]],
-    *,
-    title: str,
-    ylabel: str,
-    claims: Mapping[str, float] | None = None,
-) -> Figure:
+def bars(values: Mapping[str, Mapping[str, Sequence[float]]], *, title: str, ylabel: str) -> Figure:
     """Draw a bar for each estimator and object: the mean, one standard deviation, and every seed.
 
-    The last group is the mean over objects, its number stands behind the estimator's name; its
-    spread is over seeds, where all objects have equally many. Seeds without a value (NaN) are left
-    out, and so are objects for which an estimator has none.
+    The last group is the mean over objects, with its value in the legend. Its spread is over seeds
+    where all objects have equally many. Seeds without a value (NaN) are left out.
 
     Parameters
     ----------
@@ -57,9 +43,7 @@ def bars(
     title
         Above the chart.
     ylabel
-        What the values are, with the unit.
-    claims
-        Label -> height in mm of lines to compare with, such as a paper's numbers.
+        Quantity and unit of the values.
 
     Raises
     ------
@@ -69,25 +53,25 @@ def bars(
     known = {name: _known(objects) for name, objects in values.items()}
     objects = list(dict.fromkeys(name for of in known.values() for name in of))
     if not objects:
-        raise InvalidOptionError("bars need the values of at least one estimator and object")
-    groups = [*objects, ALL] if len(objects) > 1 else objects
+        raise InvalidOptionError(
+            "bars need the values of at least one estimator and object", option="values"
+        )
+    groups = [*objects, _MEAN] if len(objects) > 1 else objects
     figure = new_figure(3.7)
     axes = add_panel(figure, _LEFT, 0.12, _WIDE, 0.66)
     width = _GROUP / len(known)
+    handles = []
     for k, (name, of) in enumerate(known.items()):
+        means = _over_objects(of)
         for g, group in enumerate(groups):
-            seeds = _over_objects(of) if group == ALL else of.get(group, np.empty(0))
+            seeds = means if group == _MEAN else of.get(group, np.empty(0))
             if len(seeds):
                 at = g + (k + 0.5) * width - 0.5 * _GROUP
                 _bar(axes, at, 0.88 * width, seeds, estimator_colour(name))
-    handles = [
-        _handle(name, f"{estimator_label(name)} ({_short(_over_objects(of).mean())})")
-        for name, of in known.items()
-        if of
-    ]
-    for label, height in (claims or {}).items():
-        axes.axhline(height, color=INK, lw=1.0, ls=_DASHES, zorder=3)
-        handles.append(Line2D([], [], color=INK, lw=1.0, ls=_DASHES, label=label))
+        if of:
+            mean = means.mean()
+            text = f"{mean:.1f}" if mean >= 0.95 else f"{mean:.2f}"
+            handles.append(_handle(name, f"{estimator_label(name)} ({text})", lw=7.0))
     if len(groups) > len(objects):
         axes.axvspan(len(objects) - 0.5, len(objects) + 0.5, color="#f4f4f4", lw=0.0, zorder=0)
     axes.set_xlim(-0.55, len(groups) - 0.45)
@@ -99,33 +83,6 @@ def bars(
     return figure
 
 
-def curves(
-    levels: Sequence[str],
-    values: Mapping[str, npt.ArrayLike],
-    *,
-    title: str,
-    xlabel: str,
-    ylabel: str,
-) -> Figure:
-    """Draw a curve for each estimator over ordered levels: mean, and one standard deviation.
-
-    Parameters
-    ----------
-    levels
-        Labels of the L levels, in order.
-    values
-        Estimator -> values, shape (L, repeats), in the unit of `ylabel`; NaN is left out.
-    title, xlabel, ylabel
-        What is shown.
-
-    Raises
-    ------
-    InvalidOptionError
-        If values have another shape.
-    """
-    return curve_panels(levels, {title: values}, xlabel=xlabel, ylabel=ylabel)
-
-
 def curve_panels(
     levels: Sequence[str],
     panels: Mapping[str, Mapping[str, npt.ArrayLike]],
@@ -133,9 +90,25 @@ def curve_panels(
     xlabel: str,
     ylabel: str,
 ) -> Figure:
-    """Draw panels of curves beside each other, with one scale: title -> values, see `curves`."""
+    """Draw panels of curves with one scale: for each estimator the mean and a standard deviation.
+
+    Parameters
+    ----------
+    levels
+        Labels of the L levels, in order.
+    panels
+        Title -> estimator -> values, shape (L, repeats), in the unit of `ylabel`; NaN is left out.
+    xlabel, ylabel
+        Quantities of the axes.
+
+    Raises
+    ------
+    InvalidOptionError
+        If values have another shape.
+    """
     figure = new_figure(3.7)
     names = list(dict.fromkeys(name for values in panels.values() for name in values))
+    markers = {name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(names)}
     width, top = _WIDE / len(panels), 0.0
     place = np.arange(len(levels), dtype=np.float64)
     for p, (title, values) in enumerate(panels.items()):
@@ -145,65 +118,65 @@ def curve_panels(
         for name, table in values.items():
             mean, spread = _statistics(name, table, len(levels))
             low, high = np.maximum(mean - spread, 0.0), mean + spread
-            colour, marker = estimator_colour(name), _marker(names, name)
+            colour = estimator_colour(name)
             axes.fill_between(place, low, high, color=colour, alpha=0.15, lw=0.0)
-            axes.plot(place, mean, color=colour, marker=marker, **_CURVE)
+            axes.plot(place, mean, color=colour, marker=markers[name], **_CURVE)
             top = max(top, float(np.nanmax(high, initial=0.0)))
         axes.set_xticks(range(len(levels)), list(levels))
         axes.set_xlabel(xlabel, fontsize=NORMAL, color=INK)
         axes.set_xlim(-0.15, len(levels) - 0.85)
-        _finish(axes, title if len(panels) > 1 else "", ylabel if p == 0 else "")
+        _finish(axes, title, ylabel if p == 0 else "")
         axes.tick_params(labelleft=p == 0)
     for axes in figure.axes:
         axes.set_ylim(0.0, 1.03 * top or 1.0)
-    handles = [_handle(name, estimator_label(name), _marker(names, name)) for name in names]
-    _head(figure, title if len(panels) == 1 else "", handles)
+    handles = [
+        _handle(name, estimator_label(name), marker=markers[name], **_CURVE) for name in names
+    ]
+    _head(figure, "", handles)
     return figure
 
 
 def calibration(
     nominal: Sequence[float], covered: Mapping[str, npt.ArrayLike], *, title: str
 ) -> Figure:
-    """Draw which share of the truth lay within each estimator's bands, beside what was promised.
+    """Draw the observed coverage of each estimator's uncertainty bands against the predicted one.
 
     Parameters
     ----------
     nominal
-        Shares that the bands promise, from 0 to 1, one a panel, M of them.
+        Predicted coverage of the M bands, from 0 to 1, one a panel.
     covered
-        Estimator -> shares found, shape (M,) or (M, repeats), from 0 to 1; NaN is left out.
+        Estimator -> observed coverage, shape (M,) or (M, repeats), from 0 to 1; NaN is left out.
     title
         Above the chart.
 
     Raises
     ------
     InvalidOptionError
-        If shares have another shape.
+        If the observed coverage has another shape.
     """
     rows = np.arange(len(covered))
     height = 1.15 + 0.3 * len(rows)
     figure = new_figure(height)
     left, width = 0.2, 0.78 / len(nominal)
-    for p, promised in enumerate(nominal):
-        axes = add_panel(
-            figure, left + p * width, 0.55 / height, 0.9 * width, 0.3 * len(rows) / height
-        )
-        axes.axvline(promised, color=INK, lw=1.0, ls=_DASHES)
+    low, high = 0.55 / height, 0.3 * len(rows) / height
+    for p, predicted in enumerate(nominal):
+        axes = add_panel(figure, left + p * width, low, 0.9 * width, high)
+        axes.axvline(predicted, color=INK, lw=1.0, ls=(0, (4, 3)))
         for row, (name, table) in zip(rows, covered.items(), strict=True):
-            shares = np.asarray(table, dtype=np.float64)
-            columns = shares[:, None] if shares.ndim == 1 else shares
+            observed = np.asarray(table, dtype=np.float64)
+            columns = observed[:, None] if observed.ndim == 1 else observed
             mean, spread = (a[p] for a in _statistics(name, columns, len(nominal)))
             colour = estimator_colour(name)
             axes.hlines(row, mean - spread, min(mean + spread, 1.0), color=colour, lw=2.0)
             axes.plot([mean], [row], "o", ms=7.0, mfc=colour, mec="white", mew=0.8)
-        axes.set_xlim(0.0, 1.02)
-        axes.set_ylim(len(rows) - 0.5, -0.5)
+        axes.set(xlim=(0.0, 1.02), ylim=(len(rows) - 0.5, -0.5))
         axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25", "50", "75", "100 %"])
         axes.set_yticks(
             rows, [estimator_label(name) for name in covered] if p == 0 else [""] * len(rows)
         )
-        axes.set_xlabel("share of the truth found in the band", fontsize=NORMAL, color=INK)
-        _finish(axes, f"promised: {100 * promised:.3g} %", "")
+        axes.set_xlabel("fraction of the truth inside the band", fontsize=NORMAL, color=INK)
+        _finish(axes, f"predicted: {100 * predicted:.3g} %", "")
         axes.tick_params(axis="y", length=0, labelsize=NORMAL)
     _head(figure, title, [])
     return figure
@@ -216,10 +189,6 @@ def _bar(axes: Axes, at: float, width: float, seeds: FloatArray, colour: str) ->
     # Side by side in their order, not jittered at random.
     places = at + 0.5 * width * np.linspace(-0.7, 0.7, len(seeds)) if len(seeds) > 1 else [at]
     axes.plot(places, seeds, "o", ms=1.8, mfc=INK, mew=0.0, alpha=0.45)
-
-
-def _short(value: float) -> str:
-    return f"{value:.1f}" if value >= 0.95 else f"{value:.2f}"
 
 
 def _known(objects: Mapping[str, Sequence[float]]) -> dict[str, FloatArray]:
@@ -243,28 +212,21 @@ def _statistics(name: str, table: npt.ArrayLike, levels: int) -> tuple[FloatArra
     if values.ndim != 2 or len(values) != levels:
         raise InvalidOptionError(
             f"values of {name} must have shape ({levels}, repeats), one row a level; they have"
-            f" {values.shape}"
+            f" {values.shape}",
+            option=name,
+            value=table,
         )
     masked = np.ma.masked_invalid(values)
     mean, spread = masked.mean(axis=1), masked.std(axis=1)
     return np.ma.filled(mean, np.nan), np.ma.filled(spread, np.nan)
 
 
-def _marker(names: Sequence[str], name: str) -> str:
-    return _MARKERS[names.index(name) % len(_MARKERS)]
-
-
-def _handle(name: str, label: str, marker: str = "") -> Line2D:
-    """Return an estimator's line of the legend: a stroke with its marker, or a block without."""
-    style = _CURVE if marker else {"lw": 7.0}
-    return Line2D(
-        [], [], color=estimator_colour(name), marker=marker, label=label,
-        solid_capstyle="butt", **style,
-    )  # fmt: skip
+def _handle(name: str, label: str, **style: Any) -> Line2D:
+    """Return an estimator's line in the legend."""
+    return Line2D([], [], color=estimator_colour(name), label=label, solid_capstyle="butt", **style)
 
 
 def _finish(axes: Axes, title: str, ylabel: str) -> None:
-    """Write a panel's title and label, and leave of the frame what is read."""
     plain_axes(axes)
     axes.set_ylabel(ylabel, fontsize=NORMAL, color=INK)
     axes.set_title(title, fontsize=NORMAL, color=INK, loc="left", pad=6)

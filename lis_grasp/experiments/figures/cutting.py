@@ -1,4 +1,4 @@
-"""Lines and triangles cut in small pieces, for what is right only where pieces are small."""
+"""Subdivision of lines and triangles into small pieces."""
 
 from __future__ import annotations
 
@@ -10,32 +10,22 @@ from lis_grasp.typing import FloatArray, IndexArray
 def cut_segments(segments: FloatArray, piece: float) -> tuple[FloatArray, IndexArray]:
     """Cut each line of (S, 2, 3) in equal parts of at most `piece` [m].
 
-    Returns
-    -------
-    segments
-        Shape (P, 2, 3) [m].
-    owners
-        Shape (P,), the line that each was cut from.
+    Returns the parts (P, 2, 3) [m] and the line that each was cut from (P,).
     """
     steps = segments[:, 1] - segments[:, 0]
     lengths = np.linalg.norm(steps, axis=1)
-    # Lines of a whole number of pieces are not cut once more for a rounding.
+    # A line of a whole number of pieces gets no extra piece from rounding.
     counts = np.maximum(np.ceil(lengths / piece * (1.0 - 1e-9)), 1.0).astype(np.intp)
     owners = np.repeat(np.arange(len(segments)), counts)
     index = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
-    shares = np.stack([index, index + 1], axis=1) / counts[owners][:, None]  # (P, 2)
-    return segments[owners, None, 0] + shares[..., None] * steps[owners, None], owners
+    ends = np.stack([index, index + 1], axis=1) / counts[owners][:, None]  # (P, 2), from 0 to 1
+    return segments[owners, None, 0] + ends[..., None] * steps[owners, None], owners
 
 
 def cut_triangles(triangles: FloatArray, piece: float) -> tuple[FloatArray, IndexArray]:
     """Halve triangles (F, 3, 3) at their longest side until none is longer than `piece` [m].
 
-    Returns
-    -------
-    triangles
-        Shape (P, 3, 3) [m].
-    owners
-        Shape (P,), the triangle that each was cut from.
+    Returns the triangles (P, 3, 3) [m] and the triangle that each was cut from (P,).
     """
     owners = np.arange(len(triangles))
     done: list[tuple[FloatArray, IndexArray]] = []

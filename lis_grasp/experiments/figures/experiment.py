@@ -1,8 +1,7 @@
-"""What the figures show: the objects, their contacts and the estimates, as in the experiments."""
+"""Objects, contacts and estimates that the figures show, as in the paper's experiments."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -20,8 +19,11 @@ from lis_grasp.surfaces import ImplicitSurface
 COLUMNS = ("gpis", "lis", "blend")
 """Estimators beside each other: the paper's two, then the package's default."""
 
+KERNEL_WIDTH = 0.3
+"""Width of the LIS kernel in figs. 2 and 5, in units of the contacts' spacing."""
+
 VIEW = View(np.deg2rad(-55.0), np.deg2rad(28.0))
-"""From where most objects are seen."""
+"""View of most objects."""
 
 _VIEWS = {
     "half_cylinder": View(np.deg2rad(-35.0), np.deg2rad(28.0)),
@@ -30,16 +32,8 @@ _VIEWS = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Explored:
-    """An object of the paper's size and one walk over it."""
-
-    shape: Shape
-    walk: SurfaceWalk
-
-
 def view_of(name: str) -> View:
-    """Return from where a built-in object is seen."""
+    """Return the view of a built-in object."""
     return _VIEWS.get(name, VIEW)
 
 
@@ -51,9 +45,9 @@ def view_on(contacts: Contacts) -> View:
 
 
 @lru_cache(maxsize=32)
-def explored_object(name: str, seed: int) -> Explored:
-    """Return a built-in object, 20 cm large, with the contacts of the trials of a seed."""
-    return Explored(*explored(name, seed))
+def explored_object(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
+    """Return a built-in object of 20 cm and the walk over it in the trials of a seed."""
+    return explored(name, seed)
 
 
 def estimate(name: str, contacts: Contacts) -> ImplicitSurface:

@@ -1,15 +1,15 @@
-"""Draw triangles, lines and points of space on flat axes, far ones first (painter's algorithm).
+"""Painter's algorithm: triangles, lines and points of space drawn on flat matplotlib axes.
 
-Everything becomes flat patches with a depth; sorted by it they go into one collection, so that near
-ones hide far ones, lines and points included. Triangles are sorted by their middles, which is right
-where they are small: `mesh_patches` cuts long ones. What lies on a surface is lifted a little
-towards the eye in depth (not in place), or else it would sink into the triangles around it.
+Everything becomes flat patches with a depth. One collection shows them sorted by depth, so that
+near patches hide far ones. Triangles are sorted by their middles, which is right where they are
+small: `mesh_patches` cuts long ones. Lines and points on a surface get a little extra depth, or
+they would sink into the triangles around them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,21 +20,19 @@ from matplotlib.collections import LineCollection, PolyCollection
 from lis_grasp.experiments.figures.cutting import cut_segments, cut_triangles
 from lis_grasp.experiments.figures.palette import rgba
 from lis_grasp.shapes import SHARP_ANGLE
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
-# Where light comes from, in the view's axes right, up, towards the eye; and what is left without.
+# Direction to the light in the view's axes: right, up, towards the eye.
 _LIGHT = np.array([-0.35, 0.6, 0.72]) / np.linalg.norm([-0.35, 0.6, 0.72])
-_DARKEST = 0.5
 
-# Width [pt] of a patch's outline in its own colour: it closes the hairline gaps between patches,
-# which would show what they hide.
+# Width [pt] of a patch's outline in its own colour: it closes the hairline gaps between patches.
 _SEAM = 0.8
 _DISC = 2.0 * np.pi * np.arange(16) / 16
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """An orthographic view of O, with z upwards on the picture.
+    """An orthographic view of the object frame O, with z upwards on the picture.
 
     Parameters
     ----------
@@ -62,6 +60,10 @@ class View:
         seen = np.asarray(points, dtype=np.float64) @ self.axes.T
         return seen[..., :2], seen[..., 2]
 
+    def faces(self, normals: npt.ArrayLike) -> BoolArray:
+        """Return whether surfaces with outward normals (..., 3) in O face the eye, shape (...)."""
+        return np.asarray(normals) @ self.axes[2] > 0.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
@@ -84,39 +86,21 @@ class Patches:
     colours: FloatArray
     seam: float = 0.0
 
-    def at_depth(self, depth: float) -> Patches:
-        """Return the same patches, all at one depth [m]: drawn in their order."""
-        return replace(self, depths=np.full(len(self.depths), depth))
-
 
 def mesh_patches(
-    view: View,
-    mesh: trimesh.Trimesh,
-    colours: npt.ArrayLike | str,
-    *,
-    piece: float | None = None,
+    view: View, mesh: trimesh.Trimesh, colours: npt.ArrayLike | str, *, piece: float | None = None
 ) -> Patches:
-    """Return the triangles of a closed mesh that face the eye, shaded.
+    """Return the shaded triangles of a closed mesh in O [m] that face the eye.
 
-    Parameters
-    ----------
-    view
-        Where it is seen from.
-    mesh
-        Outward oriented [m].
-    colours
-        A colour, or RGBA of each triangle, shape (F, 4).
-    piece
-        Longest side of a triangle [m]; longer ones are cut. None cuts at a 25th of the extent.
+    `colours` is one colour, or RGBA of each triangle, shape (F, 4). Triangles are cut until no side
+    is longer than `piece` [m]; None cuts at a 25th of the mesh's extent.
     """
     piece = float(mesh.extents.max()) / 25.0 if piece is None else piece
-    facing = np.flatnonzero(np.asarray(mesh.face_normals) @ view.axes[2] > 0.0)
+    facing = np.flatnonzero(view.faces(mesh.face_normals))
     triangles, owners = cut_triangles(np.asarray(mesh.triangles)[facing], piece)
-    each = np.broadcast_to(
-        rgba(colours) if isinstance(colours, str) else colours, (len(mesh.faces), 4)
-    )
-    normals = np.asarray(mesh.face_normals)[facing][owners]
-    return triangle_patches(view, triangles, normals, each[facing][owners])
+    rows = facing[owners]
+    normals = np.asarray(mesh.face_normals)[rows]
+    return triangle_patches(view, triangles, normals, _each(colours, len(mesh.faces))[rows])
 
 
 def triangle_patches(
@@ -125,49 +109,30 @@ def triangle_patches(
     normals: FloatArray,
     colours: FloatArray,
     *,
-    darkest: float = _DARKEST,
+    darkest: float = 0.5,
 ) -> Patches:
-    """Return triangles (F, 3, 3) [m] as they are, shaded by normals (F, 3), see `shade`."""
-    places, depths = view.project(triangles)
-    shaded = shade(view, normals, colours, darkest=darkest)
-    return Patches(places, depths.mean(axis=1), shaded, _SEAM)
-
-
-def shade(
-    view: View, normals: FloatArray, colours: FloatArray, *, darkest: float = _DARKEST
-) -> FloatArray:
-    """Return colours (F, 4) under the light, for surfaces with unit normals (F, 3) in O.
+    """Return triangles (F, 3, 3) [m] with colours (F, 4), shaded by unit normals (F, 3) in O.
 
     `darkest`, from 0 to 1, is what is left of a colour that faces away from the light.
     """
-    lit = 0.5 + 0.5 * normals @ (_LIGHT @ view.axes)  # round the terminator without a step
+    places, depths = view.project(triangles)
+    lit = 0.5 + 0.5 * normals @ (_LIGHT @ view.axes)  # no step where the light grazes
     shaded = np.array(colours, dtype=np.float64)
     shaded[:, :3] *= (darkest + (1.0 - darkest) * lit)[:, None]
-    return shaded
+    return Patches(places, depths.mean(axis=1), shaded, _SEAM)
 
 
 def edge_patches(
     view: View, mesh: trimesh.Trimesh, colour: str, *, width: float, lift: float
 ) -> Patches:
-    """Return the sharp edges of a closed mesh, but for those between two faces that look away.
+    """Return the sharp edges of a closed mesh, except those between two faces that look away.
 
-    Parameters
-    ----------
-    view
-        Where they are seen from.
-    mesh
-        Outward oriented [m].
-    colour
-        Of all edges.
-    width
-        Of an edge [m].
-    lift
-        Added to the depth [m].
+    Edges are `width` wide [m]; `lift` is added to their depth [m].
     """
     sharp = mesh.face_adjacency_angles > SHARP_ANGLE
-    away = np.asarray(mesh.face_normals)[mesh.face_adjacency[sharp]] @ view.axes[2] <= 0.0  # (E, 2)
+    facing = view.faces(np.asarray(mesh.face_normals)[mesh.face_adjacency[sharp]])  # (E, 2)
     edges = np.asarray(mesh.vertices[mesh.face_adjacency_edges[sharp]]).reshape(-1, 2, 3)
-    return line_patches(view, edges[~away.all(axis=1)], colour, width=width, lift=lift)
+    return line_patches(view, edges[facing.any(axis=1)], colour, width=width, lift=lift)
 
 
 def line_patches(
@@ -179,58 +144,36 @@ def line_patches(
     lift: float = 0.0,
     piece: float = 0.004,
 ) -> Patches:
-    """Return straight lines as ribbons that face the eye.
+    """Return straight lines (S, 2, 3) [m] as ribbons of a width [m] that face the eye.
 
-    Parameters
-    ----------
-    view
-        Where they are seen from.
-    segments
-        Shape (S, 2, 3) [m].
-    colours
-        A colour, or RGBA of each line, shape (S, 4).
-    width
-        Of a ribbon [m].
-    lift
-        Added to the depth [m].
-    piece
-        Lines are cut in pieces of at most this length [m], each sorted on its own.
+    `colours` is one colour, or RGBA of each line, shape (S, 4). Lines are cut in pieces of at most
+    `piece` [m], each sorted by its own depth; `lift` is added to the depths [m].
     """
-    each = np.broadcast_to(
-        rgba(colours) if isinstance(colours, str) else colours, (len(segments), 4)
-    )
     pieces, owners = cut_segments(segments, piece)
     places, depths = view.project(pieces)  # (P, 2, 2), (P, 2)
     along = places[:, 1] - places[:, 0]
     along /= np.maximum(np.linalg.norm(along, axis=1), np.finfo(float).tiny)[:, None]
-    reach = 0.5 * width * along  # half a width beyond both ends: bends of polylines stay closed
-    aside = reach[:, ::-1] * [-1.0, 1.0]
-    a, b = places[:, 0] - 0.5 * reach, places[:, 1] + 0.5 * reach
-    outlines = np.stack([a - aside, b - aside, b + aside, a + aside], axis=1)
-    return Patches(outlines, depths.mean(axis=1) + lift, each[owners])
+    end = 0.5 * width * along
+    side = end[:, ::-1] * [-1.0, 1.0]
+    # A quarter of the width beyond both ends closes the bends of polylines.
+    a, b = places[:, 0] - 0.5 * end, places[:, 1] + 0.5 * end
+    outlines = np.stack([a - side, b - side, b + side, a + side], axis=1)
+    return Patches(outlines, depths.mean(axis=1) + lift, _each(colours, len(segments))[owners])
 
 
 def point_patches(
     view: View, points: FloatArray, colour: str, *, radius: float, lift: float = 0.0
 ) -> Patches:
-    """Return points (N, 3) [m] as discs of one radius [m] on the picture."""
+    """Return points (N, 3) [m] as discs of one radius [m]; `lift` is added to their depth [m]."""
     places, depths = view.project(points)
     disc = radius * np.column_stack([np.cos(_DISC), np.sin(_DISC)])  # (16, 2)
-    colours = np.broadcast_to(rgba(colour), (len(places), 4))
-    return Patches(places[:, None] + disc, depths + lift, colours)
+    return Patches(places[:, None] + disc, depths + lift, _each(colour, len(places)))
 
 
 def paint(axes: Axes, patches: Iterable[Patches], *, frame: FloatArray | None = None) -> None:
-    """Draw patches on axes, far ones first, at equal scales.
+    """Draw patches on axes, far ones first, at equal scales, without the axes' frame and ticks.
 
-    Parameters
-    ----------
-    axes
-        Become what is shown; their frame and ticks go.
-    patches
-        At least one.
-    frame
-        Lowest and highest place to show, shape (2, 2) [m]; None shows what there is.
+    `frame` is the lowest and highest place to show, shape (2, 2) [m]; None shows all patches.
     """
     kinds = list(patches)
     depths = np.concatenate([kind.depths for kind in kinds])
@@ -246,11 +189,8 @@ def paint(axes: Axes, patches: Iterable[Patches], *, frame: FloatArray | None = 
         rasterized=True,
     )
     axes.add_collection(collection, autolim=False)
-    if frame is None:
-        frame = frame_of(kinds)
-    axes.set_xlim(frame[0, 0], frame[1, 0])
-    axes.set_ylim(frame[0, 1], frame[1, 1])
-    axes.set_aspect("equal")
+    low, high = frame_of(kinds) if frame is None else frame
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.set_axis_off()
 
 
@@ -265,7 +205,7 @@ def frame_of(patches: Iterable[Patches], *, margin: float = 0.02) -> FloatArray:
 def overlay_lines(
     axes: Axes, view: View, segments: FloatArray, colours: npt.ArrayLike, *, points: float
 ) -> None:
-    """Draw lines (S, 2, 3) on top of everything, `points` wide [pt], as through glass."""
+    """Draw lines (S, 2, 3) [m] on top of everything, `points` wide [pt]."""
     axes.add_collection(
         LineCollection(list(view.project(segments)[0]), colors=np.asarray(colours), lw=points),
         autolim=False,
@@ -273,6 +213,4 @@ def overlay_lines(
 
 
 def _each(colours: npt.ArrayLike | str, count: int) -> FloatArray:
-    """Return RGBA of each of `count` things, shape (count, 4), from one colour or all of them."""
-    table = rgba(colours) if isinstance(colours, str) else np.asarray(colours, dtype=np.float64)
-    return np.broadcast_to(table, (count, 4))
+    return np.broadcast_to(rgba(colours) if isinstance(colours, str) else colours, (count, 4))

@@ -1,8 +1,7 @@
-"""Colours of all figures, in one place, and the names of estimators as people write them.
+"""Colours of all figures and display names of the estimators.
 
-Estimators take the colours of Okabe and Ito (2008), which stay apart in every common form of colour
-blindness. Where two ends of a scale matter, their lightness or a second sign (a length, a number)
-tells them apart as well.
+Estimators take the colours of Okabe and Ito (2008), which are distinct in every common form of
+colour blindness. The ends of a scale also differ in lightness, or a length or number shows them.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ ESTIMATOR_LABELS: Mapping[str, str] = MappingProxyType(
         "gpis_thin_plate": "GPIS, thin plate",
         "lis": "LIS",
         "lis_no_beta": "LIS, β = 1",
-        "lis_as_published": "LIS, eq. 10 as printed",
+        "lis_as_published": "LIS, eq. 10 as published",
         "hermite_rbf": "Hermite RBF",
         "offset_rbf": "offset RBF",
         "offset_gp": "offset GP",
@@ -50,19 +49,19 @@ ESTIMATOR_LABELS: Mapping[str, str] = MappingProxyType(
         "truth": "the true mesh",
     }
 )
-"""Name of each estimator as people write it; those not here are called by their short name."""
+"""Display name of each estimator; others are shown by their short name."""
 
 INK = "#262626"
 QUIET = "#8a8a8a"
 FAINT = "#ececec"
-"""Text and axes; what is secondary; grids."""
+"""Text and axes; secondary lines; grids."""
 
 SURFACE = "#dcdfe4"
 BEYOND = "#f4f1ea"
 TRUTH = "#cfe3ee"
 CONTACT = "#12355b"
 EDGE = "#3c4148"
-"""An estimate; its part that nobody explored; a true object; contacts; sharp edges."""
+"""An estimate; its unexplored part; a true object; contacts; sharp edges."""
 
 EXPLORED, UNEXPLORED = "#f2d43d", "#c8452f"
 """The yellow and the red of fig. 7."""
@@ -89,7 +88,7 @@ def estimator_colour(name: str) -> str:
 
 
 def estimator_label(name: str) -> str:
-    """Return an estimator's name as people write it."""
+    """Return an estimator's display name."""
     return ESTIMATOR_LABELS.get(name, name)
 
 
@@ -101,8 +100,8 @@ def convexity_colours(values: npt.ArrayLike) -> FloatArray:
 
 def error_colours(errors: npt.ArrayLike, largest: float) -> FloatArray:
     """Return RGBA of errors [m], any shape: green at 0, dark red from `largest` on."""
-    share = np.clip(np.asarray(errors, dtype=np.float64) / largest, 0.0, 1.0)
-    return np.asarray(SMALL_LARGE(share), dtype=np.float64)
+    relative = np.clip(np.asarray(errors, dtype=np.float64) / largest, 0.0, 1.0)
+    return np.asarray(SMALL_LARGE(relative), dtype=np.float64)
 
 
 def rgba(colour: str, opacity: float = 1.0) -> FloatArray:

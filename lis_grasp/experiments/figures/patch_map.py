@@ -1,68 +1,53 @@
-"""How the patch estimator reads contacts: which lie on one smooth piece, and where pieces meet."""
+"""Map of the patch estimator's segmentation: contacts and surface coloured by patch."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from lis_grasp.experiments.figures.experiment import explored_object, view_of
-from lis_grasp.experiments.figures.painter import (
-    mesh_patches,
-    paint,
-    point_patches,
-)
-from lis_grasp.experiments.figures.palette import rgba
+from lis_grasp.experiments.figures.painter import mesh_patches, paint, point_patches
+from lis_grasp.experiments.figures.palette import INK, rgba
 from lis_grasp.experiments.figures.solids import LIFT, sharp_patches
 from lis_grasp.experiments.figures.style import add_panel, foot_note, new_figure
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import PatchImplicitSurface
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Paul Tol's bright and light colours: neighbours in the list differ most.
 _COLOURS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377", "#EE8866", "#BBBBBB")
 
 
-def patch_map(*, names: Sequence[str] = ("mallet", "half_cylinder"), seed: int = 3) -> Figure:
-    """Draw contacts in the colours of their patches, and each patch's share of the estimate.
-
-    Parameters
-    ----------
-    names
-        Of built-in objects, 20 cm large and fully explored.
-    seed
-        Of the walks over them.
-    """
+def patch_map(*, names: Sequence[str] = ("mallet", "half_cylinder")) -> Figure:
+    """Draw contacts of explored objects, and the estimate, in the colours of the patches."""
     figure = new_figure(4.4)
     width = 1.0 / len(names)
     for k, name in enumerate(names):
-        contacts = explored_object(name, seed).walk.contacts
-        surface = PatchImplicitSurface.from_contacts(contacts)
-        mesh = extract_mesh(surface)
+        surface = PatchImplicitSurface.from_contacts(explored_object(name, 3)[1].contacts)
+        mesh, view = extract_mesh(surface), view_of(name)
         colours = np.array([rgba(_COLOURS[p % len(_COLOURS)]) for p in _patch_of(surface)])
         pale = 0.5 + 0.5 * colours
-        view = view_of(name)
-        facing = surface.normals @ view.axes[2] > 0.0
+        facing = view.faces(surface.normals)
         scene = [
             mesh_patches(view, mesh, pale[_owners(surface, mesh.triangles_center)]),
             sharp_patches(view, mesh),
         ]
         for colour in np.unique(colours[facing], axis=0):
             chosen = surface.points[facing & (colours == colour).all(axis=1)]
-            shown = "#" + "".join(f"{round(255 * c):02x}" for c in colour[:3])
-            scene.append(point_patches(view, chosen, "#262626", radius=0.0042, lift=2.0 * LIFT))
+            shown = to_hex(colour)
+            scene.append(point_patches(view, chosen, INK, radius=0.0042, lift=2.0 * LIFT))
             scene.append(point_patches(view, chosen, shown, radius=0.0033, lift=2.1 * LIFT))
         axes = add_panel(figure, k * width, 0.08, width, 0.9)
         paint(axes, scene)
-        patches = len(surface.patches)
-        foot_note(axes, f"{len(surface.points)} contacts, {patches} patches")
+        foot_note(axes, f"{len(surface.points)} contacts, {len(surface.patches)} patches")
     return figure
 
 
-def _patch_of(surface: PatchImplicitSurface) -> npt.NDArray[np.intp]:
+def _patch_of(surface: PatchImplicitSurface) -> IndexArray:
     """Return the patch of each contact, shape (N,)."""
     patch_of = np.empty(len(surface.points), dtype=np.intp)
     for p, patch in enumerate(surface.patches):
@@ -70,7 +55,7 @@ def _patch_of(surface: PatchImplicitSurface) -> npt.NDArray[np.intp]:
     return patch_of
 
 
-def _owners(surface: PatchImplicitSurface, points: FloatArray) -> npt.NDArray[np.intp]:
+def _owners(surface: PatchImplicitSurface, points: FloatArray) -> IndexArray:
     """Return a contact of the patch that makes the surface at each point, shape (P,).
 
     Of patches with contacts near by, the one whose function is nearest to 0 there.
@@ -81,6 +66,6 @@ def _owners(surface: PatchImplicitSurface, points: FloatArray) -> npt.NDArray[np
     values = np.stack(
         [np.abs(p.evaluate(points, with_gradient=False)[0]) for p in surface.patches], axis=1
     )  # (P, K)
-    rows = np.arange(len(points))[:, None]
-    best = np.argmin(values[rows, patch_of[near]], axis=1)
-    return np.asarray(near[rows[:, 0], best])
+    rows = np.arange(len(points))
+    best = np.argmin(values[rows[:, None], patch_of[near]], axis=1)
+    return np.asarray(near[rows, best])

@@ -1,4 +1,4 @@
-"""Objects, estimates and contacts as patches for the painter, drawn alike in all figures."""
+"""Patches of meshes, sharp edges and contacts, in the same style in all figures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lis_grasp.experiments.figures.painter import (
 from lis_grasp.experiments.figures.palette import CONTACT, EDGE, TRUTH, rgba
 
 LIFT = 0.006
-"""By how much lines and points on a surface come forward in depth, at 20 cm objects [m]."""
+"""Extra depth of lines and points on a surface, for objects of 20 cm [m]."""
 
 _COARSE = 0.008
 
@@ -53,30 +53,30 @@ def two_tone_patches(
 
     On the border between them triangles are cut until no side is longer than `piece` [m].
     """
-    facing = np.flatnonzero(np.asarray(mesh.face_normals) @ view.axes[2] > 0.0)
+    facing = np.flatnonzero(view.faces(mesh.face_normals))
     normals = np.asarray(mesh.face_normals)[facing]
     triangles, owners = cut_triangles(np.asarray(mesh.triangles)[facing], _COARSE)
     tree = cKDTree(contacts.points)
     middles = triangles.mean(axis=1)
-    reach = np.linalg.norm(triangles - middles[:, None], axis=2).max(axis=1)
-    border = np.abs(tree.query(middles)[0] - radius) < reach
+    radii = np.linalg.norm(triangles - middles[:, None], axis=2).max(axis=1)
+    border = np.abs(tree.query(middles)[0] - radius) < radii
     fine, parents = cut_triangles(triangles[border], piece)
     triangles = np.concatenate([triangles[~border], fine])
     owners = np.concatenate([owners[~border], owners[border][parents]])
-    known = tree.query(triangles.mean(axis=1))[0] <= radius
-    each = np.where(known[:, None], rgba(colours[0]), rgba(colours[1]))
+    near = tree.query(triangles.mean(axis=1))[0] <= radius
+    each = np.where(near[:, None], rgba(colours[0]), rgba(colours[1]))
     return triangle_patches(view, triangles, normals[owners], each, darkest=0.75)
 
 
 def contact_patches(view: View, contacts: Contacts, *, scale: float = 1.0) -> list[Patches]:
     """Return contacts as points with their normals; `scale` is 1 for objects of 20 cm.
 
-    Where the surface looks away only the normals are there, which may reach past its outline.
+    Contacts on the far side get their normals only, which may extend past the outline.
     """
     ends = contacts.points + scale * _NORMAL_LENGTH * contacts.normals
     normals = np.stack([contacts.points, ends], axis=1)
-    facing = contacts.points[contacts.normals @ view.axes[2] > 0.0]
+    near = contacts.points[view.faces(contacts.normals)]
     return [
         line_patches(view, normals, CONTACT, width=scale * _NORMAL_WIDTH),
-        point_patches(view, facing, CONTACT, radius=scale * _POINT_RADIUS, lift=2.0 * LIFT),
+        point_patches(view, near, CONTACT, radius=scale * _POINT_RADIUS, lift=2.0 * LIFT),
     ]

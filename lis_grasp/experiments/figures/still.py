@@ -1,4 +1,4 @@
-"""A still picture of an object, an estimate, contacts and a hand, where no page can be alive."""
+"""Still pictures of an object, an estimate, contacts and a hand on matplotlib axes."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.colours import ColourScale, viridis
 
-_PAINTED = 0.2  # the painter's lines and points are made for objects of this extent [m]
+_PAINTED = 0.2  # extent of objects that the painter's lines and points are made for [m]
 _PALM, _LINK, _PAD = "#5c6470", "#8a929e", "#efede7"
 
 
 def _tinted(colours: FloatArray) -> FloatArray:
-    # Lighter than on a screen of its own, so that contacts and their normals stand out.
+    # Lighter than in the scene page, so that contacts and their normals are easy to see.
     return 0.25 + 0.75 * colours
 
 
@@ -52,14 +52,14 @@ def draw_still(
     scale: ColourScale | None = None,
     view: View = VIEW,
 ) -> ScalarMappable | None:
-    """Draw what `lis_grasp.visualization.show` shows, as a picture on matplotlib's axes.
+    """Draw the scene of `lis_grasp.visualization.show` as a picture on matplotlib's axes.
 
     Parameters
     ----------
     axes
-        Become the picture; their frame and ticks go.
+        To draw on; their frame and ticks are removed.
     truth
-        The true object, in O: a solid, or its sharp edges where there is an estimate too.
+        The true object, in O: as a solid, or as its sharp edges if there is an estimate too.
     estimate
         The estimated surface, in O [m], in the colours of its ``"uncertainty"`` if it has one.
     contacts
@@ -67,14 +67,14 @@ def draw_still(
     hand, links
         A hand and the poses of its links in O, as `Hand.forward_kinematics` returns them.
     scale
-        Colours of the uncertainty; None for those that show this estimate best.
+        Colours of the uncertainty; None for a scale that fits this estimate.
     view
-        From where.
+        Where the eye is.
 
     Returns
     -------
     ScalarMappable or None
-        What ``figure.colorbar`` takes, in millimetres; None where nothing has such colours.
+        For ``figure.colorbar``, in millimetres; None without an uncertainty.
 
     Raises
     ------
@@ -83,7 +83,9 @@ def draw_still(
     """
     solid = estimate if estimate is not None else None if truth is None else truth.mesh
     if solid is None:
-        raise InvalidOptionError("a still needs a true object or an estimate; it has neither")
+        raise InvalidOptionError(
+            "a still needs a true object or an estimate; it has neither", option="truth"
+        )
     sized = solid if truth is None else truth.mesh
     factor = _PAINTED / float(sized.extents.max())
     uncertainty = None if estimate is None else estimate.vertex_attributes.get("uncertainty")
@@ -114,7 +116,7 @@ def draw_still(
 def _hand_patches(
     view: View, hand: Hand, links: Mapping[str, FloatArray], factor: float
 ) -> list[Patches]:
-    """Return the links of a hand, posed, everything `factor` times as large."""
+    """Return the links of a hand at their poses, scaled by `factor` about O."""
     tips = {pad.link for pad in hand.pads}
     patches = []
     for geometry in hand.link_geometries:

@@ -1,9 +1,10 @@
-"""What all figures have in common: size, type, titles, scales, and how one becomes a PNG."""
+"""Common style of the figures: size, type, titles, axes, colour bars, and PNG output."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping
+from typing import Any, Literal
 
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -39,77 +40,62 @@ def png_of(figure: Figure, *, dots_per_inch: int = 200) -> bytes:
 
 
 def add_panel(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Return axes at a place given in shares of the figure."""
+    """Return new axes at a place given in fractions of the figure."""
     return figure.add_axes((left, bottom, width, height))
 
 
-def head(axes: Axes, text: str, *, colour: str = INK) -> None:
+def head(axes: Axes, text: str) -> None:
     """Write a panel's title above it."""
-    axes.set_title(text, fontsize=NORMAL, color=colour, pad=6)
+    axes.set_title(text, fontsize=NORMAL, color=INK, pad=6)
 
 
 def head_estimator(figure: Figure, axes: Axes, name: str) -> None:
-    """Write an estimator's name, in its colour, above a panel, at the panel's own top."""
-    place = axes.get_position(original=True)  # axes of equal scales shrink when drawn
-    figure.text(
-        0.5 * (place.x0 + place.x1),
-        place.y1,
-        estimator_label(name),
-        ha="center",
-        va="bottom",
-        fontsize=LARGE,
-        color=estimator_colour(name),
-        fontweight="bold",
-    )
-
-
-def side_note(figure: Figure, x: float, y: float, text: str) -> None:
-    """Write text upwards left of a place given in shares of the figure."""
-    figure.text(x, y, text, rotation=90, ha="right", va="center", fontsize=NORMAL, color=INK)
+    """Write an estimator's name, in its colour, above a panel."""
+    colour = estimator_colour(name)
+    _write_at(axes, "top", estimator_label(name), fontsize=LARGE, color=colour, fontweight="bold")
 
 
 def foot_note(axes: Axes, text: str) -> None:
-    """Write text below a panel, at the panel's own bottom."""
-    place = axes.get_position(original=True)
-    axes.figure.text(
-        0.5 * (place.x0 + place.x1),
-        place.y0,
-        text,
-        ha="center",
-        va="top",
-        fontsize=SMALL,
-        color=INK,
-    )
+    """Write text below a panel."""
+    _write_at(axes, "bottom", text, fontsize=SMALL, color=INK)
+
+
+def side_note(figure: Figure, x: float, y: float, text: str) -> None:
+    """Write upward text left of a place given in fractions of the figure."""
+    figure.text(x, y, text, rotation=90, ha="right", va="center", fontsize=NORMAL, color=INK)
+
+
+def _write_at(axes: Axes, side: Literal["top", "bottom"], text: str, **font: Any) -> None:
+    place = axes.get_position(original=True)  # axes of equal scales shrink when drawn
+    y, va = (place.y1, "bottom") if side == "top" else (place.y0, "top")
+    axes.figure.text(0.5 * (place.x0 + place.x1), y, text, ha="center", va=va, **font)
 
 
 def colour_bar(
     figure: Figure,
     place: tuple[float, float, float, float],
     colours: Colormap,
-    limits: tuple[float, float],
     label: str,
-    *,
-    ticks: Sequence[float],
-    tick_labels: Sequence[str] | None = None,
+    ticks: Mapping[float, str],
 ) -> None:
-    """Draw a horizontal colour bar at a place given in shares of the figure."""
-    axes = figure.add_axes(place)
+    """Draw a horizontal colour bar from the first to the last of its labelled ticks.
+
+    `place` is left, bottom, width and height in fractions of the figure.
+    """
+    scale = Normalize(min(ticks), max(ticks))
     bar = figure.colorbar(
-        ScalarMappable(Normalize(*limits), colours), cax=axes, orientation="horizontal"
+        ScalarMappable(scale, colours), cax=figure.add_axes(place), orientation="horizontal"
     )
-    bar.set_ticks(list(ticks), labels=None if tick_labels is None else list(tick_labels))
+    bar.set_ticks(list(ticks), labels=list(ticks.values()))
     bar.ax.tick_params(labelsize=SMALL, length=2, color=QUIET, labelcolor=INK)
     bar.set_label(label, fontsize=SMALL, color=INK)
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
-def plain_axes(axes: Axes, *, grid: bool = True) -> None:
-    """Leave of a chart's frame what is read: two axes and a faint grid."""
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color(QUIET)
+def plain_axes(axes: Axes) -> None:
+    """Reduce a chart's frame to two axes and a faint grid."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(QUIET)
     axes.tick_params(labelsize=SMALL, color=QUIET, labelcolor=INK)
-    if grid:
-        axes.grid(axis="y", color=FAINT, lw=0.8)
+    axes.grid(axis="y", color=FAINT, lw=0.8)
     axes.set_axisbelow(True)

@@ -1,0 +1,241 @@
+"""Figs. 1 and 2: implicit shape potentials on the plane z = 0 and their zero lines.
+
+The estimators work in space. A planar scene is contacts with z = 0 and normals in the plane; the
+field is shown at z = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.contour import QuadContourSet
+from matplotlib.figure import Figure
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.experiments.figures.experiment import (
+    COLUMNS,
+    KERNEL_WIDTH,
+    estimate,
+    estimated_mesh,
+)
+from lis_grasp.experiments.figures.painter import View, frame_of, paint
+from lis_grasp.experiments.figures.palette import (
+    CONTACT,
+    CONVEX_CONCAVE,
+    INK,
+    INSIDE_OUTSIDE,
+    SURFACE,
+    convexity_colours,
+)
+from lis_grasp.experiments.figures.solids import contact_patches, solid_patches
+from lis_grasp.experiments.figures.style import (
+    add_panel,
+    colour_bar,
+    head,
+    head_estimator,
+    new_figure,
+    side_note,
+)
+from lis_grasp.surfaces import ImplicitSurface, LocalImplicitSurface
+from lis_grasp.surfaces.local_implicit_surface import Beta
+from lis_grasp.typing import FloatArray
+
+_NODES = 301  # of the grid along its longer side
+
+_CUBE_FRAME = np.array([[-0.085, -0.085], [0.085, 0.085]])
+_CUBE_VIEW = View(np.deg2rad(-62.0), np.deg2rad(26.0))
+_ARM = 0.05
+
+# A step: ground, wall, top. The concave corner is at the origin, the convex one a wall's height up.
+_WALL = 0.05
+_STEP_FRAME = np.array([[-0.075, -0.035], [0.075, 0.09]])
+OUTLINE = np.array([[_STEP_FRAME[0, 0], 0.0], [0.0, 0.0], [0.0, _WALL], [_STEP_FRAME[1, 0], _WALL]])
+"""The true outline of the step, shape (4, 2) [m]."""
+
+_RADIUS, _WEDGES = 0.013, 72
+_PANELS: tuple[tuple[Beta, str], ...] = (
+    ("none", "without: β = 1"),
+    ("corrected", "1 − sgn(y) β*, corrected"),
+    ("as_published", "1 + sgn(y) β*, as published"),
+)
+
+
+def figure_1(*, names: Sequence[str] = COLUMNS) -> Figure:
+    """Draw two contacts in the plane and six of a cube, with the surface of each estimator."""
+    corner = planar_contacts([[0.0, _ARM], [_ARM, 0.0]], [[0.0, 1.0], [1.0, 0.0]])
+    axes3 = np.vstack([np.eye(3), -np.eye(3)])
+    cube = Contacts(_ARM * axes3, axes3)
+    figure = new_figure(6.9)
+    width = 0.94 / len(names)
+    solids = [
+        solid_patches(_CUBE_VIEW, estimated_mesh(name, cube, resolution=0.0023), SURFACE)
+        for name in names
+    ]
+    touches = contact_patches(_CUBE_VIEW, cube, scale=0.8)
+    frame = frame_of([patch for solid in solids for patch in [*solid, *touches]])
+    for k, name in enumerate(names):
+        left = 0.05 + k * width
+        axes = add_panel(figure, left, 0.53, 0.95 * width, 0.42)
+        draw_field(axes, estimate(name, corner), _CUBE_FRAME, largest=0.05)
+        _draw_contacts(axes, corner, length=0.016)
+        head_estimator(figure, axes, name)
+        paint(
+            add_panel(figure, left, 0.09, 0.95 * width, 0.42), [*solids[k], *touches], frame=frame
+        )
+        if k == 0:
+            _draw_scale(axes, _CUBE_FRAME, 0.05)
+            side_note(figure, left - 0.01, 0.74, "two contacts, z = 0")
+            side_note(figure, left - 0.01, 0.3, "cube, six contacts")
+    _potential_bar(
+        figure, (0.3, 0.065, 0.4, 0.014), {-0.05: "≤ −50, inside", 0.0: "0", 0.05: "≥ 50, outside"}
+    )
+    return figure
+
+
+def figure_2() -> Figure:
+    """Draw three contacts of a step and the LIS surface without beta and with either sign."""
+    contacts = step_contacts()
+    figure = new_figure(3.45)
+    width = 0.98 / len(_PANELS)
+    for k, (beta, title) in enumerate(_PANELS):
+        surface = LocalImplicitSurface.from_contacts(
+            contacts, beta=beta, sigma=KERNEL_WIDTH * contacts.spacing
+        )
+        axes = add_panel(figure, 0.01 + k * width, 0.2, 0.97 * width, 0.7)
+        draw_field(axes, surface, _STEP_FRAME, largest=0.04)
+        axes.plot(*OUTLINE.T, "--", color="white", lw=2.4, dashes=(3, 2))
+        axes.plot(*OUTLINE.T, "--", color=INK, lw=1.0, dashes=(7.2, 4.8))
+        if surface.convexity is not None:
+            _draw_convexity(axes, surface)
+        _draw_contacts(axes, contacts, length=0.021)
+        axes.set(xlim=_STEP_FRAME[:, 0], ylim=_STEP_FRAME[:, 1])
+        head(axes, title)
+        if k == 0:
+            _draw_scale(axes, _STEP_FRAME, 0.03)
+    _potential_bar(
+        figure, (0.12, 0.135, 0.3, 0.026), {-0.04: "−40, inside", 0.0: "0", 0.04: "40, outside"}
+    )
+    ticks = {-1.0: "−1, convex", 0.0: "0", 1.0: "1, concave"}
+    place = (0.58, 0.135, 0.3, 0.026)
+    colour_bar(figure, place, CONVEX_CONCAVE, "β* in circles round contacts", ticks)
+    return figure
+
+
+def planar_contacts(points: npt.ArrayLike, normals: npt.ArrayLike) -> Contacts:
+    """Return contacts in the plane z = 0; points (N, 2) [m], normals (N, 2), unit."""
+    zeros = np.zeros((len(np.asarray(points)), 1))
+    return Contacts(np.hstack([points, zeros]), np.hstack([normals, zeros]))
+
+
+def step_contacts() -> Contacts:
+    """Return one contact on each side of a step, in the plane z = 0."""
+    return planar_contacts(
+        [[-0.035, 0.0], [0.0, 0.5 * _WALL], [0.035, _WALL]], [[0.0, 1.0], [-1.0, 0.0], [0.0, 1.0]]
+    )
+
+
+def convexity_towards(
+    surface: LocalImplicitSurface, contact: int, offsets: FloatArray
+) -> FloatArray:
+    """Return beta* of a contact towards offsets from it (R, 3), as `evaluate` uses it, (R,)."""
+    assert surface.convexity is not None
+    normal = surface.normals[contact]
+    projected = offsets - np.outer(offsets @ normal, normal)
+    directions = projected / np.linalg.norm(projected, axis=1)[:, None]
+    return surface.convexity.evaluate(contact, directions)[0]
+
+
+def draw_field(
+    axes: Axes, surface: ImplicitSurface, frame: FloatArray, *, largest: float
+) -> QuadContourSet:
+    """Draw a potential on the plane z = 0 with thin level lines and a thick zero line.
+
+    Parameters
+    ----------
+    axes
+        Show the frame afterwards, at equal scales, without ticks.
+    surface
+        With a zero line in the frame.
+    frame
+        Lowest and highest corner, shape (2, 2) [m].
+    largest
+        |f| at which colours end [m].
+
+    Returns
+    -------
+    QuadContourSet
+        The zero line.
+    """
+    extent = frame[1] - frame[0]
+    counts = np.ceil(_NODES * extent / extent.max()).astype(int)
+    x, y = (np.linspace(frame[0, k], frame[1, k], counts[k]) for k in (0, 1))
+    grid = np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1)  # (L, M, 3)
+    values = surface.evaluate(grid)
+    axes.imshow(
+        values,
+        extent=(frame[0, 0], frame[1, 0], frame[0, 1], frame[1, 1]),
+        origin="lower",
+        cmap=INSIDE_OUTSIDE,
+        vmin=-largest,
+        vmax=largest,
+        interpolation="bilinear",
+    )
+    levels = np.linspace(-largest, largest, 11)
+    axes.contour(
+        x, y, values, levels=levels[np.abs(levels) > 1e-9], colors=INK, linewidths=0.35, alpha=0.3
+    )
+    zero = axes.contour(x, y, values, levels=[0.0], colors=INK, linewidths=2.2)
+    axes.set(aspect="equal", xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    return zero
+
+
+def _draw_convexity(axes: Axes, surface: LocalImplicitSurface) -> None:
+    """Draw a circle round each contact, coloured by beta* towards each direction."""
+    edges = np.linspace(0.0, 2.0 * np.pi, _WEDGES + 1)
+    rim = _RADIUS * np.column_stack([np.cos(edges), np.sin(edges)])  # (W + 1, 2)
+    towards = np.column_stack([0.5 * (rim[1:] + rim[:-1]), np.zeros(_WEDGES)])
+    for i, point in enumerate(surface.points[:, :2]):
+        colours = convexity_colours(convexity_towards(surface, i, towards))
+        corners = [np.array([point, point + a, point + b]) for a, b in pairwise(rim)]
+        axes.add_collection(
+            PolyCollection(
+                corners, facecolors=colours, edgecolors=colours, linewidths=0.6, zorder=3
+            )
+        )
+        axes.plot(*(point + rim).T, color=INK, lw=0.9, zorder=3)
+
+
+def _draw_contacts(axes: Axes, contacts: Contacts, *, length: float) -> None:
+    arrow = {"arrowstyle": "-|>", "color": CONTACT, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+    for point, normal in zip(contacts.points[:, :2], contacts.normals[:, :2], strict=True):
+        axes.annotate("", xy=tuple(point + length * normal), xytext=tuple(point), arrowprops=arrow)
+    points = contacts.points[:, :2].T
+    axes.plot(*points, "o", ms=6.5, mfc=CONTACT, mec="white", mew=1.0, zorder=4)
+
+
+def _draw_scale(axes: Axes, frame: FloatArray, length: float) -> None:
+    """Draw a bar of a length [m] in the lower left corner of a frame (2, 2) [m]."""
+    x, y = frame[0] + 0.05 * (frame[1] - frame[0])
+    axes.plot([x, x + length], [y, y], color=INK, lw=1.6)
+    axes.annotate(
+        f"{1e3 * length:.0f} mm",
+        (x + 0.5 * length, y),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=8,
+        color=INK,
+    )
+
+
+def _potential_bar(
+    figure: Figure, place: tuple[float, float, float, float], ticks: dict[float, str]
+) -> None:
+    colour_bar(figure, place, INSIDE_OUTSIDE, "implicit shape potential f [mm]", ticks)
