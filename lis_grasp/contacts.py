@@ -1,4 +1,4 @@
-"""Contacts: where an object was touched and which way its surface faced, with load and save."""
+"""Contacts: oriented contact points of an object, with validation, load and save."""
 
 from __future__ import annotations
 
@@ -11,23 +11,16 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.io.contact_files import read_contact_file, write_contact_file
+from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
 FARTHEST = 1e7
-"""Largest coordinate of a contact [m]: a place on Earth has less; more is a mistake."""
+"""Largest coordinate of a contact [m]; anything larger is in the wrong unit."""
 
-# A normal this far from unit length is a unit normal written with few digits; further is a mistake.
+# Normals written with few digits are off unit length by less; anything further is a mistake.
 _UNIT_TOLERANCE = 1e-2
-# Normalising rounds the length by no more than this.
+# Upper bound of the rounding error of a normalised length.
 _ROUNDING = 4.0 * np.finfo(np.float64).eps
-
-
-def _no_points() -> FloatArray:
-    return np.empty((0, 3))
-
-
-def _no_lengths() -> FloatArray:
-    return np.empty(0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,20 +30,20 @@ class Contacts:
     Parameters
     ----------
     points
-        Shape (N, 3) [m], where the surface was touched.
+        Shape (N, 3) [m], on the surface of the object.
     normals
         Shape (N, 3), unit, pointing out of the object.
     forces
-        Shape (N,) [N], the normal force of each touch, or None where it was not measured.
+        Shape (N,) [N], the measured normal forces, or None.
     fingers
-        What touched, one name a contact, or empty where it is not known.
+        Names of the fingers in contact, one for each contact, or empty if unknown.
     times
-        Shape (N,) [s], when, or None.
+        Shape (N,) [s], of the contacts, or None.
     free_points
-        Shape (K, 3) [m], places that the hand passed through and felt nothing (free space).
+        Shape (K, 3) [m], in free space: the hand passed through them without a contact.
     free_radii
-        Shape (K,) [m]: so far round each free point there is no object; 0 where only the point is
-        known to be free, as of all of them if this is left empty.
+        Shape (K,) [m], of balls about the free points that are free of the object. Empty means 0
+        for all: only the points themselves are known to be free.
 
     Raises
     ------
@@ -64,39 +57,41 @@ class Contacts:
     forces: FloatArray | None = None
     fingers: tuple[str, ...] = ()
     times: FloatArray | None = None
-    free_points: FloatArray = field(default_factory=_no_points)
-    free_radii: FloatArray = field(default_factory=_no_lengths)
+    free_points: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         points = _frozen_array("points", self.points, (None, 3))
         count = len(points)
         _require_near("points", points)
         normals = _frozen_array("normals", self.normals, (count, 3))
-        with np.errstate(over="ignore"):  # a length that overflows is refused too
+        with np.errstate(over="ignore"):  # a length that overflows is not 1 either
             lengths = np.linalg.norm(normals, axis=1)  # (N,)
         if np.any(np.abs(lengths - 1.0) > _UNIT_TOLERANCE):
             worst = int(np.argmax(np.abs(lengths - 1.0)))
             raise InvalidContactsError(
                 f"normals must have unit length; normal {worst} has length {lengths[worst]:.4g}:"
-                " normalise the normals before making Contacts"
+                " normalise the normals before making Contacts",
+                field="normals",
+                row=worst,
             )
-        # A unit normal stays as it is to the last bit, so that files survive any number of rounds.
+        # A unit normal is kept to the last bit, so that saving and loading changes nothing.
         off = np.abs(lengths - 1.0) > _ROUNDING
         normals = np.where(off[:, None], normals / lengths[:, None], normals)
-        normals.flags.writeable = False
         object.__setattr__(self, "points", points)
-        object.__setattr__(self, "normals", normals)
+        object.__setattr__(self, "normals", read_only(normals))
         for name in ("forces", "times"):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, _frozen_array(name, values, (count,)))
         object.__setattr__(self, "fingers", tuple(self.fingers))
         if not all(isinstance(finger, str) for finger in self.fingers):
-            raise InvalidContactsError("fingers must be names; at least one is something else")
+            raise InvalidContactsError("fingers must be strings; some are not", field="fingers")
         if self.fingers and len(self.fingers) != count:
             raise InvalidContactsError(
-                f"fingers must name one finger a contact ({count}), or be empty;"
-                f" {len(self.fingers)} came"
+                f"fingers must be one name for each of {count} contacts, or empty;"
+                f" there are {len(self.fingers)}",
+                field="fingers",
             )
         free_points = _frozen_array("free_points", self.free_points, (None, 3))
         _require_near("free_points", free_points)
@@ -105,17 +100,24 @@ class Contacts:
 
     @classmethod
     def empty(cls) -> Contacts:
-        """Return contacts of an object that nobody has touched yet."""
-        return cls(_no_points(), _no_points())
+        """Return no contacts: those of an object before the first touch."""
+        return cls(np.empty((0, 3)), np.empty((0, 3)))
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def __repr__(self) -> str:
+        free = f", {len(self.free_points)} free points" if len(self.free_points) else ""
+        return (
+            f"Contacts({len(self)} contacts{free}, extent {self.extent:.4g} m,"
+            f" spacing {self.spacing:.4g} m)"
+        )
 
     @property
     def bounds(self) -> FloatArray:
         """Lowest and highest corner of the points, shape (2, 3) [m]."""
         if not len(self):
-            raise InvalidContactsError("bounds need at least one contact; there are none")
+            raise InvalidContactsError("bounds need at least one contact", field="points")
         return np.array([self.points.min(axis=0), self.points.max(axis=0)])
 
     @property
@@ -133,7 +135,7 @@ class Contacts:
         return float(np.median(distances[:, 1]))
 
     def subset(self, index: npt.ArrayLike) -> Contacts:
-        """Return the contacts chosen by `index` (a mask, a slice or integers); free points stay."""
+        """Return the contacts at `index` (a mask, a slice or integers), with all free points."""
         rows = np.arange(len(self))
         if not isinstance(index, slice):
             index = np.asarray(index)
@@ -150,7 +152,10 @@ class Contacts:
         )
 
     def append(self, other: Contacts) -> Contacts:
-        """Return these contacts followed by `other`; what only one of the two knows is dropped."""
+        """Return these contacts followed by `other`.
+
+        Forces, times and fingers are kept only if both have them.
+        """
         free_points = np.vstack([self.free_points, other.free_points])
         free_radii = np.concatenate([self.free_radii, other.free_radii])
         if not len(self) or not len(other):
@@ -168,23 +173,24 @@ class Contacts:
 
     @classmethod
     def load(cls, path: Path | str) -> Contacts:
-        """Read contacts from a .ply (oriented point cloud) or .csv file, see `io.contact_files`.
+        """Read contacts from a .ply (oriented point cloud) or .csv file; see `io.contact_files`.
 
         Raises
         ------
         InvalidFileError
             If the file is missing, of another format, damaged, or lacks points or normals.
         InvalidContactsError
-            If its numbers are no contacts.
+            If its numbers are not valid contacts.
         """
         fields = read_contact_file(Path(path))
         try:
             return cls(**fields)
         except InvalidContactsError as error:
-            raise InvalidContactsError(f"{path}: {error}") from None
+            message = f"{path}: {error}"
+            raise InvalidContactsError(message, field=error.field, row=error.row) from None
 
     def save(self, path: Path | str, *, header: str = "") -> None:
-        """Write contacts to a .ply or .csv file; `header` is kept as comment lines (PLY)."""
+        """Write contacts to a .ply or .csv file; a PLY keeps `header` as comment lines."""
         write_contact_file(self, Path(path), header=header)
 
 
@@ -193,12 +199,13 @@ def _join(first: FloatArray | None, second: FloatArray | None) -> FloatArray | N
 
 
 def checked_radii(radii: npt.ArrayLike, count: int) -> FloatArray:
-    """Return the radii of `count` balls of free space, read-only; 0 of all where none came."""
+    """Return the radii of `count` balls of free space, read-only; empty `radii` become 0."""
     array = _frozen_array("free_radii", radii if np.size(radii) else np.zeros(count), (count,))
     if np.any((array < 0.0) | (array > FARTHEST)):
         raise InvalidContactsError(
             f"free_radii must be lengths from 0 to {FARTHEST:g} m; the smallest is"
-            f" {array.min():.3g}, the largest {array.max():.3g}"
+            f" {array.min():.3g}, the largest {array.max():.3g}",
+            field="free_radii",
         )
     return array
 
@@ -208,7 +215,9 @@ def _require_near(name: str, points: FloatArray) -> None:
     if farthest > FARTHEST:
         raise InvalidContactsError(
             f"{name} must be in metres, within {FARTHEST:g} m of the origin; one is at"
-            f" {farthest:.3g} m: check their unit"
+            f" {farthest:.3g} m: check their unit",
+            field=name,
+            row=int(np.abs(points).max(axis=1).argmax()),
         )
 
 
@@ -216,24 +225,22 @@ def _frozen_array(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...
     try:
         array = np.array(values)
         if array.dtype.kind == "c":
-            raise TypeError("complex numbers came")
+            raise TypeError("there are complex numbers")
         array = array.astype(np.float64)
     except (OverflowError, TypeError, ValueError) as error:
-        raise InvalidContactsError(
-            f"{name} must be numbers in rows of equal length: {error}"
-        ) from None
+        message = f"{name} must be numbers in rows of equal length: {error}"
+        raise InvalidContactsError(message, field=name) from None
     if array.size == 0 and shape[0] is None:
         array = array.reshape(0, 3)
     if array.ndim != len(shape) or any(
         w not in (None, g) for w, g in zip(shape, array.shape, strict=True)
     ):
         wanted = ", ".join("N" if w is None else str(w) for w in shape)
-        raise InvalidContactsError(f"{name} must have shape ({wanted}); it has shape {array.shape}")
+        message = f"{name} must have shape ({wanted}); it has shape {array.shape}"
+        raise InvalidContactsError(message, field=name)
     finite = np.isfinite(array)
     if not finite.all():
         row = int(np.argwhere(~finite)[0, 0])
-        raise InvalidContactsError(
-            f"{name} must be finite numbers; row {row} is {array[row]}: remove or mend that row"
-        )
-    array.flags.writeable = False
-    return array
+        message = f"{name} must be finite numbers; row {row} is {array[row]}: remove that row"
+        raise InvalidContactsError(message, field=name, row=row)
+    return read_only(array)

@@ -1,10 +1,7 @@
-"""Motion: where every body of a grasp trial was at each moment, to be played back or measured."""
+"""Motion: poses of all bodies of a lift trial over time, with load and save."""
 
 from __future__ import annotations
 
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.io.npz_files import read_arrays, write_arrays
+from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
-OBJECT = "object"  # the name under which `Motion.poses` holds the object
+OBJECT = "object"
+"""Name of the object in `Motion.poses`."""
 
-# Products of rotations drift by rounding only; anything beyond this is not a rotation.
+# Rounding in products of rotations is far below this.
 _ROTATION_TOLERANCE = 1e-6
 
 
@@ -26,22 +25,21 @@ _ROTATION_TOLERANCE = 1e-6
 class Motion:
     """Poses of the bodies of a trial over time, in the world frame W.
 
-    The world is the frame in which the grasp was planned, so a motion plays in the same scene as
-    contacts, estimate and grasps. `X_WO` of the object at the first time is the identity, unless
-    it stood elsewhere by then.
+    W is the frame in which the grasp was planned, so a motion fits into the scene of contacts,
+    estimate and grasps. The object's first pose `X_WO` is the identity, unless it had moved before.
 
     Parameters
     ----------
     times
         Shape (T,) [s], strictly increasing.
     poses
-        Body name -> shape (T, 4, 4), its pose `X_WB` [m] at each time. Every hand link by its
+        Body name -> shape (T, 4, 4), its pose `X_WB` [m] at each time: every hand link by its
         name, and the object as ``"object"``.
 
     Raises
     ------
     InvalidOptionError
-        If shapes disagree, times do not increase, or a pose is no rigid transform.
+        If shapes disagree, times do not increase, or a pose is not a rigid transform.
     """
 
     times: FloatArray
@@ -51,11 +49,12 @@ class Motion:
         times = np.array(self.times, dtype=np.float64)
         if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) <= 0.0):
             raise InvalidOptionError(
-                "a motion's times must be finite numbers that strictly increase"
+                "a motion's times must be finite numbers that strictly increase",
+                option="times",
+                value=self.times,
             )
-        times.flags.writeable = False
         poses = {name: _rigid_transforms(name, X, len(times)) for name, X in self.poses.items()}
-        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "times", read_only(times))
         object.__setattr__(self, "poses", poses)
 
     def __len__(self) -> int:
@@ -69,27 +68,23 @@ class Motion:
     def relative(self, body: str, base: str) -> FloatArray:
         """Return the poses of `body` in the frame of `base`, shape (T, 4, 4).
 
-        Formula: ``X_BA = inv(X_WB) X_WA``, for example the object as the palm sees it.
+        Formula: ``X_BA = inv(X_WB) X_WA``, for example the object's pose in the palm's frame.
         """
-        for name in (body, base):
+        for option, name in (("body", body), ("base", base)):
             if name not in self.poses:
-                raise InvalidOptionError(
-                    f"the motion has no body '{name}'; it has {', '.join(self.poses)}"
-                )
+                raise InvalidOptionError.not_one_of(option, name, self.poses)
         return np.linalg.inv(self.poses[base]) @ self.poses[body]
 
     def save(self, path: Path | str, *, header: str = "") -> None:
-        """Write an .npz file of plain arrays (no pickle); `header` says what made it."""
+        """Write an .npz file of plain arrays (no pickle); `header` is kept as text in it."""
         names = list(self.poses)
-        stack = np.array([self.poses[n] for n in names]).reshape(len(names), len(self), 4, 4)
-        with whole_file(Path(path)) as whole, whole.open("wb") as stream:
-            np.savez_compressed(  # into a stream: savez would add ".npz" to a path
-                stream,
-                times=self.times,
-                names=np.array(names, dtype=np.str_),
-                poses=stack,
-                header=np.array(header),
-            )
+        arrays = {
+            "times": self.times,
+            "names": np.array(names, dtype=np.str_),
+            "poses": np.array([self.poses[n] for n in names]).reshape(len(names), len(self), 4, 4),
+            "header": np.array(header),
+        }
+        write_arrays(Path(path), arrays)
 
     @classmethod
     def load(cls, path: Path | str) -> Motion:
@@ -98,46 +93,26 @@ class Motion:
         Raises
         ------
         InvalidFileError
-            If the file is missing or holds something else.
+            If the file is missing or has no motion.
         """
         path = Path(path)
+        times, names, poses = read_arrays(path, ("times", "names", "poses"))
         try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-                times = archive["times"]
-                names = [str(name) for name in archive["names"]]
-                poses = archive["poses"]
-            return cls(times, dict(zip(names, poses, strict=True)))
-        except FileNotFoundError:
-            raise InvalidFileError(f"there is no file '{path}'") from None
-        except (
-            OSError,
-            EOFError,
-            ValueError,
-            KeyError,
-            TypeError,
-            AttributeError,
-            MemoryError,
-            RuntimeError,  # an archive that is encrypted, or packed as zipfile does not know
-            zipfile.BadZipFile,
-            zlib.error,
-            tokenize.TokenError,  # NumPy's, of a torn header
-            InvalidOptionError,
-        ) as error:
-            raise InvalidFileError(
-                f"'{path}' is not a motion (.npz with times, names and poses): {error}"
-            ) from None
+            return cls(times, dict(zip(map(str, names), poses, strict=True)))
+        except (TypeError, ValueError, InvalidOptionError) as error:  # of wrong shapes and types
+            message = f"'{path}' has no motion: {error}"
+            raise InvalidFileError(message, path=path) from None
 
 
 def _rigid_transforms(name: str, X: npt.ArrayLike, count: int) -> FloatArray:
     poses = np.array(X, dtype=np.float64)
     if poses.shape != (count, 4, 4):
-        raise InvalidOptionError(
-            f"poses of '{name}' must have shape ({count}, 4, 4); got {poses.shape}"
-        )
+        message = f"poses of '{name}' must have shape ({count}, 4, 4); got {poses.shape}"
+        raise InvalidOptionError(message, option="poses", value=X)
     rotations = poses[:, :3, :3]
     error = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3))
     rigid = np.isfinite(poses).all() and np.all(poses[:, 3] == [0.0, 0.0, 0.0, 1.0])
     if not rigid or np.any(error > _ROTATION_TOLERANCE):
-        raise InvalidOptionError(f"poses of '{name}' must be finite rigid transforms")
-    poses.flags.writeable = False
-    return poses
+        message = f"poses of '{name}' must be finite rigid transforms"
+        raise InvalidOptionError(message, option="poses", value=X)
+    return read_only(poses)

@@ -1,4 +1,4 @@
-"""Records with read-only mappings, on their way to other processes."""
+"""Helpers of records: read-only arrays, and pickling of read-only mappings."""
 
 from __future__ import annotations
 
@@ -6,11 +6,19 @@ from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
 
+import numpy.typing as npt
+
+
+def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return an array after making it read-only."""
+    array.flags.writeable = False
+    return array
+
 
 def reduce_record(record: Any) -> tuple[type, tuple[Any, ...]]:
-    """Return what `__reduce__` of a dataclass shall, where some fields are read-only mappings.
+    """Return the value of `__reduce__` for a dataclass with read-only mappings.
 
-    These cannot be pickled: the other process makes new ones of dictionaries.
+    These cannot be pickled: the other process makes new ones from dictionaries.
     """
     values = (getattr(record, item.name) for item in fields(record))
     plain = (dict(value) if isinstance(value, MappingProxyType) else value for value in values)

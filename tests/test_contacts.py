@@ -77,29 +77,54 @@ def test_normals_of_few_digits_become_unit_length() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "message"),
+    ("fields", "field", "row"),
     [
-        ({"points": [[0, 0]]}, r"points must have shape \(N, 3\)"),
-        ({"points": [[0, 0, np.nan]]}, "points must be finite numbers; row 0"),
-        ({"points": [["a", 0, 0]]}, "points must be numbers"),
-        ({"points": [[0, 0, 0], [0, 0]]}, "points must be numbers"),
-        ({"normals": [[0, 0, 1], [0, 0, 1]]}, r"normals must have shape \(1, 3\)"),
-        ({"normals": [[0, 0, 2]]}, "normal 0 has length 2"),
-        ({"normals": [[0, 0, 0]]}, "normal 0 has length 0"),
-        ({"forces": [1.0, 2.0]}, r"forces must have shape \(1\)"),
-        ({"forces": [np.inf]}, "forces must be finite"),
-        ({"times": [[0.0]]}, r"times must have shape \(1\)"),
-        ({"fingers": ("a", "b")}, "one finger a contact"),
-        ({"free_points": [[0, 0]]}, "free_points must have shape"),
-        ({"free_points": [[0, 0, 0]], "free_radii": [-0.1]}, "free_radii must be lengths"),
-        ({"free_points": [[0, 0, 0]], "free_radii": [0.1, 0.1]}, "free_radii must have shape"),
+        ({"points": [[0, 0]]}, "points", None),
+        ({"points": [[0, 0, np.nan]]}, "points", 0),
+        ({"points": [["a", 0, 0]]}, "points", None),
+        ({"points": [[0, 0, 0], [0, 0]]}, "points", None),
+        ({"points": [[0, 1j, 0]]}, "points", None),
+        ({"points": [[0, 0, 2e7]]}, "points", 0),
+        ({"normals": [[0, 0, 1], [0, 0, 1]]}, "normals", None),
+        ({"normals": [[0, 0, 2]]}, "normals", 0),
+        ({"normals": [[0, 0, 0]]}, "normals", 0),
+        ({"forces": [1.0, 2.0]}, "forces", None),
+        ({"forces": [np.inf]}, "forces", 0),
+        ({"times": [[0.0]]}, "times", None),
+        ({"fingers": ("a", "b")}, "fingers", None),
+        ({"fingers": (1,)}, "fingers", None),
+        ({"free_points": [[0, 0]]}, "free_points", None),
+        ({"free_points": [[0, 0, -2e7]]}, "free_points", 0),
+        ({"free_points": [[0, 0, 0]], "free_radii": [-0.1]}, "free_radii", None),
+        ({"free_points": [[0, 0, 0]], "free_radii": [2e7]}, "free_radii", None),
+        ({"free_points": [[0, 0, 0]], "free_radii": [0.1, 0.1]}, "free_radii", None),
     ],
 )
-def test_what_is_no_contact_is_refused(fields: dict, message: str) -> None:
+def test_invalid_contacts_are_refused_by_field_and_row(
+    fields: dict, field: str, row: int | None
+) -> None:
     valid = {"points": [[0, 0, 0]], "normals": [[0, 0, 1]]}
     Contacts(**valid)  # type: ignore[arg-type]
-    with pytest.raises(InvalidContactsError, match=message):
+    with pytest.raises(InvalidContactsError) as error:
         Contacts(**(valid | fields))  # type: ignore[arg-type]
+    assert (error.value.field, error.value.row) == (field, row)
+
+
+def test_the_worst_row_is_named() -> None:
+    points, normals = np.zeros((3, 3)), np.tile([0.0, 0.0, 1.0], (3, 1))
+    points[1, 2], normals[2, 2] = 2e7, 3.0
+    with pytest.raises(InvalidContactsError) as error:
+        Contacts(points, normals)
+    assert (error.value.field, error.value.row) == ("points", 1)
+    with pytest.raises(InvalidContactsError) as error:
+        Contacts(np.zeros((3, 3)), normals)
+    assert (error.value.field, error.value.row) == ("normals", 2)
+
+
+def test_contacts_are_shown_in_one_line() -> None:
+    contacts = Contacts([[0, 0, 0], [0.06, 0, 0]], [[0, 0, 1], [0, 0, 1]], free_points=[[1, 1, 1]])
+    assert repr(contacts) == ("Contacts(2 contacts, 1 free points, extent 0.06 m, spacing 0.06 m)")
+    assert repr(Contacts.empty()) == "Contacts(0 contacts, extent 0 m, spacing 0 m)"
 
 
 def test_bounds_and_extent_are_those_of_the_points() -> None:
@@ -107,7 +132,7 @@ def test_bounds_and_extent_are_those_of_the_points() -> None:
     np.testing.assert_array_equal(contacts.bounds, [[0, -1, 2], [3, 1, 2]])
     assert contacts.extent == 3.0
     assert Contacts.empty().extent == 0.0
-    with pytest.raises(InvalidContactsError, match="at least one contact"):
+    with pytest.raises(InvalidContactsError):
         _ = Contacts.empty().bounds
 
 
@@ -132,11 +157,11 @@ def test_a_subset_keeps_rows_together(index: object) -> None:
     np.testing.assert_array_equal(part.free_points, contacts.free_points)
 
 
-def test_a_subset_of_none_is_empty() -> None:
+def test_a_subset_of_no_rows_is_empty() -> None:
     assert len(make_contacts(4).subset([])) == 0
 
 
-def test_appending_joins_rows_and_drops_what_only_one_side_knows() -> None:
+def test_appending_joins_rows_and_keeps_only_fields_that_both_have() -> None:
     full, plain = make_contacts(3), make_contacts(2, full=False)
     both = full.append(full)
     assert len(both) == 6
@@ -157,13 +182,11 @@ def test_appending_joins_rows_and_drops_what_only_one_side_knows() -> None:
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("full", [True, False])
 @pytest.mark.parametrize("count", [0, 1, 7])
-def test_files_give_contacts_back_to_the_bit(
-    tmp_path: Path, name: str, full: bool, count: int
-) -> None:
+def test_saved_contacts_load_unchanged(tmp_path: Path, name: str, full: bool, count: int) -> None:
     contacts = make_contacts(count, full=full)
     contacts.save(tmp_path / name)
     loaded = Contacts.load(tmp_path / name)
-    if not count:  # what is known of no contacts cannot be told from what is not
+    if not count:  # forces of no contacts load as None or as no forces
         np.testing.assert_array_equal(loaded.free_points, contacts.free_points)
         assert not len(loaded)
         return
@@ -178,7 +201,7 @@ def test_files_give_contacts_back_to_the_bit(
         max_size=5,
     )
 )
-def test_any_number_survives_a_file(
+def test_any_number_loads_unchanged(
     tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, ...]]
 ) -> None:
     table = np.array(rows)
@@ -193,7 +216,7 @@ def test_any_number_survives_a_file(
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_the_same_contacts_are_the_same_bytes(tmp_path: Path, name: str) -> None:
+def test_equal_contacts_make_equal_bytes(tmp_path: Path, name: str) -> None:
     first, second = tmp_path / f"a-{name}", tmp_path / f"b-{name}"
     make_contacts().save(first, header="made by a test")
     make_contacts().save(second, header="made by a test")
@@ -209,7 +232,7 @@ def test_header_lines_are_comments_of_a_ply(tmp_path: Path) -> None:
     assert same(Contacts.load(path), make_contacts())
 
 
-def test_a_ply_is_an_oriented_point_cloud_to_others(tmp_path: Path) -> None:
+def test_a_ply_is_an_oriented_point_cloud_for_other_programs(tmp_path: Path) -> None:
     path = tmp_path / "contacts.ply"
     contacts = make_contacts()
     contacts.save(path)
@@ -236,7 +259,7 @@ def test_a_ply_of_another_program_is_read(tmp_path: Path, text: bool, prefix: st
     np.testing.assert_array_equal(loaded.forces, 0.5)
 
 
-def test_fingers_without_names_go_by_number(tmp_path: Path) -> None:
+def test_fingers_without_names_are_numbered(tmp_path: Path) -> None:
     rows = np.zeros(2, dtype=[(n, "f4") for n in ("x", "y", "z", "nx", "ny", "nz", "finger")])
     rows["nz"], rows["finger"] = 1.0, [0, 3]
     PlyData([PlyElement.describe(rows, "vertex")]).write(str(tmp_path / "other.ply"))
@@ -267,61 +290,61 @@ def ply_text(properties: str, row: str, *, comment: str = "none") -> str:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.txt", "x", r"kept in \.ply or \.csv"),
-        ("a.ply", "", "cannot be read as PLY"),
-        ("a.ply", "solid nonsense", "cannot be read as PLY"),
-        ("a.ply", ply_text("x y z nx ny nz", "1 2"), "cannot be read as PLY"),
+        ("a.txt", "x", "end in"),
+        ("a.ply", "", "PLY"),
+        ("a.ply", "solid nonsense", "PLY"),
+        ("a.ply", ply_text("x y z nx ny nz", "1 2"), "PLY"),
         (
             "a.ply",
             ply_text("x y z nx ny nz", "1 2 3 0 0 1")
             .replace("float z", "int z", 1)
             .replace("3 0", "9999999999 0"),
-            "cannot be read as PLY",
+            "PLY",
         ),
         (
             "a.ply",
             ply_text("x y z nx ny nz", "1 2 3 0 0 1").replace("vertex 1", "vertex 99999999999999"),
-            "cannot be read as PLY",
+            "PLY",
         ),
-        ("a.ply", ply_text("x y z", "1 2 3"), "lacks nx, ny, nz; a contact needs"),
+        ("a.ply", ply_text("x y z", "1 2 3"), "lacks nx, ny, nz;"),
         ("a.ply", ply_text("x nx ny nz", "1 2 3 4"), "lacks y, z$"),
         (
             "a.ply",
             "ply\nformat ascii 1.0\nelement face 0\nproperty list uchar int i\nend_header\n",
-            "no element 'vertex'",
+            "vertex",
         ),
-        ("a.ply", ply_text("x y z nx ny nz finger", "1 2 3 0 0 1 .5"), "no whole number"),
+        ("a.ply", ply_text("x y z nx ny nz finger", "1 2 3 0 0 1 .5"), "whole numbers"),
         (
             "a.ply",
             ply_text("x y z nx ny nz finger", "1 2 3 0 0 1 2", comment='fingers ["a"]'),
-            "names 1 fingers",
+            "1 fingers",
         ),
         (
             "a.ply",
             ply_text("x y z nx ny nz finger", "1 2 3 0 0 1 0", comment="fingers [a"),
-            "no list of names",
+            "list of names",
         ),
         ("a.csv", "", "is empty"),
         ("a.csv", "1,2,3,0,0,1\n", "lacks x, y, z"),
-        ("a.csv", "x,y,z\n1,2,3\n", "lacks nx, ny, nz; a contact needs"),
-        ("a.csv", "x,y,z,nx,ny,nz\n1,2,3\n", "row 1 has 3 cells, its header has 6"),
+        ("a.csv", "x,y,z\n1,2,3\n", "lacks nx, ny, nz;"),
+        ("a.csv", "x,y,z,nx,ny,nz\n1,2,3\n", "row 1 has 3 cells"),
         ("a.csv", "x,y,z,nx,ny,nz\n1,2,three,0,0,1\n", "row 1 has 'three' for z"),
         ("a.csv", "x,y,z,nx,ny,nz,kind\n1,2,3,0,0,1,odd\n", "of kind 'odd'"),
     ],
 )
-def test_a_file_that_holds_no_contacts_is_refused_by_name(
+def test_a_file_without_contacts_is_refused_by_path(
     tmp_path: Path, name: str, content: str, message: str
 ) -> None:
     path = tmp_path / name
     path.write_text(content)
     with pytest.raises(InvalidFileError, match=message) as caught:
         Contacts.load(path)
-    assert str(path) in str(caught.value)
+    assert caught.value.path == path
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("write", [ply_text, lambda names, row: f"{names}\n{row}\n"])
-def test_numbers_that_are_no_contacts_are_refused_by_file(
+def test_invalid_contacts_in_a_file_are_refused_by_path_and_row(
     tmp_path: Path, write: Callable[[str, str], str]
 ) -> None:
     is_ply = write is ply_text
@@ -330,28 +353,31 @@ def test_numbers_that_are_no_contacts_are_refused_by_file(
         names, row = names.replace(" ", ","), row.replace(" ", ",")
     path = tmp_path / ("a.ply" if is_ply else "a.csv")
     path.write_text(write(names, row))
-    with pytest.raises(InvalidContactsError, match="normal 0 has length 7") as caught:
+    with pytest.raises(InvalidContactsError) as caught:
         Contacts.load(path)
+    assert (caught.value.field, caught.value.row) == ("normals", 0)
     assert str(path) in str(caught.value)
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_missing_file_is_refused_by_name(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InvalidFileError, match="cannot read .*contacts"):
+def test_a_missing_file_is_refused_by_path(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InvalidFileError) as error:
         Contacts.load(tmp_path / name)
+    assert error.value.path == tmp_path / name
 
 
-def test_a_folder_that_is_not_there_is_made_where_it_can_be(tmp_path: Path) -> None:
+def test_a_missing_folder_is_made_if_possible(tmp_path: Path) -> None:
     make_contacts().save(tmp_path / "new" / "contacts.ply")
     assert len(Contacts.load(tmp_path / "new" / "contacts.ply")) == len(make_contacts())
     (tmp_path / "absent").write_text("a file")
-    with pytest.raises(InvalidFileError, match="cannot write"):
+    with pytest.raises(InvalidFileError) as error:
         make_contacts().save(tmp_path / "absent" / "contacts.ply")
+    assert error.value.path == tmp_path / "absent" / "contacts.ply"
 
 
-def test_binary_rubbish_is_no_csv(tmp_path: Path) -> None:
+def test_a_binary_file_is_not_a_csv(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(b"\xff\xfe\x00rubbish")
-    with pytest.raises(InvalidFileError, match="no UTF-8 text"):
+    with pytest.raises(InvalidFileError, match="UTF-8"):
         Contacts.load(tmp_path / "a.csv")
 
 

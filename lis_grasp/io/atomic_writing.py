@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Atomic writing: files are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lis_grasp.exceptions import InvalidFileError
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Give a temporary path to write to; it takes the place of `path` once the block has succeeded.
+    """Yield a temporary path to write to; it replaces `path` after the block has succeeded.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=".partial-", dir=path.parent)
     except OSError as error:
-        raise InvalidFileError(f"cannot write {path}: {error.strerror}") from None
+        raise InvalidFileError(f"cannot write {path}: {error.strerror}", path=path) from None
     os.close(handle)
     temporary = Path(name)
     try:
@@ -36,7 +36,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.chmod(0o644)
         temporary.replace(path)
     except OSError as error:
-        raise InvalidFileError(f"cannot write {path}: {error.strerror or error}") from None
+        message = f"cannot write {path}: {error.strerror or error}"
+        raise InvalidFileError(message, path=path) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -54,5 +55,5 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write `content` as indented JSON, whole or not at all; NaN and infinities are refused."""
+    """Write `content` as indented JSON, whole or not at all; ValueError on NaN and infinities."""
     write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")

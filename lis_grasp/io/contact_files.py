@@ -1,12 +1,11 @@
-"""Contacts in files: PLY, an oriented point cloud that every point-cloud program opens, and CSV.
+"""Contact files: PLY, an oriented point cloud for any point-cloud program, and CSV.
 
-PLY, as written: ASCII; element ``vertex`` with x y z nx ny nz and, where known, force, time and
-finger (an index into the names in a ``fingers`` comment); element ``free_point`` with x y z and
-the radius that is free round it.
-CSV, as written: a header row ``x,y,z,nx,ny,nz``, then force, time, finger where known, and
-``kind`` (contact or free) and ``radius`` where there are free points. Both give every number back
-to the bit and the same contacts as the same bytes. As read: any order and precision of properties,
-text or binary; what is not named here is passed over.
+PLY as written: ASCII. Element ``vertex`` has x y z nx ny nz and, where known, force, time and
+finger (an index into the names in a ``fingers`` comment). Element ``free_point`` has x y z and the
+radius that is free round it. CSV as written: a header row ``x,y,z,nx,ny,nz``, then force, time and
+finger where known, and ``kind`` (contact or free) and ``radius`` if there are free points. Both
+formats restore every number exactly, and equal contacts make equal bytes. As read: any order and
+precision of properties, text or binary; other properties are ignored.
 """
 
 from __future__ import annotations
@@ -20,11 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from plyfile import PlyData, PlyElement
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_bytes
-from lis_grasp.io.ply_reading import read_ply
+from lis_grasp.io.ply_files import ply_bytes, ply_element, read_ply
 from lis_grasp.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -38,18 +36,14 @@ _PREFIXES = ("", "scalar_")
 
 
 def read_contact_file(path: Path) -> dict[str, Any]:
-    """Return the fields of `Contacts` that a .ply or .csv file has, in metres, in frame O.
+    """Return the fields of `Contacts` in a .ply or .csv file, in metres, in frame O.
 
     Raises
     ------
     InvalidFileError
         If the file is missing, of another format, damaged, or lacks points or normals.
     """
-    _require_format(path)
-    try:
-        return _load_ply(path) if path.suffix.lower() == ".ply" else _load_csv(path)
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
+    return _load_ply(path) if _is_ply(path) else _load_csv(path)
 
 
 def write_contact_file(contacts: Contacts, path: Path, *, header: str = "") -> None:
@@ -58,88 +52,74 @@ def write_contact_file(contacts: Contacts, path: Path, *, header: str = "") -> N
     Parameters
     ----------
     contacts
-        What to write.
+        To write.
     path
         Ends in .ply or .csv, which chooses the format.
     header
-        Lines that say what made the contacts: comments of a PLY; a CSV has no place for them.
+        Lines on the origin of the contacts: comments of a PLY; a CSV has no place for them.
 
     Raises
     ------
     InvalidFileError
         If the path has another ending or cannot be written to.
     """
-    _require_format(path)
-    is_ply = path.suffix.lower() == ".ply"
-    content = _ply_bytes(contacts, header) if is_ply else _csv_bytes(contacts)
+    content = _to_ply(contacts, header) if _is_ply(path) else _to_csv(contacts)
     write_bytes(path, content)
 
 
-def _require_format(path: Path) -> None:
-    if path.suffix.lower() not in (".ply", ".csv"):
-        raise InvalidFileError(f"contacts are kept in .ply or .csv files; {path} is neither")
+def _is_ply(path: Path) -> bool:
+    ending = path.suffix.lower()
+    if ending not in (".ply", ".csv"):
+        raise InvalidFileError(f"contact files end in .ply or .csv; {path} does not", path=path)
+    return ending == ".ply"
 
 
-def _ply_bytes(contacts: Contacts, header: str) -> bytes:
-    columns: dict[str, npt.NDArray[Any]] = dict(zip(_POINT, contacts.points.T, strict=True))
+def _columns(contacts: Contacts) -> dict[str, npt.NDArray[Any]]:
+    columns = dict(zip(_POINT, contacts.points.T, strict=True))
     columns |= dict(zip(_NORMAL, contacts.normals.T, strict=True))
-    comments = [line.rstrip() for line in header.splitlines() if line.strip()]
-    if contacts.forces is not None:
-        columns["force"] = contacts.forces
-    if contacts.times is not None:
-        columns["time"] = contacts.times
+    columns |= {} if contacts.forces is None else {"force": contacts.forces}
+    return columns | ({} if contacts.times is None else {"time": contacts.times})
+
+
+def _to_ply(contacts: Contacts, header: str) -> bytes:
+    columns = _columns(contacts)
     if contacts.fingers:
         names = sorted(set(contacts.fingers))
         columns["finger"] = np.array([names.index(f) for f in contacts.fingers], dtype=np.int32)
-        comments.append(_FINGERS + json.dumps(names))
-    elements = [_element("vertex", columns)]
+        header += "\n" + _FINGERS + json.dumps(names)
+    elements = [ply_element("vertex", columns)]
     if len(contacts.free_points):
-        free: dict[str, npt.NDArray[Any]] = dict(zip(_POINT, contacts.free_points.T, strict=True))
-        elements.append(_element("free_point", free | {"radius": contacts.free_radii}))
-    ascii_comments = [c.encode("ascii", "backslashreplace").decode() for c in comments]
-    file = io.BytesIO()
-    PlyData(elements, text=True, comments=ascii_comments).write(file)
-    return file.getvalue()
-
-
-def _element(name: str, columns: dict[str, npt.NDArray[Any]]) -> PlyElement:
-    rows = np.empty(
-        len(next(iter(columns.values()))), dtype=[(key, c.dtype.str) for key, c in columns.items()]
-    )
-    for key, column in columns.items():
-        rows[key] = column
-    return PlyElement.describe(rows, name)
+        free = dict(zip(_POINT, contacts.free_points.T, strict=True))
+        elements.append(ply_element("free_point", free | {"radius": contacts.free_radii}))
+    return ply_bytes(elements, header, text=True)
 
 
 def _load_ply(path: Path) -> dict[str, Any]:
     data = read_ply(path)
     elements = {element.name: element.data for element in data.elements}
     if "vertex" not in elements:
-        raise InvalidFileError(f"{path} has no element 'vertex', so it holds no points")
-    rows = elements["vertex"]
-    points, normals = _ply_columns(path, rows, _POINT), _ply_columns(path, rows, _NORMAL)
-    fingers: tuple[str, ...] = ()
+        raise InvalidFileError(f"{path} has no element 'vertex', so no points", path=path)
+    rows, free = elements["vertex"], elements.get("free_point")
+    points, normals = _table(path, rows, _POINT), _table(path, rows, _NORMAL)
     index = _optional(rows, "finger")
-    if index is not None:
-        fingers = _finger_names(path, data.comments, index)
-    free = elements.get("free_point")
     radii = None if free is None else _optional(free, "radius")
     return {
         "points": points,
         "normals": normals,
         "forces": _optional(rows, "force"),
-        "fingers": fingers,
+        "fingers": () if index is None else _finger_names(path, data.comments, index),
         "times": _optional(rows, "time"),
-        "free_points": np.empty((0, 3)) if free is None else _ply_columns(path, free, _POINT),
-        "free_radii": radii if radii is not None else np.empty(0),
+        "free_points": np.empty((0, 3)) if free is None else _table(path, free, _POINT),
+        "free_radii": np.empty(0) if radii is None else radii,
     }
 
 
-def _ply_columns(path: Path, rows: npt.NDArray[Any], names: Sequence[str]) -> FloatArray:
+def _table(path: Path, rows: npt.NDArray[Any], names: Sequence[str]) -> FloatArray:
     _require_columns(path, rows.dtype.names or (), names)
     columns = [rows[name] for name in names]
     if any(column.dtype == object for column in columns):
-        raise InvalidFileError(f"{path} has lists where {', '.join(names)} must be numbers")
+        message = f"{path} has lists where {', '.join(names)} must be numbers"
+        raise InvalidFileError(message, path=path)
     return np.column_stack([column.astype(np.float64) for column in columns])
 
 
@@ -151,70 +131,50 @@ def _optional(rows: npt.NDArray[Any], name: str) -> FloatArray | None:
 
 
 def _finger_names(path: Path, comments: list[str], index: FloatArray) -> tuple[str, ...]:
-    """Return each contact's finger by name, or by number where the file has no names."""
+    """Return each contact's finger by name, or by number if the file has no names."""
     whole = index.astype(np.int64)
     if np.any(whole != index):
-        raise InvalidFileError(f"{path} has a property 'finger' that is no whole number")
+        message = f"{path}: property 'finger' must be whole numbers; some are not"
+        raise InvalidFileError(message, path=path)
     listed = [c[len(_FINGERS) :] for c in comments if c.startswith(_FINGERS)]
     if not listed:
         return tuple(str(i) for i in whole)
     try:
         names = [str(name) for name in json.loads(listed[-1])]
     except (ValueError, TypeError, RecursionError):
-        raise InvalidFileError(f"{path} has a comment 'fingers' that is no list of names") from None
+        message = f"{path}: the comment 'fingers' must be a JSON list of names; it is not"
+        raise InvalidFileError(message, path=path) from None
     if len(whole) and not (whole.min() >= 0 and whole.max() < len(names)):
-        raise InvalidFileError(f"{path} has a finger {whole.max()}, but names {len(names)} fingers")
+        message = f"{path} has a finger {whole.max()}, but names {len(names)} fingers"
+        raise InvalidFileError(message, path=path)
     return tuple(names[i] for i in whole)
 
 
-def _csv_bytes(contacts: Contacts) -> bytes:
-    forces, times, fingers = contacts.forces, contacts.times, contacts.fingers
-    names = [*_POINT, *_NORMAL]
-    names += [n for n, v in (("force", forces), ("time", times)) if v is not None]
-    names += ["finger"] if fingers else []
-    names += ["kind", "radius"] if len(contacts.free_points) else []
+def _to_csv(contacts: Contacts) -> bytes:
+    columns = {name: column.tolist() for name, column in _columns(contacts).items()}
+    columns |= {"finger": list(contacts.fingers)} if contacts.fingers else {}
+    names = [*columns, *(("kind", "radius") if len(contacts.free_points) else ())]
     text = io.StringIO()
-    writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
+    writer = csv.DictWriter(text, names, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
-    for i in range(len(contacts)):
-        numbers = [*contacts.points[i].tolist(), *contacts.normals[i].tolist()]
-        row: dict[str, Any] = dict(zip([*_POINT, *_NORMAL], numbers, strict=True))
-        row |= {} if forces is None else {"force": float(forces[i])}
-        row |= {} if times is None else {"time": float(times[i])}
-        row |= {"finger": fingers[i]} if fingers else {}
-        row |= {"kind": "contact"} if len(contacts.free_points) else {}
-        writer.writerow(row)
-    for point, radius in zip(contacts.free_points.tolist(), contacts.free_radii, strict=True):
+    for row in zip(*columns.values(), strict=True):
+        writer.writerow(dict(zip(columns, row, strict=True)) | {"kind": "contact"})
+    free = zip(contacts.free_points.tolist(), contacts.free_radii.tolist(), strict=True)
+    for point, radius in free:
         place = dict(zip(_POINT, point, strict=True))
-        writer.writerow({**place, "kind": "free", "radius": float(radius)})
+        writer.writerow(place | {"kind": "free", "radius": radius})
     return text.getvalue().encode("utf-8")
 
 
 def _load_csv(path: Path) -> dict[str, Any]:
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InvalidFileError(f"{path} is no UTF-8 text: save it as plain CSV") from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if not lines:
-        raise InvalidFileError(f"{path} is empty: a header row x,y,z,nx,ny,nz is needed")
-    delimiter = ";" if ";" in lines[0] and "," not in lines[0] else ","
-    try:
-        table = list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
-    except csv.Error as error:
-        raise InvalidFileError(f"{path} is no CSV ({error}): write it again") from None
-    names = [name.strip().lower() for name in table[0]]
+    names, rows = _read_table(path)
     _require_columns(path, names, [*_POINT, *_NORMAL])
-    for number, row in enumerate(table[1:], start=1):
-        if len(row) != len(names):
-            raise InvalidFileError(
-                f"{path}: row {number} has {len(row)} cells, its header has {len(names)}"
-            )
-    columns = {name: [row[i].strip() for row in table[1:]] for i, name in enumerate(names)}
-    kinds = columns.get("kind", ["contact"] * (len(table) - 1))
+    columns = {name: [row[i].strip() for row in rows] for i, name in enumerate(names)}
+    kinds = columns.get("kind", ["contact"] * len(rows))
     for number, kind in enumerate(kinds, start=1):
         if kind not in ("contact", "free"):
-            raise InvalidFileError(f"{path}: row {number} is of kind '{kind}', not contact or free")
+            message = f"{path}: row {number} is of kind '{kind}', not contact or free"
+            raise InvalidFileError(message, path=path)
     touched = [i for i, kind in enumerate(kinds) if kind == "contact"]
     free = [i for i, kind in enumerate(kinds) if kind == "free"]
 
@@ -233,22 +193,42 @@ def _load_csv(path: Path) -> dict[str, Any]:
     }
 
 
+def _read_table(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Return the column names and the rows of cells, one cell for each name."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
+    except UnicodeDecodeError:
+        raise InvalidFileError(f"{path} is not UTF-8 text: save it as CSV", path=path) from None
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if not lines:
+        message = f"{path} is empty: a header row x,y,z,nx,ny,nz is needed"
+        raise InvalidFileError(message, path=path)
+    delimiter = ";" if ";" in lines[0] and "," not in lines[0] else ","
+    try:
+        header, *rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    except csv.Error as error:
+        raise InvalidFileError(f"{path} is not a CSV ({error})", path=path) from None
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(header):
+            message = f"{path}: row {number} has {len(row)} cells, its header has {len(header)}"
+            raise InvalidFileError(message, path=path)
+    return [name.strip().lower() for name in header], rows
+
+
 def _number(path: Path, cell: str, row: int, name: str) -> float:
     try:
         return float(cell)
     except ValueError:
-        raise InvalidFileError(
-            f"{path}: row {row} has '{cell}' for {name}, where a number is needed"
-        ) from None
+        message = f"{path}: row {row} has '{cell}' for {name}, where a number is needed"
+        raise InvalidFileError(message, path=path) from None
 
 
 def _require_columns(path: Path, present: Sequence[str], wanted: Sequence[str]) -> None:
     missing = [name for name in wanted if name not in present]
     if missing:
-        advice = (
-            "; a contact needs the surface's outward normal: estimate normals first, for example"
-            " with MeshLab"
-            if set(missing) <= set(_NORMAL)
-            else ""
-        )
-        raise InvalidFileError(f"{path} lacks {', '.join(missing)}{advice}")
+        advice = ""
+        if set(missing) <= set(_NORMAL):
+            advice = "; a contact needs an outward normal: estimate normals, for example in MeshLab"
+        raise InvalidFileError(f"{path} lacks {', '.join(missing)}{advice}", path=path)

@@ -1,4 +1,4 @@
-"""Files that only ever grow: a header, then one JSON object a line, on the disk line by line."""
+"""JSON Lines files that only grow: a header, then one JSON object a line."""
 
 from __future__ import annotations
 
@@ -14,32 +14,33 @@ Row = dict[str, Any]
 
 
 def read_lines(path: Path) -> tuple[Row, list[Row]]:
-    """Return a file's header and its rows; both empty where there is no file yet.
+    """Return a file's header and its rows; both empty if there is no file yet.
 
-    A last line that an interruption has torn does not count; `append_lines` removes it.
+    A last line without a line end, left by an interruption, is ignored; `append_lines` removes it.
 
     Raises
     ------
     InvalidFileError
-        If the file cannot be read, or is no such file.
+        If the file cannot be read, or has a line that is not a JSON object.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     except FileNotFoundError:
         return {}, []
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidFileError(f"cannot read {path}: {error}") from None
+        raise InvalidFileError(f"cannot read {path}: {error}", path=path) from None
     try:
         rows = [json.loads(line) for line in lines if line.endswith("\n")]
+        if not all(isinstance(row, dict) for row in rows):
+            raise ValueError("a line is another value")
     except (ValueError, RecursionError) as error:
-        raise InvalidFileError(f"{path} must hold one JSON object a line: {error}") from None
-    if not all(isinstance(row, dict) for row in rows):
-        raise InvalidFileError(f"{path} must hold one JSON object a line; it holds something else")
+        message = f"{path} must have one JSON object a line: {error}"
+        raise InvalidFileError(message, path=path) from None
     return (rows[0], rows[1:]) if rows else ({}, [])
 
 
 def append_lines(path: Path, header: Row, rows: Sequence[Row]) -> None:
-    """Add rows at the end, after the header in a file that is new; on the disk when this returns.
+    """Append rows, after the header in a new file; they are on the disk when this returns.
 
     Raises
     ------
@@ -51,10 +52,10 @@ def append_lines(path: Path, header: Row, rows: Sequence[Row]) -> None:
         with path.open("a+b") as file:
             file.seek(0)
             end = file.read().rfind(b"\n") + 1
-            file.truncate(end)  # drops a torn line
+            file.truncate(end)  # removes an incomplete line
             lines = [*([] if end else [header]), *rows]
             file.write(b"".join(json.dumps(x, allow_nan=False).encode() + b"\n" for x in lines))
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        raise InvalidFileError(f"cannot write {path}: {error.strerror}") from None
+        raise InvalidFileError(f"cannot write {path}: {error.strerror}", path=path) from None

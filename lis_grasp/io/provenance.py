@@ -1,4 +1,4 @@
-"""What made a file: one JSON line in its header, carried along from stage to stage."""
+"""Provenance: version, configuration and seed as one JSON line in a file's header."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import lis_grasp
 from lis_grasp.exceptions import InvalidFileError
 
 _MARK = "lis_grasp "
-# A PLY header is a few hundred bytes; reading further would only read data.
+# A PLY header is a few hundred bytes; the rest is data.
 _HEADER_BYTES = 65536
 _DIGEST_LENGTH = 16
 
@@ -21,15 +21,15 @@ _DIGEST_LENGTH = 16
 def describe(**facts: Any) -> str:
     """Return `facts` and the package's version as the header line of an output file.
 
-    The line names the configuration and the seed and nothing that changes between two equal runs
-    (no times, no places), so that equal runs write equal bytes.
+    Give it only facts that are equal in equal runs (no times, no paths), so that equal runs write
+    equal bytes.
     """
     return _MARK + json.dumps({"version": lis_grasp.__version__, **facts}, sort_keys=True)
 
 
 @lru_cache(maxsize=1)
 def source_digest() -> str:
-    """Return a hash of the package's source, which tells two states of one version apart."""
+    """Return a hash of the package's source, which distinguishes two states of one version."""
     folder = Path(lis_grasp.__file__).parent
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
@@ -38,7 +38,7 @@ def source_digest() -> str:
 
 
 def parse(header: str) -> dict[str, Any]:
-    """Return the facts in a header that `describe` wrote; empty for anyone else's header."""
+    """Return the facts in a header that `describe` wrote; empty for other headers."""
     for line in header.splitlines():
         if line.startswith(_MARK):
             try:
@@ -50,7 +50,7 @@ def parse(header: str) -> dict[str, Any]:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Return the facts that a .ply or .json output file carries; empty where it carries none.
+    """Return the facts in the header of a .ply or .json output file; empty if it has none.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def read(path: Path) -> dict[str, Any]:
                 return parse(str(content.get("header", ""))) if isinstance(content, dict) else {}
             head = file.read(_HEADER_BYTES)
     except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
     except (ValueError, RecursionError):
         return {}
     comments = (
@@ -76,5 +76,5 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def merge(inherited: Mapping[str, Any], **facts: Any) -> str:
-    """Return the header of a file made from another one, whose facts it inherits."""
+    """Return the header line of a file made from another one: the inherited facts and new ones."""
     return describe(**{k: v for k, v in inherited.items() if k != "version"} | facts)

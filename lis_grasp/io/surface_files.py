@@ -1,29 +1,29 @@
-"""Estimated surfaces in files: PLY, which MeshLab, Blender, CloudCompare and trimesh open.
+"""Surface files: PLY with uncertainty, for MeshLab, Blender, CloudCompare and trimesh.
 
-As written: binary, little endian; element ``vertex`` with x y z in metres (double, so that every
-number comes back to the bit), uncertainty (double, metres) where known and a colour that shows it,
-from teal (well supported by touches) to yellow; element ``face`` with triangles. Equal meshes make
-equal bytes. As read: any precision and order of properties, text or binary.
+As written: binary, little endian. Element ``vertex`` has x y z in metres (double, so every number
+is restored exactly), uncertainty (double, metres) where known and a colour that shows it, from teal
+(low) to yellow (high). Element ``face`` has triangles. Equal meshes make equal bytes. As read: any
+precision and order of properties, text or binary.
 """
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from plyfile import PlyData, PlyElement
+from plyfile import PlyElement
 
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError
 from lis_grasp.io.atomic_writing import write_bytes
-from lis_grasp.io.ply_reading import read_ply
-from lis_grasp.typing import FloatArray
+from lis_grasp.io.ply_files import ply_bytes, ply_element, read_ply
+from lis_grasp.typing import ByteArray, FloatArray, IntArray
 
-_SUPPORTED, _UNSUPPORTED = np.array([38.0, 130.0, 142.0]), np.array([253.0, 231.0, 37.0])
+_LOW, _HIGH = np.array([38.0, 130.0, 142.0]), np.array([253.0, 231.0, 37.0])
 
-# Colours end where all but this part of the vertices has been told apart.
+# The colour scale ends at this quantile of the uncertainty.
 _SHOWN = 0.8
 
 
@@ -37,7 +37,7 @@ def save_surface(mesh: trimesh.Trimesh, path: Path | str, *, header: str = "") -
     path
         Ends in .ply.
     header
-        Lines that say what made the surface; they become comments of the file.
+        Lines on the origin of the surface; they become comments of the file.
 
     Raises
     ------
@@ -49,19 +49,19 @@ def save_surface(mesh: trimesh.Trimesh, path: Path | str, *, header: str = "") -
     """
     path = Path(path)
     _require_ply(path)
-    content = _ply_bytes(mesh, header)
-    write_bytes(path, content)
+    elements = [ply_element("vertex", _vertex_columns(mesh))]
+    elements.append(ply_element("face", {"vertex_indices": np.asarray(mesh.faces, dtype="<i4")}))
+    write_bytes(path, ply_bytes(elements, header, text=False))
 
 
 def load_surface(path: Path | str) -> trimesh.Trimesh:
-    """Read a surface from a .ply file, as `save_surface` writes it or another program's.
+    """Read a surface from a .ply file of `save_surface` or of another program.
 
     Returns
     -------
     trimesh.Trimesh
-        In O [m], vertices and triangles in the file's order, nothing merged;
-        `vertex_attributes["uncertainty"]` where the file has it, `metadata["header"]` the file's
-        comments.
+        In O [m], vertices and triangles in the file's order, nothing merged. Has
+        `vertex_attributes["uncertainty"]` if the file does; `metadata["header"]` is its comments.
 
     Raises
     ------
@@ -79,24 +79,24 @@ def load_surface(path: Path | str) -> trimesh.Trimesh:
     if "uncertainty" in elements["vertex"].data.dtype.names:
         column = _columns(path, elements["vertex"], ("uncertainty",), finite=False)
         if (column < 0.0).any():
-            raise InvalidFileError(f"{path}: uncertainty must not be negative; some is")
+            raise InvalidFileError(f"{path}: uncertainty must not be negative; some is", path=path)
         mesh.vertex_attributes["uncertainty"] = column[:, 0]
     return mesh
 
 
 def _require_ply(path: Path) -> None:
     if path.suffix.lower() != ".ply":
-        raise InvalidFileError(f"surfaces are kept in .ply files; {path} is not one")
+        raise InvalidFileError(f"surface files end in .ply; {path} does not", path=path)
 
 
-def _ply_bytes(mesh: trimesh.Trimesh, header: str) -> bytes:
+def _vertex_columns(mesh: trimesh.Trimesh) -> dict[str, npt.NDArray[Any]]:
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
     if not len(mesh.faces) or not np.isfinite(vertices).all():
         raise InvalidMeshError(
             f"a surface to save needs triangles and finite vertices; this one has {len(mesh.faces)}"
             f" triangles and {np.count_nonzero(~np.isfinite(vertices).all(axis=1))} such vertices"
         )
-    fields: list[tuple[str, npt.NDArray]] = list(zip("xyz", vertices.T, strict=True))
+    columns: dict[str, npt.NDArray[Any]] = dict(zip("xyz", vertices.T, strict=True))
     uncertainty = mesh.vertex_attributes.get("uncertainty")
     if uncertainty is not None:
         uncertainty = np.asarray(uncertainty, dtype=np.float64)
@@ -105,53 +105,47 @@ def _ply_bytes(mesh: trimesh.Trimesh, header: str) -> bytes:
                 f"uncertainty must be one number for each of {len(vertices)} vertices; it has shape"
                 f" {uncertainty.shape}"
             )
-        fields.append(("uncertainty", uncertainty))
-        fields += zip(("red", "green", "blue"), _colours(uncertainty).T, strict=True)
-    rows = np.empty(len(vertices), dtype=[(name, column.dtype.str) for name, column in fields])
-    for name, column in fields:
-        rows[name] = column
-    triangles = np.empty(len(mesh.faces), dtype=[("vertex_indices", "<i4", (3,))])
-    triangles["vertex_indices"] = mesh.faces
-    elements = [PlyElement.describe(rows, "vertex"), PlyElement.describe(triangles, "face")]
-    lines = [line.rstrip() for line in header.splitlines() if line.strip()]
-    comments = [line.encode("ascii", "backslashreplace").decode() for line in lines]
-    file = io.BytesIO()
-    PlyData(elements, byte_order="<", comments=comments).write(file)
-    return file.getvalue()
+        columns["uncertainty"] = uncertainty
+        columns |= dict(zip(("red", "green", "blue"), _colours(uncertainty).T, strict=True))
+    return columns
 
 
-def _colours(uncertainty: FloatArray) -> npt.NDArray[np.uint8]:
+def _colours(uncertainty: FloatArray) -> ByteArray:
     """Return a colour for each uncertainty, shape (V, 3)."""
     known = uncertainty[np.isfinite(uncertainty)]
     end = float(np.quantile(known, _SHOWN)) if len(known) else 0.0
-    part = np.where(uncertainty <= end, np.clip(uncertainty, 0.0, end) / (end or 1.0), 1.0)
-    return np.rint(_SUPPORTED + part[:, None] * (_UNSUPPORTED - _SUPPORTED)).astype(np.uint8)
+    scaled = np.where(uncertainty <= end, np.clip(uncertainty, 0.0, end) / (end or 1.0), 1.0)
+    return np.rint(_LOW + scaled[:, None] * (_HIGH - _LOW)).astype(np.uint8)
 
 
 def _columns(
     path: Path, element: PlyElement | None, names: tuple[str, ...], *, finite: bool = True
 ) -> FloatArray:
     if element is None or any(name not in element.data.dtype.names for name in names):
-        raise InvalidFileError(f"{path} has no {' '.join(names)} for its vertices")
+        raise InvalidFileError(f"{path} has no {' '.join(names)} for its vertices", path=path)
     try:
         columns = np.stack([element.data[n].astype(np.float64) for n in names], axis=1)
     except (TypeError, ValueError):
-        raise InvalidFileError(f"{path}: {' '.join(names)} must be numbers") from None
+        raise InvalidFileError(f"{path}: {' '.join(names)} must be numbers", path=path) from None
     if np.isnan(columns).any() or (finite and not np.isfinite(columns).all()):
-        raise InvalidFileError(f"{path}: {' '.join(names)} must be finite; some are not")
+        message = f"{path}: {' '.join(names)} must be finite; some are not"
+        raise InvalidFileError(message, path=path)
     return columns
 
 
-def _triangles(path: Path, element: PlyElement | None, vertices: int) -> npt.NDArray[np.int64]:
+def _triangles(path: Path, element: PlyElement | None, vertices: int) -> IntArray:
     rows = None if element is None or not len(element.data) else element.data
     names = ("vertex_indices", "vertex_index")
     name = next((n for n in names if rows is not None and n in rows.dtype.names), None)
     if rows is None or name is None:
-        raise InvalidFileError(f"{path} has no faces: a surface is needed, not a point cloud")
+        message = f"{path} has no faces: a surface is needed, not a point cloud"
+        raise InvalidFileError(message, path=path)
     lists = rows[name]
     if any(len(row) != 3 for row in lists):
-        raise InvalidFileError(f"{path} must have triangles only; some face has another count")
+        message = f"{path} must have triangles only; some face has another count"
+        raise InvalidFileError(message, path=path)
     faces = np.array(lists.tolist(), dtype=np.int64).reshape(-1, 3)
     if faces.min() < 0 or faces.max() >= vertices:
-        raise InvalidFileError(f"{path}: a face names a vertex beyond the {vertices} there are")
+        message = f"{path}: a face has a vertex index outside of 0 to {vertices - 1}"
+        raise InvalidFileError(message, path=path)
     return faces

@@ -30,7 +30,7 @@ def test_a_finished_write_replaces_the_old_file(tmp_path: Path) -> None:
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "contacts.csv"
     path.write_text("old")
     full = OSError(errno.ENOSPC, "No space left on device")
@@ -42,7 +42,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_contacts_and_surfaces_replace_their_files_whole(
+def test_contacts_and_surfaces_replace_files_atomically(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     contacts = Contacts(np.eye(3), np.eye(3))
@@ -64,12 +64,12 @@ def test_contacts_and_surfaces_replace_their_files_whole(
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_json_refuses_what_json_cannot_say(tmp_path: Path) -> None:
+def test_json_refuses_nan(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_json(tmp_path / "x.json", {"a": float("nan")})
 
 
-def test_an_unwritable_folder_is_named(tmp_path: Path) -> None:
+def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidFileError, match="cannot write"), whole_file(tmp_path / "file" / "x"):
         pass

@@ -1,4 +1,4 @@
-"""Hostile input is accepted with a sound result or refused in one line, and laws hold for any."""
+"""Fuzzing: malformed input gives a valid result or a one-line error; laws hold for any contacts."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ from lis_grasp.surfaces import ESTIMATORS, LocalImplicitSurface
 every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))
 
 
-# Cases made by rule: the first of contacts are enormous, and left to tests/robustness/fuzz.py.
+# The first four cases of contacts have 100 000 contacts: only tests/robustness/fuzz.py runs them.
 @pytest.mark.parametrize(
     ("kind", "cases"),
     [
-        ("contacts", range(4, 52)),
-        ("meshes", range(20)),
-        ("hands", range(45)),
-        ("files", range(64)),
+        ("contacts", range(4, 24)),
+        ("meshes", range(8)),
+        ("hands", range(24)),
+        ("files", range(32)),
     ],
 )
-def test_hostile_input_is_accepted_soundly_or_refused(
+def test_malformed_input_gives_a_valid_result_or_an_error(
     kind: str, cases: range, tmp_path: Path
 ) -> None:
     for index in cases:
@@ -68,14 +68,16 @@ def test_hostile_input_is_accepted_soundly_or_refused(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "count"), [("contacts", 400), ("meshes", 200), ("hands", 300)])
-def test_much_hostile_input_is_accepted_soundly_or_refused(kind: str, count: int) -> None:
+@pytest.mark.parametrize(
+    ("kind", "count"), [("contacts", 400), ("meshes", 200), ("hands", 300), ("files", 300)]
+)
+def test_much_malformed_input_gives_valid_results_or_errors(kind: str, count: int) -> None:
     jobs = [(kind, 11, index) for index in range(4, 4 + count)]
     failed = [r for r in run_cases(jobs, 2) if r.verdict.startswith("failed")]
     assert not failed
 
 
-def test_the_same_case_is_the_same_input(tmp_path: Path) -> None:
+def test_equal_seeds_make_equal_cases(tmp_path: Path) -> None:
     for kind in KINDS:
         texts = set()
         for name in ("a", "b"):
@@ -105,7 +107,9 @@ def _warn() -> None:
         (_warn, False, "failed RuntimeWarning"),
     ],
 )
-def test_a_verdict_is_what_happened(check: Callable[[], None], sound: bool, verdict: str) -> None:
+def test_a_verdict_names_the_result_of_the_check(
+    check: Callable[[], None], sound: bool, verdict: str
+) -> None:
     assert verdict_of(Case("", check, sound))[0] == verdict
 
 
@@ -137,38 +141,29 @@ def test_values_are_named_shortly_however_large() -> None:
 
 
 @pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        ([[1e8, 0, 0]], "within 1e\\+07 m of the origin"),
-        ([[1e308, 0, 0]], "within 1e\\+07 m of the origin"),
-        ([[1j, 0, 0]], "must be numbers"),
-        ([[10**400, 0, 0]], "must be numbers"),
-    ],
+    "points", [[[1e8, 0, 0]], [[1e308, 0, 0]], [[1j, 0, 0]], [[10**400, 0, 0]]]
 )
-def test_places_that_are_nowhere_are_refused(points: list, message: str) -> None:
-    with pytest.raises(InvalidContactsError, match=message):
+def test_points_far_beyond_the_earth_are_refused(points: list) -> None:
+    with pytest.raises(InvalidContactsError) as error:
         Contacts(points, [[0.0, 0.0, 1.0]])
+    assert error.value.field == "points"
 
 
 def test_normals_whose_length_overflows_are_refused_without_a_warning() -> None:
-    with pytest.raises(InvalidContactsError, match="unit length"):
+    with pytest.raises(InvalidContactsError) as error:
         Contacts([[0.0, 0.0, 0.0]], [[1e200, 1e200, 0.0]])
-
-
-def test_fingers_are_names() -> None:
-    with pytest.raises(InvalidContactsError, match="fingers must be names"):
-        Contacts([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], fingers=(3,))  # type: ignore[arg-type]
+    assert (error.value.field, error.value.row) == ("normals", 0)
 
 
 @every_estimator
 @pytest.mark.parametrize("option", ["position_noise", "normal_noise", "margin"])
-def test_options_beyond_all_measure_are_refused(name: str, option: str) -> None:
+def test_huge_options_are_refused(name: str, option: str) -> None:
     with pytest.raises(InvalidOptionError, match=f"{option} must be at least 0 and at most"):
         ESTIMATORS[name](sphere(9, np.random.default_rng(0)), **{option: 1e300})
 
 
 @every_estimator
-def test_contacts_at_one_place_to_rounding_are_one_place(name: str) -> None:
+def test_contacts_equal_up_to_rounding_give_finite_values(name: str) -> None:
     contacts = sphere(40, np.random.default_rng(3))
     place = np.array([30.0, -20.0, 10.0])
     surface = ESTIMATORS[name](Contacts(place + 1e-13 * contacts.points, contacts.normals))
@@ -184,7 +179,7 @@ def test_the_gradient_on_a_contact_s_axis_is_finite() -> None:
     assert np.isfinite(surface.gradient(beside)).all()
 
 
-def test_a_gaussian_process_refuses_what_no_memory_holds() -> None:
+def test_a_gaussian_process_refuses_too_many_contacts() -> None:
     with pytest.raises(EstimationError, match="at most 3000 contacts"):
         ESTIMATORS["gpis"](sphere(3001, np.random.default_rng(0)))
 
@@ -211,13 +206,13 @@ def test_loose_triangles_are_refused_at_once(tmp_path: Path) -> None:
         shapes.load(tmp_path / "loose.ply")
 
 
-def test_vertices_beyond_all_measure_are_refused_without_a_warning(tmp_path: Path) -> None:
+def test_huge_vertices_are_refused_without_a_warning(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1e308 0 0\nv 0 -1e308 0\nf 1 2 3\n")
     with pytest.raises(InvalidMeshError, match="no finite numbers, or far beyond"):
         shapes.load(tmp_path / "a.obj")
 
 
-def test_a_vertex_of_no_face_plays_no_role_however_far(tmp_path: Path) -> None:
+def test_a_vertex_without_faces_is_ignored(tmp_path: Path) -> None:
     box = trimesh.creation.box(extents=(0.1, 0.1, 0.1))
     lines = [f"v {x} {y} {z}" for x, y, z in [*box.vertices.tolist(), [1e308, -1e308, 1e308]]]
     lines += [f"f {a} {b} {c}" for a, b, c in (box.faces + 1).tolist()]
@@ -254,7 +249,7 @@ def hand_files(folder: Path, group: str) -> tuple[Path, Path]:
         ("sdf", 'multiplier="0.5"', 'multiplier=".nan"', "numbers were expected"),
     ],
 )
-def test_numbers_of_no_hand_are_refused(
+def test_invalid_numbers_in_a_hand_are_refused(
     group: str, old: str, new: str, message: str, tmp_path: Path
 ) -> None:
     hand, model = hand_files(tmp_path, group)
@@ -274,9 +269,7 @@ def test_numbers_of_no_hand_are_refused(
         ("1 1 1e300", "within 1000 m"),
     ],
 )
-def test_a_scale_that_makes_no_mesh_of_a_body_is_refused(
-    scale: str, message: str, tmp_path: Path
-) -> None:
+def test_an_invalid_mesh_scale_is_refused(scale: str, message: str, tmp_path: Path) -> None:
     trimesh.creation.box(extents=(0.1, 0.1, 0.1)).export(tmp_path / "body.stl")
     assert load_mesh(tmp_path / "body.stl", [0.5, 1.0, -2.0]).extents == pytest.approx(
         [0.05, 0.1, 0.2]
@@ -295,7 +288,7 @@ def test_a_scale_that_makes_no_mesh_of_a_body_is_refused(
         ("<robot", "not valid XML"),
     ],
 )
-def test_xml_that_unfolds_is_refused(
+def test_xml_with_entities_or_deep_nesting_is_refused(
     group: str, content: str, message: str, tmp_path: Path
 ) -> None:
     hand, model = hand_files(tmp_path, group)
@@ -307,12 +300,12 @@ def test_xml_that_unfolds_is_refused(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("[" * 2000, "not valid YAML"),
+        ("[" * 500, "not valid YAML"),
         ("name: " + "9" * 5000, "not valid YAML"),
         ("name: 2001-99-99", "not valid YAML"),
     ],
 )
-def test_yaml_that_no_reader_takes_is_refused(content: str, message: str, tmp_path: Path) -> None:
+def test_yaml_that_cannot_be_parsed_is_refused(content: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "hand.yaml"
     path.write_text(content)
     with pytest.raises(InvalidHandError, match=message):
@@ -322,7 +315,7 @@ def test_yaml_that_no_reader_takes_is_refused(content: str, message: str, tmp_pa
 
 
 @pytest.mark.parametrize("number", [10**400, 1e308, math.inf])
-def test_a_number_that_overflows_is_no_direction(number: float, tmp_path: Path) -> None:
+def test_an_overflowing_direction_is_refused(number: float, tmp_path: Path) -> None:
     hand, _ = hand_files(tmp_path, "urdf")
     content = yaml.safe_load(hand.read_text())
     content["approach"] = [0, 0, number]
@@ -334,17 +327,16 @@ def test_a_number_that_overflows_is_no_direction(number: float, tmp_path: Path) 
 # Files.
 
 
-def test_a_cell_without_end_is_refused(tmp_path: Path) -> None:
+def test_a_huge_cell_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "contacts.csv"
     path.write_text("x,y,z,nx,ny,nz\n" + "1" * 200_000 + ",0,0,0,0,1\n")
-    with pytest.raises(InvalidFileError, match="no CSV"):
+    with pytest.raises(InvalidFileError, match="not a CSV"):
         Contacts.load(path)
 
 
 def test_a_flipped_bit_anywhere_in_a_motion_is_refused_or_harmless(tmp_path: Path) -> None:
     path = tmp_path / "motion.npz"
-    poses = np.tile(np.eye(4), (9, 1, 1))
-    Motion(np.arange(9.0), {"object": poses}).save(path)
+    Motion(np.arange(2.0), {"object": np.tile(np.eye(4), (2, 1, 1))}).save(path)
     whole = path.read_bytes()
     for place in range(len(whole)):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x10]) + whole[place + 1 :])
@@ -370,7 +362,7 @@ def test_a_log_of_other_values_is_refused(name: str, value: object, tmp_path: Pa
 
 
 @pytest.mark.parametrize("line", ["[" * 200_000, '{"a": ' + "9" * 5000 + "}"])
-def test_json_that_no_reader_takes_is_refused(line: str, tmp_path: Path) -> None:
+def test_json_that_cannot_be_parsed_is_refused(line: str, tmp_path: Path) -> None:
     path = tmp_path / "touches.jsonl"
     path.write_text(line + "\n")
     with pytest.raises(InvalidFileError, match="one JSON object a line"):
@@ -385,7 +377,7 @@ def test_json_that_no_reader_takes_is_refused(line: str, tmp_path: Path) -> None
     text = contacts.read_text()
     assert '["thumb"]' in text
     contacts.write_text(text.replace('["thumb"]', line))
-    with pytest.raises(InvalidFileError, match="no list of names"):
+    with pytest.raises(InvalidFileError, match="list of names"):
         Contacts.load(contacts)
 
 
@@ -402,7 +394,7 @@ def sphere(count: int, rng: np.random.Generator) -> Contacts:
 
 
 def lumpy(rng: np.random.Generator) -> tuple[Contacts, np.ndarray]:
-    """Return contacts of an ellipsoid with a flat foot, turned anyhow, and places about it."""
+    """Return contacts of a rotated ellipsoid with a flat foot, and query points about it."""
     count = int(rng.integers(5, 40))
     u = rng.standard_normal((count, 3))
     u /= np.linalg.norm(u, axis=1, keepdims=True)
@@ -420,7 +412,7 @@ def lumpy(rng: np.random.Generator) -> tuple[Contacts, np.ndarray]:
 @every_estimator
 @few
 @given(seed=seeds)
-def test_any_rigid_motion_and_scale_carry_the_surface_along(name: str, seed: int) -> None:
+def test_the_surface_moves_with_any_rigid_motion_and_scale(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     contacts, queries = lumpy(rng)
     R, p, s = Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.5, 0.5, 3), rng.uniform(0.1, 10)
@@ -431,15 +423,21 @@ def test_any_rigid_motion_and_scale_carry_the_surface_along(name: str, seed: int
     loose = {"rtol": 1e-5, "atol": 1e-6 * s}
     np.testing.assert_allclose(moved.evaluate(there), s * still.evaluate(queries), **loose)
     if name in ("lis", "gpis"):  # that of patches jumps where two of them meet
-        np.testing.assert_allclose(
-            moved.uncertainty(there), s * still.uncertainty(queries), **loose
-        )
+        # It is capped by the diagonal of the bounds, which are parallel to the axes.
+        caps = [s * np.linalg.norm(np.ptp(still.bounds, axis=0))]
+        caps.append(np.linalg.norm(np.ptp(moved.bounds, axis=0)))
+        for uncertainty, expected in zip(
+            moved.uncertainty(there), s * still.uncertainty(queries), strict=True
+        ):
+            if max(uncertainty, expected) < min(caps):
+                np.testing.assert_allclose(uncertainty, expected, **loose)
 
 
+@pytest.mark.slow
 @every_estimator
 @settings(max_examples=3, deadline=None, derandomize=True)
 @given(seed=seeds)
-def test_any_rigid_motion_and_scale_carry_the_mesh_along(name: str, seed: int) -> None:
+def test_the_mesh_moves_with_any_rigid_motion_and_scale(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     contacts, _ = lumpy(rng)
     R, p, s = Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.5, 0.5, 3), rng.uniform(0.1, 10)
@@ -447,7 +445,7 @@ def test_any_rigid_motion_and_scale_carry_the_mesh_along(name: str, seed: int) -
     cube, cell = np.array([[-0.12] * 3, [0.12] * 3]), 0.004
     still = extract_mesh(ESTIMATORS[name](contacts), bounds=cube, resolution=cell)
     moved = extract_mesh(ESTIMATORS[name](moved_contacts), bounds=s * cube + p, resolution=s * cell)
-    # The grid does not turn, nor do the bounds, which close what goes on far from all contacts.
+    # The grid and the bounds do not rotate; the bounds close the surface far from all contacts.
     near = cKDTree(contacts.points).query(still.vertices)[0] < 0.02
     apart, _ = distances_to_mesh(s * still.vertices[near] @ R.T + p, moved)
     apart /= s * cell
@@ -494,7 +492,7 @@ rows_of_three = st.lists(st.tuples(lengths, lengths, lengths), min_size=3, max_s
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(rows=rows_of_three, uncertainty=st.floats(0.0, 1e6))
-def test_any_surface_survives_its_file(
+def test_any_saved_surface_loads_unchanged(
     tmp_path_factory: pytest.TempPathFactory, rows: list, uncertainty: float
 ) -> None:
     faces = [[0, 1, 2]]
@@ -509,7 +507,7 @@ def test_any_surface_survives_its_file(
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(seed=seeds, standoff=st.floats(0, 1e3), moved=st.floats(0, 1e3), reason=st.text(max_size=9))
-def test_any_probe_survives_its_log(
+def test_any_logged_probe_loads_unchanged(
     tmp_path_factory: pytest.TempPathFactory,
     seed: int,
     standoff: float,
@@ -530,7 +528,7 @@ def test_any_probe_survives_its_log(
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(seed=seeds, count=st.integers(0, 9))
-def test_any_motion_survives_its_file(
+def test_any_saved_motion_loads_unchanged(
     tmp_path_factory: pytest.TempPathFactory, seed: int, count: int
 ) -> None:
     rng = np.random.default_rng(seed)
