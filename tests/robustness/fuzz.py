@@ -1,10 +1,10 @@
-"""Give the package hostile input, and count what it accepts, refuses and fails on.
+"""Fuzz the package with malformed input; count accepted, refused and failed cases.
 
     python tests/robustness/fuzz.py                             # a minute or two
     python tests/robustness/fuzz.py --contacts 10000 --files 10000 --seed 0
-    python tests/robustness/fuzz.py --only contacts:1234        # one case alone, in this process
+    python tests/robustness/fuzz.py --only contacts:1234        # one case, in this process
 
-Exit code 1 if any case failed. What counts as a failure is said in `fuzzing/cases.py`.
+Exit code 1 if any case failed; `fuzzing/cases.py` defines failures.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="index of each kind's first case")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
-    parser.add_argument("--only", metavar="KIND:INDEX", help="carry out one case, and show it")
+    parser.add_argument("--only", metavar="KIND:INDEX", help="run one case and print it")
     options = parser.parse_args()
     if options.only:
         kind, index = options.only.split(":")
         return show(kind, options.seed, int(index))
     counts = {name: getattr(options, name) for name in KINDS}
     results = []
-    # Stopped early, by Ctrl-C or SIGTERM, it prints the table of what has come.
+    # Ctrl-C and SIGTERM print the table of the cases so far.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         for result in run_cases(jobs_of(counts, options.seed, options.first), options.jobs):
@@ -51,7 +51,7 @@ def main() -> int:
                 where = f"{result.kind}:{result.index}"
                 print(f"{where} {result.verdict}: {result.message}", flush=True)
     except KeyboardInterrupt:
-        print("interrupted; so far:")
+        print("interrupted; results so far:")
     print_table(results)
     return int(any(result.verdict.startswith("failed") for result in results))
 
@@ -63,7 +63,7 @@ def jobs_of(counts: dict[str, int], seed: int, first: int = 0) -> Iterator[Job]:
 
 
 def show(kind: str, seed: int, index: int) -> int:
-    """Carry out one case here, with its input in words and the whole traceback."""
+    """Run one case in this process; print its input in words and the traceback."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         case = case_of(kind, KINDS, seed, index, Path(folder))
         print(f"{kind}:{index} ({KINDS[kind].group(index)}): {case.text}")
@@ -71,7 +71,6 @@ def show(kind: str, seed: int, index: int) -> int:
             case.check()
         except LisGraspError as error:
             print(f"raised {type(error).__name__}: {error}")
-        # A report of whatever it is.
         except Exception:  # noqa: BLE001
             traceback.print_exc(file=sys.stdout)
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:

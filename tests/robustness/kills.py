@@ -1,14 +1,14 @@
-"""Kill explorations, runs and studies at random moments, run them again, and compare what is left.
+"""Kill explorations, runs and studies at random moments, run them again, and compare the files.
 
     python tests/robustness/kills.py --count 200                      # an hour on two cores
     python tests/robustness/kills.py --count 50 --verbs explore       # a few minutes
 
-Each time the command is killed once to three times, by SIGKILL, SIGTERM or SIGINT, at a moment that
-is random or just after a file of its folder has changed; then it is run to its end. After every
-kill, files under their final names must be whole (the log of touches, which grows, a beginning of
-the undisturbed one's); at the end all files must be those of an undisturbed run, byte for byte but
-for times. Exit code 1 if any was not. After SIGTERM it ends the command it is at, and tells of
-those so far.
+Each command is killed one to three times, by SIGKILL, SIGTERM or SIGINT, at a random moment or just
+after a file in its folder has changed; then it runs to its end. After every kill, files under their
+final names must be complete; the log of touches, which grows, must be a beginning of the
+uninterrupted one. At the end all files must equal those of an uninterrupted run, byte for byte
+except for times. Exit code 1 if any does not. On SIGTERM it finishes the current command and
+reports the commands so far.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ COMMANDS = {
 }
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 LOG = "touches.jsonl"  # the one file that grows
-# An undisturbed command takes seconds; one that takes so long hangs [s].
+# An uninterrupted command takes seconds; after this time it hangs [s].
 _LONGEST = 600.0
 _POLL = 0.002
 
 
 @dataclass(frozen=True)
-class Undisturbed:
-    """What a command writes when nobody kills it: its files without times, and how long it took."""
+class Uninterrupted:
+    """The files of an uninterrupted command, without times, and its duration."""
 
     files: dict[str, bytes]
     seconds: float
@@ -55,15 +55,15 @@ def start(verb: str, folder: Path) -> subprocess.Popen[bytes]:
     return subprocess.Popen([*command, "--output", str(folder)], stdout=quiet, stderr=quiet)
 
 
-def undisturbed(verb: str, folder: Path) -> Undisturbed:
+def uninterrupted(verb: str, folder: Path) -> Uninterrupted:
     began = time.monotonic()
     if start(verb, folder).wait(_LONGEST):
-        raise SystemExit(f"the undisturbed {verb} failed")
-    return Undisturbed(files_in(folder), time.monotonic() - began)
+        raise SystemExit(f"the uninterrupted {verb} failed")
+    return Uninterrupted(files_in(folder), time.monotonic() - began)
 
 
 def files_in(folder: Path) -> dict[str, bytes]:
-    """Return what is in the files of a folder, times left out; unfinished ones have other names."""
+    """Return the contents of the finished files of a folder, without times."""
     found = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file() and not path.name.startswith("."):
@@ -85,9 +85,9 @@ def content_of(path: Path, folder: Path) -> bytes:
 
 
 def kill_once(
-    verb: str, folder: Path, plain: Undisturbed, rng: np.random.Generator
+    verb: str, folder: Path, plain: Uninterrupted, rng: np.random.Generator
 ) -> tuple[str, list[str]]:
-    """Start, kill, and look; return the signal, or "none" where it came too late, and faults."""
+    """Start, kill and check; return the signal, or "none" if the command had ended, and faults."""
     name = SIGNALS[rng.integers(len(SIGNALS))]
     process = start(verb, folder)
     end = time.monotonic() + float(rng.uniform(0.0, 1.1 * plain.seconds))
@@ -104,7 +104,7 @@ def kill_once(
 
 
 def wait_for_changes(folder: Path, count: int, process: subprocess.Popen[bytes]) -> None:
-    """Wait until files of the folder, unfinished ones too, have changed so many times."""
+    """Wait until files of the folder, unfinished ones too, have changed `count` times."""
     before, seen = -1, 0
     began = time.monotonic()
     while seen < count and process.poll() is None and time.monotonic() - began < _LONGEST:
@@ -121,8 +121,8 @@ def size_of(path: Path) -> int:
         return -1
 
 
-def half_written(folder: Path, plain: Undisturbed) -> list[str]:
-    """Name the files that are not as in an undisturbed run, nor, for the log, a beginning of it."""
+def half_written(folder: Path, plain: Uninterrupted) -> list[str]:
+    """Return files that differ from an uninterrupted run (the log: from its beginning)."""
     faults = []
     for name, content in files_in(folder).items():
         whole = plain.files.get(name)
@@ -135,10 +135,10 @@ def half_written(folder: Path, plain: Undisturbed) -> list[str]:
     return faults
 
 
-def disturbed(
-    verb: str, folder: Path, plain: Undisturbed, rng: np.random.Generator
+def interrupted(
+    verb: str, folder: Path, plain: Uninterrupted, rng: np.random.Generator
 ) -> tuple[list[str], list[str]]:
-    """Kill a command once to three times, run it to its end; return signals sent, and faults."""
+    """Kill a command one to three times, then run it to its end; return signals and faults."""
     signals, faults = [], []
     for _ in range(int(rng.integers(1, 4))):
         sent, found = kill_once(verb, folder, plain, rng)
@@ -158,7 +158,7 @@ def disturbed(
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=20, help="commands to disturb, of all verbs")
+    parser.add_argument("--count", type=int, default=20, help="commands to interrupt, of all verbs")
     parser.add_argument("--verbs", nargs="+", choices=list(COMMANDS), default=list(COMMANDS))
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
@@ -173,12 +173,12 @@ def main() -> int:
         signals: Counter[str] = Counter()
         faulty = done = 0
         with tempfile.TemporaryDirectory(prefix="kills-") as name:
-            plain = undisturbed(verb, Path(name) / "plain")
+            plain = uninterrupted(verb, Path(name) / "plain")
             for index in range(count):
                 if asked_to_stop:
                     break
                 rng = np.random.default_rng([options.seed, number, index])
-                sent, faults = disturbed(verb, Path(name) / f"killed{index}", plain, rng)
+                sent, faults = interrupted(verb, Path(name) / f"killed{index}", plain, rng)
                 signals.update(sent)
                 faulty += bool(faults)
                 done += 1
@@ -186,7 +186,7 @@ def main() -> int:
                     print(f"{verb} {index}, {', '.join(sent)}: {fault}", flush=True)
         failed += faulty
         listed = ", ".join(f"{key} {value}" for key, value in sorted(signals.items()))
-        print(f"{verb}: {done} disturbed, {faulty} with faults; kills: {listed}", flush=True)
+        print(f"{verb}: {done} interrupted, {faulty} with faults; kills: {listed}", flush=True)
     return int(failed > 0)
 
 

@@ -1,24 +1,23 @@
-"""Explore, estimate and grasp many times in one process, and see that nothing accumulates.
+"""Explore, estimate and grasp many times in one process; check that no resource accumulates.
 
-    python tests/robustness/soak.py                  # 1000 cycles, the better part of an hour
+    python tests/robustness/soak.py                  # 1000 cycles, almost an hour
     python tests/robustness/soak.py --cycles 60      # a few minutes
     python tests/robustness/soak.py --meshes mug.obj can.stl
 
-A cycle is the verbs `explore`, `estimate` and `grasp`, in this process, with an object, a hand and
-an estimator drawn anew; touches are kinematic. In the first and every twentieth cycle
-after it the hand touches in Drake, the
-best grasp is lifted, and the scene is written. Each cycle has a folder that is removed after it.
+A cycle runs `explore`, `estimate` and `grasp` in this process, with a random object, hand and
+estimator; touches are kinematic. In the first and every twentieth cycle after it the hand touches
+in Drake, the best grasp is lifted, and the scene is written. Each cycle has a folder, which is
+removed after it.
 
-After every cycle garbage is collected, free memory given back to the system, and counted: resident
-memory, Python's threads, the process's threads, open files, and files left in the folder for
-temporary ones. The first cycles, which import and fill caches, are warm-up. Of the rest the median
-of the last fifth must not exceed that of the first by more than 5 % of memory, and by nothing of
-threads and open files; no temporary file may be left. Exit code 1 if that does not hold, or if a
-cycle ended with an exit code other than 0. Stopped early, by Ctrl-C or SIGTERM, it tells of the
-cycles so far.
+After every cycle garbage is collected and free memory is returned to the system. Then these are
+counted: resident memory, Python's threads, the process's threads, open files, and files in the
+folder for temporary files. The first cycles, which import modules and fill caches, are warm-up. Of
+the rest, the median of the last fifth may exceed that of the first by 5 % in memory and by nothing
+in threads and open files; no temporary file may be left. Exit code 1 if that is violated, or if a
+command failed. Ctrl-C and SIGTERM print the results so far.
 
-Blocks that C libraries hold in the heap of a thread ("arena") cannot be given back from here: set
-MALLOC_ARENA_MAX=1 to tell what is used from what is held.
+Blocks that C libraries keep in the heap of a thread ("arena") cannot be returned from here: set
+MALLOC_ARENA_MAX=1 to distinguish used from kept memory.
 """
 
 from __future__ import annotations
@@ -46,9 +45,9 @@ from lis_grasp.shapes import NAMES
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.visualization.run_scene import write_scene_of
 
-# Every so many cycles touch in Drake, lift, and write a scene.
+# One cycle in this many touches in Drake, lifts, and writes a scene.
 _THOROUGH = 20
-# Warm-up, as a share of the cycles; and how much memory may grow after it.
+# Warm-up, as a fraction of the cycles; and the allowed growth of memory after it.
 _WARM_UP = 0.1
 _GROWTH = 0.05
 
@@ -57,14 +56,14 @@ _INTERRUPTED = 130
 
 @dataclass(frozen=True)
 class Counts:
-    """What the process holds after a cycle.
+    """Resources of the process after a cycle.
 
     Parameters
     ----------
     memory
         Resident [MB].
     python_threads, threads, files
-        Threads that Python knows, all of the process, and open file descriptors.
+        Threads known to Python, all threads of the process, and open file descriptors.
     temporary
         Files and folders in the folder for temporary ones.
     """
@@ -77,7 +76,7 @@ class Counts:
 
 
 def count(scratch: Path) -> Counts:
-    """Collect garbage, give free memory back to the system, and count."""
+    """Collect garbage, return free memory to the system, and count resources."""
     gc.collect()
     ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text().split()[1])
@@ -91,7 +90,7 @@ def count(scratch: Path) -> Counts:
 
 
 def cycle(rng: np.random.Generator, objects: Sequence[str], *, thorough: bool) -> list[str]:
-    """Explore, estimate and grasp; return the verb that did not end with 0, if any."""
+    """Explore, estimate and grasp; return the command that failed, if any."""
     hand = str(rng.choice(HAND_NAMES))
     commands = {
         "explore": ["explore", str(rng.choice(objects)), "--hand", hand],
@@ -120,23 +119,23 @@ def cycle(rng: np.random.Generator, objects: Sequence[str], *, thorough: bool) -
 
 
 def run_quietly(command: list[str]) -> int:
-    """Run a verb in this process, and show what it said if it failed."""
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+    """Run a command in this process; print its output if it failed."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
         code = run_verb(command)
     if code == _INTERRUPTED:
         raise KeyboardInterrupt
     if code:
-        print(said.getvalue(), end="", flush=True)
+        print(output.getvalue(), end="", flush=True)
     return code
 
 
 def soak(cycles: int, objects: Sequence[str], seed: int) -> tuple[list[Counts], list[str]]:
-    """Go through the cycles; return the counts after each, and what failed."""
+    """Run the cycles; return the counts after each, and the failed commands."""
     counts, failed = [], []
     start, before = time.monotonic(), tempfile.tempdir
     with tempfile.TemporaryDirectory(prefix="soak-") as name:
-        tempfile.tempdir, scratch = name, Path(name)  # where this process leaves temporary files
+        tempfile.tempdir, scratch = name, Path(name)  # this process's folder for temporary files
         try:
             for index in range(cycles):
                 rng = np.random.default_rng([seed, index])
@@ -144,7 +143,7 @@ def soak(cycles: int, objects: Sequence[str], seed: int) -> tuple[list[Counts], 
                 failed += [f"cycle {index}: {f}" for f in cycle(rng, objects, thorough=thorough)]
                 counts.append(count(scratch))
                 if index == 0 or (index + 1) % max(1, cycles // 25) == 0:
-                    say_row(index + 1, time.monotonic() - start, counts[-1])
+                    print_row(index + 1, time.monotonic() - start, counts[-1])
         except KeyboardInterrupt:
             print("interrupted", flush=True)
         finally:
@@ -152,7 +151,7 @@ def soak(cycles: int, objects: Sequence[str], seed: int) -> tuple[list[Counts], 
     return counts, failed
 
 
-def say_row(cycles: int, seconds: float, counts: Counts) -> None:
+def print_row(cycles: int, seconds: float, counts: Counts) -> None:
     if cycles == 1:
         print("| cycles | seconds | memory [MB] | python threads | threads | files | temporary |")
         print("|---|---|---|---|---|---|---|")
@@ -174,7 +173,7 @@ def growth(counts: Sequence[Counts]) -> dict[str, tuple[float, float]]:
 
 
 def faults_of(counts: Sequence[Counts]) -> list[str]:
-    """Say what has accumulated."""
+    """Return a sentence for each resource that accumulated."""
     faults = []
     for name, (first, last) in growth(counts).items():
         allowed = first * (1.0 + _GROWTH) if name == "memory" else first

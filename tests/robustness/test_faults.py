@@ -1,4 +1,4 @@
-"""Libraries that fail in the middle lose nothing that was finished, and no grasp is believed."""
+"""Failing libraries: finished files are kept, and no grasp is accepted without a solution."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,30 +8,31 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from kills import COMMANDS, Undisturbed, files_in, half_written
+from kills import COMMANDS, Uninterrupted, files_in, half_written
 from scipy.optimize import OptimizeResult
 
-from lis_grasp import ForceClosureSampler, Hand
+from lis_grasp import ForceClosureSampler, Grasp, Hand
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.force_closure import is_force_closure, min_weight, resisted_force
 from lis_grasp.simulation.lift_scene import LiftScene
 from lis_grasp.simulation.simulate_lift import simulate_lift
 
+BOX = trimesh.creation.box((0.05, 0.05, 0.08))
 RUN = COMMANDS["run"].split()
 
 CHECKER = "lis_grasp.hands.collision.HandCollisionChecker"
-# What stages finish, one after the other.
+# Files of finished stages, one after the other.
 TOUCHED = {"touches.jsonl"}
-FELT = {*TOUCHED, "contacts.ply"}
-ESTIMATED = {*FELT, "surface.ply"}
-# What fails, after how many good calls, and what must be finished by then.
+EXPLORED = {*TOUCHED, "contacts.ply"}
+ESTIMATED = {*EXPLORED, "surface.ply"}
+# The function that fails, after how many good calls, and the files finished by then.
 FAULTS = {
     "FCL while touching": (
         f"{CHECKER}.nearest",
         12,
         TOUCHED,
     ),
-    "meshing": ("lis_grasp.pipeline.stages.extract_mesh", 0, FELT),
+    "meshing": ("lis_grasp.pipeline.stages.extract_mesh", 0, EXPLORED),
     "FCL at a grasp": (
         f"{CHECKER}.first_collision",
         3,
@@ -44,10 +45,10 @@ FAULTS = {
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Uninterrupted:
     folder = tmp_path_factory.mktemp("plain")
     assert main([*RUN, "--output", str(folder)]) == 0
-    return Undisturbed(files_in(folder), 0.0)
+    return Uninterrupted(files_in(folder), 0.0)
 
 
 def _failing_after(calls: int, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -65,8 +66,8 @@ def _failing_after(calls: int, function: Callable[..., Any]) -> Callable[..., An
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_failed_run_leaves_whole_files_and_is_taken_up_again(
-    fault: str, plain: Undisturbed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_failed_run_leaves_complete_files_and_can_be_resumed(
+    fault: str, plain: Uninterrupted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target, calls, finished = FAULTS[fault]
     with monkeypatch.context() as patch:
@@ -80,7 +81,7 @@ def test_a_failed_run_leaves_whole_files_and_is_taken_up_again(
 
 
 @pytest.mark.parametrize("status", [1, 4])  # the limit of iterations; numerical difficulties
-def test_where_the_solver_gives_up_no_grasp_is_believed(
+def test_without_a_solution_of_the_solver_no_grasp_is_accepted(
     status: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     points = np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.0], [-0.5, -0.8, 0.0]])
@@ -103,7 +104,7 @@ def _lose_all_numbers(scene: LiftScene) -> None:
 
 
 def _fail_an_assertion(scene: LiftScene) -> None:
-    """Do what one of Drake's own assertions forbids; pydrake raises SystemExit then."""
+    """Violate an assertion of Drake; pydrake raises SystemExit."""
     scene._plant.SetPositions(scene._context, np.full(scene._plant.num_positions(), np.nan))
 
 
@@ -118,15 +119,18 @@ class _FailingSimulator:
         self._simulator.AdvanceTo(time)
 
 
+@pytest.fixture(scope="module")
+def grasp() -> Grasp:
+    rng = np.random.default_rng(0)
+    sampler = ForceClosureSampler(Hand.load("wsg50"))
+    return sampler.sample(BOX, support_height=-0.04, count=1, rng=rng).grasps[0]
+
+
 @pytest.mark.parametrize("at", [0.0, 1.0])
 @pytest.mark.parametrize("fail", [_lose_all_numbers, _fail_an_assertion])
-def test_a_lift_that_diverges_says_so_and_where_the_object_was(
-    fail: Callable[[LiftScene], None], at: float, monkeypatch: pytest.MonkeyPatch
+def test_a_diverged_lift_is_reported_with_the_last_pose_of_the_object(
+    fail: Callable[[LiftScene], None], at: float, grasp: Grasp, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    box, hand = trimesh.creation.box((0.05, 0.05, 0.08)), Hand.load("wsg50")
-    search = ForceClosureSampler(hand).sample(
-        box, support_height=-0.04, count=1, rng=np.random.default_rng(0)
-    )
     build = LiftScene.__init__
 
     def build_to_fail(scene: LiftScene, *arguments: Any, **options: Any) -> None:
@@ -134,7 +138,7 @@ def test_a_lift_that_diverges_says_so_and_where_the_object_was(
         scene._simulator = _FailingSimulator(scene, fail, at)
 
     monkeypatch.setattr(LiftScene, "__init__", build_to_fail)
-    outcome = simulate_lift(box, hand, search.grasps[0], support_height=-0.04)
+    outcome = simulate_lift(BOX, Hand.load("wsg50"), grasp, support_height=-0.04)
     assert outcome.reason == "diverged"
     assert not outcome.lifted
     assert not outcome.held

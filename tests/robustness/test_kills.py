@@ -1,4 +1,4 @@
-"""Commands killed at random moments and run again end as if nothing had happened."""
+"""Killed commands, run again, write the files of an uninterrupted run."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kills import disturbed, half_written, undisturbed
+from kills import half_written, interrupted, uninterrupted
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("verb", "count"), [("explore", 5), ("run", 1), ("compare", 1)])
-def test_a_killed_command_run_again_ends_as_an_undisturbed_one(
+def test_a_killed_command_run_again_writes_the_same_files(
     verb: str, count: int, tmp_path: Path
 ) -> None:
     if verb == "compare":
         pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
-    plain = undisturbed(verb, tmp_path / "plain")
+    plain = uninterrupted(verb, tmp_path / "plain")
     for index in range(count):
         rng = np.random.default_rng([5, index])
-        _, faults = disturbed(verb, tmp_path / f"killed{index}", plain, rng)
+        _, faults = interrupted(verb, tmp_path / f"killed{index}", plain, rng)
         assert not faults
 
 
 @pytest.mark.slow
-def test_a_torn_file_would_be_noticed(tmp_path: Path) -> None:
-    plain = undisturbed("explore", tmp_path)
+def test_an_incomplete_file_is_detected(tmp_path: Path) -> None:
+    plain = uninterrupted("explore", tmp_path)
     assert not half_written(tmp_path, plain)
     log = tmp_path / "touches.jsonl"
     whole = log.read_bytes()

@@ -1,4 +1,4 @@
-"""Many explorations, estimates and grasps in one process leave nothing behind."""
+"""Long use: many runs in one process accumulate no memory, threads or files."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ STEADY = Counts(memory=200.0, python_threads=1, threads=2, files=8, temporary=0)
 
 
 @pytest.mark.slow
-def test_cycles_in_one_process_accumulate_nothing() -> None:
+def test_cycles_in_one_process_accumulate_no_resources() -> None:
     command = [sys.executable, str(Path(soak.__file__)), "--cycles", "21"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
     assert ended.returncode == 0, ended.stdout[-3000:] + ended.stderr[-3000:]
 
 
-def test_what_is_steady_or_ends_with_the_warm_up_is_no_leak() -> None:
+def test_growth_during_the_warm_up_is_not_a_leak() -> None:
     warming = [replace(STEADY, memory=100.0, threads=1)] * 10
     assert not faults_of(warming + [STEADY] * 90)
 
 
-def test_one_cycle_of_much_memory_is_no_leak() -> None:
+def test_one_cycle_of_much_memory_is_not_a_leak() -> None:
     assert not faults_of([*[STEADY] * 99, replace(STEADY, memory=900.0)])
 
 
 @pytest.mark.parametrize(
     ("name", "each"), [("memory", 0.2), ("python_threads", 1), ("threads", 1), ("files", 1)]
 )
-def test_what_every_cycle_adds_is_noticed(name: str, each: float) -> None:
+def test_growth_in_every_cycle_is_detected(name: str, each: float) -> None:
     counts = [replace(STEADY, **{name: getattr(STEADY, name) + k * each}) for k in range(100)]
     assert [fault.split()[0] for fault in faults_of(counts)] == [name]
 
 
-def test_a_temporary_file_that_is_left_is_noticed() -> None:
+def test_a_remaining_temporary_file_is_detected() -> None:
     assert faults_of([*[STEADY] * 99, replace(STEADY, temporary=1)]) == [
         "1 temporary files are left"
     ]
 
 
-def test_a_command_that_fails_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failed_command_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     _, failed = soak.soak(1, ["no_such_object"], 0)
     assert failed
     assert failed[0].startswith("cycle 0: explore no_such_object")

@@ -1,1 +1,1 @@
-"""Hostile input, made by rule and seed, and what the package makes of it."""
+"""Fuzzing: generators of malformed input from seeds, and checks of the results."""

@@ -1,8 +1,8 @@
-"""What a case is: hostile input, made from (kind, seed, index) alone, and the checks on its result.
+"""Fuzzing cases: an input made from (kind, seed, index), and the checks of its result.
 
-A case ends in one of three ways. *Accepted*: the package took it and the result passes its checks.
-*Refused*: a `LisGraspError` of one readable sentence. *Failed*: anything else, that is another
-exception, a warning, a result that fails a check, sound input refused, a hang, or a dead process.
+The verdict on a case is one of three. *Accepted*: the result passes its checks. *Refused*: a
+`LisGraspError` of one readable sentence. *Failed*: anything else, that is another exception, a
+warning, a result that fails a check, an error on valid input, a hang, or a dead process.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import numpy as np
 
 from lis_grasp.exceptions import LisGraspError
 
-# A sentence for a person; more than this is a dump of data.
+# A longer message is a dump of data.
 _LONGEST_MESSAGE = 1000
 
 
 class WrongResultError(AssertionError):
-    """A result that was handed out, and fails a check."""
+    """A result that fails a check."""
 
 
 def require(fine: bool, claim: str) -> None:
@@ -32,16 +32,16 @@ def require(fine: bool, claim: str) -> None:
 
 @dataclass(frozen=True)
 class Case:
-    """One input and what is to be done with it.
+    """One input and the check of its result.
 
     Parameters
     ----------
     text
-        What the input is, in words.
+        Describes the input.
     check
-        Gives the input to the package and checks what comes back.
+        Runs the package on the input and checks the result.
     sound
-        Whether nothing is wrong with the input, so that it must not be refused.
+        Whether the input is valid, so that it must not be refused.
     limit
         Processor time that the case may take [s].
     """
@@ -59,9 +59,9 @@ class Kind:
     Parameters
     ----------
     groups
-        What the cases of this kind are counted by; they take turns.
+        Groups of cases, counted separately; index modulo their number chooses the group.
     make
-        Makes a case from its group, index and random numbers, with a folder to write files to.
+        Makes a case from its group, index and random generator; files go to the folder.
     """
 
     groups: tuple[str, ...]
@@ -72,7 +72,7 @@ class Kind:
 
 
 def case_of(name: str, kinds: Mapping[str, Kind], seed: int, index: int, folder: Path) -> Case:
-    """Return a case; it depends on nothing but its kind, seed and index."""
+    """Return a case, which depends only on its kind, seed and index."""
     rng = np.random.default_rng([seed, list(kinds).index(name), index])
     kind = kinds[name]
     with np.errstate(all="ignore"):
@@ -80,7 +80,7 @@ def case_of(name: str, kinds: Mapping[str, Kind], seed: int, index: int, folder:
 
 
 def verdict_of(case: Case) -> tuple[str, str]:
-    """Carry out a case; return "accepted", "refused CLASS" or "failed CLASS", and the message."""
+    """Run a case; return "accepted", "refused CLASS" or "failed CLASS", and the message."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         verdict, message = _verdict(case)
@@ -101,14 +101,14 @@ def _verdict(case: Case) -> tuple[str, str]:
         if not message or "\n" in message or len(message) > _LONGEST_MESSAGE:
             return "failed UnreadableMessage", f"{len(message)} characters: {message[:200]!r}"
         return f"refused {type(error).__name__}", message
-    # Whatever else escapes is what is looked for.
+    # Any other exception is a finding.
     except Exception as error:  # noqa: BLE001
         return f"failed {type(error).__name__}", _where(error)
     return "accepted", ""
 
 
 def _where(error: BaseException) -> str:
-    """Return the error's message and the innermost line of the package that it passed through."""
+    """Return the error's message and the innermost line of the package in its traceback."""
     place, trace = "", error.__traceback__
     while trace is not None:
         file = Path(trace.tb_frame.f_code.co_filename)

@@ -1,4 +1,4 @@
-"""A small hand with everything that an SDF can say of frames and joints: SDF and YAML, as texts."""
+"""A small test hand with all features of SDF frames and joints, as SDF and YAML texts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contacts of every unhappy kind, for every estimator: fit, ask, and mesh some."""
+"""Fuzzing cases of degenerate contacts: fit each estimator, evaluate it, and mesh some."""
 
 from __future__ import annotations
 
@@ -19,39 +19,39 @@ Generator = np.random.Generator
 # The Gaussian process's time grows with the cube of the contacts: 2 s at this many.
 _MOST = {"gpis": 1000}
 _ENORMOUS = 100_000
-_MESHED = 0.2  # share of cases
+_MESHED = 0.2  # fraction of cases
 _CELLS = 14  # along the largest extent
 
 
 def make(group: str, index: int, rng: Generator, folder: Path) -> Case:
-    """Return contacts on some shape, with up to three things wrong with them, and options."""
+    """Return contacts on a random shape with up to three faults, and options of the estimator."""
     if index < len(ESTIMATORS):
         return _enormous(group, rng)
     base = str(rng.choice(list(_BASES)))
     count = _count(rng, _MOST.get(group, 4000))
     points, normals = _BASES[base](rng, count)
     points *= 0.1
-    told = [f"{len(points)} on a {base}"]
+    described = [f"{len(points)} on a {base}"]
     sound = base in ("sphere", "box", "cylinder", "torus") and 6 <= count <= 1000
     if rng.random() < 0.25:
         factor = _scale(rng)
         points = points * factor
-        told.append(f"times {factor:.3g}")
+        described.append(f"times {factor:.3g}")
         sound &= 1e-3 < factor < 1e4
     if rng.random() < 0.2:
         offset = 10.0 ** rng.uniform(-2, 8 if rng.random() < 0.3 else 2)
         points = points + offset * rng.standard_normal(3)
-        told.append(f"moved by {offset:.3g} m")
-        sound &= offset < 1.0 and len(told) == 2
+        described.append(f"moved by {offset:.3g} m")
+        sound &= offset < 1.0 and len(described) == 2
     faults = rng.choice(list(_FAULTS), size=rng.choice(4, p=[0.4, 0.35, 0.15, 0.1]))
-    # What is no array of numbers comes last, since the other faults work on numbers.
+    # "misshapen" comes last, since the other faults need arrays of numbers.
     for fault in sorted(faults, key=lambda fault: fault == "misshapen"):
         points, normals = _FAULTS[fault](rng, points, normals)
-        told.append(str(fault))
+        described.append(str(fault))
         sound = False
     options = _options(rng)
     if options:
-        told.append(str(options))
+        described.append(str(options))
         sound = False
     meshed, seed = bool(rng.random() < _MESHED), int(rng.integers(2**32))
 
@@ -64,11 +64,11 @@ def make(group: str, index: int, rng: Generator, folder: Path) -> Case:
         if meshed:
             check_mesh(surface)
 
-    return Case(f"{group} of contacts " + ", ".join(told), check, sound)
+    return Case(f"{group} of contacts " + ", ".join(described), check, sound)
 
 
 def _enormous(group: str, rng: Generator) -> Case:
-    """Return more contacts than any hand makes; the Gaussian process is to refuse them."""
+    """Return 100 000 contacts, which the Gaussian process must refuse."""
     contacts = Contacts(*_sphere(rng, _ENORMOUS))
 
     def check() -> None:
@@ -84,9 +84,9 @@ def check_answers(surface: ImplicitSurface, points: FloatArray, rng: Generator) 
     require(bool((bounds[0] <= bounds[1]).all()), "bounds are in order")
     low, high = bounds
     inside = low + rng.random((40, 3)) * (high - low)
-    felt = points[rng.integers(len(points), size=min(20, len(points)))]
+    near = points[rng.integers(len(points), size=min(20, len(points)))]
     far = bounds.mean(axis=0) + 1e3 * (high - low) * rng.standard_normal((5, 3))
-    asked = np.concatenate([inside, felt, far])
+    asked = np.concatenate([inside, near, far])
     for name in ("evaluate", "gradient", "uncertainty"):
         answer = getattr(surface, name)(asked)
         shape = (len(asked), 3) if name == "gradient" else (len(asked),)
@@ -218,7 +218,7 @@ def _units(vectors: FloatArray) -> FloatArray:
 
 
 def _some(rng: Generator, rows: FloatArray) -> npt.NDArray[np.intp]:
-    """Return some of the rows, at least one where there is one."""
+    """Return some row numbers, at least one if there are rows."""
     if not len(rows):
         return np.empty(0, np.intp)
     return rng.integers(len(rows), size=max(1, int(len(rows) * rng.uniform(0, 0.5))))
@@ -230,7 +230,7 @@ def _duplicated(rng: Generator, points: FloatArray, normals: FloatArray) -> _Sur
 
 
 def _contradicted(rng: Generator, points: FloatArray, normals: FloatArray) -> _Surface:
-    """Feel some places again, a hair beside, with another normal."""
+    """Add contacts close to some others, with another normal."""
     again = _some(rng, points)
     size = float(np.abs(points).max(initial=0.0))
     hair = size * 10.0 ** rng.uniform(-15, -2) * rng.standard_normal((len(again), 3))
@@ -261,7 +261,7 @@ def _flattened(rng: Generator, points: FloatArray, normals: FloatArray) -> _Surf
 
 
 def _clustered(rng: Generator, points: FloatArray, normals: FloatArray) -> _Surface:
-    """Draw all but a few contacts together."""
+    """Move most contacts close together."""
     drawn = rng.random((len(points), 1)) < 0.8
     return np.where(drawn, points * 10.0 ** rng.uniform(-12, -1), points), normals
 
@@ -274,14 +274,14 @@ def _spoiled_numbers(rng: Generator, points: FloatArray, normals: FloatArray) ->
 
 
 def _lengthened(rng: Generator, points: FloatArray, normals: FloatArray) -> _Surface:
-    """Make normals of another length: none, a few per cent off, or far off."""
+    """Scale normals: to zero, by a few per cent, or by much."""
     factors = np.ones((len(normals), 1))
     factors[_some(rng, points)] = rng.choice([0.0, 1e-300, 0.995, 1.2, 2.0, 1e200])
     return points, normals * factors
 
 
 def _misshapen(rng: Generator, points: FloatArray, normals: FloatArray) -> _Surface:
-    """Lose a column, a row, or a dimension."""
+    """Change the shape or the type of the arrays."""
     if np.ndim(points) != 2 or np.ndim(normals) != 2:
         return points, normals
     forms = [

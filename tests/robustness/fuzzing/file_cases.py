@@ -1,4 +1,4 @@
-"""Damaged bytes for every reader of the package: what comes back is sound, or a refusal."""
+"""Fuzzing cases of damaged files for every reader of the package."""
 
 from __future__ import annotations
 
@@ -30,39 +30,39 @@ Generator = np.random.Generator
 
 
 def make(group: str, index: int, rng: Generator, folder: Path) -> Case:
-    """Return a file of one reader, damaged, half of those of plain values in their values."""
+    """Return a damaged file for one reader; half of the JSON and YAML files get damaged values."""
     name, content, check = _READERS[group]
     path = folder / name
     if group.startswith("hand"):
         hand, model = write_hand(folder / "hand", group.removeprefix("hand "), rng)
         path = hand if group == "hand yaml" else model
-        damaged, told = damage_bytes(rng, path.read_bytes())
+        damaged, fault = damage_bytes(rng, path.read_bytes())
         path.write_bytes(damaged)
-        return Case(f"{path.name}, {told}", lambda: check_loaded(hand))
+        return Case(f"{path.name}, {fault}", lambda: check_loaded(hand))
     whole = content()
     sound = bool(rng.random() < 0.01)
     if sound:
-        damaged, told = whole, "nothing wrong"
+        damaged, fault = whole, "nothing wrong"
     elif name.endswith((".json", ".jsonl", ".yaml")) and rng.random() < 0.5:
-        damaged, told = _damage_values(rng, name, whole)
+        damaged, fault = _damage_values(rng, name, whole)
     else:
-        damaged, told = damage_bytes(rng, whole)
+        damaged, fault = damage_bytes(rng, whole)
     path.write_bytes(damaged)
-    return Case(f"{name}, {told}", lambda: check(path), sound)
+    return Case(f"{name}, {fault}", lambda: check(path), sound)
 
 
 def _damage_values(rng: Generator, name: str, whole: bytes) -> tuple[bytes, str]:
     if name.endswith(".yaml"):
-        plain, told = damage_plain(rng, yaml.safe_load(whole))
-        return yaml.safe_dump(plain, allow_unicode=True).encode(), told
+        plain, fault = damage_plain(rng, yaml.safe_load(whole))
+        return yaml.safe_dump(plain, allow_unicode=True).encode(), fault
     if name.endswith(".json"):
-        plain, told = damage_plain(rng, json.loads(whole))
-        return json.dumps(plain).encode(), told
+        plain, fault = damage_plain(rng, json.loads(whole))
+        return json.dumps(plain).encode(), fault
     lines = whole.splitlines(keepends=True)
     place = int(rng.integers(len(lines)))
-    plain, told = damage_plain(rng, json.loads(lines[place]))
+    plain, fault = damage_plain(rng, json.loads(lines[place]))
     lines[place] = json.dumps(plain).encode() + b"\n"
-    return b"".join(lines), told
+    return b"".join(lines), fault
 
 
 def _contacts() -> Contacts:
@@ -80,7 +80,7 @@ def _contacts() -> Contacts:
 
 
 def _saved(save: Callable[[Path], object], name: str) -> bytes:
-    """Return what `save` writes."""
+    """Return the bytes that `save` writes."""
     import tempfile
 
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
@@ -221,7 +221,7 @@ def _check_touches(path: Path) -> None:
         require(isinstance(outcome.moved, float | int), "moved is a number")
         require(bool(np.isfinite(outcome.moved)), "moved is finite")
     known = TouchLog(path, {"object": "box", "seed": 0}).resume()
-    require(len(known) <= len(outcomes), "nothing is made up")
+    require(len(known) <= len(outcomes), "no outcome is invented")
 
 
 def _check_motion(path: Path) -> None:
@@ -260,7 +260,7 @@ _READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], None]]] = {
 
 
 def _rows_reader() -> dict[str, Any]:
-    """Return the reader of a study's rows, where pyarrow is installed."""
+    """Return the reader of a study's rows, if pyarrow is installed."""
     try:
         import pyarrow  # noqa: F401
     except ModuleNotFoundError:

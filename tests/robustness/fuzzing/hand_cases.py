@@ -1,4 +1,4 @@
-"""Hands with mangled URDF, SDF or YAML, through `Hand.load` and `lis-grasp doctor`'s checks."""
+"""Fuzzing cases of damaged URDF, SDF and YAML: `Hand.load` and the checks of `doctor`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lis_grasp.hands.shipped_models import model_path
 
 Generator = np.random.Generator
 
-# One body is a mesh, so that its file can be mangled too.
+# One body is a mesh, so that its file can be damaged too.
 _SDF = SDF.replace("<pose>0.01 0 0 0 0 0.3</pose>", "").replace(
     "<box><size>0.06 0.05 0.04</size></box>",
     "<mesh><uri>body.stl</uri><scale>1 1 1</scale></mesh>",
@@ -27,7 +27,7 @@ _SDF = SDF.replace("<pose>0.01 0 0 0 0 0.3</pose>", "").replace(
 
 
 def write_hand(folder: Path, group: str, rng: Generator) -> tuple[Path, Path]:
-    """Write a sound hand; return its YAML and its URDF or SDF, either with a mesh beside."""
+    """Write a valid hand with a mesh file; return its YAML and its URDF or SDF."""
     folder.mkdir(parents=True, exist_ok=True)
     trimesh.creation.box(extents=(0.06, 0.05, 0.04)).export(folder / "body.stl")
     if group == "sdf" or (group == "yaml" and rng.random() < 0.3):
@@ -49,23 +49,23 @@ def make(group: str, index: int, rng: Generator, folder: Path) -> Case:
     file = hand if group == "yaml" else model
     ways = [str(way) for way in _SPECIAL if group in _SPECIAL[way][0]]
     if rng.random() < 0.02:
-        told, sound = "nothing wrong", True
+        fault, sound = "nothing wrong", True
     elif rng.random() < 0.25:
-        told, sound = str(rng.choice(ways)), False
-        _SPECIAL[told][1](file)
+        fault, sound = str(rng.choice(ways)), False
+        _SPECIAL[fault][1](file)
     elif rng.random() < 0.15:
-        content, told = damage_bytes(rng, file.read_bytes())
+        content, fault = damage_bytes(rng, file.read_bytes())
         sound = False
         file.write_bytes(content)
     elif group == "yaml":
-        plain, told = damage_plain(rng, yaml.safe_load(file.read_text()))
+        plain, fault = damage_plain(rng, yaml.safe_load(file.read_text()))
         sound = False
         file.write_text(yaml.safe_dump(plain, allow_unicode=True))
     else:
-        text, told = damage_xml(rng, file.read_text())
+        text, fault = damage_xml(rng, file.read_text())
         sound = False
         file.write_text(text)
-    return Case(f"{file.name} with {told}", lambda: check_loaded(hand), sound)
+    return Case(f"{file.name} with {fault}", lambda: check_loaded(hand), sound)
 
 
 def check_loaded(path: Path) -> None:
@@ -118,7 +118,7 @@ _FILE_ENTITY = (
     '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY e SYSTEM "file:///etc/passwd">]>'
     '<robot name="r"><link name="a">&e;</link></robot>'
 )
-# Lists that name each other: a few hundred bytes, 9^11 words when written out.
+# Nested aliases: a few hundred bytes that expand to 9^11 words.
 _ALIASES = ", ".join(
     ["&a0 [x, x, x, x, x, x, x, x, x]"]
     + [f"&a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)]
@@ -144,7 +144,7 @@ def _without_model(file: Path) -> None:
 
 
 def _aliased(key: str) -> Callable[[Path], None]:
-    """Give a key of the YAML a value that is enormous when written out."""
+    """Give a key of the YAML a value that expands to an enormous list."""
 
     def act(file: Path) -> None:
         content = yaml.safe_load(file.read_text())

@@ -1,9 +1,9 @@
-"""All kinds of cases by name."""
+"""Kinds of fuzzing cases by name."""
 
 from fuzzing import contact_cases, file_cases, hand_cases, mesh_cases
 from fuzzing.cases import Kind
 
-# The order numbers the kinds, and with it the random numbers of their cases: add at the end.
+# The position of a kind is part of its seeds: add new kinds at the end.
 KINDS: dict[str, Kind] = {
     "contacts": contact_cases.KIND,
     "meshes": mesh_cases.KIND,

@@ -1,4 +1,4 @@
-"""Meshes as no one should export them, through `shapes.load`: mended, or refused."""
+"""Fuzzing cases of damaged meshes: `shapes.load` repairs or refuses them."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ _Triangles = tuple[FloatArray, IntArray]
 
 
 def make(group: str, index: int, rng: Generator, folder: Path) -> Case:
-    """Return a mesh file of one format, with up to three things wrong with the mesh."""
+    """Return a mesh file of one format with up to three faults."""
     base = str(rng.choice(list(_BASES)))
     vertices, faces = _BASES[base](rng)
     vertices = vertices + rng.standard_normal(3) * rng.choice([0.0, 0.1, 10.0])
-    told, sound = [base], base != "soup"
+    described, sound = [base], base != "soup"
     faults = rng.choice(list(_FAULTS), size=rng.choice(4, p=[0.1, 0.4, 0.3, 0.2]))
     # Faces beyond the vertices come last, since the other faults look vertices up.
     for fault in sorted(faults, key=lambda fault: fault == "beyond"):
         vertices, faces = _FAULTS[fault](rng, vertices, faces)
-        told.append(str(fault))
+        described.append(str(fault))
         sound = False
     units = "m"
     if rng.random() < 0.1:
         units = str(rng.choice([*shapes.UNITS, "furlong"]))
-        told.append(f"in {units}")
+        described.append(f"in {units}")
         sound = False
     path = folder / f"mesh.{group}"
     path.write_bytes(_WRITERS[group](vertices, faces))
     if rng.random() < 0.04:
         other = str(rng.choice([".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".step", ""]))
         path = path.rename(path.with_suffix(other))
-        told.append(f"named {other or 'without ending'}")
+        described.append(f"named {other or 'without ending'}")
         sound = False
 
     def check() -> None:
         check_shape(shapes.load(path, units), vertices * shapes.UNITS[units])
 
-    return Case(f"{group} of a " + ", ".join(told), check, sound)
+    return Case(f"{group} of a " + ", ".join(described), check, sound)
 
 
 def check_shape(shape: shapes.Shape, given: FloatArray | None = None) -> None:
-    """Require a closed, outward mesh with a volume, no larger than what was in the file."""
+    """Require a closed, outward mesh with a volume, no larger than the mesh in the file."""
     mesh = shape.mesh
     require(bool(np.isfinite(mesh.vertices).all()), "vertices are finite")
     require(bool(mesh.is_watertight), "mesh is closed")
@@ -62,7 +62,7 @@ def check_shape(shape: shapes.Shape, given: FloatArray | None = None) -> None:
         within = (mesh.vertices >= given.min(axis=0) - slack) & (
             mesh.vertices <= given.max(axis=0) + slack
         )
-        require(bool(within.all()), "mending stays within the file's own bounds")
+        require(bool(within.all()), "the repair stays within the file's own bounds")
 
 
 def _solid(mesh: trimesh.Trimesh) -> _Triangles:
@@ -91,7 +91,7 @@ def _built_in(rng: Generator) -> _Triangles:
 
 
 def _bodies(rng: Generator) -> _Triangles:
-    """Place several bodies: apart, touching, or running into each other."""
+    """Place several bodies: apart, touching, or intersecting."""
     parts = [
         trimesh.creation.box(extents=(0.04, 0.05, 0.06)),
         trimesh.creation.icosphere(subdivisions=2, radius=0.03),
@@ -131,7 +131,7 @@ def _open(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangles:
 
 
 def _cut(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangles:
-    """Cut everything away on one side of a plane."""
+    """Remove the faces on one side of a plane."""
     heights = vertices[faces].mean(axis=1) @ rng.standard_normal(3)
     return vertices, faces[heights > np.quantile(heights, rng.uniform(0, 0.9))] if len(
         faces
@@ -157,7 +157,7 @@ def _finned(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangles
 
 
 def _slivers(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangles:
-    """Let faces name a vertex twice, or lie on a line."""
+    """Add faces with a repeated vertex, or with collinear vertices."""
     flat = faces[_some(rng, len(faces))].copy()
     if rng.random() < 0.5:
         flat[:, 2] = flat[:, 0]
@@ -168,7 +168,7 @@ def _slivers(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangle
 
 
 def _crumpled(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangles:
-    """Move vertices until the surface runs through itself."""
+    """Move vertices at random, up to self-intersection."""
     size = float(np.nanmax(np.ptp(vertices, axis=0), initial=0.0))
     return vertices + size * 10.0 ** rng.uniform(-9, 0) * rng.standard_normal(vertices.shape), faces
 
@@ -191,7 +191,7 @@ def _far(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangles:
 
 
 def _welded(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangles:
-    """Let vertices coincide that should not."""
+    """Move some vertices to one place."""
     moved = vertices.copy()
     moved[_some(rng, len(vertices))] = vertices[_some(rng, len(vertices))[0]]
     return moved, faces
@@ -205,7 +205,7 @@ def _spoiled(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangle
 
 
 def _beyond(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangles:
-    """Let a face name a vertex that is not there."""
+    """Give a face an index outside of the vertices."""
     wrong = faces.copy()
     if len(wrong):
         wrong[rng.integers(len(wrong)), 0] = rng.choice([-1, len(vertices), 2**31 - 1])
@@ -217,7 +217,7 @@ def _emptied(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangle
 
 
 def _quilted(rng: Generator, vertices: FloatArray, faces: IntArray) -> _Triangles:
-    """Give every triangle vertices of its own, a hair apart."""
+    """Give every triangle its own vertices, slightly moved."""
     corners = vertices[faces.ravel()]
     hair = 10.0 ** rng.uniform(-12, -4) * rng.standard_normal(corners.shape)
     return corners + hair if len(corners) else vertices, np.arange(faces.size).reshape(-1, 3)
@@ -265,7 +265,7 @@ def _ply(vertices: FloatArray, faces: IntArray) -> bytes:
 
 
 def _stl(vertices: FloatArray, faces: IntArray) -> bytes:
-    """Return a binary STL; a corner that is not there becomes the first one."""
+    """Return a binary STL; an invalid index becomes 0."""
     rows = np.zeros(len(faces), dtype=[("n", "<f4", (3,)), ("c", "<f4", (3, 3)), ("a", "<u2")])
     with np.errstate(over="ignore"):
         rows["c"] = vertices[np.where(faces < len(vertices), faces, 0)]

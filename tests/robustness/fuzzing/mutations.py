@@ -1,4 +1,4 @@
-"""Ways to damage bytes, trees of XML, and plain values as YAML and JSON hold them."""
+"""Mutations of bytes, XML trees, and plain values of YAML and JSON."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ NUMBERS = (
 
 
 def damage_bytes(rng: Generator, content: bytes) -> tuple[bytes, str]:
-    """Return content with one to three things done to it, and what."""
-    told = []
+    """Return content with one to three mutations, and their names."""
+    faults = []
     for name in rng.choice(list(_BYTES), size=rng.choice([1, 1, 1, 2, 3])):
         content = _BYTES[name](rng, content)
-        told.append(str(name))
-    return content, ", ".join(told)
+        faults.append(str(name))
+    return content, ", ".join(faults)
 
 
 def _spot(rng: Generator, content: bytes) -> int:
-    """Return a place, half of the time one near the beginning, where headers are."""
+    """Return a random place; half of the time near the beginning, where headers are."""
     largest = len(content) + 1
     return int(rng.integers(min(largest, 400) if rng.random() < 0.5 else largest))
 
@@ -98,7 +98,7 @@ def _deepen(rng: Generator, content: bytes) -> bytes:
 
 
 def _recode(rng: Generator, content: bytes) -> bytes:
-    """Write text as UTF-16, with another mark in front, or with other ends of lines."""
+    """Encode as UTF-16, add a byte order mark, or change the line ends."""
     draw = rng.integers(4)
     if draw == 0:
         return content.decode("latin-1").encode("utf-16")
@@ -128,8 +128,8 @@ PLAIN: tuple[Any, ...] = (
 
 
 def damage_plain(rng: Generator, content: Any) -> tuple[Any, str]:
-    """Return a copy of a tree of plain values with one to three values changed, and what."""
-    content, told = copy.deepcopy(content), []
+    """Return a copy of a tree of plain values with one to three changes, and their names."""
+    content, faults = copy.deepcopy(content), []
     for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
         places = list(_places(content))
         if not places:
@@ -138,22 +138,22 @@ def damage_plain(rng: Generator, content: Any) -> tuple[Any, str]:
         draw = rng.integers(5)
         if draw == 0:
             del holder[key]
-            told.append(f"no {key}")
+            faults.append(f"no {key}")
         elif draw == 1:
             other, there = places[rng.integers(len(places))]
             holder[key] = copy.deepcopy(other[there])
-            told.append(f"{key} is {there}")
+            faults.append(f"{key} is {there}")
         elif draw == 2 and isinstance(holder, dict):
             holder[f"{key}x"] = holder.pop(key)
-            told.append(f"{key} misspelt")
+            faults.append(f"{key} misspelt")
         else:
             holder[key] = copy.deepcopy(PLAIN[rng.integers(len(PLAIN))])
-            told.append(f"{key} is {str(holder[key])[:20]!r}")
-    return content, ", ".join(told)
+            faults.append(f"{key} is {str(holder[key])[:20]!r}")
+    return content, ", ".join(faults)
 
 
 def _places(content: Any) -> Iterator[tuple[Any, Any]]:
-    """Go through all values in mappings and lists: what holds each, and its key there."""
+    """Yield the container and key of each value in nested mappings and lists."""
     keys = list(content) if isinstance(content, dict) else []
     keys = list(range(len(content))) if isinstance(content, list) else keys
     for key in keys:
@@ -162,8 +162,8 @@ def _places(content: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def damage_xml(rng: Generator, text: str) -> tuple[str, str]:
-    """Return XML with one to three elements or attributes changed, and what."""
-    root, told = ET.fromstring(text), []
+    """Return XML with one to three changed elements or attributes, and the changes' names."""
+    root, faults = ET.fromstring(text), []
     for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
         elements = list(root.iter())
         element = elements[rng.integers(len(elements))]
@@ -171,20 +171,20 @@ def damage_xml(rng: Generator, text: str) -> tuple[str, str]:
         draw = rng.integers(6)
         if draw == 0 and element in parents:
             parents[element].remove(element)
-            told.append(f"no {element.tag}")
+            faults.append(f"no {element.tag}")
         elif draw == 1 and element in parents:
             parents[element].append(copy.deepcopy(element))
-            told.append(f"{element.tag} twice")
+            faults.append(f"{element.tag} twice")
         elif draw == 2 and element in parents:
             element.tag = str(elements[rng.integers(len(elements))].tag)
-            told.append(f"something as {element.tag}")
+            faults.append(f"something as {element.tag}")
         elif draw == 3 and element in parents:
             other = elements[rng.integers(len(elements))]
             other.append(copy.deepcopy(element))
-            told.append(f"{element.tag} in {other.tag}")
+            faults.append(f"{element.tag} in {other.tag}")
         else:
-            told.append(_damage_values(rng, element))
-    return ET.tostring(root, encoding="unicode"), ", ".join(told)
+            faults.append(_damage_values(rng, element))
+    return ET.tostring(root, encoding="unicode"), ", ".join(faults)
 
 
 def _damage_values(rng: Generator, element: ET.Element) -> str:

@@ -1,4 +1,4 @@
-"""Cases carried out in processes of their own, so that a hang or a crash is one case's, counted."""
+"""Worker processes for fuzzing cases: a hang or a crash ends one case only."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from pathlib import Path
 from fuzzing.cases import case_of, verdict_of
 from fuzzing.kinds import KINDS
 
-# A process that does not answer for so long hangs [s]. Slow cases are told by `Case.limit`, which
-# is of processor time: other work on the machine does not count.
+# A process without an answer for this time hangs [s]. `Case.limit` detects slow cases; it is
+# processor time, so other work on the machine does not count.
 _KILLED_AFTER = 600.0
-# Address space of a process: an input of a few kilobytes has no business with more.
+# Address space of a process [bytes]: inputs of a few kilobytes need far less.
 _MEMORY = 6 * 2**30
 
 Job = tuple[str, int, int]  # kind, seed, index
@@ -25,7 +25,7 @@ Job = tuple[str, int, int]  # kind, seed, index
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a case; see `fuzzing.cases` for verdicts. Seconds of processor time."""
+    """The verdict on a case, see `fuzzing.cases`, and its processor time [s]."""
 
     kind: str
     index: int
@@ -39,10 +39,10 @@ class Result:
 
 
 def run_one(kind: str, seed: int, index: int, folder: Path) -> Result:
-    """Carry out one case in this process."""
+    """Run one case in this process."""
     start = time.process_time()
     case = case_of(kind, KINDS, seed, index, folder)
-    # A case that spends far more than it may is ended by the system, and counted as a crash.
+    # The system kills a case far beyond its limit, which counts as a crash.
     before = resource.getrlimit(resource.RLIMIT_CPU)
     most = int(time.process_time()) + 6 * int(case.limit)
     resource.setrlimit(resource.RLIMIT_CPU, (most, before[1]))
@@ -57,7 +57,7 @@ def run_one(kind: str, seed: int, index: int, folder: Path) -> Result:
 
 
 def run_cases(jobs: Iterable[Job], processes: int) -> Iterator[Result]:
-    """Carry out cases in processes; give results as they come."""
+    """Run cases in worker processes; yield results as they arrive."""
     waiting = iter(jobs)
     workers = [_Worker() for _ in range(processes)]
     busy = [worker for worker in workers if worker.take(next(waiting, None))]
@@ -77,7 +77,7 @@ def run_cases(jobs: Iterable[Job], processes: int) -> Iterator[Result]:
 
 @dataclass
 class _Worker:
-    """A process that carries out one case after the other, and is replaced when it dies."""
+    """A process that runs one case after the other, and is replaced when it dies."""
 
     job: Job | None = None
     since: float = 0.0
@@ -110,7 +110,7 @@ class _Worker:
                 answer = self.connection.recv()
                 if isinstance(answer, Result):
                     return answer
-                self.since = time.monotonic()  # it has only now come up
+                self.since = time.monotonic()  # the process has just started
                 return None
         except (EOFError, ConnectionResetError):
             self.process.join()
