@@ -1,13 +1,13 @@
-"""How estimators slow down with the number of contacts: fit, one contact more, field, mesh, memory.
+"""Cost of estimators against the number of contacts: fit, added contact, field, mesh, memory.
 
     python benchmarks/bench_estimators.py
     pip install lis-grasp[baselines]      # for offset_gp (scikit-learn) and poisson (MeshLab)
 
 Contacts are spread evenly over the mallet at 0.20 m. Times are the best of several runs on one
-thread; the field is asked at 200 000 points within a spacing of the surface, the mesh has cells of
-1/64 of the object, memory is what fitting holds at its peak (tracemalloc, NumPy's arrays). An
-estimator whose fit took more than the limit is not tried with more contacts. Last, the k of
-time ~ N^k between the smallest and the largest N, by least squares on logarithms.
+thread. The field is evaluated at 200 000 points within a spacing of the surface; the mesh has cells
+of 1/64 of the object; memory is the peak while fitting (tracemalloc, NumPy's arrays). An estimator
+whose fit takes longer than the limit gets no more contacts. The last line of an estimator has the k
+of time ~ N^k, by least squares on logarithms.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def even_contacts(count: int) -> Contacts:
 
 
 def best_time(function: Callable[[], object], budget: float = 0.5) -> float:
-    """Return the least time of a call [s], of as many as fit into the budget, one at least."""
+    """Return the shortest time of a call [s], of as many calls as fit into the budget."""
     least, spent = np.inf, 0.0
     while spent < budget:
         start = time.perf_counter()

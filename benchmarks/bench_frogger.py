@@ -1,12 +1,12 @@
-"""Grasps of lis_grasp and of FRoGGeR side by side: the same hand, objects, measures and lift trial.
+"""Compare grasps of lis_grasp and of FRoGGeR: same hand, objects, measures and lift simulation.
 
     python benchmarks/bench_frogger.py --frogger FOLDER --frogger-python PYTHON \\
         [box cylinder scan.ply ...] [--seeds 5] [--scenes table,free] [--output rows.jsonl]
 
 FOLDER is a clone of FRoGGeR (github.com/alberthli/frogger; Li, Culbertson, Burdick and Ames, IROS
-2023), PYTHON the interpreter of an environment with what it needs. Without them lis_grasp runs
-alone. Rows are appended to the output, and the tables are of all rows in it. docs/frogger.md says
-what is compared.
+2023), PYTHON the interpreter of an environment with its dependencies. Without them lis_grasp runs
+alone. Rows are appended to the output, and the tables are of all rows in it. docs/frogger.md
+describes the comparison.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from lis_grasp.grasping.inverse_kinematics import PadTargets, reach
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
-from lis_grasp.simulation.simulate_lift import LiftOptions, prove_grasp
+from lis_grasp.simulation.simulate_lift import LiftOptions, simulate_lift
 
-OURS, THEIRS, MENDED = "lis_grasp", "FRoGGeR", "FRoGGeR, mended"
-PLANNERS = (OURS, THEIRS, MENDED)
+OURS, THEIRS, FIXED = "lis_grasp", "FRoGGeR", "FRoGGeR, fixed"
+PLANNERS = (OURS, THEIRS, FIXED)
 SCENES = ("table", "free")
 # FRoGGeR's palm link begins at the wrist, ours where the fingers begin, along the same axes [m].
 _WRIST_TO_FINGERS = 0.095
 _OPENING = 0.02  # [m] of the pads before they close, as in ForceClosureSampler
 _SAME_HAND = 1e-4  # [m] within which the fingertips of both models must agree
-# As good as no approach: the trial begins with the opened hand where it grasps.
+# Practically no approach: the trial begins with the opened hand at the grasp.
 _IN_PLACE = LiftOptions(standoff=0.002, approach_time=0.05)
 
 
@@ -62,10 +62,10 @@ def main() -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     hand = Hand.load("allegro")
     if options.frogger is None:
-        print("FRoGGeR is left out: say --frogger FOLDER for a clone of it", file=sys.stderr)
+        print("FRoGGeR is left out: give a clone of it with --frogger FOLDER", file=sys.stderr)
     for name in options.objects:
         mesh = shapes.find(name).mesh
-        # FRoGGeR first: where it does not run, the benchmark ends at once, and says why.
+        # FRoGGeR first: if it cannot run, the benchmark ends at once with the reason.
         rows = their_rows(hand, mesh, options) if options.frogger else []
         rows += our_rows(hand, mesh, options)
         with options.output.open("a") as file:
@@ -90,13 +90,13 @@ def our_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -> 
                 continue
             row["found"] = bool(search.grasps)
             if search.grasps:
-                row |= judge(hand, mesh, search.grasps[0], scene, options)
+                row |= evaluate(hand, mesh, search.grasps[0], scene, options)
             rows.append(row)
     return rows
 
 
 def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -> list[dict]:
-    modes = [f"{s}{m}" for s in options.scenes.split(",") for m in ("", " mended")]
+    modes = [f"{s}{m}" for s in options.scenes.split(",") for m in ("", " fixed")]
     with tempfile.TemporaryDirectory() as folder:
         job_file, result_file = Path(folder) / "job.json", Path(folder) / "result.json"
         mesh.export(Path(folder) / "object.ply")
@@ -118,7 +118,7 @@ def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -
         except OSError as error:
             sys.exit(f"--frogger-python must be an interpreter that runs: {error}")
         if process.returncode:
-            last = (process.stderr.strip().splitlines() or ["it said nothing"])[-1]
+            last = (process.stderr.strip().splitlines() or ["no message"])[-1]
             sys.exit(
                 f"FRoGGeR of {options.frogger} must run with {options.frogger_python}; it ended"
                 f" with: {last}"
@@ -126,16 +126,18 @@ def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -
         result = json.loads(result_file.read_text())
     rows = []
     for mode, plans in result["plans"].items():
-        scene, mended = mode.split()[0], mode.endswith("mended")
+        scene, fixed = mode.split()[0], mode.endswith("fixed")
         for plan in plans:
-            row = {"planner": MENDED if mended else THEIRS, "scene": scene}
+            row = {"planner": FIXED if fixed else THEIRS, "scene": scene}
             row |= {key: plan[key] for key in ("seed", "cpu", "wall", "starts", "found")}
             row["preparation"] = result["preparation"]
             if plan["found"]:
-                believed = trimesh.proximity.closest_point(mesh, np.array(plan["believed"]))[1]
-                row["believed_off"] = float(np.median(believed))
+                planned = trimesh.proximity.closest_point(mesh, np.array(plan["planned_contacts"]))[
+                    1
+                ]
+                row["planned_off"] = float(np.median(planned))
                 grasp = their_grasp(hand, mesh, plan, options.friction)
-                row |= judge(hand, mesh, grasp, scene, options)
+                row |= evaluate(hand, mesh, grasp, scene, options)
             rows.append(row)
     return rows
 
@@ -143,7 +145,7 @@ def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -
 def their_grasp(hand: Hand, mesh: trimesh.Trimesh, plan: dict, friction: float) -> Grasp:
     """Return a posture of FRoGGeR's model as a grasp of ours; contacts are moved onto the mesh.
 
-    FRoGGeR plans neither an opened posture nor an approach: they are chosen as ours are.
+    FRoGGeR plans neither an opened posture nor an approach: they are chosen as for our grasps.
     """
     X_PL = np.eye(4)
     X_PL[2, 3] = _WRIST_TO_FINGERS
@@ -178,10 +180,10 @@ def their_grasp(hand: Hand, mesh: trimesh.Trimesh, plan: dict, friction: float) 
     )
 
 
-def judge(
+def evaluate(
     hand: Hand, mesh: trimesh.Trimesh, grasp: Grasp, scene: str, options: argparse.Namespace
 ) -> dict:
-    """Return the quality of a grasp on the true object and, above a table, how its lifts end."""
+    """Return the quality of a grasp on the true object and, above a table, the results of lifts."""
     points, normals, friction = grasp.contact_points, grasp.contact_normals, options.friction
     floor = float(mesh.bounds[0, 2])
     checker = HandCollisionChecker(
@@ -198,7 +200,7 @@ def judge(
     }
     if scene == "table":
         for trial in (LiftOptions(), _IN_PLACE):
-            outcome = prove_grasp(
+            outcome = simulate_lift(
                 mesh,
                 hand,
                 grasp,
@@ -209,7 +211,7 @@ def judge(
             )
             row.setdefault("lift", outcome.reason)
             row["lift_in_place"] = outcome.reason
-            if outcome.held:  # then it needs no second trial, without the approach
+            if outcome.held:  # no second trial, without the approach, is needed
                 break
     return row
 
@@ -241,9 +243,9 @@ def print_tables(rows: list[dict]) -> None:
             reasons = Counter(row[key] for row in mine if key in row)
             if reasons:
                 print(f"{planner}, {key}: {dict(reasons)}")
-        off = [row["believed_off"] for row in mine if "believed_off" in row]
+        off = [row["planned_off"] for row in mine if "planned_off" in row]
         if off:
-            print(f"{planner}: contacts that it plans with lie {1e3 * np.median(off):.1f} mm off")
+            print(f"{planner}: planned contacts are {1e3 * np.median(off):.1f} mm off the surface")
 
 
 def line(rows: list[dict]) -> str:

@@ -1,8 +1,8 @@
-"""How fast grasps are found and judged, on one core: rates of each step, and the time to a grasp.
+"""Speed of grasp planning on one core: rates of each step, and the time to a grasp.
 
     OMP_NUM_THREADS=1 python benchmarks/bench_grasp.py
 
-Times are processor seconds, so that other work on the machine counts less.
+Times are processor seconds, which depend less on other work of the machine.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def poses(rng: np.random.Generator) -> None:
 
 
 def antipodal(rng: np.random.Generator) -> None:
-    """Check poses of a jaw, every link, against a mesh of about 10 000 triangles."""
+    """Time collision checks of a parallel-jaw gripper against a mesh of about 10 000 triangles."""
     mesh = trimesh.creation.uv_sphere(0.04, count=(50, 50))
     mesh.apply_scale([1.0, 0.7, 1.3])
     hand = Hand.load("wsg50")
@@ -86,7 +86,7 @@ def antipodal(rng: np.random.Generator) -> None:
     X[:, :3, 3] = -(X[:, :3, :3] @ center_H) + rng.normal(scale=0.02, size=(len(X), 3))
     seconds = timed(lambda: [checker.first_collision(pose, hand.upper) for pose in X])
     print(
-        f"jaw poses checked by FCL, every link, {len(mesh.faces)} triangles:"
+        f"gripper poses checked by FCL, every link, {len(mesh.faces)} triangles:"
         f" {len(X) / seconds:.0f} a second"
     )
 
@@ -115,7 +115,7 @@ def searches(hand: Hand, count: int) -> None:
 
 
 def timed(work: Callable[[], object]) -> float:
-    """Return the least processor time of three tries [s]."""
+    """Return the shortest processor time of three calls [s]."""
     times = []
     for _ in range(3):
         start = time.process_time()

@@ -1,4 +1,4 @@
-"""Time and outcome of grasp trials: the best grasps planned on the true built-in shapes.
+"""Time and outcome of simulated lifts: the best grasps planned on the true built-in shapes.
 
 python benchmarks/bench_lift.py [--hand allegro] [--seeds 1] [--best 1] [--masses 0.1,0.2,0.5]
 """
@@ -11,9 +11,7 @@ from collections import Counter
 
 import numpy as np
 
-from lis_grasp import shapes
-from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.hands.hand import Hand
+from lis_grasp import ForceClosureSampler, Hand, shapes
 from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.simulation.simulate_lift import simulate_lift
 

@@ -1,9 +1,9 @@
-"""Meshing: what an edge loses, and what a mesh costs, at several resolutions.
+"""Meshing: error at edges, and time, at several resolutions.
 
     python benchmarks/bench_meshing.py
 
-First turned 20 cm cubes, whose edges are known exactly. Then the estimators, from 50 contacts of a
-box: how often the field is asked, and which part of the time is the field's, which the mesher's.
+First rotated 20 cm cubes, whose edges are known exactly. Then the estimators, from 50 contacts of a
+box: the number of field evaluations, and the time in the field and in the mesher.
 Lengths in millimetres, times in milliseconds; set OMP_NUM_THREADS=1 for times of one core.
 """
 
@@ -18,10 +18,9 @@ import numpy.typing as npt
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.contacts import Contacts
+from lis_grasp import Contacts, ImplicitSurface, extract_mesh
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
-from lis_grasp.meshing import extract_mesh
-from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
+from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.typing import FloatArray
 
 HALF = 0.1

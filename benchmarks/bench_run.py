@@ -1,9 +1,9 @@
-"""How often `lis-grasp run` ends with the object lifted and held: objects x seeds, one table.
+"""Success rate of `lis-grasp run`: the object is lifted and held, for objects x seeds.
 
     python benchmarks/bench_run.py box cylinder mallet --seeds 3 --estimator patch
 
-Objects are built-in names or mesh files. Each run is a process of its own, as a user starts it. The
-interval is Wilson's, 95 %.
+Objects are built-in names or mesh files. Each run is a process of its own, as for a user. The
+interval is the 95 % score interval (Wilson 1927).
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""How far each estimator's surface is from the truth: objects x seeds, from the same contacts.
+"""Errors of each estimator's surface: objects x seeds, from the same contacts.
 
     python benchmarks/bench_surfaces.py --seeds 10
 
-Each object (the paper's size, 0.20 m) is touched with the simulated hand in Drake; GPIS drives the
-exploration, so that no estimate of ours places the contacts. Where the hand felt nothing is carved
-off every estimate alike. Errors are root mean squares over the
-explored part (within a step, 5 cm, of a contact), in millimetres, averaged over seeds.
+Each object (the paper's size, 0.20 m) is touched with the simulated hand in Drake. GPIS drives the
+exploration, so that none of our own estimators places the contacts. Free space is carved off every
+estimate. Errors are root mean squares over the explored part (within a step, 5 cm, of a contact),
+in millimetres, averaged over seeds.
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ import argparse
 
 import numpy as np
 
-from lis_grasp import Hand, shapes, surface_error
+from lis_grasp import Hand, pipeline, shapes, surface_error
 from lis_grasp.exploration import STEP_FRACTION
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.stages import estimate, touch
 from lis_grasp.surfaces import ESTIMATORS
 
 MEASURES = ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
@@ -38,15 +36,15 @@ def main() -> None:
         shape = shapes.build(shape_name, size=shapes.PAPER_SIZE)
         errors: dict[str, list[list[float]]] = {name: [] for name in ESTIMATORS}
         for seed in range(arguments.seeds):
-            config = RunConfig(
+            config = pipeline.RunConfig(
                 object=shape_name,
                 estimator=arguments.explorer,
                 touches=arguments.touches,
                 seed=seed,
             )
-            contacts = touch(shape, hand, config).contacts
+            contacts = pipeline.touch(shape, hand, config).contacts
             for name in ESTIMATORS:
-                _, mesh = estimate(contacts, name, free_space=not arguments.no_free_space)
+                _, mesh = pipeline.estimate(contacts, name, free_space=not arguments.no_free_space)
                 error = surface_error(
                     mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size
                 )

@@ -1,11 +1,11 @@
-"""How exact touches are, and how many a second: random probes of built-in objects, one table.
+"""Accuracy and speed of touches: random probes of built-in objects.
 
     python benchmarks/bench_touch.py --probes 150
-    python benchmarks/bench_touch.py --free          # by how much touches move what stands free
+    python benchmarks/bench_touch.py --free          # displacement of free objects by touches
 
 Probes aim at points drawn uniformly from the true surface (0.20 m objects), along directions up to
-40 degrees off the inward normal. Errors are to the object's own triangle mesh; normals are judged
-more than 3 mm from any sharp edge.
+40 degrees off the inward normal. Errors are to the object's own triangle mesh; normals are
+evaluated more than 3 mm from any sharp edge.
 """
 
 from __future__ import annotations
@@ -15,12 +15,10 @@ import time
 
 import numpy as np
 
-from lis_grasp import Hand, shapes
+from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exploration import Probe
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.stages import touch
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
 from lis_grasp.simulation.dynamic_prober import TOPPLED, DynamicProber
@@ -42,16 +40,16 @@ def random_probes(shape: Shape, count: int, rng: np.random.Generator) -> list[Pr
     return probes
 
 
-def tell_of_free_objects(hand: Hand) -> None:
-    """Explore each object of graspable size where it stands free: 0.2 kg, friction 0.5."""
+def print_free_objects(hand: Hand) -> None:
+    """Explore each object of graspable size, free on a table: 0.2 kg, friction 0.5."""
     print(f"{'object':16s} touches  moved [mm] median   95 %   max  toppled  wall [s]")
     moved: list[float] = []
     toppled = 0
     for name in shapes.NAMES:
         shape = shapes.build(name, None)
-        config = RunConfig(object=name, free=True, touches=30, mass=0.2, friction=0.5)
+        config = pipeline.RunConfig(object=name, free=True, touches=30, mass=0.2, friction=0.5)
         start = time.perf_counter()
-        outcomes = touch(shape, hand, config).outcomes
+        outcomes = pipeline.touch(shape, hand, config).outcomes
         seconds = time.perf_counter() - start
         own = [o.moved for o in outcomes if o.status == "touched" or o.moved > 0.0]
         fallen = sum(o.reason == TOPPLED for o in outcomes)
@@ -70,11 +68,11 @@ def main() -> None:
     parser.add_argument("--probes", type=int, default=150)
     parser.add_argument("--hand", default="allegro")
     parser.add_argument("--prober", choices=["dynamic", "kinematic"], default="dynamic")
-    parser.add_argument("--free", action="store_true", help="let objects stand free")
+    parser.add_argument("--free", action="store_true", help="objects are free on a table")
     arguments = parser.parse_args()
     hand = Hand.load(arguments.hand)
     if arguments.free:
-        tell_of_free_objects(hand)
+        print_free_objects(hand)
         return
     make = KinematicProber if arguments.prober == "kinematic" else DynamicProber
     print(f"{'object':16s} touched missed blocked  position [mm] mean  95 %   max", end="")
@@ -86,9 +84,9 @@ def main() -> None:
         start = time.perf_counter()
         outcomes = [prober.probe(probe) for probe in probes]
         rate = len(probes) / (time.perf_counter() - start)
-        felt = [outcome.contacts for outcome in outcomes if len(outcome.contacts)]
-        points = np.vstack([contacts.points for contacts in felt])
-        normals = np.vstack([contacts.normals for contacts in felt])
+        touched = [outcome.contacts for outcome in outcomes if len(outcome.contacts)]
+        points = np.vstack([contacts.points for contacts in touched])
+        normals = np.vstack([contacts.normals for contacts in touched])
         off, faces = distances_to_mesh(points, shape.mesh)
         cosine = (shape.mesh.face_normals[faces] * normals).sum(axis=1)
         angle = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))

@@ -4,7 +4,7 @@
 
 The job names a mesh, seeds, friction, the time limit of a grasp, and modes: "free" (FRoGGeR's
 example with the floating Allegro hand), "table" (the same hand above a table, as in its example
-with an arm), either of them also "mended" (see `model_class`). Nothing of lis_grasp is imported.
+with an arm), either of them also "fixed" (see `model_class`). Nothing of lis_grasp is imported.
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ def plan(job: dict, target, mode: str) -> list[dict]:
     from frogger.sampling import HeuristicAlgrICSampler
     from frogger.solvers import FroggerConfig
 
-    table, mended = mode.startswith("table"), mode.endswith("mended")
+    table, fixed = mode.startswith("table"), mode.endswith("fixed")
     config = AlgrModelConfig(obj=target, mu=job["friction"], **_MODEL)
-    config.model_class = model_class(table=table, mended=mended)
+    config.model_class = model_class(table=table, fixed=fixed)
     model = config.create()
     sampler = HeuristicAlgrICSampler(model, table=table)
     # Every start of its optimisation draws palm poses until one is reached.
@@ -115,7 +115,7 @@ def plan(job: dict, target, mode: str) -> list[dict]:
     sampler.sample_configuration, sampler.sample_palm_pose = counted_start, palm_in_time
     solver = FroggerConfig(model=model, sampler=sampler, **_SOLVER).create()
     grasps = []
-    for seed in [2**31, *job["seeds"]]:  # the first one warms up: it may still compile
+    for seed in [2**31, *job["seeds"]]:  # the first one is a warm-up: it may still compile
         np.random.seed(seed)  # noqa: NPY002, FRoGGeR draws from the global state
         cpu, wall = time.process_time(), time.perf_counter()
         clock |= {"deadline": cpu + job["time_limit"], "starts": 0}
@@ -135,8 +135,8 @@ def plan(job: dict, target, mode: str) -> list[dict]:
 def describe(model, q) -> dict:
     """Return a planned posture and its contacts, in the object's frame O.
 
-    ``touches`` are where the fingertips come nearest to the object's pieces; ``believed`` is where
-    FRoGGeR has the contacts.
+    ``touches`` are the points of the fingertips nearest to the object's pieces;
+    ``planned_contacts`` are FRoGGeR's own contacts.
     """
     import numpy as np
 
@@ -164,17 +164,17 @@ def describe(model, q) -> dict:
         "tips": np.array(tips).tolist(),
         "touches": [nearest[finger][1].tolist() for finger in _TIPS],
         "gaps": [nearest[finger][0] for finger in _TIPS],
-        "believed": model.P_OF.T.tolist(),
+        "planned_contacts": model.P_OF.T.tolist(),
     }
 
 
-def model_class(*, table: bool, mended: bool) -> type:
+def model_class(*, table: bool, fixed: bool) -> type:
     """Return FRoGGeR's floating Allegro hand, above a table at z = 0 if asked for.
 
-    Its model of an arm knows such a table, and which pairs not to check; the box alone is new.
-    Mended: Drake gives the nearest points of two geometries in the frames of the geometries, and
-    FRoGGeR takes them to be in the frames of the bodies, which for the fingertips is 27 or 42 mm
-    away; here it gets them in the frames of the bodies.
+    Its model of an arm has such a table and the pairs not to check; only the box is added.
+    Fixed: Drake returns the nearest points of two geometries in the frames of the geometries.
+    FRoGGeR treats them as points in the frames of the bodies, which for the fingertips are 27 or
+    42 mm away. The fixed model transforms them to the frames of the bodies.
     """
     import numpy as np
     from frogger.robots.robots import AlgrModel, FR3AlgrModel
@@ -186,7 +186,7 @@ def model_class(*, table: bool, mended: bool) -> type:
         @property
         def query_object(self):
             query = super().query_object
-            return BodyFrameQuery(query) if mended else query
+            return BodyFrameQuery(query) if fixed else query
 
         def _plant_additions(self) -> None:
             if table:
