@@ -1,9 +1,9 @@
-"""Judge a report of `pip-audit --format json`: exit code 1 if it names a known vulnerability.
+"""Evaluate a report of `pip-audit --format json`: exit code 1 on a known vulnerability.
 
     python .ci/audit.py audit.json
 
-Where the vulnerability data cannot be reached (a machine with a package index alone), there is no
-report, or all packages are skipped in it: then this says that nothing was audited, and passes.
+A machine without access to the vulnerability data makes no report, or one that skips all packages.
+Then this prints that nothing was audited, and passes.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import sys
 from pathlib import Path
 
 
-def judge(report: str) -> tuple[list[str], bool]:
-    """Return lines to print, and whether there is no known vulnerability."""
+def audit(report: str) -> tuple[list[str], bool]:
+    """Return lines to print, and whether the audit passed."""
     if not report.strip():
         return ["NOT AUDITED: there is no report; vulnerability data cannot be reached"], True
     packages = json.loads(report)["dependencies"]
     skipped = [package["name"] for package in packages if "skip_reason" in package]
     audited = [package for package in packages if "skip_reason" not in package]
     lines = [
-        f"VULNERABLE: {package['name']} {package['version']}: {vulnerability['id']}, mended in"
+        f"VULNERABLE: {package['name']} {package['version']}: {vulnerability['id']}, fixed in"
         f" {', '.join(vulnerability['fix_versions']) or 'no version yet'}"
         for package in audited
         for vulnerability in package["vulns"]
@@ -33,6 +33,6 @@ def judge(report: str) -> tuple[list[str], bool]:
 
 
 if __name__ == "__main__":
-    told, fine = judge(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    print("\n".join(told))
-    sys.exit(not fine)
+    printed, passed = audit(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    print("\n".join(printed))
+    sys.exit(not passed)

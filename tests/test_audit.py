@@ -1,4 +1,4 @@
-"""The step that audits dependencies fails on a known vulnerability, and only on that."""
+"""Dependency audit of the CI: it fails on a known vulnerability and on nothing else."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 AUDIT = Path(__file__).parent.parent / ".ci" / "audit.py"
 if not AUDIT.exists():
     pytest.skip("needs the repository", allow_module_level=True)
-judge = runpy.run_path(str(AUDIT))["judge"]
+audit = runpy.run_path(str(AUDIT))["audit"]
 
 SOUND = {"name": "numpy", "version": "2.2.0", "vulns": []}
 SKIPPED = {"name": "lis-grasp", "skip_reason": "Dependency not found"}
@@ -26,21 +26,21 @@ def report(*packages: dict[str, object]) -> str:
     return json.dumps({"dependencies": packages, "fixes": []})
 
 
-def test_a_known_vulnerability_fails_and_is_named() -> None:
-    lines, fine = judge(report(SOUND, VULNERABLE, SKIPPED))
-    assert not fine
-    assert lines[0] == "VULNERABLE: pyyaml 5.3: PYSEC-2021-142, mended in 5.4"
+def test_a_known_vulnerability_fails_by_name() -> None:
+    lines, passed = audit(report(SOUND, VULNERABLE, SKIPPED))
+    assert not passed
+    assert lines[0] == "VULNERABLE: pyyaml 5.3: PYSEC-2021-142, fixed in 5.4"
 
 
-def test_sound_packages_pass_and_those_without_data_are_named() -> None:
-    assert judge(report(SOUND, SKIPPED)) == (
+def test_sound_packages_pass_and_packages_without_data_are_listed() -> None:
+    assert audit(report(SOUND, SKIPPED)) == (
         ["1 packages audited; without data: lis-grasp"],
         True,
     )
 
 
 @pytest.mark.parametrize("text", ["", report(SKIPPED, SKIPPED)])
-def test_where_no_data_can_be_reached_it_is_said(text: str) -> None:
-    lines, fine = judge(text)
-    assert fine
+def test_missing_vulnerability_data_is_reported(text: str) -> None:
+    lines, passed = audit(text)
+    assert passed
     assert lines[0].startswith("NOT AUDITED")
