@@ -444,7 +444,12 @@ def _width(png: bytes) -> int:
     return int.from_bytes(png[16:20], "big")  # of the header (ISO/IEC 15948, 11.2.2)
 
 
-@pytest.mark.parametrize("number", FIGURES)
+SLOW = (7, 8)  # seconds each
+
+
+@pytest.mark.parametrize(
+    "number", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in FIGURES]
+)
 def test_every_figure_is_drawn_900_pixels_wide(number: int) -> None:
     figure = FIGURES[number]
     assert _width(png_of(figure.draw(**SHORT.get(number, {})), dots_per_inch=100)) == 900
@@ -452,7 +457,7 @@ def test_every_figure_is_drawn_900_pixels_wide(number: int) -> None:
     assert len(figure.caption) > 100
 
 
-def test_the_seed_decides_what_is_drawn_to_the_last_byte() -> None:
+def test_equal_seeds_draw_equal_bytes() -> None:
     def draw(seed: int) -> bytes:
         explored_object.cache_clear()
         return png_of(FIGURES[5].draw(names=("box",), seed=seed), dots_per_inch=50)
@@ -463,7 +468,7 @@ def test_the_seed_decides_what_is_drawn_to_the_last_byte() -> None:
 
 
 @pytest.mark.slow
-def test_fig_11_shows_all_six_objects_that_have_edges() -> None:
+def test_figure_11_shows_all_six_objects_that_have_edges() -> None:
     figure = FIGURES[11].draw()
     scenes = [a for a in figure.axes if any(isinstance(c, PolyCollection) for c in a.collections)]
     assert len([a for a in scenes if not a.axison]) == 6 * 3
@@ -484,7 +489,7 @@ def test_matplotlib_is_loaded_for_figures_only_and_pyplot_never() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_at_a_contact_the_map_shows_the_contact_s_own_patch() -> None:
+def test_at_a_contact_the_map_shows_the_patch_of_the_contact() -> None:
     contacts = explored_object("box", 0)[1].contacts
     surface = PatchImplicitSurface.from_contacts(contacts)
     patch_of = _patch_of(surface)
