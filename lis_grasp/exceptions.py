@@ -28,7 +28,11 @@ class LisGraspError(Exception):
         super().__init__(line)
 
 
-class InvalidContactsError(LisGraspError):
+class InvalidInputError(LisGraspError):
+    """Base of the errors that a change of the input or of an option avoids."""
+
+
+class InvalidContactsError(InvalidInputError):
     """Contacts that no surface can be estimated from, or that contradict their own format.
 
     Attributes
@@ -44,11 +48,11 @@ class InvalidContactsError(LisGraspError):
         self.field, self.row = field, row
 
 
-class InvalidMeshError(LisGraspError):
+class InvalidMeshError(InvalidInputError):
     """A mesh that cannot be used as an object and could not be repaired."""
 
 
-class InvalidHandError(LisGraspError):
+class InvalidHandError(InvalidInputError):
     """A hand description (YAML, URDF or SDF) that is incomplete or contradicts itself.
 
     Attributes
@@ -64,7 +68,7 @@ class InvalidHandError(LisGraspError):
         self.file, self.key = file, key
 
 
-class InvalidOptionError(LisGraspError):
+class InvalidOptionError(InvalidInputError):
     """An option outside its permitted range or set.
 
     Attributes
@@ -95,7 +99,7 @@ class InvalidOptionError(LisGraspError):
         return cls(f"{option} must be {required}; it is {shown(value)}", option=option, value=value)
 
 
-class InvalidFileError(LisGraspError):
+class InvalidFileError(InvalidInputError):
     """A file that is missing, unreadable, or not of the format that its name promises.
 
     Attributes

@@ -10,23 +10,9 @@ from threadpoolctl import threadpool_limits
 
 import lis_grasp
 from lis_grasp.cli import compare, doctor, estimate, explore, grasp, lift, paper, run, view
-from lis_grasp.exceptions import (
-    InvalidContactsError,
-    InvalidFileError,
-    InvalidHandError,
-    InvalidMeshError,
-    InvalidOptionError,
-    LisGraspError,
-)
+from lis_grasp.exceptions import InvalidInputError, LisGraspError
 
 _VERBS = (run, explore, estimate, grasp, lift, compare, paper, view, doctor)
-_MISUSE = (
-    InvalidContactsError,
-    InvalidFileError,
-    InvalidHandError,
-    InvalidMeshError,
-    InvalidOptionError,
-)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -49,12 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Threads change the order of sums, and so the last digits of results.
         with threadpool_limits(1):
             options.execute(options)
-    except _MISUSE as error:
-        print(f"lis-grasp: {error}", file=sys.stderr)
-        return 2
     except LisGraspError as error:
         print(f"lis-grasp: {error}", file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, InvalidInputError) else 1
     except KeyboardInterrupt:
         print("lis-grasp: interrupted; the files already written are complete", file=sys.stderr)
         return 130
