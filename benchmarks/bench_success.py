@@ -24,7 +24,7 @@ from scipy.stats import binomtest
 from lis_grasp import Hand, shapes
 from lis_grasp.io.json_lines import append_lines, read_lines
 from lis_grasp.pipeline import lift, plan, support_height, touch
-from lis_grasp.pipeline.regrasp import grasp_by_touch
+from lis_grasp.pipeline.regrasp import grasp_with_tactile_check
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.worker_pool import worker_pool
 
@@ -79,7 +79,7 @@ def trials(name: str, seed: int) -> list[Row]:
                     )
             else:
                 known = exploration.first(int(planned_on))
-                tried = list(grasp_by_touch(shape, hand, known, config))
+                tried = list(grasp_with_tactile_check(shape, hand, known, config))
                 attempts, outcome = len(tried), tried[-1].outcome
                 if outcome is not None:
                     grasp = tried[-1].search.grasps[tried[-1].rank]

@@ -1,4 +1,4 @@
-"""`lis-grasp compare`: does a better surface give a better grasp? Many trials, one report."""
+"""`lis-grasp compare`: study of estimators over many trials, with statistics and one report."""
 
 from __future__ import annotations
 
@@ -39,10 +39,9 @@ _FLAGS = {
     "objects": "built-in shapes or mesh files",
     "estimators": "estimators to compare; 'truth' plans on the true mesh",
     "touches": "budgets of contacts",
-    "noise": "noise of the sensor, 'none' or like '1mm/3deg'",
+    "noise": "sensor noise, 'none' or like '1mm/3deg'",
     "hands": "hands, by name or YAML file",
 }
-
 
 _SETUP = ("reference", "prober", "explorer", "policy", "mass", "friction")
 
@@ -51,57 +50,52 @@ def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
     parser = verbs.add_parser(
         "compare",
-        help="does a better surface give a better grasp? a study of many trials, one report.html",
-        description="Run a study: objects x estimators x touches x noise x hands x seeds. What is"
-        " not given is as the study file, --quick or the defaults have it. Run again, it goes on"
-        " where it was.",
+        help="compare estimators by surface and grasp success in many trials, one report.html",
+        description="Run a study: objects x estimators x touches x noise x hands x seeds. Options"
+        " override the study file or --quick. Run again, it continues with the missing trials.",
     )
-    parser.add_argument("--study", type=Path, metavar="YAML", help="file of the study")
+    parser.add_argument("--study", type=Path, metavar="YAML", help="study file")
     parser.add_argument("--quick", action="store_true", help="a small study, under five minutes")
     parser.add_argument(
         "--meshes",
         type=Path,
         metavar="FOLDER",
-        help="where mesh files are (default: beside the study's file, or here)",
+        help="folder of mesh files (default: that of the study file, or the current one)",
     )
     for name, text in _FLAGS.items():
         kind = int if name == "touches" else str
         parser.add_argument(f"--{name}", nargs="+", type=kind, metavar=name.upper(), help=text)
     parser.add_argument("--seeds", type=int, metavar="N", help="seeds 0 to N - 1")
+    parser.add_argument("--reference", metavar="NAME", help="estimator to compare the others with")
     parser.add_argument(
-        "--reference", metavar="NAME", help="estimator that others are held against"
+        "--prober", choices=PROBERS, help="dynamic touches in Drake, kinematic by geometry alone"
     )
-    parser.add_argument("--prober", choices=PROBERS, help="what carries out touches")
     parser.add_argument(
         "--explorer",
         metavar="NAME",
-        help="estimator that drives the exploration for all, or 'own': each its own",
+        help="estimator used to explore for all, or 'own': each explores with itself",
     )
-    parser.add_argument(
-        "--policy", choices=list(POLICIES), help="what chooses the next touch; spread asks nobody"
-    )
+    parser.add_argument("--policy", choices=list(POLICIES), help="policy of the next touch")
     parser.add_argument("--mass", type=float, metavar="KG", help="mass of the objects")
-    opt.add_friction(parser)
+    parser.add_argument("--friction", type=float, metavar="MU", help="Coulomb friction")
+    opt.add_jobs(parser)
     parser.add_argument(
-        "--jobs", type=int, metavar="N", help="processes (default: the machine's cores)"
-    )
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="of a Dask cluster to run on, tcp://host:port"
+        "--scheduler", metavar="ADDRESS", help="address of a Dask cluster, tcp://host:port"
     )
     parser.add_argument(
         "--report-only",
         action="store_true",
-        help="run nothing: report on the rows that --output has, also without any mesh file",
+        help="run nothing: report on the rows in --output; needs no mesh file",
     )
     parser.add_argument(
-        "--rerun", metavar="KEY", help="run one row of --output again, and compare; writes nothing"
+        "--rerun", metavar="KEY", help="run one row of --output again and compare; write nothing"
     )
     opt.add_output(parser, str(_OUTPUT))
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run what trials are missing, and write tables and report; or run one row again."""
+    """Run the missing trials and write tables and report; or run one row again."""
     from lis_grasp.experiments.study.scheduling import run_study
     from lis_grasp.experiments.study.study import Study
     from lis_grasp.experiments.study.study_results import StudyResults
@@ -116,7 +110,9 @@ def execute(options: argparse.Namespace) -> None:
     if options.report_only:
         rows = results.alike(study)
         if not rows:
-            raise InvalidOptionError(f"a report needs rows of its study; {output} has none")
+            raise InvalidOptionError(
+                f"a report needs rows of its study; {output} has none", option="--report-only"
+            )
         _describe(study, output, options)
         _report(study, rows, output)
         return
@@ -131,7 +127,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
-    """Write the study's file into the folder, unless it is there, with whatever comments it has."""
+    """Write the study file into the folder; keep an equal one, with its comments."""
     from lis_grasp.experiments.study.study import Study
     from lis_grasp.experiments.study.study_file import load_study
 
@@ -167,11 +163,11 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
 
 
 def _facts(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the facts of a study: those of the file, or --quick, and on top those of flags."""
+    """Return the facts of a study: those of its file or of --quick, then those of options."""
     from lis_grasp.experiments.study.study_file import load_study, with_places
 
     if options.study is not None and options.quick:
-        raise InvalidOptionError("--quick is a study of its own: leave out --study, or --quick")
+        raise InvalidOptionError("--quick excludes --study", option="--quick")
     facts = dict(QUICK) if options.quick else {}
     described = _study_file(options)
     if described is not None:
@@ -185,7 +181,7 @@ def _facts(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _study_file(options: argparse.Namespace) -> Path | None:
-    """Return the file of the study: the one that is named, or that of the rows to report on."""
+    """Return the study file: the named one, or that of the rows to report on."""
     own = (options.output or _OUTPUT) / "study.yaml"
     if options.study is not None:
         return own if own.resolve() == options.study.resolve() else options.study
@@ -199,7 +195,7 @@ def _scheduler(options: argparse.Namespace) -> Scheduler:
 
     if options.scheduler is not None:
         if options.jobs is not None:
-            raise InvalidOptionError("--scheduler brings its own workers: leave out --jobs")
+            raise InvalidOptionError("--scheduler excludes --jobs", option="--scheduler")
         return DaskCluster(options.scheduler)
     jobs = process_count(options.jobs)
     return InProcess() if jobs == 1 else LocalPool(jobs)
@@ -225,7 +221,7 @@ def _rerun(results: StudyResults, options: argparse.Namespace) -> None:
     changed = [name for name in now if now[name] != before.get(name)]
     if changed:
         raise EstimationError(
-            f"the row must come out as recorded; {', '.join(changed)} came out otherwise:"
-            f" compare the column 'versions', recorded {recorded['versions']}"
+            f"the row differs from the recorded one in {', '.join(changed)}: compare the column"
+            f" 'versions', recorded {recorded['versions']}"
         )
     print("equal to the recorded row", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""`lis-grasp doctor`: is this machine, or this hand, fit to use, and if not, why."""
+"""`lis-grasp doctor`: checks of this machine, or of the files of a hand."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ _ENOUGH_MEMORY = 2.0  # [GiB]
 def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
     parser = verbs.add_parser(
-        "doctor", help="is this machine fit to use, or a hand's files, and if not, why"
+        "doctor", help="check this machine, or the files of a hand, and say what to fix"
     )
-    parser.add_argument("--hand", metavar="HAND", help="check this hand: a name, or its YAML file")
+    parser.add_argument("--hand", metavar="HAND", help="check this hand: a name or a YAML file")
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Check, and say what is fine and what to mend.
+    """Print what is fine and what to fix.
 
     Raises
     ------
     LisGraspError
-        If something is to mend.
+        If something must be fixed.
     """
     findings = check_machine() if options.hand is None else check_hand(Hand.load(options.hand))
     for finding in findings:
-        say(f"{'ok  ' if finding.fine else 'MEND'}  {finding.text}")
+        say(f"{'ok  ' if finding.fine else 'FIX '}  {finding.text}")
     faults = sum(not finding.fine for finding in findings)
     if faults:
-        raise LisGraspError(f"{faults} of {len(findings)} findings must be mended, see above")
+        raise LisGraspError(f"{faults} of {len(findings)} findings must be fixed, see above")
 
 
 def check_machine() -> list[Finding]:
-    """Return what was found of versions, libraries, memory and the whole way to a grasp."""
+    """Return the findings on versions, Drake, memory, browser, and a short run up to grasps."""
     found = [
         Finding(
             True,
@@ -80,12 +80,12 @@ def _packages() -> Finding:
 
 
 def _drake() -> Finding:
-    # In a process of its own: a library that it lacks must not end this one.
+    # In a separate process, because a missing library can end the process.
     command = [sys.executable, "-c", "import pydrake.multibody.plant"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode == 0:
         return Finding(True, "Drake can be imported")
-    reason = (done.stderr.strip().splitlines() or ["it ended without a word"])[-1]
+    reason = (done.stderr.strip().splitlines() or ["it ended without a message"])[-1]
     advice = "; install Debian's libglib2.0-0" if "libgthread" in reason or "glib" in reason else ""
     return Finding(False, f"Drake cannot be imported: {reason}{advice}")
 
@@ -94,23 +94,23 @@ def _memory() -> Finding:
     try:
         pages = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (ValueError, OSError):
-        return Finding(True, "free memory is not known on this system")
+        return Finding(True, "free memory: unknown on this system")
     free = pages / 2**30
     enough = free >= _ENOUGH_MEMORY
     advice = "" if enough else f"; a process needs up to {_ENOUGH_MEMORY:g} GiB"
-    return Finding(enough, f"{free:.1f} GiB of memory are free{advice}")
+    return Finding(enough, f"free memory: {free:.1f} GiB{advice}")
 
 
 def _browser() -> Finding:
     browser = next((name for name in _BROWSERS if shutil.which(name)), None)
     if browser is None:
-        text = "no browser found here: open scene.html elsewhere, it is one file and loads nothing"
+        text = "no browser found: open scene.html on another machine, it is one file"
         return Finding(True, text)
-    return Finding(True, f"scene.html can be looked at with {browser}")
+    return Finding(True, f"browser for scene.html: {browser}")
 
 
 def _self_test() -> Finding:
-    """Touch a box, estimate it, and plan a grasp: seconds, no simulation."""
+    """Touch a box by geometry, estimate it, and plan grasps; takes seconds."""
     start = time.perf_counter()
     config = RunConfig(prober="kinematic", touches=15, grasps=2)
     shape, hand = find("box"), Hand.load(config.hand)

@@ -1,4 +1,4 @@
-"""`lis-grasp estimate`: a surface from contacts, yours or explored, written as a mesh."""
+"""`lis-grasp estimate`: surface estimation from contacts, written as a mesh."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from lis_grasp.cli.results_folder import result_file
 from lis_grasp.contacts import Contacts
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import save_surface
+from lis_grasp.pipeline.run_config import RunConfig
 
 
 def add_parser(verbs: Any) -> None:
@@ -27,9 +28,7 @@ def add_parser(verbs: Any) -> None:
         help="points and outward normals in metres: a .ply oriented point cloud, or a .csv with"
         " columns x,y,z,nx,ny,nz",
     )
-    opt.add_estimator(parser)
-    opt.add_free_space(parser)
-    opt.add_noise(parser)
+    opt.add_options(parser, "estimator", "free_space", "position_noise", "normal_noise")
     opt.add_output(parser, "the folder of CONTACTS")
     parser.set_defaults(execute=execute)
 
@@ -39,21 +38,22 @@ def execute(options: argparse.Namespace) -> None:
     contacts = Contacts.load(options.contacts)
     recorded = provenance.read(options.contacts)
     config = opt.configure(options, recorded)
-    output = options.output or options.contacts.parent
+    path = (options.output or options.contacts.parent) / "surface.ply"
+    with result_file(path) as temporary:
+        write_surface(temporary, contacts, config, recorded)
+    say(f"wrote {path}")
+    say(f"next: lis-grasp grasp {path}")
+
+
+def write_surface(
+    path: Path, contacts: Contacts, config: RunConfig, recorded: dict[str, Any]
+) -> None:
+    """Estimate a surface from contacts with the recorded facts, and write its mesh."""
     with Stage(f"Estimating the surface ({config.estimator})") as stage:
         _, mesh = pipeline.estimate(
             contacts, config.estimator, config.sensor(), free_space=config.free_space
         )
+        names = ("estimator", "position_noise", "normal_noise", "free_space")
+        facts = {name: getattr(config, name) for name in names}
+        save_surface(mesh, path, header=provenance.merge(recorded, **facts))
         stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
-    path = output / "surface.ply"
-    with result_file(path) as temporary:
-        header = provenance.merge(
-            recorded,
-            estimator=config.estimator,
-            position_noise=config.position_noise,
-            normal_noise=config.normal_noise,
-            free_space=config.free_space,
-        )
-        save_surface(mesh, temporary, header=header)
-    say(f"wrote {path}")
-    say(f"next: lis-grasp grasp {path}")

@@ -18,7 +18,14 @@ from lis_grasp.shapes import Shape
 
 LOG = "touches.jsonl"
 
-# What facts in a log's header are called, where their names do not say it.
+TOUCH_OPTIONS = (
+    *("hand", "estimator", "prober", "fingers", "free", "mass", "friction", "policy"),
+    *("until_coverage", "until_uncertainty", "max_seconds", "position_noise", "normal_noise"),
+    *("touches", "seed"),
+)
+"""The options of an exploration, beside its object."""
+
+# Plain names of facts in the header of a log.
 _MEANING = {"source": "state of lis_grasp", "touch_log": "format"}
 
 
@@ -26,17 +33,7 @@ def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
     parser = verbs.add_parser("explore", help="touch an object, write contacts.ply")
     opt.add_object(parser)
-    opt.add_hand(parser)
-    opt.add_estimator(parser)
-    opt.add_prober(parser)
-    opt.add_fingers(parser)
-    opt.add_free(parser)
-    opt.add_physics(parser)
-    opt.add_friction(parser)
-    opt.add_policy(parser)
-    opt.add_noise(parser)
-    opt.add_touches(parser)
-    opt.add_seed(parser)
+    opt.add_options(parser, *TOUCH_OPTIONS)
     opt.add_output(parser, "results/<run>")
     parser.set_defaults(execute=execute)
 
@@ -46,8 +43,6 @@ def execute(options: argparse.Namespace) -> None:
     config = opt.configure(options)
     output = options.output or opt.default_output(config)
     shape = opt.load_object(config)
-    for repair in shape.repairs:
-        say(f"repaired: {repair}")
     hand = Hand.load(config.hand)
     exploration = touch_with_log(config, shape, hand, output)
     path = output / "contacts.ply"

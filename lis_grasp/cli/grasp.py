@@ -1,4 +1,4 @@
-"""`lis-grasp grasp`: force-closure grasps on a mesh, estimated or your own."""
+"""`lis-grasp grasp`: force-closure grasp planning on a mesh, estimated or your own."""
 
 from __future__ import annotations
 
@@ -28,22 +28,16 @@ def add_parser(verbs: Any) -> None:
         "mesh", type=Path, metavar="MESH", help="surface.ply of `estimate`, or any mesh file"
     )
     parser.add_argument(
-        "--units", choices=list(opt.UNITS), default=None, help="length unit of MESH (default: m)"
-    )
-    parser.add_argument(
         "--support",
         type=float,
         metavar="METRES",
-        help="height of the plane that the object stands on (default: as recorded, else the"
-        " lowest point of MESH)",
+        help="height of the plane below the object (default: as recorded, else the lowest point of"
+        " MESH)",
     )
     parser.add_argument(
-        "--isaac", action="store_true", help="write them for Isaac Sim too, as grasps.isaac.yaml"
+        "--isaac", action="store_true", help="also write grasps.isaac.yaml, for Isaac Sim"
     )
-    opt.add_hand(parser)
-    opt.add_friction(parser)
-    opt.add_grasps(parser)
-    opt.add_seed(parser)
+    opt.add_options(parser, "units", "hand", "friction", "grasps", "seed")
     opt.add_output(parser, "the folder of MESH")
     parser.set_defaults(execute=execute)
 
@@ -57,19 +51,9 @@ def execute(options: argparse.Namespace) -> None:
     support = options.support
     if support is None:
         support = recorded.get("support_height", float(mesh.bounds[0, 2]))
-    with Stage(f"Planning grasps of {hand.name}") as stage:
-        search = pipeline.plan(
-            mesh,
-            hand,
-            support=support,
-            friction=config.friction,
-            count=config.grasps,
-            seed=config.seed,
-        )
-        stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
     path = (options.output or options.mesh.parent) / "grasps.json"
     with result_file(path) as temporary:
-        save_grasps(temporary, search, header=grasp_header(recorded, config, support))
+        search = write_grasps(temporary, mesh, hand, support, config, recorded)
     say_search(search)
     say(f"wrote {path}")
     if options.isaac:
@@ -79,16 +63,29 @@ def execute(options: argparse.Namespace) -> None:
         say(f"next: lis-grasp lift {path}")
 
 
-def grasp_header(recorded: dict[str, Any], config: RunConfig, support: float) -> str:
-    """Return the header of grasps, on top of what is recorded of the surface."""
-    return provenance.merge(
-        recorded,
-        hand=config.hand,
-        friction=config.friction,
-        grasps=config.grasps,
-        seed=config.seed,
-        support_height=support,
-    )
+def write_grasps(
+    path: Path,
+    mesh: trimesh.Trimesh,
+    hand: Hand,
+    support: float,
+    config: RunConfig,
+    recorded: dict[str, Any],
+) -> GraspSearch:
+    """Plan grasps on a surface with the recorded facts, write them, and return them."""
+    with Stage(f"Planning grasps of {hand.name}") as stage:
+        search = pipeline.plan(
+            mesh,
+            hand,
+            support=support,
+            friction=config.friction,
+            count=config.grasps,
+            seed=config.seed,
+        )
+        facts = {name: getattr(config, name) for name in ("hand", "friction", "grasps", "seed")}
+        header = provenance.merge(recorded, **facts, support_height=support)
+        save_grasps(path, search, header=header)
+        stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
+    return search
 
 
 def say_search(search: GraspSearch) -> None:
@@ -97,7 +94,7 @@ def say_search(search: GraspSearch) -> None:
         best = search.grasps[0]
         fingers = ", ".join(best.contact_fingers)
         say(
-            f"best grasp: holds with a probability of {best.quality['success_probability']:.2f},"
+            f"best grasp: predicted success {best.quality['success_probability']:.2f},"
             f" epsilon {best.quality['epsilon']:.3f}, with {fingers}"
         )
         return
@@ -107,10 +104,7 @@ def say_search(search: GraspSearch) -> None:
 
 
 def _load(path: Path, units: str | None, recorded: dict[str, Any]) -> trimesh.Trimesh:
-    # A surface of ours carries its uncertainty and is in metres already.
+    # A surface of this package has an uncertainty, and is in metres already.
     if recorded and units is None:
         return load_surface(path)
-    shape = load(path, units=units or "m")
-    for repair in shape.repairs:
-        say(f"repaired: {repair}")
-    return shape.mesh
+    return opt.announced(load(path, units=units or "m")).mesh

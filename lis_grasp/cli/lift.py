@@ -20,31 +20,28 @@ from lis_grasp.pipeline.worker_pool import process_count
 
 def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
-    parser = verbs.add_parser("lift", help="simulate lifts of the true object, write lifts.json")
+    parser = verbs.add_parser("lift", help="simulate the lift of the true object, write lifts.json")
     parser.add_argument("grasps_file", type=Path, metavar="GRASPS", help="grasps.json of `grasp`")
     opt.add_object(parser, required_name=False)
     parser.add_argument(
-        "--best", type=int, default=1, metavar="N", help="try the N best grasps (default: 1)"
+        "--best", type=int, default=1, metavar="N", help="lift with the N best grasps (default: 1)"
     )
-    parser.add_argument(
-        "--jobs", type=int, metavar="N", help="processes (default: the machine's cores)"
-    )
-    opt.add_physics(parser)
-    opt.add_friction(parser)
+    opt.add_jobs(parser)
+    opt.add_options(parser, "mass", "friction")
     opt.add_output(parser, "the folder of GRASPS")
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Lift with each of the best grasps, and write the outcomes."""
+    """Simulate the lift with each of the best grasps, and write the outcomes."""
     search = load_grasps(options.grasps_file)
     recorded = provenance.read(options.grasps_file)
     if options.object is None and "object" not in recorded:
         raise InvalidOptionError(
-            f"{options.grasps_file} does not say which object it is for: name it with --object"
+            f"{options.grasps_file} records no object: name it with --object", option="object"
         )
     if options.best < 1:
-        raise InvalidOptionError(f"--best must be at least 1; it is {options.best}")
+        raise InvalidOptionError.out_of_range("--best", options.best, "at least 1")
     config = opt.configure(options, recorded)
     shape = opt.load_object(config)
     hand = Hand.load(config.hand)

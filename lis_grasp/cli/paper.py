@@ -1,4 +1,4 @@
-"""`lis-grasp paper`: every figure and table of the paper again, in one report."""
+"""`lis-grasp paper`: reproduction of every figure and table of the paper, in one report."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CONTENDERS = (*OURS, "hermite_rbf", "offset_rbf")
 def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
     parser = verbs.add_parser(
-        "paper", help="every figure and table of the paper again, in one report.html"
+        "paper", help="reproduce every figure and table of the paper in one report.html"
     )
     parser.add_argument(
         "--quick",
@@ -45,15 +45,13 @@ def add_parser(verbs: Any) -> None:
         f" {', '.join(name for name in BASELINES if name not in _CONTENDERS)}, which need"
         " lis-grasp[baselines])",
     )
-    parser.add_argument(
-        "--jobs", type=int, metavar="N", help="processes (default: the machine's cores)"
-    )
+    opt.add_jobs(parser)
     opt.add_output(parser, str(_OUTPUT))
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run what trials are missing, draw the figures, write the report."""
+    """Run the missing trials, draw the figures, write the report."""
     from lis_grasp.experiments.paper.paper_figures import draw_pictures
     from lis_grasp.experiments.paper.paper_page import write_report
     from lis_grasp.experiments.paper.paper_tables import rows_as_csv
@@ -62,12 +60,16 @@ def execute(options: argparse.Namespace) -> None:
     seeds = default if options.seeds is None else options.seeds
     jobs = process_count(options.jobs)
     if seeds < 1:
-        raise InvalidOptionError(f"--seeds must be at least 1; {seeds} came")
+        raise InvalidOptionError.out_of_range("--seeds", seeds, "at least 1")
     output = options.output or _OUTPUT
     names = tuple(options.estimators or (_QUICK_CONTENDERS if options.quick else _CONTENDERS))
     for needed in ("lis", "gpis", RunConfig().estimator):
         if needed not in names:
-            raise InvalidOptionError(f"the report compares with '{needed}': add it to --estimators")
+            raise InvalidOptionError(
+                f"the report compares with '{needed}': add it to --estimators",
+                option="--estimators",
+                value=names,
+            )
     file = ResultsFile(output / "results.jsonl")
     wanted = trials(get_args(Experiment), seeds)
     with Stage("Running the experiments") as stage:

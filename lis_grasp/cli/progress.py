@@ -1,4 +1,4 @@
-"""Progress on stderr: a line that counts on a terminal, one line a stage elsewhere."""
+"""Progress messages on stderr, one line per stage."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from types import TracebackType
 
 
 class Stage:
-    """A stage of work: announces itself, counts, and says how it ended.
+    """Context manager that prints a stage's progress, and its `result` and time at the end.
 
-    Used as a context manager; set `result` inside the block to what should be said at the end.
+    On a terminal the line counts the steps; elsewhere only the last line is printed.
     """
 
     def __init__(self, title: str) -> None:
@@ -26,7 +26,7 @@ class Stage:
         return self
 
     def count(self, done: int, total: int) -> None:
-        """Say that `done` of `total` steps are done."""
+        """Show that `done` of `total` steps are done."""
         if self._live:
             print(f"\r{self._title} ... {done}/{total}", end="", file=sys.stderr, flush=True)
 
@@ -43,5 +43,5 @@ class Stage:
 
 
 def say(text: str) -> None:
-    """Print a line of the result."""
+    """Print a line of the result on stdout."""
     print(text, flush=True)

@@ -1,4 +1,4 @@
-"""`lis-grasp view`: the scene of a folder of results, in the browser."""
+"""`lis-grasp view`: local web server for the scene of a folder of results."""
 
 from __future__ import annotations
 
@@ -15,18 +15,21 @@ from lis_grasp.visualization.run_scene import write_scene_of
 
 def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
-    parser = verbs.add_parser("view", help="look at a folder of results in the browser")
+    parser = verbs.add_parser("view", help="show the scene of a folder of results in the browser")
     parser.add_argument("directory", type=Path, metavar="DIR", help="folder of results")
     parser.add_argument("--port", type=int, default=7000, help="port on localhost (default: 7000)")
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Serve the scene until Ctrl-C, made anew where it is missing or older than what it shows."""
+    """Serve the scene until Ctrl-C; write it first if it is missing or outdated."""
     from lis_grasp.visualization import serve_scene
 
     if not os.path.isdir(options.directory):
-        raise InvalidFileError(f"{options.directory} is not a folder: name a folder of results")
+        raise InvalidFileError(
+            f"{options.directory} is not a folder: name a folder of results",
+            path=options.directory,
+        )
     if scene_is_outdated(options.directory):
         say(f"wrote {write_scene_of(options.directory)}")
     serve_scene(options.directory, port=options.port)

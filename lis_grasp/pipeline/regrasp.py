@@ -1,4 +1,4 @@
-"""Grasp, feel, and grasp again: what closing fingers feel is new contact, and may warn."""
+"""Regrasping with a tactile check before the squeeze (`accept_grasp`)."""
 
 from __future__ import annotations
 
@@ -22,30 +22,29 @@ if TYPE_CHECKING:
     from lis_grasp.simulation.simulate_lift import LiftOutcome
 
 
-# Where a finger found nothing, no other grasp puts a finger within this distance [m].
+# Minimum distance [m] of new contacts to planned contacts at which a finger closed on nothing.
 _MISSED_RADIUS = 0.01
 
-
-# What is known -> the surface estimated from it, and grasps planned on that.
+# Estimates the surface from contacts, and plans grasps on it.
 Planner = Callable[[Contacts], tuple[trimesh.Trimesh, GraspSearch]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
-    """One grasp, planned on what was known of the object by then.
+    """One executed grasp, with the contacts and the estimate that it was planned on.
 
     Parameters
     ----------
     contacts
-        All contacts that were known.
+        All contacts known before the attempt.
     mesh
         The surface estimated from them, in O [m].
     search
-        What was planned on it.
+        The grasps planned on it.
     rank
-        Place in the search of the grasp that was tried, from 0.
+        Index of the executed grasp in the search.
     outcome
-        What came of it; None where no grasp was found.
+        Outcome of the lift; None if no grasp was found.
     """
 
     contacts: Contacts
@@ -55,7 +54,7 @@ class Attempt:
     outcome: LiftOutcome | None
 
 
-def grasp_by_touch(
+def grasp_with_tactile_check(
     shape: Shape,
     hand: Hand,
     contacts: Contacts,
@@ -64,29 +63,29 @@ def grasp_by_touch(
     planner: Planner | None = None,
     lift: Callable[..., LiftOutcome] = stages.lift,
 ) -> Iterator[Attempt]:
-    """Plan and try grasps until one is carried through, `RunConfig.attempts` at the most.
+    """Grasp and lift; after a failed tactile check, estimate and plan again with the new contacts.
 
-    Once its fingers have closed, before it squeezes, the hand asks whether what they feel is in
-    force closure at half the friction; if not, or if it meets the object on its way, it lets go,
-    goes back, estimates the surface again with these contacts too, and plans again, elsewhere than
-    where a finger found nothing. The last attempt is carried through whatever it feels. The object
-    may have been moved by a touch: the next attempt meets it where it stands, and is planned as if
-    it had not moved.
+    After the fingers close and before they squeeze, the measured contacts must be in force closure
+    at half the friction. If they are not, or if the hand hits the object during the approach, the
+    attempt is aborted: the hand opens and retreats, and its contacts are added to the known ones.
+    The next grasp avoids places where a finger closed on nothing. The last of
+    `RunConfig.attempts` is executed without the check. An aborted attempt may push the object; the
+    next one starts from its new pose, but is planned for the old one.
 
     Parameters
     ----------
     shape
-        The true object, which only touches tell of.
+        The true object.
     hand
         The hand.
     contacts
-        Of the exploration.
+        Contacts of the exploration.
     config
         Estimator, sensor noise, friction, mass, grasps, attempts and seed.
     planner
-        Estimates and plans; None does so as the configuration says.
+        Estimates the surface and plans grasps; None does so with the configuration.
     lift
-        Tries a grasp; called as `pipeline.lift`.
+        Simulates the lift; called as `pipeline.lift`.
     """
     planner = planner or _planner(shape, hand, config)
     missed = np.empty((0, 3))
@@ -104,7 +103,7 @@ def grasp_by_touch(
             grasp,
             mass=config.mass,
             friction=config.friction,
-            accept_grasp=_promising(mesh, hand, config.friction) if left else None,
+            accept_grasp=_tactile_check(mesh, hand, config.friction) if left else None,
             X_WO=X_WO,
         )
         yield Attempt(contacts, mesh, search, rank, outcome)
@@ -132,24 +131,27 @@ def _planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
     return estimate_and_plan
 
 
-def _promising(mesh: trimesh.Trimesh, hand: Hand, friction: float) -> Callable[[Contacts], bool]:
-    def promising(felt: Contacts) -> bool:
-        if len(felt) < 2:
+def _tactile_check(
+    mesh: trimesh.Trimesh, hand: Hand, friction: float
+) -> Callable[[Contacts], bool]:
+    def accept_grasp(measured: Contacts) -> bool:
+        if len(measured) < 2:
             return False
-        return robust_epsilon_on(mesh, hand, felt.points, felt.normals, friction=friction) > 0.0
+        points, normals = measured.points, measured.normals
+        return robust_epsilon_on(mesh, hand, points, normals, friction=friction) > 0.0
 
-    return promising
+    return accept_grasp
 
 
 def _missed(grasp: Grasp, outcome: LiftOutcome) -> FloatArray:
-    """Return the planned contacts of fingers that closed and felt nothing, shape (K, 3)."""
+    """Return the planned contacts of fingers that closed on nothing, shape (K, 3) [m]."""
     if not outcome.closed:
         return np.empty((0, 3))
     return grasp.contact_points[[f not in outcome.felt.fingers for f in grasp.contact_fingers]]
 
 
 def _first_away_from(missed: FloatArray, search: GraspSearch) -> int:
-    """Return the best grasp that touches nowhere where a finger found nothing, else the best."""
+    """Return the index of the best grasp with no contact near a missed one, else 0."""
     for rank, grasp in enumerate(search.grasps):
         between = np.linalg.norm(grasp.contact_points[:, None] - missed, axis=-1)
         if not (between < _MISSED_RADIUS).any():

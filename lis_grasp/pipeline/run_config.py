@@ -1,4 +1,4 @@
-"""What a run does: every choice that a user has, checked before any work."""
+"""Run configuration: every option of a user, with its default and its validation."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from lis_grasp.exploration import (
 from lis_grasp.surfaces import ESTIMATORS
 
 PROBERS = ("dynamic", "kinematic")
-"""What can carry out touches."""
+"""Probers: Drake's dynamics, or geometry alone."""
 
 FINGERS = ("one", "all")
-"""Which fingers touch in one approach."""
+"""Fingers that touch in one approach."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunConfig:
-    """What a run does; the defaults of the command line are these.
+    """Configuration of a run; its defaults are those of the command line.
 
     Parameters
     ----------
@@ -43,20 +43,20 @@ class RunConfig:
     estimator
         Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`.
     prober
-        "dynamic": the hand touches in Drake; "kinematic": by geometry alone, some times faster.
+        "dynamic" touches in Drake's dynamics; "kinematic" by geometry alone, which is faster.
     fingers
-        "one": one touch a probe; "all": then the other fingers stretch out until they touch too
+        "one": one touch per probe; "all": the other fingers then extend until they touch too
         (kinematic prober only).
     free
-        Whether the object stands on a table and may be pushed while it is touched; else it is held.
+        Whether the object is free on a table and may be pushed by touches; else it is fixed.
     policy
-        What chooses the next touch, a key of `lis_grasp.exploration.POLICIES`.
+        Policy of the next touch, a key of `lis_grasp.exploration.POLICIES`.
     until_coverage, until_uncertainty, max_seconds
-        End the touching early: when this share of the estimate is within a step of a contact, when
-        nearly all of it is known to this standard deviation [m], after this time of the robot [s].
+        Stop early: when this fraction of the estimate is within a step of a contact, when nearly
+        all of the estimate has at most this standard deviation [m], after this robot time [s].
     position_noise, normal_noise
-        Of the tactile sensor: one standard deviation of positions along each axis [m], of each
-        component of normals [rad]. The estimator is told.
+        Noise of the tactile sensor, given to the estimator: one standard deviation of positions
+        along each axis [m], of each component of normals [rad].
     free_space
         Whether the space that the hand passed through is carved off the estimate.
     touches
@@ -70,7 +70,12 @@ class RunConfig:
     grasps
         Ranked grasps to plan; the first is executed.
     attempts
-        Grasps to try at the most: a hand that feels that a grasp will not hold plans again.
+        Grasps to try at most; another is planned after a failed tactile check.
+
+    Raises
+    ------
+    InvalidOptionError
+        If a value is out of range, or two contradict each other.
     """
 
     object: str = "box"
@@ -103,35 +108,33 @@ class RunConfig:
             ("policy", tuple(POLICIES)),
         ):
             if getattr(self, name) not in choices:
-                raise InvalidOptionError(
-                    f"{name} must be one of {', '.join(choices)}; it is '{getattr(self, name)}'"
-                )
-        for name in ("touches", "grasps", "attempts"):
-            if getattr(self, name) < 1:
-                raise InvalidOptionError(f"{name} must be at least 1; it is {getattr(self, name)}")
+                raise InvalidOptionError.not_one_of(name, getattr(self, name), choices)
+        least = {"touches": 1, "grasps": 1, "attempts": 1, "seed": 0}
+        for name, low in least.items():
+            if getattr(self, name) < low:
+                raise InvalidOptionError.out_of_range(name, getattr(self, name), f"at least {low}")
+        for name in ("mass", "friction"):
+            if not 0 < getattr(self, name) <= 1e9:
+                raise InvalidOptionError.out_of_range(name, getattr(self, name), "positive")
         if self.free and self.prober != "dynamic":
             raise InvalidOptionError(
-                f"an object that stands free needs the dynamic prober; it is '{self.prober}'"
+                f"a free object needs the dynamic prober; it is {self.prober}", option="free"
             )
         if self.fingers != "one" and self.prober != "kinematic":
             raise InvalidOptionError(
-                f"touching with all fingers needs the kinematic prober; it is '{self.prober}'"
+                f"fingers '{self.fingers}' need the kinematic prober; it is {self.prober}",
+                option="fingers",
             )
-        if self.seed < 0:
-            raise InvalidOptionError(f"seed must not be negative; it is {self.seed}")
+        # Both validate the remaining fields.
         self.sensor()
-        self.stop_rules(Workspace(1.0, np.zeros(3), 1.0))  # refused here, before any work
-        for name in ("mass", "friction"):
-            value = getattr(self, name)
-            if not 0 < value <= 1e9:
-                raise InvalidOptionError(f"{name} must be a positive number; it is {value}")
+        self.stop_rules(Workspace(1.0, np.zeros(3), 1.0))
 
     def sensor(self) -> TactileSensor:
-        """Return the tactile sensor that the hand touches with."""
+        """Return the tactile sensor of the hand."""
         return TactileSensor(position_noise=self.position_noise, normal_noise=self.normal_noise)
 
     def stop_rules(self, space: Workspace) -> list[StopRule]:
-        """Return what ends the touching early in a workspace."""
+        """Return the rules that stop the exploration of a workspace early."""
         rules: list[StopRule] = []
         if self.until_coverage is not None:
             rules.append(Covered(self.until_coverage, space))

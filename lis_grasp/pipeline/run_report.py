@@ -1,4 +1,4 @@
-"""What a run reports: surface errors, grasp quality on estimate and truth, the lift, the time."""
+"""Run report: surface errors, grasp quality on estimate and true object, and the lift."""
 
 from __future__ import annotations
 
@@ -24,15 +24,11 @@ if TYPE_CHECKING:
 
 
 def build_report(
-    config: RunConfig,
-    shape: Shape,
-    hand: Hand,
-    attempts: Sequence[Attempt],
-    timings: dict[str, float],
+    config: RunConfig, shape: Shape, hand: Hand, attempts: Sequence[Attempt]
 ) -> dict[str, Any]:
-    """Return the report of a run as plain values: lengths in metres, times in seconds.
+    """Return the report of a run as plain values, in metres and seconds, without timings.
 
-    Surface, grasps and lift are of the last attempt.
+    Surface, grasps and lift are those of the last attempt.
     """
     last = attempts[-1]
     return {
@@ -44,16 +40,14 @@ def build_report(
         "seed": config.seed,
         "touches": len(attempts[0].contacts),
         "repairs": list(shape.repairs),
-        "surface": surface_facts(shape, last.contacts, last.mesh),
-        "grasps": grasp_facts(config, shape, hand, last.search),
-        "attempts": [attempt_facts(attempt) for attempt in attempts],
+        "surface": _surface_facts(shape, last.contacts, last.mesh),
+        "grasps": _grasp_facts(config, shape, hand, last.search),
+        "attempts": [_attempt_facts(attempt) for attempt in attempts],
         "lift": lift_facts(last.outcome),
-        "timings": {stage: round(seconds, 3) for stage, seconds in timings.items()},
     }
 
 
-def surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> dict[str, Any]:
-    """Return the estimate's errors over the explored part: within a step of a contact [m]."""
+def _surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> dict[str, Any]:
     error = surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size)
     return {
         **asdict(error),
@@ -62,8 +56,9 @@ def surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> di
     }
 
 
-def grasp_facts(config: RunConfig, shape: Shape, hand: Hand, search: GraspSearch) -> dict[str, Any]:
-    """Return how many grasps were found, why others were not, and the best one's quality."""
+def _grasp_facts(
+    config: RunConfig, shape: Shape, hand: Hand, search: GraspSearch
+) -> dict[str, Any]:
     facts: dict[str, Any] = {
         "number": len(search.grasps),
         "candidates": search.candidates,
@@ -80,8 +75,7 @@ def grasp_facts(config: RunConfig, shape: Shape, hand: Hand, search: GraspSearch
     return facts
 
 
-def attempt_facts(attempt: Attempt) -> dict[str, Any]:
-    """Return which grasp was tried, how likely it was to hold, and what came of it."""
+def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
     if attempt.outcome is None:
         return {"grasp": None, "success_probability": None, "felt": 0, "reason": "no_grasp"}
     return {
@@ -93,7 +87,7 @@ def attempt_facts(attempt: Attempt) -> dict[str, Any]:
 
 
 def lift_facts(outcome: LiftOutcome | None) -> dict[str, Any]:
-    """Return the outcome of a lift; without a grasp to lift with, that."""
+    """Return the outcome of a lift as plain values; None means no grasp found."""
     if outcome is None:
         return {"lifted": False, "held": False, "reason": "no_grasp"}
     return {

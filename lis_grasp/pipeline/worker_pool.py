@@ -1,4 +1,4 @@
-"""Processes of this machine that share work: spawned, so that they inherit no threads or locks."""
+"""Process pools, spawned so that workers inherit no threads or locks."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lis_grasp.exceptions import InvalidOptionError
 
 @contextmanager
 def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of processes that leave interrupts to this one; cancel what is not begun.
+    """Open a pool of processes that ignore Ctrl-C and end with this one, even if it is killed.
 
-    They end when this process does, however it does.
+    On exit, work that has not started is cancelled.
     """
     pool = ProcessPoolExecutor(
-        processes, mp_context=get_context("spawn"), initializer=_depend_on_the_parent
+        processes, mp_context=get_context("spawn"), initializer=_end_with_parent
     )
     try:
         yield pool
@@ -29,21 +29,20 @@ def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def process_count(jobs: int | None) -> int:
-    """Return how many processes to use: `jobs`, at least 1, or the machine's cores for None."""
+    """Return the number of processes: `jobs`, or the number of cores for None."""
     if jobs is None:
         return os.cpu_count() or 1
     if jobs < 1:
-        raise InvalidOptionError(f"--jobs must be at least 1; {jobs} came")
+        raise InvalidOptionError.out_of_range("--jobs", jobs, "at least 1")
     return jobs
 
 
-def _depend_on_the_parent() -> None:
-    """Leave interrupts to the parent, but end with it, and do not wait for work forever."""
+def _end_with_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_the_parent, daemon=True).start()
+    threading.Thread(target=_wait_for_parent, daemon=True).start()
 
 
-def _end_with_the_parent() -> None:
+def _wait_for_parent() -> None:
     parent = parent_process()
     if parent is not None:
         parent.join()

@@ -1,4 +1,4 @@
-"""The verb `compare`: what it takes, what it refuses, and a small study from end to end."""
+"""The verb `compare`: refused options, and a small study from end to end."""
 
 from __future__ import annotations
 
@@ -28,36 +28,36 @@ pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "named"),
     [
-        (["--seeds", "0"], "seeds must be at least 1"),
-        (["--jobs", "0"], "--jobs must be at least 1"),
-        (["--estimators", "lis"], "compares with 'gpis'"),
-        (["--objects", "bx"], "neither a built-in shape"),
-        (["--noise", "much"], "noise must be 'none' or like"),
-        (["--study", "none.yaml"], "cannot read none.yaml"),
-        (["--quick", "--study", "none.yaml"], "leave out --study, or --quick"),
-        (["--jobs", "2", "--scheduler", "tcp://x:1"], "leave out --jobs"),
-        (["--rerun", "abc"], "a key must name one row"),
-        (["--report-only"], "a report needs rows of its study"),
-        (["--objects", "no.stl"], "no.stl is missing, or is no file"),
-        (["--objects", "a/box.stl", "b/box.stl"], "must differ by name"),
+        (["--seeds", "0"], "seeds"),
+        (["--jobs", "0"], "--jobs"),
+        (["--estimators", "lis"], "gpis"),
+        (["--objects", "bx"], "bx"),
+        (["--noise", "much"], "noise"),
+        (["--study", "none.yaml"], "none.yaml"),
+        (["--quick", "--study", "none.yaml"], "--study"),
+        (["--jobs", "2", "--scheduler", "tcp://x:1"], "--jobs"),
+        (["--rerun", "abc"], "key"),
+        (["--report-only"], "rows"),
+        (["--objects", "no.stl"], "no.stl"),
+        (["--objects", "a/box.stl", "b/box.stl"], "name"),
     ],
 )
-def test_what_cannot_be_compared_is_refused(
-    tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+def test_an_invalid_study_exits_with_2_and_names_the_option(
+    tmp_path: Path, arguments: list[str], named: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["compare", *arguments, "--output", str(tmp_path)]) == 2
-    assert message in capsys.readouterr().err
+    assert named in capsys.readouterr().err
 
 
-def test_the_quick_study_is_one() -> None:
+def test_the_quick_study_is_valid() -> None:
     study = Study.from_facts(QUICK)
     assert study.reference in study.estimators
     assert {True, False} == {name in ("sphere", "torus") for name in study.objects}
 
 
-def test_a_folder_is_reported_on_and_its_rows_made_again_by_what_it_says(
+def test_report_only_and_rerun_use_the_study_file_of_the_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def named_rows(job: Job) -> list[Row]:
@@ -79,7 +79,7 @@ def test_a_folder_is_reported_on_and_its_rows_made_again_by_what_it_says(
     assert described.read_text().startswith("# mine")
     again = f"lis-grasp compare --study {described} --output {results}"
     assert again in html.unescape((results / "report.html").read_text())
-    # With another number of seeds it is another study, and the file says so.
+    # Other estimators are another study, so the file is written again.
     arguments = ["--study", str(described), "--estimators", "gpis", "--output", str(results)]
     assert main(["compare", "--report-only", *arguments]) == 0
     assert load_study(described)["estimators"] == ["gpis"]
@@ -90,9 +90,9 @@ def test_a_folder_is_reported_on_and_its_rows_made_again_by_what_it_says(
     assert main(["compare", "--rerun", key, "--output", str(results)]) == 2
     assert "cannot read" in capsys.readouterr().err
     arguments = ["--rerun", key, "--meshes", str(moved), "--output", str(results)]
-    # Found, and run; what the fake rows have is not what comes out.
+    # The row is found and run, and differs from the fake one.
     assert main(["compare", *arguments]) == 1
-    assert "the row must come out as recorded" in capsys.readouterr().err
+    assert "differs from the recorded one" in capsys.readouterr().err
 
 
 TINY = ["--objects", "box", "--estimators", "gpis", "blend", "--touches", "8"]
@@ -100,7 +100,7 @@ TINY += ["--noise", "none", "--seeds", "2", "--jobs", "1"]
 
 
 @pytest.mark.slow
-def test_a_study_killed_at_any_moment_ends_as_an_undisturbed_one(
+def test_a_killed_study_continues_to_the_same_results(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = [sys.executable, "-m", "lis_grasp.cli.main", "compare", *TINY, "--output"]

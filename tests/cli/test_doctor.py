@@ -90,9 +90,9 @@ def test_a_fault_is_named_with_what_to_mend(
     change(folder)
     assert main(["doctor", "--hand", str(folder / "allegro.yaml")]) == 1
     output = capsys.readouterr()
-    mended = [line for line in output.out.splitlines() if line.startswith("MEND")]
-    assert any(message in line for line in mended), output.out
-    assert "must be mended" in output.err
+    faults = [line for line in output.out.splitlines() if line.startswith("FIX")]
+    assert any(message in line for line in faults), output.out
+    assert "must be fixed" in output.err
 
 
 def test_this_machine_is_fit(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.pipeline.regrasp import Attempt, grasp_by_touch
+from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.run_config import RunConfig
 
 ALLEGRO = Hand.load("allegro")
@@ -31,7 +31,7 @@ def _face_contacts(offset: np.ndarray) -> Contacts:
 
 def _attempts(offset: np.ndarray, attempts: int, seed: int = 0) -> list[Attempt]:
     config = RunConfig(object="box", estimator="blend", attempts=attempts, seed=seed)
-    return list(grasp_by_touch(BOX, ALLEGRO, _face_contacts(offset), config))
+    return list(grasp_with_tactile_check(BOX, ALLEGRO, _face_contacts(offset), config))
 
 
 def test_a_grasp_that_feels_as_planned_is_carried_through_at_once() -> None:
