@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
-import numpy.typing as npt
+import numpy as np
+
+_Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
 
 
-def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return an array after making it read-only."""
+def read_only(array: _Array) -> _Array:
+    """Make an array read-only and return it."""
     array.flags.writeable = False
     return array
 

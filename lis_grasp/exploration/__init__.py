@@ -2,7 +2,7 @@
 
 from lis_grasp.exploration.exploration_loop import Exploration, explore
 from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy
-from lis_grasp.exploration.probe import Probe, ProbeOutcome, Prober, ProbeStatus
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import Certain, Covered, StopRule, TimeSpent
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.touch_log import TouchLog, load_outcomes
@@ -14,6 +14,7 @@ __all__ = [
     "Certain",
     "Covered",
     "Exploration",
+    "HandPose",
     "Policy",
     "Probe",
     "ProbeOutcome",

@@ -12,7 +12,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.exploration.policy import Policy
-from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
+from lis_grasp.exploration.probe import HandPose, ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import Workspace
@@ -74,6 +74,16 @@ class Exploration:
             contacts = _with_outcome(contacts, outcome, clock, touches)
             clock += outcome.duration
         return contacts
+
+    @property
+    def hand_poses(self) -> tuple[HandPose | None, ...]:
+        """Where the hand was at each contact, in the contacts' order; None where not known."""
+        contacts, poses = Contacts.empty(), list[HandPose | None]()
+        for outcome in self.outcomes:
+            before = len(contacts)
+            contacts = _with_outcome(contacts, outcome, 0.0, len(self.contacts))
+            poses += [outcome.hand_pose] * (len(contacts) - before)
+        return tuple(poses)
 
     @property
     def touched(self) -> int:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ class Probe:
     overshoot: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "target", _read_only(_vector("target", self.target)))
+        object.__setattr__(self, "target", read_only(_vector("target", self.target)))
         object.__setattr__(self, "direction", _unit("direction", self.direction))
         for name in ("standoff", "overshoot"):
             value = float(getattr(self, name))
@@ -71,6 +72,37 @@ class Probe:
     def end(self) -> FloatArray:
         """Where the motion gives up, shape (3,) [m]."""
         return self.target + self.overshoot * self.direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandPose:
+    """Pose of a hand and positions of its joints.
+
+    Parameters
+    ----------
+    X_OH
+        Shape (4, 4): pose of the palm frame H in the object frame O.
+    joint_positions
+        Shape (J,) [rad or m], in the order of the hand's joints.
+
+    Raises
+    ------
+    InvalidOptionError
+        If a shape is wrong or a number is not finite.
+    """
+
+    X_OH: FloatArray
+    joint_positions: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, required in (("X_OH", "4 x 4"), ("joint_positions", "a list of")):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            fits = array.shape == (4, 4) if name == "X_OH" else array.ndim == 1
+            if not (fits and np.isfinite(array).all()):
+                raise InvalidOptionError.out_of_range(
+                    name, array.tolist(), f"{required} finite numbers"
+                )
+            object.__setattr__(self, name, read_only(array))
 
 
 def _no_points() -> FloatArray:
@@ -104,6 +136,9 @@ class ProbeOutcome:
     free_radii
         Shape (K,) [m]: so far round each of the free points the hand filled space; 0 where only the
         point is known to be free, as of all of them if this is left empty.
+    hand_pose
+        Where the hand and its joints were when it made the contacts, in the object frame O at that
+        time; None if the prober does not know.
 
     Raises
     ------
@@ -122,6 +157,7 @@ class ProbeOutcome:
     reason: str = ""
     moved: float = 0.0
     free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
+    hand_pose: HandPose | None = None
 
     def __post_init__(self) -> None:
         if self.status not in get_args(ProbeStatus):
@@ -136,7 +172,7 @@ class ProbeOutcome:
         free_points = np.array(self.free_points, dtype=np.float64).reshape(-1, 3)
         if not np.isfinite(free_points).all():
             raise InvalidOptionError("free_points must be finite numbers")
-        object.__setattr__(self, "free_points", _read_only(free_points))
+        object.__setattr__(self, "free_points", read_only(free_points))
         object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
         for name, unit in (("duration", "s"), ("moved", "m")):
             value = getattr(self, name)
@@ -183,9 +219,4 @@ def _unit(name: str, values: npt.ArrayLike) -> FloatArray:
     if length == 0.0:
         raise InvalidOptionError(f"a probe's {name} must not be zero; give the way it moves")
     # A unit vector stays as it is to the last bit, so that files survive any number of rounds.
-    return _read_only(vector if abs(length - 1.0) < _ROUNDING else vector / length)
-
-
-def _read_only(array: FloatArray) -> FloatArray:
-    array.flags.writeable = False
-    return array
+    return read_only(vector if abs(length - 1.0) < _ROUNDING else vector / length)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidFileError, InvalidOptionError
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
 
 _END = "ended"
@@ -124,7 +124,7 @@ def _has_ended(rows: list[Row]) -> bool:
 
 
 def _row(outcome: ProbeOutcome) -> Row:
-    probe, contacts = outcome.probe, outcome.contacts
+    probe, contacts, hand_pose = outcome.probe, outcome.contacts, outcome.hand_pose
     return {
         "target": probe.target.tolist(),
         "direction": probe.direction.tolist(),
@@ -141,6 +141,8 @@ def _row(outcome: ProbeOutcome) -> Row:
         "times": _list(contacts.times),
         "free_points": outcome.free_points.tolist(),
         "free_radii": outcome.free_radii.tolist(),
+        "X_OH": None if hand_pose is None else hand_pose.X_OH.tolist(),
+        "joint_positions": None if hand_pose is None else hand_pose.joint_positions.tolist(),
     }
 
 
@@ -171,7 +173,14 @@ def _outcome(row: Row) -> ProbeOutcome:
         row["reason"],
         row["moved"],
         np.array(row.get("free_radii", [])),
+        _hand_pose(row),
     )
+
+
+def _hand_pose(row: Row) -> HandPose | None:
+    """Return the pose that a row records, if any: older logs have none."""
+    X_OH = row.get("X_OH")
+    return None if X_OH is None else HandPose(X_OH, row["joint_positions"])
 
 
 def _rows(values: list[list[float]]) -> npt.NDArray[np.float64]:

@@ -65,6 +65,13 @@ class Course:
     at_table: bool = False
 
     @property
+    def X_OH_end(self) -> FloatArray:
+        """Pose (4, 4) of the palm where the motion ended."""
+        X_OH = self.X_OH.copy()
+        X_OH[:3, 3] += self.travelled * self.direction
+        return X_OH
+
+    @property
     def _along(self) -> float:
         """How far the hand went along the probe's own motion [m]."""
         return self.travelled if self.arrived else 0.0

@@ -10,7 +10,7 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.known_shape import KnownShape
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
 from lis_grasp.probing.other_fingers import OtherFingers, Stretching
@@ -68,11 +68,13 @@ class KinematicProber:
             return missed
         touches = [(course.until_contact, course.met)]
         longer = 0.0
+        q = course.approach.posture.joint_positions.copy()
         for stretching in self._stretch(course):
             longer = max(longer, stretching.duration)
             if stretching.met is not None:
                 time = course.until_contact + stretching.until_contact
                 touches.append((time, stretching.met))
+                q[stretching.joints] = stretching.positions
         touches.sort(key=lambda touch: touch[0])
         contacts = Contacts(
             points=np.array([met.point for _, met in touches]),
@@ -83,14 +85,18 @@ class KinematicProber:
             free_radii=missed.free_radii,
         )
         return replace(
-            missed, status="touched", contacts=contacts, duration=course.duration + longer
+            missed,
+            status="touched",
+            contacts=contacts,
+            duration=course.duration + longer,
+            hand_pose=HandPose(course.X_OH_end, q),
         )
 
     def _stretch(self, course: Course) -> list[Stretching]:
         """Stretch out the fingers that did not touch, at the end of a course."""
         if self._others is None or course.met is None:
             return []
-        X_OH = course.X_OH.copy()
-        X_OH[:3, 3] += course.travelled * course.direction
         touching = self._link_fingers.get(course.met.link)
-        return self._others.stretch(X_OH, course.approach.posture.joint_positions, but=touching)
+        return self._others.stretch(
+            course.X_OH_end, course.approach.posture.joint_positions, but=touching
+        )

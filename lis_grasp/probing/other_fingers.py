@@ -31,10 +31,14 @@ class Stretching:
         The link that touches the object, and where; None where nothing was met.
     length
         How far the finger's pad has gone [m].
+    joints, positions
+        The joints that moved, and where they are at the end, shapes (K,).
     """
 
     met: NearestLink | None
     length: float
+    joints: list[int]
+    positions: FloatArray
 
     @property
     def until_contact(self) -> float:
@@ -96,7 +100,7 @@ class OtherFingers:
         way = goal - q[joints]
         length = float(np.abs(way) @ reaches)
         if length == 0.0:
-            return Stretching(None, 0.0)
+            return Stretching(None, 0.0, joints, goal)
         share, posture = 0.0, q.copy()
         gone = self._pad_path(finger, X_OH, q, goal)
         while True:
@@ -104,9 +108,9 @@ class OtherFingers:
             checker.place(X_OH, checker.poses_in_hand(posture))
             nearest = checker.nearest(np.zeros(3))
             if nearest.distance < TOUCHING:
-                return Stretching(nearest, gone(share))
+                return Stretching(nearest, gone(share), joints, posture[joints])
             if share >= 1.0:
-                return Stretching(None, gone(1.0))
+                return Stretching(None, gone(1.0), joints, goal)
             share = min(share + max(nearest.distance / length, _LEAST_STEP), 1.0)
 
     def _pad_path(

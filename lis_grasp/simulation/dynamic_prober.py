@@ -10,7 +10,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.known_shape import KnownShape
 from lis_grasp.exploration.motion_time import PROBE_SPEED
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
 from lis_grasp.simulation.contact_patches import Patch
@@ -96,16 +96,18 @@ class DynamicProber:
         missed = self._motion.nothing_felt(course, probe, known)
         if course.met is None:
             return missed
-        patches, X_WO = self._feel(course)
+        patches, X_WO, hand_pose = self._feel(course)
         moved, tilt = self._moved()
         reason = TOPPLED if tilt > _TOPPLED else GRAZED if not patches else ""
         if reason:
             return replace(missed, status="blocked", reason=reason, moved=moved)
         contacts = _contacts(patches, X_WO, course.until_contact)
-        return replace(missed, status="touched", contacts=contacts, moved=moved)
+        return replace(
+            missed, status="touched", contacts=contacts, moved=moved, hand_pose=hand_pose
+        )
 
-    def _feel(self, course: Course) -> tuple[list[Patch], FloatArray]:
-        """Simulate the last of a course; return what is felt, and the object's pose then."""
+    def _feel(self, course: Course) -> tuple[list[Patch], FloatArray, HandPose]:
+        """Simulate the last of a course; return what is felt, the object's pose and the hand's."""
         scene, posture = self._scene, course.approach.posture
         palm_to_base = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
         X_OB = course.X_OH @ palm_to_base[self._hand.base_link]
@@ -122,9 +124,11 @@ class DynamicProber:
             if felt:
                 break
         X_WO = scene.X_WO
+        X_OH = np.linalg.inv(X_WO) @ scene.X_WB @ self._hand.X_LH
+        hand_pose = HandPose(X_OH, scene.joint_positions)
         if self._free is not None:
             scene.retreat(start + n * step, PROBE_SPEED)
-        return felt, X_WO
+        return felt, X_WO, hand_pose
 
     def _moved(self) -> tuple[float, float]:
         """Return by how much the touch has moved the object [m], and tilted it [rad]."""

@@ -179,6 +179,20 @@ class ProbingScene:
         """Pose of the object now, shape (4, 4)."""
         return np.asarray(self._fixture.GetPose(self._context).GetAsMatrix4())
 
+    @property
+    def X_WB(self) -> FloatArray:
+        """Pose of the hand's base link now, shape (4, 4)."""
+        base = self._hand.bodies[self._hand.hand.base_link]
+        return np.asarray(
+            self._plant.EvalBodyPoseInWorld(self._context, base).GetAsMatrix4(), dtype=np.float64
+        )
+
+    @property
+    def joint_positions(self) -> FloatArray:
+        """Positions of the hand's joints now, shape (J,)."""
+        positions: FloatArray = self._plant.GetPositions(self._context)
+        return positions[[joint.position_start() for joint in self._hand.joints]]
+
     def place(self, q: FloatArray, X_OB: FloatArray, direction: FloatArray) -> None:
         """Put joints (J,) and base link (4, 4) at the start of a motion along (3,), at rest."""
         plant, context = self._plant, self._context

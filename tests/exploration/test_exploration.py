@@ -13,6 +13,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
     Exploration,
+    HandPose,
     Probe,
     ProbeOutcome,
     TargetPolicy,
@@ -208,8 +209,9 @@ def test_where_nothing_changes_sign_there_is_no_surface() -> None:
 class Scripted:
     """A policy that knows one line of probes, and prober that answers with fixed contacts."""
 
-    def __init__(self, answers: Sequence[Contacts]) -> None:
+    def __init__(self, answers: Sequence[Contacts], *, poses: bool = False) -> None:
         self.answers = list(answers)
+        self.poses = poses
         self.seen: list[tuple[int, bool, int]] = []
 
     def next_probe(
@@ -227,7 +229,9 @@ class Scripted:
         contacts = self.answers.pop(0)
         free = np.full((2, 3), float(len(self.answers)))
         status = "touched" if len(contacts) else "missed"
-        return ProbeOutcome(probe, status, contacts, free, duration=0.5)
+        count = float(len(self.answers))
+        hand_pose = HandPose(np.eye(4), np.array([count])) if self.poses else None
+        return ProbeOutcome(probe, status, contacts, free, duration=0.5, hand_pose=hand_pose)
 
 
 def touch_at(*heights: float) -> Contacts:
@@ -495,3 +499,22 @@ def test_the_first_contacts_come_with_what_was_free_by_then() -> None:
     np.testing.assert_array_equal(first.free_points[:, 0], [2, 2, 1, 1, 0, 0])
     np.testing.assert_array_equal(exploration.first(1).free_points[:, 0], [2, 2])
     assert len(exploration.first(9)) == len(exploration.contacts)
+
+
+def test_hand_poses_are_one_per_kept_contact_in_order() -> None:
+    answers = [touch_at(0.0, 0.0005), Contacts.empty(), touch_at(0.0009, 0.1), touch_at(0.2, 0.3)]
+    exploration = run(Scripted(answers, poses=True), 3)
+    np.testing.assert_array_equal(exploration.contacts.points[:, 2], [0.0, 0.1, 0.2])
+    assert [pose.joint_positions[0] for pose in exploration.hand_poses if pose] == [3, 1, 0]
+    assert run(Scripted(answers), 3).hand_poses == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("X_OH", np.eye(3)), ("X_OH", np.full((4, 4), np.nan)), ("joint_positions", [[0.0]])],
+)
+def test_an_invalid_hand_pose_is_refused(option: str, value: object) -> None:
+    valid = {"X_OH": np.eye(4), "joint_positions": [0.1]}
+    with pytest.raises(InvalidOptionError) as error:
+        HandPose(**(valid | {option: value}))  # type: ignore[arg-type]
+    assert error.value.option == option

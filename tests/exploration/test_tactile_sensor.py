@@ -7,7 +7,7 @@ import pytest
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, TactileSensor
+from lis_grasp.exploration import Exploration, HandPose, Probe, ProbeOutcome, TactileSensor
 from lis_grasp.exploration.tactile_sensor import UNKNOWN
 
 COUNT = 20_000
@@ -72,6 +72,13 @@ def test_a_touch_that_is_not_felt_is_no_free_way() -> None:
     assert outcome.status == "blocked"
     assert not len(outcome.contacts)
     np.testing.assert_array_equal(outcome.free_points, FREE)  # up to there it was free
+
+
+def test_a_reported_touch_keeps_the_hand_pose() -> None:
+    pose = HandPose(np.eye(4), np.zeros(2))
+    sensed = report(replace(TOUCHED, hand_pose=pose), TactileSensor(position_noise=0.001))
+    assert sensed.hand_pose is pose
+    assert report(MISSED, TactileSensor(false_rate=1.0)).hand_pose is None
 
 
 def test_a_false_touch_lies_on_the_way_and_faces_the_finger() -> None:

@@ -1,5 +1,6 @@
 """The log of touches: to the last bit, through interruptions, and never somebody else's."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.exploration import (
     Exploration,
+    HandPose,
     Probe,
     ProbeOutcome,
     TactileSensor,
@@ -114,9 +116,20 @@ def test_contacts_of_any_kind_survive(tmp_path: Path) -> None:
     probes = [Probe(rng.normal(size=3), rng.normal(size=3), 0.1, 0.2) for _ in range(2)]
     outcomes: Sequence[ProbeOutcome] = [
         ProbeOutcome(
-            probe, "touched", contacts, rng.normal(size=(4, 3)), 0.3, free_radii=rng.random(4)
+            probe,
+            "touched",
+            contacts,
+            rng.normal(size=(4, 3)),
+            0.3,
+            free_radii=rng.random(4),
+            hand_pose=pose,
         )
-        for probe, contacts in zip(probes, (bare, full), strict=True)
+        for probe, contacts, pose in zip(
+            probes,
+            (bare, full),
+            (None, HandPose(rng.normal(size=(4, 4)), rng.random(3))),
+            strict=True,
+        )
     ]
     for outcome in outcomes:
         log.append(outcome)
@@ -127,6 +140,31 @@ def test_contacts_of_any_kind_survive(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read.free_radii, written.free_radii)
         assert (read.contacts.forces is None) == (written.contacts.forces is None)
         assert read.contacts.fingers == written.contacts.fingers
+        assert (read.hand_pose is None) == (written.hand_pose is None)
+    pose, same = outcomes[1].hand_pose, log.resume()[1].hand_pose
+    assert pose is not None
+    assert same is not None
+    np.testing.assert_array_equal(same.X_OH, pose.X_OH)
+    np.testing.assert_array_equal(same.joint_positions, pose.joint_positions)
+
+
+def test_a_log_without_hand_poses_loads(tmp_path: Path) -> None:
+    log = TouchLog(tmp_path / "touches.jsonl", FACTS)
+    log.append(
+        ProbeOutcome(
+            Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1),
+            "touched",
+            Contacts([[0, 0, 0]], [[0, 0, -1]]),
+            hand_pose=HandPose(np.eye(4), np.zeros(2)),
+        )
+    )
+    text = log.path.read_text().splitlines()
+    row = json.loads(text[1])
+    del row["X_OH"], row["joint_positions"]
+    log.path.write_text(f"{text[0]}\n{json.dumps(row)}\n")
+    (outcome,) = load_outcomes(log.path)
+    assert outcome.hand_pose is None
+    assert len(outcome.contacts) == 1
 
 
 @pytest.mark.parametrize(
