@@ -130,6 +130,7 @@ def explore(
     recorded: Sequence[ProbeOutcome] = (),
     record: Callable[[ProbeOutcome], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    observe: Callable[[int, ImplicitSurface], None] | None = None,
 ) -> Exploration:
     """Touch an object again and again, each time where the surface estimated so far suggests.
 
@@ -167,6 +168,9 @@ def explore(
         Called with every new outcome, before anything else is made of it.
     progress
         Called after every probe with the contacts made and those wanted.
+    observe
+        Called with the number of contacts and the surface estimated from them, free space carved
+        off, whenever the surface has been estimated.
 
     Raises
     ------
@@ -185,14 +189,20 @@ def explore(
     for outcome in outcomes:  # as below; `sum` compensates for rounding from Python 3.12 on
         clock += outcome.duration
     margin = 0.0 if sensor is None else sensor.free_margin
-    estimated = estimate(contacts) if len(contacts) else None
+    estimated: ImplicitSurface | None = None
+    estimated_from = 0  # contacts
     while True:
+        is_new = len(contacts) > estimated_from
+        if is_new:
+            estimated, estimated_from = estimate(contacts), len(contacts)
         surface = None if estimated is None else carved(estimated, contacts, margin=margin)
+        if observe is not None and is_new and surface is not None:
+            observe(len(contacts), surface)
         ended = _reason_to_end(contacts, surface, outcomes, touches, max_probes, stop)
         if ended:
             return Exploration(contacts, tuple(outcomes), ended)
         draws = rng.spawn(1)[0]
-        probe = policy.next_probe(contacts, surface, outcomes=outcomes, rng=draws)
+        probe = policy.next_probe(contacts, estimated, outcomes=outcomes, rng=draws)
         if probe is None:
             return Exploration(contacts, tuple(outcomes), "nothing is left that is worth a touch")
         known = None if space is None else KnownShape(space, contacts, surface)
@@ -202,11 +212,8 @@ def explore(
         if record is not None:
             record(outcome)
         outcomes.append(outcome)
-        before = len(contacts)
         contacts = _with_outcome(contacts, outcome, clock, touches)
         clock += outcome.duration
-        if len(contacts) > before:
-            estimated = estimate(contacts)
         if progress is not None:
             progress(len(contacts), touches)
 

@@ -14,7 +14,7 @@ from lis_grasp.exploration import aiming, choices
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.surfaces import ImplicitSurface, uncarved
+from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
 
@@ -40,7 +40,8 @@ class Policy(Protocol):
         contacts
             Felt so far, in O; may be empty.
         surface
-            Estimated from these contacts; None as long as there are none.
+            Estimated from these contacts, before free space is carved off: its walls are no places
+            to touch. None as long as there are no contacts.
         outcomes
             Every probe so far and what came of it, in order.
         rng
@@ -92,8 +93,6 @@ class TargetPolicy:
             return aiming.opening(space, outcomes, rng)
         if surface is None or not len(contacts):
             return aiming.across(space, rng)
-        # What free space is carved off ends in walls of its own, which are no places to touch.
-        surface = uncarved(surface)
         sought = surface if self.guess is None else self.guess(contacts)
         sideways = aiming.from_within(space, contacts, sought, outcomes, rng)
         if sideways is not None:

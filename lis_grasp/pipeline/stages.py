@@ -72,6 +72,7 @@ def touch(
     log: TouchLog | None = None,
     recorded: Sequence[ProbeOutcome] = (),
     progress: Callable[[int, int], None] | None = None,
+    observe: Callable[[int, ImplicitSurface], None] | None = None,
 ) -> Exploration:
     """Explore the object by touch, as the configuration says; go on from an interrupted log.
 
@@ -80,7 +81,7 @@ def touch(
 
     The object is held, or stands free on a table. What the robot is told of it beforehand is where
     it is and how large: the centre of its bounding box and its largest extent; every contact is
-    felt.
+    felt. `progress` and `observe` are called as by `explore`.
     """
     space = Workspace(
         STEP_FRACTION * shape.size,
@@ -101,6 +102,7 @@ def touch(
         recorded=recorded,
         record=log.append if log is not None else None,
         progress=progress,
+        observe=observe,
     )
     if log is not None:
         log.end(exploration.ended)

@@ -288,6 +288,13 @@ def test_progress_is_told_after_every_probe() -> None:
     assert told == [(0, 2), (1, 2), (2, 2)]
 
 
+def test_every_new_estimate_is_observed_once() -> None:
+    seen: list[int] = []
+    script = Scripted([touch_at(0.0), Contacts.empty(), touch_at(0.0001), touch_at(0.1, 0.2)])
+    run(script, 3, observe=lambda count, surface: seen.append(count))
+    assert seen == [1, 3]
+
+
 @pytest.mark.parametrize("options", [{"touches": 0}, {"touches": 1, "max_probes": 0}])
 def test_exploring_for_nothing_is_refused(options: dict) -> None:
     with pytest.raises(InvalidOptionError, match="must be at least 1"):
