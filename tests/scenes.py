@@ -8,12 +8,12 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration import HandPose, Probe, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import Joint, LinkGeometry, Pad
 from lis_grasp.motion import Motion
 from lis_grasp.visualization import Scene
-from lis_grasp.visualization.touch_poses import TouchPose
 
 HALF = 0.03
 
@@ -108,17 +108,25 @@ def motion(height: float = 0.1) -> Motion:
 
 
 def growth() -> tuple[tuple[int, trimesh.Trimesh], ...]:
-    """Return what three contacts may have told: a surface of a quarter of the volume."""
+    """Return an estimate from three contacts, a quarter of the box's volume."""
     mesh = estimate()
     mesh.vertices = mesh.vertices * [0.5, 0.5, 1.0]
     return ((3, mesh),)
 
 
-def touch_poses() -> tuple[TouchPose, ...]:
-    """Return the opened hand right above each contact, come from above."""
+def touches() -> tuple[ProbeOutcome, ...]:
+    """Return one touch from above for each contact, with the open hand 1 mm above it."""
     down = np.array([0.0, 0.0, -1.0])
-    above = [pose(x, y, z + 0.001) for x, y, z in contacts().points]
-    return tuple(TouchPose(X_OH, np.full(2, 0.06), down) for X_OH in above)
+    made = contacts()
+    return tuple(
+        ProbeOutcome(
+            Probe(point, down, 0.02, 0.02),
+            "touched",
+            made.subset([k]),
+            hand_pose=HandPose(pose(*(point + [0.0, 0.0, 0.001])), np.full(2, 0.06)),
+        )
+        for k, point in enumerate(made.points)
+    )
 
 
 def scene(**changes: Any) -> Scene:
@@ -127,7 +135,7 @@ def scene(**changes: Any) -> Scene:
         "estimate": estimate(),
         "contacts": contacts(),
         "growth": growth(),
-        "touch_poses": touch_poses(),
+        "touches": touches(),
         "grasps": (grasp(), grasp(0.05)),
         "hand": hand(),
         "motion": motion(),

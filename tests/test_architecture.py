@@ -28,8 +28,8 @@ LAYERS = [
     ["lifting"],
     ["simulation"],
     ["evaluation"],
-    ["pipeline"],
     ["visualization"],
+    ["pipeline"],
     ["experiments"],
     ["cli"],
 ]

@@ -1,8 +1,9 @@
-"""`lis-grasp explore`: touch an object with a simulated hand, write the contacts."""
+"""`lis-grasp explore`: tactile exploration of an object with a simulated hand."""
 
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,15 @@ from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import remove_made_from
+from lis_grasp.exceptions import EstimationError, InvalidMeshError
 from lis_grasp.exploration import Exploration, TouchLog
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
+from lis_grasp.io.growth_files import remove_growth, save_growth
+from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape
+from lis_grasp.surfaces import ImplicitSurface
 
 LOG = "touches.jsonl"
 
@@ -24,6 +29,11 @@ TOUCH_OPTIONS = (
     *("touches", "seed"),
 )
 """The options of an exploration, beside its object."""
+
+# Estimates kept on the way to the last one; each takes some tenths of a second and half a megabyte.
+_STEPS = 8
+# The first of them; with fewer contacts the surface is nearly a guess.
+_FIRST = 3
 
 # Plain names of facts in the header of a log.
 _MEANING = {"source": "state of lis_grasp", "touch_log": "format"}
@@ -53,30 +63,53 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def touch_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) -> Exploration:
-    """Touch, with a log in the folder of results; go on where an interrupted log ends.
+    """Explore with a log in the folder of results; resume the log of an interrupted exploration.
 
-    A log of another configuration, or by another state of the package, which might have chosen
-    other probes, is begun anew. So are the results of an earlier exploration in the folder.
+    The log of another configuration or of another state of the package is started anew, and the
+    results of the earlier exploration are removed. Some estimates on the way are kept in growth/.
     """
-    facts = provenance.parse(explored_header(config, shape))
-    log = TouchLog(output / LOG, facts | {"source": provenance.source_digest()})
+    header = explored_header(config, shape)
+    log = TouchLog(output / LOG, provenance.parse(header) | {"source": provenance.source_digest()})
     differing = log.differing()
     known = len(log.resume())
     if known:
-        say(f"going on from {known} probes in {log.path}")
+        say(f"resuming after {known} probes in {log.path}")
     elif differing:
         names = ", ".join(_MEANING.get(name, name) for name in differing)
-        say(f"beginning anew: {log.path} is of another {names}")
+        say(f"starting anew: {log.path} has another {names}")
     if not known:
+        remove_growth(output)
         remove_made_from(output / "contacts.ply", with_itself=True)
+    counts = counts_on_the_way(config.touches)
+    last = 0
+
+    def keep_growth(contacts: int, surface: ImplicitSurface) -> None:
+        nonlocal last
+        # One touch can make several contacts and so pass a count.
+        before, last = last or contacts - 1, contacts
+        if contacts < config.touches and any(before < count <= contacts for count in counts):
+            with suppress(EstimationError, InvalidMeshError):  # too few contacts for a surface
+                save_growth(output, contacts, extract_mesh(surface), header)
+
     with Stage(f"Touching {shape.name} with {hand.name}") as stage:
-        exploration = pipeline.touch(shape, hand, config, log=log, progress=stage.count)
+        exploration = pipeline.touch(
+            shape, hand, config, log=log, progress=stage.count, observe=keep_growth
+        )
         stage.result = exploration.summary()
     return exploration
 
 
+def counts_on_the_way(contacts: int) -> list[int]:
+    """Return the numbers of contacts whose estimates are kept, all below the last number."""
+    return sorted(
+        count
+        for count in {_FIRST, *(round(k * contacts / _STEPS) for k in range(1, _STEPS))}
+        if 2 <= count < contacts
+    )
+
+
 def explored_header(config: RunConfig, shape: Shape) -> str:
-    """Return the header of contacts: the configuration, and the height the object stands at."""
+    """Return the header of contacts: the configuration, and the height of the support plane."""
     later = ("grasps", "attempts", *(() if config.free else ("mass", "friction")))
     facts = {name: value for name, value in config.facts().items() if name not in later}
     return provenance.describe(**facts, support_height=pipeline.support_height(shape))

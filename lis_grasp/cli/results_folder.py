@@ -1,4 +1,4 @@
-"""What a folder of results holds, and what of it goes out of date when a stage is run again."""
+"""Outdated files in a folder of results: removal after a stage is run again."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lis_grasp.cli.progress import say
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
 
-# What the first stage makes, and what is made from that and from each other.
+# Files of each stage, in order; each stage reads the files of the earlier ones.
 _STAGES = (
     ("contacts.ply",),
     ("surface.ply",),
@@ -21,9 +21,9 @@ _STAGES = (
 
 @contextmanager
 def result_file(path: Path) -> Iterator[Path]:
-    """Give a temporary path for a stage's file, as `whole_file` does; then later stages' files go.
+    """Yield a temporary path for a stage's file, as `whole_file` does; then remove later files.
 
-    They were made from the file that is replaced, and would be taken for the new one's.
+    Files of later stages were made from the replaced file, and would seem to be of the new one.
     """
     with whole_file(path) as temporary:
         yield temporary
@@ -31,17 +31,16 @@ def result_file(path: Path) -> Iterator[Path]:
 
 
 def remove_made_from(path: Path, *, with_itself: bool = False) -> None:
-    """Remove the files that later stages made from a stage's file, and say so.
+    """Remove the files that later stages made from a stage's file, and print their names.
 
-    Where the file is missing, or is not one of this package's, its neighbours are somebody's own
-    and stay.
+    Nothing is removed if the file is missing or was not written by this package.
 
     Parameters
     ----------
     path
-        Of ``contacts.ply``, ``surface.ply`` or ``grasps.json``.
+        Path of ``contacts.ply``, ``surface.ply`` or ``grasps.json``.
     with_itself
-        Whether the file goes too.
+        Whether the file itself is removed too.
     """
     if not path.exists() or not provenance.read(path):
         return
@@ -56,7 +55,7 @@ def remove_made_from(path: Path, *, with_itself: bool = False) -> None:
 
 
 def scene_is_outdated(directory: Path) -> bool:
-    """Return whether a folder's scene is missing, or older than a file that it shows."""
+    """Return whether a folder's scene is missing or older than a file that it shows."""
     scene = directory / "scene.html"
     if not scene.exists():
         return True

@@ -76,14 +76,19 @@ class Exploration:
         return contacts
 
     @property
-    def hand_poses(self) -> tuple[HandPose | None, ...]:
-        """Where the hand was at each contact, in the contacts' order; None where not known."""
-        contacts, poses = Contacts.empty(), list[HandPose | None]()
+    def touches(self) -> tuple[ProbeOutcome, ...]:
+        """The outcome that made each contact, in the contacts' order."""
+        contacts, touches = Contacts.empty(), list[ProbeOutcome]()
         for outcome in self.outcomes:
             before = len(contacts)
             contacts = _with_outcome(contacts, outcome, 0.0, len(self.contacts))
-            poses += [outcome.hand_pose] * (len(contacts) - before)
-        return tuple(poses)
+            touches += [outcome] * (len(contacts) - before)
+        return tuple(touches)
+
+    @property
+    def hand_poses(self) -> tuple[HandPose | None, ...]:
+        """Where the hand was at each contact, in the contacts' order; None where not known."""
+        return tuple(outcome.hand_pose for outcome in self.touches)
 
     @property
     def touched(self) -> int:

@@ -1,4 +1,4 @@
-"""The hand's layers: its links, the postures of grasps, and the lift."""
+"""Layers of the hand: its links, touches, grasps and the lift."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from lis_grasp.visualization.camera import box_corners, outermost, surface_point
 from lis_grasp.visualization.canvas import OBJECT_NODE, ROOT, Canvas, Layer
 
 if TYPE_CHECKING:
+    from lis_grasp.exploration import ProbeOutcome
     from lis_grasp.grasping.grasps import Grasp
     from lis_grasp.hands.hand import Hand
-    from lis_grasp.visualization.touch_poses import TouchPose
 
 
 PALM_COLOUR, LINK_COLOUR, PAD_COLOUR = "#3a3f47", "#565d68", "#e4e2dc"
 
-# The best grasp wears the hand's own colours; the others are tinted, to tell several apart.
+# The best grasp has the colours of the hand; the others are tinted.
 GRASP_COLOURS = (LINK_COLOUR, "#c9792f", "#8a5fbf", "#b8577f", "#7d6a4c")
 
-# More poses a second than a screen shows only make the page larger.
+# More than a screen shows; more would only make the page larger.
 _FRAMES_PER_SECOND = 50.0
 
-# Moments of a lift that are looked at to frame it; a body moves little between two of them.
+# Moments of a lift that frame the camera; bodies move little between two of them.
 _MOMENTS = 25
 
 
 def draw_hand(canvas: Canvas, hand: Hand) -> None:
-    """Draw the hand's links, each at a node of its own; the page places and copies them."""
+    """Draw the hand's links, each at its own node; the page copies and places them."""
     pads = {pad.link for pad in hand.pads}
     for number, link in enumerate(hand.links):
         colour = PAD_COLOUR if link in pads else PALM_COLOUR if number == 0 else LINK_COLOUR
@@ -48,7 +48,7 @@ def draw_hand(canvas: Canvas, hand: Hand) -> None:
 
 
 def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
-    """Offer each grasp as a layer, best first, and a layer that shows them all at once."""
+    """Add a layer for each grasp, best first, and one that shows all at once."""
     for rank, grasp in enumerate(grasps, start=1):
         quality = ", ".join(f"{name} {value:.3g}" for name, value in grasp.quality.items())
         turn = rank - 1 if rank <= len(GRASP_COLOURS) else 1 + (rank - 2) % (len(GRASP_COLOURS) - 1)
@@ -57,12 +57,12 @@ def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
             f"Grasp {rank}" + (", the best" if rank == 1 and len(grasps) > 1 else ""),
             True,
             GRASP_COLOURS[turn],
-            note=_worth(grasp),
+            note=_note(grasp),
             detail=f"{grasp.accepted}: {quality}",
         )
         canvas.layers.append(layer)
     if len(grasps) > 1:
-        together = "instead of one after the other"
+        together = "instead of one by one"
         canvas.layers.append(Layer("together", "All at once", False, LINK_COLOUR, together))
 
 
@@ -78,9 +78,7 @@ def draw_motion(canvas: Canvas, motion: Motion, hand: Hand) -> None:
         if link in motion.poses
     ]
     canvas.commands.append(drawing.animate(times[keep], tracks))
-    canvas.layers.append(
-        Layer("lift", "Lift", True, LINK_COLOUR, "of the true object, in physics simulation")
-    )
+    canvas.layers.append(Layer("lift", "Lift", True, LINK_COLOUR, "of the true object, simulated"))
 
 
 def link_poses(hand: Hand, grasp: Grasp) -> list[FloatArray]:
@@ -88,47 +86,49 @@ def link_poses(hand: Hand, grasp: Grasp) -> list[FloatArray]:
     place = {name: k for k, name in enumerate(grasp.joint_names)}
     missing = [name for name in hand.joint_names if name not in place]
     if missing:
-        raise InvalidOptionError(f"a grasp says nothing of the hand's joint '{missing[0]}'")
+        raise InvalidOptionError(
+            f"the grasp has no position of joint '{missing[0]}'", option="grasps", value=missing[0]
+        )
     q = np.asarray(grasp.joint_positions)[[place[name] for name in hand.joint_names]]
     poses = hand.forward_kinematics(grasp.X_OH, q)
     return [poses[link] for link in hand.links]
 
 
-def touch_facts(hand: Hand, poses: Sequence[TouchPose | None]) -> dict[str, Any]:
-    """Return where the hand is at each touch, as JSON: its postures, and which of them is where.
+def touch_facts(hand: Hand, touches: Sequence[ProbeOutcome | None]) -> dict[str, Any] | None:
+    """Return the hand at each touch, as JSON; None if no pose is known.
 
-    A posture is the pose of every link in the palm's frame H; a touch has the number of its
-    posture, the palm's pose and the way it came; None where it is not known.
+    A posture is the pose of every link in the palm's frame H. A touch has the number of its
+    posture, the palm's pose X_OH and the direction of its approach; it is None if not known.
     """
     postures: dict[bytes, int] = {}
     links: list[list[list[float]]] = []
-    touches: list[dict[str, Any] | None] = []
-    for pose in poses:
-        if pose is None:
-            touches.append(None)
+    facts: list[dict[str, Any] | None] = []
+    for touch in touches:
+        if touch is None or touch.hand_pose is None:
+            facts.append(None)
             continue
-        q = np.asarray(pose.joint_positions, dtype=np.float64)
+        q = touch.hand_pose.joint_positions
         if q.tobytes() not in postures:
             postures[q.tobytes()] = len(postures)
             in_palm = hand.forward_kinematics(np.eye(4), q)
             links.append([column_major(in_palm[link]) for link in hand.links])
-        touches.append(
+        facts.append(
             {
                 "posture": postures[q.tobytes()],
-                "pose": column_major(pose.X_OH),
-                "direction": [round(float(v), 5) for v in pose.direction],
+                "pose": column_major(touch.hand_pose.X_OH),
+                "direction": [round(float(v), 5) for v in touch.probe.direction],
             }
         )
-    return {"postures": links, "touches": touches}
+    return {"postures": links, "touches": facts} if links else None
 
 
 def column_major(X: FloatArray) -> list[float]:
-    """Return a pose (4, 4) as three.js takes it, rounded to a tenth of a micrometre."""
+    """Return a pose (4, 4) as 16 numbers, column by column, rounded to 0.1 um."""
     return [round(float(v), 7) for v in X.T.ravel()]
 
 
 def hand_points(hand: Hand, posture: Sequence[FloatArray]) -> FloatArray:
-    """Return points on the hand's surface in O, shape (N, 3) [m], its links posed by `posture`."""
+    """Return points on the hand's surface in O, shape (N, 3) [m], for given link poses."""
     number = {link: k for k, link in enumerate(hand.links)}
     points = []
     for geometry in hand.link_geometries:
@@ -139,7 +139,7 @@ def hand_points(hand: Hand, posture: Sequence[FloatArray]) -> FloatArray:
 
 
 def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> FloatArray:
-    """Return the outermost places, shape (N, 3) [m], that object and hand reach in a motion."""
+    """Return the outermost points, shape (N, 3) [m], of object and hand during a motion."""
     outlines = {OBJECT: box_corners(object_points)}
     for geometry in hand.link_geometries:
         X = geometry.X_LG
@@ -155,8 +155,7 @@ def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> Float
     return outermost(np.vstack(points))
 
 
-def _worth(grasp: Grasp) -> str:
-    """Return how good a grasp is, in a few words."""
+def _note(grasp: Grasp) -> str:
     likely = grasp.quality.get("success_probability")
     epsilon = grasp.quality["epsilon"]
-    return f"epsilon {epsilon:.3g}" if likely is None else f"holds: {likely:.0%}"
+    return f"epsilon {epsilon:.3g}" if likely is None else f"predicted success {likely:.0%}"

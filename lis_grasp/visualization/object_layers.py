@@ -1,4 +1,4 @@
-"""The object's layers: estimates, true object, contacts, and the table below."""
+"""Layers of the object: estimates, true object, contacts, free space and the table."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FREE_COLOUR = "#8fb7d8"
 PLAIN_ESTIMATE_COLOUR = "#2c9a8f"
 TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
 
-# Sizes as shares of the object's largest extent, found by eye at 4 to 20 cm.
+# Fractions of the object's largest extent, chosen by eye at 4 to 20 cm.
 _CONTACT_RADIUS = 0.018
 _NORMAL_LENGTH = 0.15
 _FREE_POINT_RADIUS = 0.007
@@ -31,25 +31,23 @@ _MOST_FREE_POINTS = 5000
 def draw_estimates(
     canvas: Canvas, surfaces: Sequence[tuple[int, trimesh.Trimesh]]
 ) -> ColourScale | None:
-    """Draw estimated surfaces, each at a node of its own, in the colours that suit the last one.
+    """Draw estimated surfaces, each at its own node, in the colour scale of the last one.
 
     Parameters
     ----------
     surfaces
-        The estimate after so many contacts, in order; the last one is the estimate of them all.
+        Numbers of contacts, increasing, and the estimates from them.
 
     Returns
     -------
     ColourScale or None
-        The one scale of all their colours; None for one plain colour.
+        The common colour scale; None if the last one has no finite uncertainty.
     """
     surfaces = [(count, mesh) for count, mesh in surfaces if len(mesh.faces)]
     if not surfaces:
         return None
     canvas.layers.append(
-        Layer(
-            "estimate", "Estimated surface", True, PLAIN_ESTIMATE_COLOUR, "what the robot believes"
-        )
+        Layer("estimate", "Estimated surface", True, PLAIN_ESTIMATE_COLOUR, "from the contacts")
     )
     values = surfaces[-1][1].vertex_attributes.get("uncertainty")
     known = values is not None and bool(np.isfinite(values).any())
@@ -76,7 +74,7 @@ def draw_truth(canvas: Canvas, truth: trimesh.Trimesh) -> None:
 
 
 def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
-    """Draw contacts with their normals, and free points, for an object of `size` [m]."""
+    """Draw contacts, normals and free points, scaled to an object of `size` [m]."""
     if len(contacts):
         at = _poses_along(contacts.points, contacts.normals)
         surface = {
@@ -87,9 +85,8 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
             path = f"{OBJECT_NODE}/{layer}/{part}"
             canvas.commands.append(drawing.draw_copies(path, mesh, surface[layer], at))
         many = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}"
-        canvas.layers.append(Layer("contacts", many, True, CONTACT_COLOUR, "where it was touched"))
-        facing = "which way the surface faces there"
-        canvas.layers.append(Layer("normals", "Normals", True, NORMAL_COLOUR, facing))
+        canvas.layers.append(Layer("contacts", many, True, CONTACT_COLOUR, "measured positions"))
+        canvas.layers.append(Layer("normals", "Normals", True, NORMAL_COLOUR, "measured normals"))
     free = contacts.free_points
     if len(free):
         shown = free[:: -(-len(free) // _MOST_FREE_POINTS)]
@@ -98,9 +95,7 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
         speck = trimesh.creation.icosphere(0, _FREE_POINT_RADIUS * size)
         colour = drawing.material(FREE_COLOUR, opacity=0.7)
         canvas.commands.append(drawing.draw_copies(f"{OBJECT_NODE}/free", speck, colour, at))
-        canvas.layers.append(
-            Layer("free", "Free space", False, FREE_COLOUR, "where the hand felt nothing")
-        )
+        canvas.layers.append(Layer("free", "Free space", False, FREE_COLOUR, "passed by the hand"))
 
 
 def draw_table(
@@ -111,7 +106,7 @@ def draw_table(
     Parameters
     ----------
     object_points, outline
-        Shapes (N, 3), (K, 3) [m], in O: points of the object, and of all there is to see.
+        Shapes (N, 3), (K, 3) [m], in O: points of the object, and of all that is drawn.
     support_height
         Height of the table in O [m].
     """
@@ -132,7 +127,7 @@ def draw_table(
 
 
 def _marker(size: float) -> list[tuple[str, str, trimesh.Trimesh]]:
-    """Return layer, part and mesh of a ball and an arrow along z, for an object of `size` [m]."""
+    """Return layer, part and mesh of a ball and of an arrow along z."""
     radius, length = _CONTACT_RADIUS * size, _NORMAL_LENGTH * size
     head = 0.35 * length
     shaft = trimesh.creation.cylinder(0.36 * radius, segment=[[0, 0, 0], [0, 0, length - head]])

@@ -1,4 +1,4 @@
-"""The overlay of the page: title, summary, layers; below, the legend and the time line."""
+"""HTML overlay of a scene page: title, summary, layers, legend and time line."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from lis_grasp.visualization.story import Story
 
 _RAMP = f"linear-gradient(90deg,{','.join(VIRIDIS)})"
 
-# What each chapter shows, for somebody who sees such a page for the first time.
-_TOLD = {
-    "touch": "the object is touched, contact by contact, and the estimate of its surface grows",
-    "grasp": "grasps are planned on the estimate alone",
-    "lift": "the best one lifts the true object and is shaken",
+_EXPLAINED = {
+    "touch": "the hand touches the object and the estimate grows",
+    "grasp": "grasps are planned on the estimate",
+    "lift": "the best one lifts the true object and shakes it",
 }
 
-# Layers whose colours the legend names where the panel, which names them all, is folded.
+# Layers in the short legend, which replaces the folded panel.
 _KEYED = ("truth", "contacts", "normals", "free")
 
 
@@ -44,13 +43,13 @@ def build_overlay(
     """
     grasps = [layer for layer in layers if _is_grasp(layer)]
     others = [layer for layer in layers if not _is_grasp(layer)]
-    told = "; then ".join(_TOLD[chapter.name] for chapter in story.chapters)
+    explained = "; then ".join(_EXPLAINED[chapter.name] for chapter in story.chapters)
     lines = "".join(f"<p>{escape(line)}</p>" for line in summary)
     parts = [
         '<details id="panel" open>',
         f"<summary><h1>{escape(title)}</h1></summary>",
         '<div class="content">',
-        f'<p class="told">Press play: {told}.</p>' if told else "",
+        f'<p class="explained">Press play: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
         _grasp_rows(grasps) if grasps else "",
         f'<h2>Result</h2><div class="lines">{lines}</div>' if lines else "",
@@ -60,7 +59,7 @@ def build_overlay(
         "</details>",
         f'<div id="dock">{_legend(layers, scale)}{_player(story)}</div>',
         '<p id="trouble" role="alert" hidden></p>',
-        '<noscript><p id="noscript">This scene is drawn by JavaScript, which is switched off.</p>'
+        '<noscript><p id="noscript">This scene needs JavaScript, which is switched off.</p>'
         "</noscript>",
     ]
     return "\n".join(part for part in parts if part)
@@ -74,8 +73,7 @@ def _grasp_rows(grasps: Sequence[Layer]) -> str:
     return (
         '<h2>Candidate grasps</h2><ul class="layers">'
         f"{''.join(_row(grasp, None) for grasp in grasps)}</ul>"
-        '<p class="fine">Ranked by how likely they are to hold, as foretold from the estimate and'
-        " its uncertainty.</p>"
+        '<p class="fine">Ranked by predicted success on the uncertain estimate.</p>'
     )
 
 
@@ -96,14 +94,14 @@ def _swatch(layer: Layer, scale: ColourScale | None) -> str:
 
 
 def _legend(layers: Sequence[Layer], scale: ColourScale | None) -> str:
-    """Return what the colours mean: the scale always, single colours where the panel is folded."""
+    """Return the colour scale, and the colours of layers for a folded panel."""
     bar = ""
     if scale is not None:
         labels = "".join(f"<span>{escape(label)}</span>" for label in scale.tick_labels())
         bar = (
-            '<div class="scale"><h2>How far the estimate may be off</h2>'
+            '<div class="scale"><h2>Standard deviation of the estimate</h2>'
             f'<div class="bar" style="background:{_RAMP}"></div><div class="ticks">{labels}</div>'
-            '<div class="ends"><span>sure: touched nearby</span><span>a guess</span></div></div>'
+            '<div class="ends"><span>certain</span><span>uncertain</span></div></div>'
         )
     keyed = [layer for layer in layers if layer.identity in _KEYED and layer.on]
     chips = "".join(

@@ -1,4 +1,4 @@
-"""A run as one page: what was touched, what was believed, how it was grasped and lifted."""
+"""Scene page of a run: contacts, estimates, grasps and the lift as one HTML file."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ from lis_grasp.visualization.scene_page import build_page
 from lis_grasp.visualization.story import Story
 
 if TYPE_CHECKING:
+    from lis_grasp.exploration import ProbeOutcome
     from lis_grasp.grasping.grasps import Grasp
     from lis_grasp.hands.hand import Hand
-    from lis_grasp.visualization.touch_poses import TouchPose
 
 
 _NOTHING = np.empty((0, 3))
@@ -50,54 +50,55 @@ _LEAST_SIZE = 0.01  # [m] of a scene with a single contact
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
-    """What a page shows, as a story that can be played; a notebook shows it in place.
+    """Content of a scene page, shown on a time line that can be played; a notebook displays it.
 
-    On its time line contacts come one after the other and the estimate grows, then each candidate
-    grasp is shown, then the lift. The page takes what to show from its address: ``#t=2.5`` a moment
-    of the time line [s], ``play=1`` plays it, ``layers=`` some of ``estimate``, ``truth``,
-    ``contacts``, ``normals``, ``free``, ``hand``, ``grasp-1`` (and so on), ``together``, ``lift``
-    with commas between them, ``azimuth``, ``elevation`` [deg] and ``zoom`` the camera, ``panel=0``
-    no overlay, ``panel=1`` an unfolded one; parts are joined by ``&``.
+    The time line has three chapters: the touches, in which the estimate grows; the candidate
+    grasps; the lift. The fragment of the page's address sets the view: ``#t=2.5`` the time [s],
+    ``play=1`` plays, ``layers=`` a comma-separated list of ``estimate``, ``truth``, ``contacts``,
+    ``normals``, ``free``, ``hand``, ``grasp-1`` (and so on), ``together``, ``lift``; ``azimuth``,
+    ``elevation`` [deg] and ``zoom`` set the camera; ``panel=0`` hides the overlay, ``panel=1``
+    unfolds it. Parts are joined by ``&``.
 
     Parameters
     ----------
     truth
-        The true object [m], in O; a glass shell over the estimate, solid during the lift.
+        The true object [m], in O; drawn as a glass shell round the estimate, solid in the lift.
     estimate
-        The estimated surface [m], in O. Its ``vertex_attributes["uncertainty"]``, shape (V,) [m],
-        gives the colours; without it, or without any number in it, the surface has one colour.
+        The estimated surface [m], in O, coloured by its ``vertex_attributes["uncertainty"]``,
+        shape (V,) [m]; in one colour if there is none, or none is finite.
     contacts
-        Where the object was touched, in O, in the order of the touches.
+        Contacts in O, in the order of the touches.
     growth
-        Estimates on the way: each with the number of contacts that it is made from, the first ones;
-        the numbers increase, and are less than that of all contacts.
-    touch_poses
-        Where the hand was at each contact, None where that is not known; or nothing at all.
+        Earlier estimates, each with its number of contacts; the numbers increase, and are less than
+        that of all contacts.
+    touches
+        The probe outcome that made each contact, None where it is unknown; or empty. The hand is
+        drawn at its `hand_pose`, and approaches along the probe's direction.
     grasps
-        Best first; the first `shown_grasps` can be looked at.
+        Candidate grasps, the best first.
     hand
-        The hand of `grasps` and `motion`; needed if there are any.
+        The hand of `touches`, `grasps` and `motion`; required if there are any.
     motion
         The lift, in the frame O of the object at its start.
     support_height
-        Height of the table in O [m]; the lowest point of the object if it is not given.
+        Height of the table in O [m]; None for the lowest point of the object.
     title, summary
         Plain text: a heading and the lines below it.
     shown_grasps
-        How many grasps the page carries.
+        Number of grasps on the page.
 
     Raises
     ------
     InvalidOptionError
-        If there is nothing to show, or grasps or a motion without the hand that they are of, or
-        growth that does not lead up to the estimate.
+        If there is nothing to show, if the hand is missing or is not that of the grasps, or if
+        `touches` or `growth` do not match the contacts.
     """
 
     truth: trimesh.Trimesh | None = None
     estimate: trimesh.Trimesh | None = None
     contacts: Contacts | None = None
     growth: Sequence[tuple[int, trimesh.Trimesh]] = ()
-    touch_poses: Sequence[TouchPose | None] = ()
+    touches: Sequence[ProbeOutcome | None] = ()
     grasps: Sequence[Grasp] = ()
     hand: Hand | None = None
     motion: Motion | None = None
@@ -107,35 +108,47 @@ class Scene:
     shown_grasps: int = 5
 
     def __post_init__(self) -> None:
+        contacts = self._contact_count()
         if not len(self._object_points()):
             raise InvalidOptionError(
                 "a scene needs a true object, an estimate or contacts; it has none of them"
             )
-        if self.hand is None and (self.grasps or self.touch_poses or self.motion is not None):
+        if self.hand is None and (self.grasps or self.touches or self.motion is not None):
             raise InvalidOptionError(
-                "touches, grasps and a motion need the hand they are of: give hand"
+                "touches, grasps and a motion need their hand; it is missing", option="hand"
             )
-        if len(self.touch_poses) not in (0, self._contact_count()):
-            raise InvalidOptionError(
-                f"touch_poses must be one a contact ({self._contact_count()}), or none;"
-                f" {len(self.touch_poses)} came"
+        if len(self.touches) not in (0, contacts):
+            raise InvalidOptionError.out_of_range(
+                "the number of touches", len(self.touches), f"0 or that of contacts, {contacts}"
             )
         for grasp in self.grasps:
             if self.hand is not None and grasp.hand != self.hand.name:
                 raise InvalidOptionError(
-                    f"a grasp is of the hand '{grasp.hand}', the hand to draw is"
-                    f" '{self.hand.name}': load the hand of the grasps"
+                    f"the grasps are for hand '{grasp.hand}'; the scene has '{self.hand.name}'",
+                    option="hand",
+                    value=self.hand.name,
                 )
-
-        counts = [0, *(count for count, _ in self.growth), self._contact_count()]
+        counts = [0, *(count for count, _ in self.growth), contacts]
         if self.growth and (self.estimate is None or np.any(np.diff(counts) <= 0)):
             raise InvalidOptionError(
-                "growth must lead up to an estimate, each step from more contacts than the one"
-                f" before and from fewer than all {counts[-1]}; it has {counts[1:-1]}"
+                "growth needs an estimate, and numbers of contacts that increase and stay below"
+                f" {contacts}; it has {counts[1:-1]}",
+                option="growth",
+                value=counts[1:-1],
             )
 
+    def save(self, path: Path | str) -> None:
+        """Write the scene as one HTML file that opens offline.
+
+        Raises
+        ------
+        InvalidFileError
+            If the file cannot be written.
+        """
+        write_text(Path(path), self.html())
+
     def html(self) -> str:
-        """Return the scene as one self-contained page; equal scenes are equal bytes."""
+        """Return the scene as one self-contained HTML page; equal scenes give equal bytes."""
         canvas = Canvas()
         object_points = self._object_points()
         size = max(float(np.ptp(object_points, axis=0).max()), _LEAST_SIZE)
@@ -171,7 +184,7 @@ class Scene:
                 for layer in canvas.layers
             ],
             "grasps": [[column_major(X) for X in posture] for posture in postures],
-            "touching": self._touch_facts(),
+            "touching": touch_facts(self.hand, self.touches) if self.hand else None,
             "story": story.facts(),
             "camera": {
                 "azimuth": round(float(np.rad2deg(choose_azimuth(object_points, best))), 3),
@@ -192,14 +205,14 @@ class Scene:
         return build_page(self.title, overlay=overlay, scene=facts, commands=canvas.commands)
 
     def _repr_html_(self) -> str:
-        """Return the scene for a notebook: the same page in a frame, alive without a kernel."""
+        """Return the page in a frame, which a notebook displays without a running kernel."""
         return (
             f'<iframe srcdoc="{escape(self.html())}" title="{escape(self.title)}"'
             ' style="width: 100%; height: 640px; border: 0; border-radius: 8px"></iframe>'
         )
 
     def _object_points(self) -> FloatArray:
-        """Return points of what is known best of the object: they give its size and its place."""
+        """Return points of the true object, else of the estimate, else the contacts, (N, 3) [m]."""
         for mesh in (self.truth, self.estimate):
             if mesh is not None and len(mesh.faces):
                 return surface_points(mesh)
@@ -208,16 +221,13 @@ class Scene:
     def _contact_count(self) -> int:
         return 0 if self.contacts is None else len(self.contacts)
 
-    def _touch_facts(self) -> dict[str, Any] | None:
-        return touch_facts(self.hand, self.touch_poses) if self.hand and self.touch_poses else None
-
     def _draw_hand(
         self, canvas: Canvas, object_points: FloatArray
     ) -> tuple[float, list[list[FloatArray]], FloatArray]:
-        """Draw what the hand does; return the lift's duration, postures and places moved to."""
+        """Draw the hand; return the lift's duration [s], the grasps' link poses, swept points."""
         shown = tuple(self.grasps)[: self.shown_grasps]
         motion = self.motion if self.motion is not None and self.motion.duration > 0.0 else None
-        if self.hand is None or not (shown or self.touch_poses or motion is not None):
+        if self.hand is None or not (shown or self.touches or motion is not None):
             return 0.0, [], _NOTHING
         postures = [link_poses(self.hand, grasp) for grasp in shown]
         draw_hand(canvas, self.hand)
@@ -227,52 +237,6 @@ class Scene:
         draw_motion(canvas, motion, self.hand)
         moved = moved_points(motion, self.hand, object_points)
         return motion.duration, postures, moved
-
-
-def write_scene(
-    path: Path | str,
-    *,
-    truth: trimesh.Trimesh | None = None,
-    estimate: trimesh.Trimesh | None = None,
-    contacts: Contacts | None = None,
-    growth: Sequence[tuple[int, trimesh.Trimesh]] = (),
-    touch_poses: Sequence[TouchPose | None] = (),
-    grasps: Sequence[Grasp] = (),
-    hand: Hand | None = None,
-    motion: Motion | None = None,
-    support_height: float | None = None,
-    title: str = "lis_grasp",
-    summary: Sequence[str] = (),
-    shown_grasps: int = 5,
-) -> None:
-    """Write a scene as one HTML file that opens offline; the arguments are those of `Scene`.
-
-    Raises
-    ------
-    InvalidOptionError
-        As `Scene` does.
-    InvalidFileError
-        If the file cannot be written.
-    """
-    scene = Scene(
-        truth=truth,
-        estimate=estimate,
-        contacts=contacts,
-        growth=growth,
-        touch_poses=touch_poses,
-        grasps=grasps,
-        hand=hand,
-        motion=motion,
-        support_height=support_height,
-        title=title,
-        summary=summary,
-        shown_grasps=shown_grasps,
-    )
-    write_text(Path(path), scene.html())
-
-
-# In a notebook the last expression of a cell is shown: `show(truth=..., contacts=...)`.
-show = Scene
 
 
 def _rounded(points: FloatArray) -> list[list[float]]:

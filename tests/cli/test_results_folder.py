@@ -1,4 +1,4 @@
-"""A folder of results used again: nothing in it is older than what it was made from."""
+"""Outdated results in a folder that is used again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.
 
 
 def folder_of_everything(folder: Path) -> Path:
-    """Make what all stages leave, the later ones' files as stand-ins."""
+    """Write the files of all stages, placeholders for those of the later ones."""
     assert main([*EXPLORE, "--output", str(folder)]) == 0
     assert main(["estimate", str(folder / "contacts.ply")]) == 0
     made = {"header": provenance.describe(hand="wsg50")}
@@ -30,7 +30,7 @@ def folder_of_everything(folder: Path) -> Path:
     return folder
 
 
-def test_a_stage_removes_what_was_made_from_the_file_it_replaces(
+def test_a_stage_removes_the_files_made_from_the_one_it_replaces(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = folder_of_everything(tmp_path)
@@ -39,42 +39,43 @@ def test_a_stage_removes_what_was_made_from_the_file_it_replaces(
     said = capsys.readouterr().out
     assert f"removed grasps.json, {', '.join(LATER)}: made from an earlier surface.ply" in said
     left = {path.name for path in folder.iterdir()}
-    assert left == {"touches.jsonl", "contacts.ply", "surface.ply", "notes.txt"}
-    # The first time there is nothing to remove, and nothing is said.
+    assert left == {"touches.jsonl", "growth", "contacts.ply", "surface.ply", "notes.txt"}
+    # Now nothing is left to remove, and no message is printed.
     assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "gpis"]) == 0
     assert "removed" not in capsys.readouterr().out
 
 
-def test_an_exploration_begun_anew_removes_all_that_came_of_the_earlier_one(
+def test_a_new_exploration_removes_the_results_of_the_earlier_one(
     tmp_path: Path,
 ) -> None:
     folder = folder_of_everything(tmp_path)
     assert main([*EXPLORE, "--seed", "1", "--output", str(folder)]) == 0
     assert {path.name for path in folder.iterdir()} == {
         "touches.jsonl",
+        "growth",
         "contacts.ply",
         "notes.txt",
     }
 
 
-def test_a_file_of_somebody_s_own_keeps_its_neighbours(tmp_path: Path) -> None:
+def test_files_next_to_a_foreign_surface_are_kept(tmp_path: Path) -> None:
     own = tmp_path / "surface.ply"
     own.write_text("ply\nformat ascii 1.0\ncomment mine\nend_header\n")
     report = tmp_path / "report.json"
     report.write_text("{}")
     remove_made_from(own)
-    remove_made_from(tmp_path / "contacts.ply")  # is not there
+    remove_made_from(tmp_path / "contacts.ply")  # missing
     assert report.exists()
 
 
-def test_a_refused_stage_leaves_all_files_as_they_are(tmp_path: Path) -> None:
+def test_a_refused_stage_changes_no_file(tmp_path: Path) -> None:
     folder = folder_of_everything(tmp_path)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert main(["estimate", str(folder / "contacts.ply"), "--position-noise", "-1"]) == 2
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_a_scene_older_than_what_it_shows_is_outdated(tmp_path: Path) -> None:
+def test_a_scene_older_than_its_files_is_outdated(tmp_path: Path) -> None:
     assert scene_is_outdated(tmp_path)
     scene, surface = tmp_path / "scene.html", tmp_path / "surface.ply"
     for path, time in ((scene, 2000), (surface, 1000)):
@@ -85,7 +86,9 @@ def test_a_scene_older_than_what_it_shows_is_outdated(tmp_path: Path) -> None:
     assert scene_is_outdated(tmp_path)
 
 
-def test_view_makes_an_outdated_scene_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_view_writes_an_outdated_scene_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert main([*EXPLORE, "--output", str(tmp_path)]) == 0
     scene = tmp_path / "scene.html"
     scene.write_text("older")
@@ -98,7 +101,7 @@ def test_view_makes_an_outdated_scene_anew(tmp_path: Path, monkeypatch: pytest.M
     assert scene.stat().st_mtime_ns == made
 
 
-def test_a_log_by_another_state_of_the_package_is_begun_anew_and_said(
+def test_a_log_of_another_source_is_not_resumed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arguments = [*EXPLORE, "--output", str(tmp_path)]
@@ -109,19 +112,19 @@ def test_a_log_by_another_state_of_the_package_is_begun_anew_and_said(
     log.write_bytes(interrupted)
     capsys.readouterr()
     assert main(arguments) == 0
-    assert "going on from 3 probes" in capsys.readouterr().out
+    assert "after 3 probes" in capsys.readouterr().out
     assert log.read_bytes() == whole
 
     log.write_bytes(interrupted)
     monkeypatch.setattr(provenance, "source_digest", lambda: "another")
     assert main(arguments) == 0
     said = capsys.readouterr().out
-    assert f"beginning anew: {log} is of another state of lis_grasp" in said
-    assert "going on" not in said
+    assert f"{log} has another state of lis_grasp" in said
+    assert "resuming" not in said
     assert len(load_outcomes(log)) >= 6
 
 
-def test_facts_in_which_a_log_differs_are_named(tmp_path: Path) -> None:
+def test_differing_facts_of_a_log_are_listed(tmp_path: Path) -> None:
     path = tmp_path / "touches.jsonl"
     assert TouchLog(path, {"seed": 1}).differing() == ()
     path.write_text('{"touch_log": 0, "seed": 1, "hand": "a"}\n{"row": 1}\n')
@@ -130,7 +133,7 @@ def test_facts_in_which_a_log_differs_are_named(tmp_path: Path) -> None:
     assert TouchLog(path, {"seed": 2}).differing() == ()
 
 
-def test_the_source_s_digest_is_the_same_each_time() -> None:
+def test_the_source_digest_is_deterministic() -> None:
     digest = provenance.source_digest()
     provenance.source_digest.cache_clear()
     assert provenance.source_digest() == digest

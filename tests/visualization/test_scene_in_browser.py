@@ -1,4 +1,4 @@
-"""Scenes in a browser: what is switched on is on the screen, what is not is not, on phones too."""
+"""Scenes in a browser: layers, time line, player and overlay, on desktops and phones."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def test_the_estimate_is_absent_at_first_grows_and_is_there_after_the_touches(
         seen.append(float(np.mean(np.ptp(picture, axis=2) > 0.25)))
         count = "document.getElementById('caption').textContent"
         words = browser.evaluate(count)
-        assert words.startswith(f"Touch {contacts} of 6" if contacts else "Nothing is known")
+        assert words.startswith(f"Touch {contacts} of 6" if contacts else "No contacts")
         dots.append(_share(_look(browser, page, f"layers=contacts&t={time}"), RED))
     assert seen[0] == seen[1] < 1e-4  # the first estimate is made from three contacts
     assert seen[2] == pytest.approx(seen[3], rel=0.01) and seen[2] > 0.01  # noqa: PT018

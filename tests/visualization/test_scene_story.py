@@ -1,4 +1,4 @@
-"""The story of a scene: its chapters, the estimates on the way, and the hand at its touches."""
+"""Time line of a scene: its chapters, growing estimates, and the hand at its touches."""
 
 from __future__ import annotations
 
@@ -13,23 +13,16 @@ import pytest
 import scenes
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lis_grasp import pipeline
-from lis_grasp.cli.explore import explored_header
+from lis_grasp import pipeline, shapes
+from lis_grasp.cli.explore import counts_on_the_way
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import TouchLog, Workspace, load_outcomes
+from lis_grasp.exploration import Exploration, load_outcomes
 from lis_grasp.hands.collision import HandCollisionChecker
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
-from lis_grasp.io.surface_files import load_surface, save_surface
-from lis_grasp.shapes import Shape, find
-from lis_grasp.visualization.run_scene import (
-    counts_on_the_way,
-    estimates_on_the_way,
-    poses_of_touches,
-    write_scene_of,
-)
+from lis_grasp.visualization import Scene
+from lis_grasp.visualization.run_scene import scene_of, write_scene_of
 from lis_grasp.visualization.story import Story
 
 # ---- chapters -------------------------------------------------------------------------------
@@ -44,160 +37,184 @@ def test_chapters_follow_each_other_without_gaps() -> None:
     assert story.duration == ends[-1]
 
 
-def test_every_contact_has_come_before_the_touches_end() -> None:
+def test_every_contact_is_shown_before_the_touch_chapter_ends() -> None:
     for contacts in (2, 40, 5000):
         touch = Story.of(contacts=contacts, surfaces=[], grasps=0, lift_seconds=0.0).chapters[0]
         assert contacts * touch.facts["step"] < touch.end <= 25.0
 
 
-def test_a_scene_rests_where_all_is_known_and_nothing_is_lifted() -> None:
+def test_the_resting_time_is_before_the_lift() -> None:
     full = Story.of(contacts=6, surfaces=[6], grasps=2, lift_seconds=2.0)
     assert full.rest == full.chapter("grasp").end == full.chapter("lift").start
     touched = Story.of(contacts=6, surfaces=[6], grasps=0, lift_seconds=0.0)
     assert touched.rest == touched.duration
 
 
-def test_a_lift_lasts_as_long_as_it_did() -> None:
+def test_the_lift_chapter_has_the_simulated_duration() -> None:
     lift = Story.of(contacts=6, surfaces=[6], grasps=2, lift_seconds=2.5).chapter("lift")
     assert lift.end - lift.start == pytest.approx(2.5)
 
 
-def test_what_never_changes_is_no_story() -> None:
+def test_a_static_scene_has_no_chapters() -> None:
     for grasps in (0, 1):
         still = Story.of(contacts=1, surfaces=[1], grasps=grasps, lift_seconds=0.0)
         assert (still.chapters, still.duration, still.rest) == ((), 0.0, 0.0)
 
 
-# ---- growth ---------------------------------------------------------------------------------
+# ---- growth and touches ---------------------------------------------------------------------
 
 
-def test_growth_must_lead_up_to_the_estimate() -> None:
+@pytest.mark.parametrize("counts", [(3, 3), (0,), (6,)])
+def test_growth_of_unordered_or_too_many_contacts_is_refused(counts: tuple[int, ...]) -> None:
     mesh = scenes.estimate()
-    assert scenes.scene(growth=((2, mesh), (5, mesh))).html()
-    wrong: list[dict[str, Any]] = [
-        {"growth": ((3, mesh), (3, mesh))},
-        {"growth": ((0, mesh),)},
-        {"growth": ((6, mesh),)},  # all six contacts are the estimate's
-        {"growth": ((3, mesh),), "estimate": None},
-    ]
-    for changes in wrong:
-        with pytest.raises(InvalidOptionError, match="must lead up to an estimate"):
-            scenes.scene(**changes)
+    assert scenes.scene(growth=((2, mesh), (5, mesh))).growth
+    with pytest.raises(InvalidOptionError) as error:
+        scenes.scene(growth=tuple((count, mesh) for count in counts))
+    assert (error.value.option, error.value.value) == ("growth", list(counts))
 
 
-def test_a_pose_for_some_contacts_only_is_refused() -> None:
-    with pytest.raises(InvalidOptionError, match=r"one a contact \(6\), or none; 2 came"):
-        scenes.scene(touch_poses=scenes.touch_poses()[:2])
-    assert scenes.scene(touch_poses=(None,) * 6).html()
+def test_growth_without_an_estimate_is_refused() -> None:
+    with pytest.raises(InvalidOptionError) as error:
+        scenes.scene(estimate=None)
+    assert error.value.option == "growth"
+
+
+def test_touches_are_one_per_contact_or_none() -> None:
+    with pytest.raises(InvalidOptionError) as error:
+        scenes.scene(touches=scenes.touches()[:2])
+    assert error.value.value == 2
+    assert page_facts(scenes.scene(touches=(None,) * 6))["touching"] is None
+
+
+def page_facts(scene: Scene) -> dict[str, Any]:
+    text = re.search(r'id="scene-data">(.*?)</script>', scene.html(), re.S)
+    assert text is not None
+    return json.loads(text[1])
+
+
+def test_the_page_has_the_recorded_pose_and_direction_of_each_touch() -> None:
+    facts = page_facts(scenes.scene())["touching"]
+    hand, touches = scenes.hand(), scenes.touches()
+    for touch, drawn in zip(touches, facts["touches"], strict=True):
+        assert touch.hand_pose is not None
+        # The page rounds to 7 decimals.
+        X_OH = np.reshape(drawn["pose"], (4, 4)).T
+        assert_allclose(X_OH, touch.hand_pose.X_OH, atol=1e-7)
+        assert_allclose(drawn["direction"], touch.probe.direction)
+        links = hand.forward_kinematics(touch.hand_pose.X_OH, touch.hand_pose.joint_positions)
+        posture = facts["postures"][drawn["posture"]]
+        for link, X_HL in zip(hand.links, posture, strict=True):
+            assert_allclose(X_OH @ np.reshape(X_HL, (4, 4)).T, links[link], atol=2e-7)
 
 
 @pytest.mark.parametrize("contacts", [*range(12), 40, 300, 10_000])
-def test_steps_on_the_way_are_few_and_end_before_the_last_contact(contacts: int) -> None:
+def test_estimates_on_the_way_are_few_and_before_the_last_contact(contacts: int) -> None:
     counts = counts_on_the_way(contacts)
     assert counts == sorted(set(counts))
-    assert len(counts) <= 9
-    assert all(2 <= n < contacts and n <= 300 for n in counts)
+    assert len(counts) <= 8
+    assert all(2 <= count < contacts for count in counts)
     assert bool(counts) == (contacts > 2)
 
 
 # ---- a folder of results --------------------------------------------------------------------
 
+EXPLORE = ["explore", "box", "--prober", "kinematic", "--touches", "8", "--seed", "4"]
+ON_THE_WAY = [2, 3, 4, 5, 6, 7]
+
+
+def scene_counts(folder: Path) -> list[int]:
+    return [count for count, _ in scene_of(folder).growth]
+
 
 @pytest.fixture(scope="module")
-def explored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Shape, Hand]:
-    """Return a folder with contacts, their log and the surface of a box, touched by geometry."""
-    directory = tmp_path_factory.mktemp("explored")
-    config = pipeline.RunConfig(object="box", prober="kinematic", touches=12, seed=4)
-    shape, hand = find("box"), Hand.load("allegro")
-    header = explored_header(config, shape)
-    log = TouchLog(directory / "touches.jsonl", provenance.parse(header))
-    contacts = pipeline.touch(shape, hand, config, log=log).contacts
-    contacts.save(directory / "contacts.ply", header=header)
-    _, mesh = pipeline.estimate(contacts, config.estimator)
-    made = provenance.merge(provenance.parse(header), estimator=config.estimator)
-    save_surface(mesh, directory / "surface.ply", header=made)
-    return directory, shape, hand
+def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the contacts, the log, the growth and the surface of a box."""
+    folder = tmp_path_factory.mktemp("explored")
+    assert main([*EXPLORE, "--output", str(folder)]) == 0
+    assert main(["estimate", str(folder / "contacts.ply")]) == 0
+    return folder
 
 
-def test_estimates_on_the_way_are_the_estimators_own(explored: tuple[Path, Shape, Hand]) -> None:
-    contacts = Contacts.load(explored[0] / "contacts.ply")
-    for estimator in ("blend", "gpis"):
-        growth = estimates_on_the_way(contacts, {"estimator": estimator})
-        assert [count for count, _ in growth] == counts_on_the_way(len(contacts))
-        count, mesh = growth[2]
-        first = Contacts(contacts.points[:count], contacts.normals[:count])
-        _, expected = pipeline.estimate(first, estimator)
+@pytest.fixture
+def folder(explored: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(explored, tmp_path / "copy"))
+
+
+def test_growth_is_the_estimate_from_the_first_contacts(explored: Path) -> None:
+    outcomes = load_outcomes(explored / "touches.jsonl")
+    growth = scene_of(explored).growth
+    assert [count for count, _ in growth] == ON_THE_WAY
+    for count, mesh in growth[1::3]:
+        first = Exploration.replay(outcomes).first(count)
+        _, expected = pipeline.estimate(first, "blend")
         assert_array_equal(mesh.vertices, expected.vertices)
         assert_array_equal(mesh.faces, expected.faces)
 
 
-def test_a_surface_of_unknown_origin_has_nothing_on_the_way() -> None:
-    assert estimates_on_the_way(scenes.contacts(), {}) == []
-    assert estimates_on_the_way(scenes.contacts(), {"estimator": "magic"}) == []
-
-
-def test_hands_at_their_touches_touch_there_and_nowhere_deeper(
-    explored: tuple[Path, Shape, Hand],
-) -> None:
-    directory, shape, hand = explored
-    contacts = Contacts.load(directory / "contacts.ply")
-    facts = provenance.read(directory / "contacts.ply")
-    poses = poses_of_touches(directory / "touches.jsonl", contacts, facts, shape, hand)
-    assert len(poses) == len(contacts)
-    checker = HandCollisionChecker(hand, shape.mesh)
-    for pose, point in zip(poses, contacts.points, strict=True):
-        assert pose is not None
+def test_recorded_hands_touch_the_object_at_their_contacts(explored: Path) -> None:
+    scene = scene_of(explored)
+    assert scene.hand is not None
+    assert scene.contacts is not None
+    checker = HandCollisionChecker(scene.hand, shapes.build("box").mesh)
+    for touch, point in zip(scene.touches, scene.contacts.points, strict=True):
+        assert touch is not None
+        assert touch.hand_pose is not None
+        pose = touch.hand_pose
         checker.place(pose.X_OH, checker.poses_in_hand(pose.joint_positions))
         nearest = checker.nearest(np.zeros(3))
-        # Guarded motions end within 0.02 mm, and the same motion ends at the same place.
+        # Guarded motions end within 0.02 mm of the surface.
         assert 0.0 <= nearest.distance < 5e-5
         assert_allclose(nearest.point, point, atol=1e-4)
 
 
-def test_a_log_of_other_contacts_tells_nothing(explored: tuple[Path, Shape, Hand]) -> None:
-    directory, shape, hand = explored
-    log = directory / "touches.jsonl"
-    contacts = Contacts.load(directory / "contacts.ply")
-    facts = provenance.read(directory / "contacts.ply")
-    moved = Contacts(contacts.points + 1e-3, contacts.normals)
-    assert poses_of_touches(log, moved, facts, shape, hand) == []
-    assert poses_of_touches(log, contacts, {}, shape, hand) == []
-    assert poses_of_touches(directory / "surface.ply", contacts, facts, shape, hand) == []
+def test_touches_of_other_contacts_and_of_a_damaged_log_are_not_drawn(folder: Path) -> None:
+    path = folder / "contacts.ply"
+    header = provenance.merge(provenance.read(path))
+    contacts = Contacts.load(path)
+    later = contacts.append(contacts.subset([0]))
+    later.save(path, header=header)  # as after a regrasp
+    assert [touch is None for touch in scene_of(folder).touches] == [False] * 8 + [True]
+    Contacts(contacts.points + 1e-3, contacts.normals).save(path, header=header)
+    assert not scene_of(folder).touches
+    contacts.save(path, header=header)
+    (folder / "touches.jsonl").write_text("no log")
+    assert not scene_of(folder).touches
 
 
-def test_touches_that_do_not_end_where_they_were_felt_are_left_out(
-    explored: tuple[Path, Shape, Hand],
-) -> None:
-    from lis_grasp.surfaces import ESTIMATORS
-    from lis_grasp.visualization.touch_poses import replay_touches
-
-    directory, shape, hand = explored
-    grown = shape.mesh.copy()
-    grown.apply_scale(1.2)  # the hand now stops 5 to 10 mm earlier
-    space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
-    outcomes = load_outcomes(directory / "touches.jsonl")
-    poses = replay_touches(
-        outcomes, 12, mesh=grown, hand=hand, space=space, estimate=ESTIMATORS["blend"]
-    )
-    assert poses == [None] * 12
+def test_growth_of_another_estimator_is_not_drawn(folder: Path) -> None:
+    assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "lis"]) == 0
+    assert scene_counts(folder) == []
+    assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "blend"]) == 0
+    assert scene_counts(folder) == ON_THE_WAY
 
 
-def test_the_scene_of_a_folder_tells_how_its_surface_grew(
-    explored: tuple[Path, Shape, Hand], tmp_path: Path
-) -> None:
-    directory = tmp_path / "copy"
-    shutil.copytree(explored[0], directory)
-    page = write_scene_of(directory).read_text(encoding="utf-8")
-    assert page == write_scene_of(directory).read_text(encoding="utf-8")
-    text = re.search(r'id="scene-data">(.*?)</script>', page, re.S)
-    assert text is not None
-    facts = json.loads(text[1])
-    [touch] = facts["story"]["chapters"]
-    assert touch["surfaces"] == [*counts_on_the_way(12), 12]
-    assert len(facts["touching"]["touches"]) == 12
-    assert None not in facts["touching"]["touches"]
-    last = load_surface(directory / "surface.ply")
-    assert len(last.faces) > 100
+def test_a_new_exploration_replaces_the_growth(folder: Path) -> None:
+    own = folder / "growth" / "mine.ply"
+    own.write_text("mine")
+    assert main([*EXPLORE, "--touches", "4", "--output", str(folder)]) == 0
+    assert main(["estimate", str(folder / "contacts.ply")]) == 0
+    assert scene_counts(folder) == [2, 3]
+    assert {path.name for path in own.parent.iterdir()} == {"2.ply", "3.ply", "mine.ply"}
+
+
+def test_a_resumed_exploration_keeps_the_same_growth(folder: Path) -> None:
+    log = folder / "touches.jsonl"
+    rows = log.read_bytes().splitlines(keepends=True)
+    before = {path.name: path.read_bytes() for path in (folder / "growth").iterdir()}
+    log.write_bytes(b"".join(rows[:5]))  # the header and four probes
+    for name in ("2.ply", "5.ply", "7.ply"):
+        (folder / "growth" / name).unlink()
+    assert main([*EXPLORE, "--output", str(folder)]) == 0
+    after = {path.name: path.read_bytes() for path in (folder / "growth").iterdir()}
+    assert after == {name: before[name] for name in before if name != "2.ply"}
+    assert main(["estimate", str(folder / "contacts.ply")]) == 0
+    assert scene_counts(folder) == ON_THE_WAY[1:]
+
+
+def test_the_scene_of_a_folder_has_equal_bytes_each_time(folder: Path) -> None:
+    assert write_scene_of(folder).read_bytes() == write_scene_of(folder).read_bytes()
+    [touch] = page_facts(scene_of(folder))["story"]["chapters"]
+    assert touch["surfaces"] == [*ON_THE_WAY, 8]
 
 
 @pytest.mark.slow

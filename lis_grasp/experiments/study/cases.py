@@ -19,7 +19,7 @@ from lis_grasp.experiments.study.case import Case, extremes, make_case
 from lis_grasp.experiments.study.keys import label
 from lis_grasp.experiments.study.study_results import job_of
 from lis_grasp.io.json_lines import Row
-from lis_grasp.visualization import write_scene
+from lis_grasp.visualization import Scene
 from lis_grasp.visualization.hand_layers import link_poses
 
 
@@ -75,8 +75,7 @@ def _write(path: Path, row: Row, case: Case) -> None:
         f" seed {row['seed']}",
         _ended(row),
     )
-    write_scene(
-        path,
+    scene = Scene(
         truth=case.shape.mesh,
         estimate=case.mesh,
         contacts=case.contacts,
@@ -87,6 +86,7 @@ def _write(path: Path, row: Row, case: Case) -> None:
         title=f"lis_grasp: {row['object']}",
         summary=lines,
     )
+    scene.save(path)
 
 
 def _picture(shown: Sequence[tuple[Row, Case]]) -> bytes:

@@ -43,7 +43,7 @@
   const layers = {};
   let surfaces = []; // { count, group }: the estimate after so many contacts
   let grasps = [];
-  let touchers = [];
+  let toucher = null;
   function gatherLayers() {
     for (const id of ["contacts", "normals", "free"]) {
       if (!has(id)) continue;
@@ -69,7 +69,7 @@
       pushBack(mesh.material);
       addEdges(mesh, mesh.material.color.clone().lerp(new THREE.Color(1, 1, 1), 0.22), 0.6);
     }
-    // A copy of the hand for each grasp, and for each posture in which it touches.
+    // A copy of the hand for each grasp, and one for all touches.
     const posed = (poses) => {
       const group = new THREE.Group();
       poses.forEach((matrix, link) => {
@@ -88,8 +88,10 @@
       if (rank > 0) for (const mesh of meshes(group)) mesh.material.color.lerp(tint, 0.75); // several hands at once stay apart
       return group;
     });
-    if (scene.touching) touchers = scene.touching.postures.map(posed);
-    for (const group of touchers) group.matrixAutoUpdate = false;
+    if (scene.touching) {
+      toucher = posed(scene.touching.postures[0]);
+      toucher.matrixAutoUpdate = false;
+    }
     layers.hand = hand;
   }
 
@@ -135,14 +137,15 @@
     });
     eye.place(time);
     const touch = scene.touching && now.next ? scene.touching.touches[now.next - 1] : null;
-    touchers.forEach((group, k) => {
-      if (!touch || touch.posture !== k) { fade(group, 0); return; }
+    if (touch) {
       const back = new THREE.Vector3(...touch.direction).multiplyScalar(-now.away * COMES_FROM * eye.reach);
-      group.matrix.fromArray(touch.pose).premultiply(new THREE.Matrix4().setPosition(back));
-      fade(group, on("hand") * eye.clearness(new THREE.Vector3().setFromMatrixPosition(group.matrix)));
-    });
+      toucher.matrix.fromArray(touch.pose).premultiply(new THREE.Matrix4().setPosition(back));
+      const posture = scene.touching.postures[touch.posture];
+      toucher.children.forEach((part, link) => part.matrix.fromArray(posture[link]));
+      fade(toucher, on("hand") * eye.clearness(new THREE.Vector3().setFromMatrixPosition(toucher.matrix)));
+    } else if (toucher) fade(toucher, 0);
     fade(layers.hand, lifting ? on("hand") : 0); // one hand makes way for the other at once
-    seen.set("hand", on("hand") && (lifting || [...grasps, ...touchers].some((group) => group.visible)));
+    seen.set("hand", on("hand") && (lifting || [...grasps, toucher].some((group) => group?.visible)));
     seen.set("lift", lifting);
     if (story.lasts) viewer.animator.seek(lifting ? now.lift : 0);
     tell(now, seen);

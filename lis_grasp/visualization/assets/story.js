@@ -1,4 +1,4 @@
-// The time line: what is to be seen at a moment of it, and how it is called. Knows nothing of 3D.
+// The time line: what is shown at a time, and its caption. No 3D here.
 const Story = (facts) => {
   "use strict";
   const { chapters, duration, rest } = facts;
@@ -36,7 +36,7 @@ const Story = (facts) => {
 
   function caption(now, noteOf) {
     if (now.name === "touch") {
-      if (!now.contacts) return "Nothing is known yet";
+      if (!now.contacts) return "No contacts yet";
       const made = now.surface === null ? "" : `; estimate from ${now.surface}`;
       return `Touch ${now.contacts} of ${touch.contacts}${made}`;
     }
