@@ -1,5 +1,6 @@
-"""The command line as a user meets it: exit codes, messages, files, equal bytes."""
+"""Command line: exit codes, one-sentence messages, files, equal bytes."""
 
+import argparse
 import json
 import os
 import subprocess
@@ -13,18 +14,27 @@ from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.exceptions import InvalidHandError, SimulationError
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
 
 CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
 
 
-@pytest.fixture
-def cube_contacts(tmp_path: Path) -> Path:
-    path = tmp_path / "contacts.csv"
+@pytest.fixture(scope="module")
+def cube(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with six contacts of a cube, the surface and two grasps of a jaw."""
+    folder = tmp_path_factory.mktemp("cube")
     rows = np.hstack([0.03 * CUBE_AXES, CUBE_AXES])
+    path = folder / "contacts.csv"
     np.savetxt(path, rows, delimiter=",", header="x,y,z,nx,ny,nz", comments="")
-    return path
+    _estimate_and_grasp(path, folder)
+    return folder
+
+
+def _estimate_and_grasp(contacts: Path, folder: Path) -> None:
+    assert main(["estimate", str(contacts), "--output", str(folder)]) == 0
+    assert main(["grasp", str(folder / "surface.ply"), "--hand", "wsg50", "--grasps", "2"]) == 0
 
 
 def _misuse(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -35,30 +45,19 @@ def _misuse(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return message
 
 
-def test_own_contacts_become_a_closed_surface_and_grasps(
-    cube_contacts: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["estimate", str(cube_contacts)]) == 0
-    surface = cube_contacts.with_name("surface.ply")
-    mesh = load_surface(surface)
+def test_own_contacts_become_a_closed_surface_and_grasps(cube: Path) -> None:
+    mesh = load_surface(cube / "surface.ply")
     assert mesh.is_watertight
-    # Six contacts on the faces of a 6 cm cube: LIS makes the cube itself.
+    # Six contacts on the faces of a 6 cm cube: the estimate is the cube itself.
     assert mesh.volume == pytest.approx(0.06**3, rel=1e-3)
-    assert main(["grasp", str(surface), "--hand", "wsg50", "--grasps", "2"]) == 0
-    grasps = json.loads(surface.with_name("grasps.json").read_text())
+    grasps = json.loads((cube / "grasps.json").read_text())
     assert 1 <= len(grasps["grasps"]) <= 2
-    assert "lis-grasp grasp" in capsys.readouterr().out
 
 
-def test_the_same_seed_writes_the_same_bytes(cube_contacts: Path, tmp_path: Path) -> None:
-    written = []
-    for name in ("a", "b"):
-        folder = tmp_path / name
-        assert main(["estimate", str(cube_contacts), "--output", str(folder)]) == 0
-        surface = folder / "surface.ply"
-        assert main(["grasp", str(surface), "--hand", "wsg50", "--seed", "5"]) == 0
-        written.append([surface.read_bytes(), (folder / "grasps.json").read_bytes()])
-    assert written[0] == written[1]
+def test_the_same_seed_writes_the_same_bytes(cube: Path, tmp_path: Path) -> None:
+    _estimate_and_grasp(cube / "contacts.csv", tmp_path)
+    for name in ("surface.ply", "grasps.json"):
+        assert (tmp_path / name).read_bytes() == (cube / name).read_bytes()
 
 
 def test_the_number_of_threads_changes_no_byte(tmp_path: Path) -> None:
@@ -125,16 +124,32 @@ def test_options_out_of_range_are_refused_before_work(
 
 
 def test_an_empty_folder_has_no_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "holds no results" in _misuse(capsys, "view", str(tmp_path))
+    assert "no results" in _misuse(capsys, "view", str(tmp_path))
 
 
-def test_grasps_of_no_known_object_ask_for_one(
-    cube_contacts: Path, capsys: pytest.CaptureFixture[str]
+def test_grasps_of_an_unknown_object_need_the_option_object(
+    cube: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["estimate", str(cube_contacts)])
-    main(["grasp", str(cube_contacts.with_name("surface.ply")), "--hand", "wsg50"])
-    capsys.readouterr()
-    assert "--object" in _misuse(capsys, "lift", str(cube_contacts.with_name("grasps.json")))
+    assert "--object" in _misuse(capsys, "lift", str(cube / "grasps.json"))
+
+
+@pytest.mark.parametrize(
+    ("raised", "code"),
+    [(None, 0), (SimulationError("x"), 1), (InvalidHandError("x"), 2), (KeyboardInterrupt(), 130)],
+)
+def test_exit_codes(
+    raised: BaseException | None,
+    code: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def execute(options: argparse.Namespace) -> None:
+        if raised is not None:
+            raise raised
+
+    monkeypatch.setattr("lis_grasp.cli.doctor.execute", execute)
+    assert main(["doctor"]) == code
+    assert capsys.readouterr().err.count("\n") == (raised is not None)
 
 
 @pytest.mark.slow
@@ -159,9 +174,7 @@ def test_stages_run_alone_repeat_the_run_byte_for_byte(estimator: str, tmp_path:
         assert lifts[0]["slip"] == report["lift"]["slip"]
 
 
-def test_a_noisy_sensor_s_contacts_are_recorded_as_such_and_the_estimate_is_told(
-    tmp_path: Path,
-) -> None:
+def test_sensor_noise_is_recorded_and_given_to_the_estimator(tmp_path: Path) -> None:
     options = ["--prober", "kinematic", "--touches", "12", "--position-noise", "0.002"]
     assert main(["explore", "box", *options, "--output", str(tmp_path)]) == 0
     path = tmp_path / "contacts.ply"
@@ -169,28 +182,28 @@ def test_a_noisy_sensor_s_contacts_are_recorded_as_such_and_the_estimate_is_told
     box = shapes.build("box")
     noisy = Contacts.load(path)
     off = distances_to_mesh(noisy.points, box.mesh)[0]
-    assert 0.0005 < np.sqrt(np.mean(off**2)) < 0.004  # 2 mm, of which one component is seen
+    assert 0.0005 < np.sqrt(np.mean(off**2)) < 0.004  # 2 mm along the normal
     assert main(["estimate", str(path)]) == 0
     surface = tmp_path / "surface.ply"
-    told = load_surface(surface).vertex_attributes["uncertainty"].min()
+    recorded = load_surface(surface).vertex_attributes["uncertainty"].min()
     assert main(["estimate", str(path), "--position-noise", "0.004"]) == 0
-    # Near contacts, where noise is all there is.
-    assert load_surface(surface).vertex_attributes["uncertainty"].min() > 1.2 * told
+    # Near contacts, where the noise dominates.
+    assert load_surface(surface).vertex_attributes["uncertainty"].min() > 1.2 * recorded
 
 
 @pytest.mark.slow
-def test_what_fingers_feel_is_learned_and_kept_with_the_results(tmp_path: Path) -> None:
-    # Six touches tell so little of a torus that the first grasp of this seed meets it on the way.
+def test_contacts_of_aborted_grasps_are_kept_in_the_results(tmp_path: Path) -> None:
+    # After six touches of a torus the first grasp of this seed is aborted.
     arguments = ["--touches", "6", "--prober", "kinematic", "--seed", "2"]
     assert main(["run", "torus", *arguments, "--output", str(tmp_path)]) == 0
     report = json.loads((tmp_path / "report.json").read_text())
-    declined = report["attempts"][:-1]
-    assert declined
-    assert {attempt["reason"] for attempt in declined} == {"aborted"}
+    aborted = report["attempts"][:-1]
+    assert aborted
+    assert {attempt["reason"] for attempt in aborted} == {"aborted"}
     assert report["attempts"][-1]["reason"] == report["lift"]["reason"]
     known = Contacts.load(tmp_path / "contacts.ply")
-    assert len(known) == 6 + sum(attempt["felt"] for attempt in declined)
-    # The files are those of the last attempt: each stage repeats from the one before.
+    assert len(known) == 6 + sum(attempt["felt"] for attempt in aborted)
+    # The files are those of the last attempt.
     again = tmp_path / "again"
     assert main(["estimate", str(tmp_path / "contacts.ply"), "--output", str(again)]) == 0
     assert (again / "surface.ply").read_bytes() == (tmp_path / "surface.ply").read_bytes()

@@ -57,6 +57,7 @@ def test_the_quick_study_is_valid() -> None:
     assert {True, False} == {name in ("sphere", "torus") for name in study.objects}
 
 
+@pytest.mark.slow
 def test_report_only_and_rerun_use_the_study_file_of_the_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

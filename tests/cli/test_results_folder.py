@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -18,9 +19,22 @@ EXPLORE = ["explore", "box", "--prober", "kinematic", "--hand", "wsg50", "--touc
 LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html")
 
 
-def folder_of_everything(folder: Path) -> Path:
-    """Write the files of all stages, placeholders for those of the later ones."""
+@pytest.fixture(scope="module")
+def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("explored")
     assert main([*EXPLORE, "--output", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def folder(explored: Path, tmp_path: Path) -> Path:
+    """Return a folder with an exploration."""
+    return Path(shutil.copytree(explored, tmp_path / "results"))
+
+
+@pytest.fixture
+def full_folder(folder: Path) -> Path:
+    """Return a folder with the files of all stages, placeholders for those of the later ones."""
     assert main(["estimate", str(folder / "contacts.ply")]) == 0
     made = {"header": provenance.describe(hand="wsg50")}
     (folder / "grasps.json").write_text(json.dumps(made))
@@ -31,9 +45,9 @@ def folder_of_everything(folder: Path) -> Path:
 
 
 def test_a_stage_removes_the_files_made_from_the_one_it_replaces(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    full_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = folder_of_everything(tmp_path)
+    folder = full_folder
     capsys.readouterr()
     assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "lis"]) == 0
     said = capsys.readouterr().out
@@ -45,10 +59,8 @@ def test_a_stage_removes_the_files_made_from_the_one_it_replaces(
     assert "removed" not in capsys.readouterr().out
 
 
-def test_a_new_exploration_removes_the_results_of_the_earlier_one(
-    tmp_path: Path,
-) -> None:
-    folder = folder_of_everything(tmp_path)
+def test_a_new_exploration_removes_the_results_of_the_earlier_one(full_folder: Path) -> None:
+    folder = full_folder
     assert main([*EXPLORE, "--seed", "1", "--output", str(folder)]) == 0
     assert {path.name for path in folder.iterdir()} == {
         "touches.jsonl",
@@ -68,11 +80,11 @@ def test_files_next_to_a_foreign_surface_are_kept(tmp_path: Path) -> None:
     assert report.exists()
 
 
-def test_a_refused_stage_changes_no_file(tmp_path: Path) -> None:
-    folder = folder_of_everything(tmp_path)
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+def test_a_refused_stage_changes_no_file(full_folder: Path) -> None:
+    folder = full_folder
+    before = {path: path.read_bytes() for path in folder.rglob("*.*")}
     assert main(["estimate", str(folder / "contacts.ply"), "--position-noise", "-1"]) == 2
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert {path: path.read_bytes() for path in folder.rglob("*.*")} == before
 
 
 def test_a_scene_older_than_its_files_is_outdated(tmp_path: Path) -> None:
@@ -86,27 +98,23 @@ def test_a_scene_older_than_its_files_is_outdated(tmp_path: Path) -> None:
     assert scene_is_outdated(tmp_path)
 
 
-def test_view_writes_an_outdated_scene_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert main([*EXPLORE, "--output", str(tmp_path)]) == 0
-    scene = tmp_path / "scene.html"
+def test_view_writes_an_outdated_scene_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = folder / "scene.html"
     scene.write_text("older")
     os.utime(scene, (1000, 1000))
     monkeypatch.setattr("lis_grasp.visualization.serve_scene", lambda *_, **__: None)
-    assert main(["view", str(tmp_path)]) == 0
+    assert main(["view", str(folder)]) == 0
     assert scene.stat().st_size > 10_000
     made = scene.stat().st_mtime_ns
-    assert main(["view", str(tmp_path)]) == 0
+    assert main(["view", str(folder)]) == 0
     assert scene.stat().st_mtime_ns == made
 
 
 def test_a_log_of_another_source_is_not_resumed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arguments = [*EXPLORE, "--output", str(tmp_path)]
-    assert main(arguments) == 0
-    log = tmp_path / explore_verb.LOG
+    arguments = [*EXPLORE, "--output", str(folder)]
+    log = folder / explore_verb.LOG
     whole = log.read_bytes()
     interrupted = b"".join(whole.splitlines(keepends=True)[:4])  # the header and three probes
     log.write_bytes(interrupted)
