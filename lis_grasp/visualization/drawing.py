@@ -1,4 +1,4 @@
-"""Drawing commands of the meshcat viewer, made without a server and the same bytes every time."""
+"""Deterministic drawing commands of the meshcat viewer, made without a server."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.colours import linear_rgb
 
 with warnings.catch_warnings():
-    # meshcat imports modules of pyzmq that are deprecated; nothing here uses them.
+    # meshcat imports deprecated modules of pyzmq, which are not used here.
     warnings.simplefilter("ignore", DeprecationWarning)
     from meshcat import animation, commands, geometry
     from meshcat.path import Path as ScenePath
@@ -87,25 +87,23 @@ def draw_mesh(
     path: str, mesh: trimesh.Trimesh, surface: Any, colours: FloatArray | None = None
 ) -> bytes:
     """Return the command that draws `mesh` at `path`, with sRGB `colours` (V, 3) if given."""
-    return pack(commands.SetObject(_ShadedMesh(mesh, colours), surface, _path(path)))
+    return _draw(path, geometry.Mesh(_ShadedMesh(mesh, colours), surface))
 
 
 def draw_copies(path: str, mesh: trimesh.Trimesh, surface: Any, poses: FloatArray) -> bytes:
     """Return the command that draws `mesh` at each of `poses` (N, 4, 4)."""
-    return pack(commands.SetObject(_Copies(_ShadedMesh(mesh), surface, poses), path=_path(path)))
+    return _draw(path, _Copies(_ShadedMesh(mesh), surface, poses))
 
 
 def draw_segments(path: str, segments: FloatArray, colour: str, opacity: float = 1.0) -> bytes:
     """Return the command that draws line `segments` (E, 2, 3) [m], one pixel wide."""
-    lines = geometry.LineSegments(
-        geometry.PointsGeometry(segments.reshape(-1, 3).T),
-        geometry.LineBasicMaterial(color=int(colour[1:], 16), opacity=opacity),
-    )
-    return pack(commands.SetObject(lines, path=_path(path)))
+    points = geometry.PointsGeometry(segments.reshape(-1, 3).T)
+    material = geometry.LineBasicMaterial(color=int(colour[1:], 16), opacity=opacity)
+    return _draw(path, geometry.LineSegments(points, material))
 
 
 def animate(times: FloatArray, poses: Sequence[tuple[str, FloatArray]]) -> bytes:
-    """Return the command that loads an animation, at rest.
+    """Return the command that loads an animation, paused.
 
     Parameters
     ----------
@@ -128,21 +126,20 @@ def animate(times: FloatArray, poses: Sequence[tuple[str, FloatArray]]) -> bytes
             )
         clips[_path(path)] = clip
     motion = animation.Animation(clips=clips)
-    return pack(commands.SetAnimation(motion, play=False, repetitions=1))
+    return _pack(commands.SetAnimation(motion, play=False, repetitions=1))
 
 
-def pack(command: Any) -> bytes:
-    """Return a meshcat command as the message that a server would send to the viewer.
+def _draw(path: str, drawn: Any) -> bytes:
+    # meshcat names objects by time and machine (uuid1). The viewer needs names that are unique
+    # within one command; numbers give equal bytes for equal scenes.
+    for number, part in enumerate((drawn, drawn.geometry, drawn.material)):
+        part.uuid = f"00000000-0000-4000-8000-{number:012x}"
+    return _pack(commands.SetObject(drawn, path=_path(path)))
 
-    meshcat names every object by the time and the machine (uuid1); here objects are numbered in
-    the order in which the command mentions them, so that equal scenes are equal bytes. The viewer
-    needs the names to be unique within one command only.
-    """
-    lowered = command.lower()
-    names: dict[str, str] = {}
-    _collect_names(lowered, names)
-    packed = umsgpack.packb(_rename(lowered, names), force_float_precision="single")
-    return bytes(packed)
+
+def _pack(command: Any) -> bytes:
+    """Return a meshcat command as the message of a server to the viewer."""
+    return bytes(umsgpack.packb(command.lower(), force_float_precision="single"))
 
 
 def shade(
@@ -150,8 +147,8 @@ def shade(
 ) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray, npt.NDArray[np.int64]]:
     """Return vertices, faces, unit normals and source vertices of `mesh`, split at its edges.
 
-    A corner's normal is the area-weighted mean over the faces round its vertex that lie within
-    35 deg of the corner's own face; corners of one vertex that agree share one drawn vertex.
+    A corner's normal is the area-weighted mean over the faces round its vertex within 35 deg of
+    its own face. Corners of one vertex with equal normals become one drawn vertex.
 
     Returns
     -------
@@ -195,31 +192,10 @@ def _path(path: str) -> Any:
 
 
 def _bends(times: FloatArray, values: FloatArray) -> npt.NDArray[np.bool_]:
-    """Return which keys to keep: all but those on a straight line between their neighbours."""
+    """Return which keys are not on a straight line between their neighbours."""
     keep = np.ones(len(times), dtype=bool)
     if len(times) > 2:
-        share = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
-        straight = values[:-2] + share * (values[2:] - values[:-2])
+        fraction = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None]
+        straight = values[:-2] + fraction * (values[2:] - values[:-2])
         keep[1:-1] = np.abs(values[1:-1] - straight).max(axis=1) > 1e-9
     return keep
-
-
-def _collect_names(value: Any, names: dict[str, str]) -> None:
-    if isinstance(value, dict):
-        if "uuid" in value:
-            names.setdefault(value["uuid"], f"00000000-0000-4000-8000-{len(names):012x}")
-        for item in value.values():
-            _collect_names(item, names)
-    elif isinstance(value, list):
-        for item in value:
-            _collect_names(item, names)
-
-
-def _rename(value: Any, names: dict[str, str]) -> Any:
-    if isinstance(value, dict):
-        return {key: _rename(item, names) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_rename(item, names) for item in value]
-    if isinstance(value, str):
-        return names.get(value, value)
-    return value.item() if isinstance(value, np.generic) else value
