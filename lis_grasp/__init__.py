@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from lis_grasp import pipeline as pipeline
     from lis_grasp import shapes as shapes
     from lis_grasp.contacts import Contacts as Contacts
     from lis_grasp.evaluation.surface_error import surface_error as surface_error
@@ -42,6 +43,7 @@ _HOMES = {
     "epsilon_quality": "lis_grasp.grasping.quality",
     "extract_mesh": "lis_grasp.meshing",
     "is_force_closure": "lis_grasp.grasping.force_closure",
+    "pipeline": "lis_grasp.pipeline",
     "shapes": "lis_grasp.shapes",
     "surface_error": "lis_grasp.evaluation.surface_error",
 }
@@ -54,7 +56,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'lis_grasp' has no attribute '{name}'")
     home = import_module(_HOMES[name])
-    value = home if name == "shapes" else getattr(home, name)
+    value = home if _HOMES[name] == f"lis_grasp.{name}" else getattr(home, name)
     globals()[name] = value
     return value
 

@@ -1,4 +1,4 @@
-"""From where to look first: what the camera frames, and the side from which least is hidden."""
+"""Initial camera view: framed points and the azimuth with the least occlusion."""
 
 from __future__ import annotations
 
@@ -12,27 +12,18 @@ ELEVATION = np.deg2rad(24.0)
 _DIRECTIONS = 36
 _CELLS = 40
 
-# So many directions find the outline of a scene to within a percent or so.
+# This many directions find the outline of a scene to within about a percent.
 _OUTWARD = 150
 
 
 def choose_azimuth(
     subject: FloatArray, obstacle: FloatArray, *, elevation: float = ELEVATION
 ) -> float:
-    """Return the azimuth [rad] of the camera from which the subject is best seen past the obstacle.
+    """Return the camera azimuth [rad] at which the obstacle occludes the subject least.
 
-    Looks along each of 36 directions, draws both point sets into a coarse depth image, and counts
-    the cells in which the subject comes first; the obstacle's own visible cells count a little,
-    so that of two equal views the one that shows more of it wins.
-
-    Parameters
-    ----------
-    subject
-        Shape (N, 3) [m], points of what is to be seen.
-    obstacle
-        Shape (M, 3) [m], points of what may stand in the way; none gives a three-quarter view.
-    elevation
-        Angle of the camera above the horizon [rad].
+    Draws both point sets (N, 3) and (M, 3) [m] into coarse depth images from 36 directions, and
+    counts the cells in which the subject is in front. Visible cells of the obstacle count a little,
+    to choose between equal views. No obstacle gives a three-quarter view.
     """
     azimuths = np.deg2rad(-55.0) + np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
     if not len(subject) or not len(obstacle):
@@ -42,7 +33,7 @@ def choose_azimuth(
 
 
 def surface_points(mesh: trimesh.Trimesh, count: int = 2000) -> FloatArray:
-    """Return points spread over the faces of `mesh` by a fixed pattern, at least one a face."""
+    """Return points (N, 3) in a fixed pattern on the faces of `mesh`, at least one per face."""
     steps = max(1, int(np.ceil(np.sqrt(2.0 * count / max(len(mesh.faces), 1)))))
     i, j = np.nonzero(np.add.outer(np.arange(steps), np.arange(steps)) < steps)
     weights = np.stack([i + 1.0 / 3.0, j + 1.0 / 3.0], axis=1) / steps  # (P, 2)
@@ -51,14 +42,14 @@ def surface_points(mesh: trimesh.Trimesh, count: int = 2000) -> FloatArray:
 
 
 def box_corners(points: FloatArray) -> FloatArray:
-    """Return the eight corners, shape (8, 3), of the box round `points` (N, 3), N >= 1."""
+    """Return the corners (8, 3) of the bounding box of `points` (N, 3), N >= 1."""
     low_high = np.array([points.min(axis=0), points.max(axis=0)])
     choice = np.indices((2, 2, 2)).reshape(3, 8).T
     return low_high[choice, np.arange(3)]
 
 
 def outermost(points: FloatArray) -> FloatArray:
-    """Return those of `points` (N, 3) that are furthest out along any of many directions."""
+    """Return those of `points` (N, 3) that are extreme in any of 150 directions."""
     if not len(points):
         return points
     k = np.arange(_OUTWARD)
@@ -74,7 +65,7 @@ def _score(subject: FloatArray, obstacle: FloatArray, azimuth: float, elevation:
     axes = np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
     both = np.vstack([subject, obstacle]) @ axes.T  # (N + M, 3) right, up, towards the camera
     low = both[:, :2].min(axis=0)
-    # Cells so large that neighbouring points of one surface leave no holes.
+    # Cells are larger than the distance of neighbouring points, so that surfaces have no holes.
     cell = np.ptp(subject, axis=0).max() / _CELLS * 2.0 or 1.0
     column, row = ((both[:, :2] - low) / cell).astype(np.int64).T
     index = column * (row.max() + 1) + row

@@ -1,33 +1,29 @@
-"""What a scene is gathered on: drawing commands, and the layers that the page offers."""
+"""Drawing commands and layers of a scene page, collected in order."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-# Nodes of the viewer's scene tree. Everything in the object's frame hangs below its node, so that
-# it moves with the object during a lift.
+# Nodes of the viewer's scene tree. What is in the object's frame is below its node, and moves with
+# the object during a lift.
 ROOT = "lis_grasp"
 OBJECT_NODE = f"{ROOT}/object"
 
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """Something that can be shown or hidden.
+    """Part of the page that can be shown or hidden.
 
     Parameters
     ----------
     identity
-        Its name in the page's address, for example ``"grasp-1"``.
-    label
-        Its name on the page, plain text.
+        Name in the page's address, for example ``"grasp-1"``.
+    label, note, detail
+        Plain texts on the page: its name, a line below it, and a tooltip.
     on
         Whether it is visible at first.
     colour
-        Its colour, ``#rrggbb``.
-    note
-        More about it, plain text, or empty.
-    detail
-        All about it, shown on demand, plain text, or empty.
+        ``#rrggbb``.
     """
 
     identity: str
@@ -40,7 +36,7 @@ class Layer:
 
 @dataclass(slots=True)
 class Canvas:
-    """Commands and layers gathered while a scene is put together, in order."""
+    """Commands and layers of a scene in the making."""
 
     commands: list[bytes] = field(default_factory=list)
     layers: list[Layer] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""Colours of numbers: a perceptually uniform map and a scale with round ends."""
+"""Colour map (viridis) and colour scale with round ends."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ VIRIDIS = (
     "#fde725",
 )  # fmt: skip
 
-# The scale ends where all but this share of the surface has been shown: the far end of a surface
-# that nobody touched must not squeeze everything else into one colour.
-_SHOWN_SHARE = 0.8
+# Quantile of the values at the upper end of the scale: large values far from all contacts must not
+# compress the rest into one colour.
+_SHOWN_FRACTION = 0.8
 
 
 def srgb(colour: str) -> FloatArray:
@@ -45,14 +45,14 @@ def viridis(values: npt.ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class ColourScale:
-    """From a length [m] to a colour: viridis from `low` to `high`, values beyond take the ends.
+    """Colour scale of lengths [m]: viridis from `low` to `high`, clipped at both ends.
 
     Parameters
     ----------
     low, high
         Ends of the scale [m], ``low < high``.
     clipped
-        Whether some values lie above `high`.
+        Whether some values are above `high`.
     """
 
     low: float
@@ -61,22 +61,19 @@ class ColourScale:
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
-            raise InvalidOptionError(
-                f"a colour scale needs two finite ends, low < high; {self.low} and {self.high} came"
-            )
+            raise InvalidOptionError.out_of_range("high", self.high, f"above low, {self.low}")
 
     @classmethod
     def of(cls, values: npt.ArrayLike) -> ColourScale:
-        """Return the scale with round ends that shows `values` [m], shape (N,), best.
+        """Return the scale from zero to the first round number above 80 % of `values` (N,) [m].
 
-        It starts at zero and ends at the first round number above four fifths of the values.
-        Infinite values mean "nothing is known here"; they take the colour of the far end.
+        Infinite values mean unknown, and take the colour of the upper end.
         """
         all_values = np.asarray(values, dtype=np.float64)
         finite = all_values[np.isfinite(all_values)]
         if not len(finite) or finite.max() <= 0.0:
             return cls(0.0, 1e-3, clipped=bool(len(finite) < all_values.size))
-        high = round_up(float(np.quantile(finite, _SHOWN_SHARE)) or float(finite.max()))
+        high = round_up(float(np.quantile(finite, _SHOWN_FRACTION)) or float(finite.max()))
         return cls(0.0, high, clipped=bool(np.any(~(all_values <= high * (1.0 + 1e-9)))))
 
     def colours(self, values: npt.ArrayLike) -> FloatArray:
@@ -85,7 +82,7 @@ class ColourScale:
         return viridis(np.nan_to_num(x, nan=1.0, posinf=1.0, neginf=0.0))
 
     def tick_labels(self, count: int = 5) -> Sequence[str]:
-        """Return `count` evenly spaced labels in millimetres, the last one with its meaning."""
+        """Return `count` evenly spaced labels in millimetres, the last one with its unit."""
         labels = [f"{v:.3g}" for v in np.linspace(self.low, self.high, count) * 1e3]
         labels[-1] = ("≥ " if self.clipped else "") + labels[-1] + " mm"
         return labels

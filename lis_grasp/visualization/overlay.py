@@ -30,16 +30,9 @@ def build_overlay(
     grid: float,
     story: Story,
 ) -> str:
-    """Return the overlay's HTML; every text in it is escaped.
+    """Return the overlay's HTML, with all text escaped.
 
-    Parameters
-    ----------
-    scale
-        Colours of the estimate's uncertainty, or None for no scale.
-    grid
-        Spacing of the table's grid [m].
-    story
-        The time line.
+    `scale` colours the estimate's uncertainty; `grid` is the spacing of the table's grid [m].
     """
     grasps = [layer for layer in layers if _is_grasp(layer)]
     others = [layer for layer in layers if not _is_grasp(layer)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,7 +96,7 @@ class Scene:
 
     truth: trimesh.Trimesh | None = None
     estimate: trimesh.Trimesh | None = None
-    contacts: Contacts | None = None
+    contacts: Contacts = field(default_factory=Contacts.empty)
     growth: Sequence[tuple[int, trimesh.Trimesh]] = ()
     touches: Sequence[ProbeOutcome | None] = ()
     grasps: Sequence[Grasp] = ()
@@ -108,7 +108,7 @@ class Scene:
     shown_grasps: int = 5
 
     def __post_init__(self) -> None:
-        contacts = self._contact_count()
+        contacts = len(self.contacts)
         if not len(self._object_points()):
             raise InvalidOptionError(
                 "a scene needs a true object, an estimate or contacts; it has none of them"
@@ -154,18 +154,17 @@ class Scene:
         size = max(float(np.ptp(object_points, axis=0).max()), _LEAST_SIZE)
         surfaces = list(self.growth)
         if self.estimate is not None:
-            surfaces.append((self._contact_count(), self.estimate))
+            surfaces.append((len(self.contacts), self.estimate))
         scale = draw_estimates(canvas, surfaces)
         if self.truth is not None:
             draw_truth(canvas, self.truth)
-        if self.contacts is not None:
-            draw_contacts(canvas, self.contacts, size)
+        draw_contacts(canvas, self.contacts, size)
         lift_seconds, postures, moved = self._draw_hand(canvas, object_points)
         hands = [hand_points(self.hand, p) for p in postures] if self.hand is not None else []
         best = hands[0] if hands else _NOTHING
         around = np.vstack([_NOTHING, *hands])
         story = Story.of(
-            contacts=self._contact_count(),
+            contacts=len(self.contacts),
             surfaces=[count for count, mesh in surfaces if len(mesh.faces)],
             grasps=len(postures),
             lift_seconds=lift_seconds,
@@ -195,12 +194,7 @@ class Scene:
             },
         }
         overlay = build_overlay(
-            self.title,
-            self.summary,
-            layers=canvas.layers,
-            scale=scale,
-            grid=grid,
-            story=story,
+            self.title, self.summary, layers=canvas.layers, scale=scale, grid=grid, story=story
         )
         return build_page(self.title, overlay=overlay, scene=facts, commands=canvas.commands)
 
@@ -216,10 +210,7 @@ class Scene:
         for mesh in (self.truth, self.estimate):
             if mesh is not None and len(mesh.faces):
                 return surface_points(mesh)
-        return _NOTHING if self.contacts is None else self.contacts.points
-
-    def _contact_count(self) -> int:
-        return 0 if self.contacts is None else len(self.contacts)
+        return self.contacts.points
 
     def _draw_hand(
         self, canvas: Canvas, object_points: FloatArray

@@ -1,4 +1,4 @@
-"""The static page: meshcat's viewer, the drawing commands and the overlay in one HTML file."""
+"""Self-contained HTML page: meshcat's viewer, drawing commands and overlay in one file."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from typing import Any
 from lis_grasp.exceptions import InvalidFileError
 
 _ASSETS = "lis_grasp.visualization"
-# In the order in which they need each other.
+# In the order of their dependencies.
 _SCRIPTS = ("look.js", "story.js", "camera.js", "scene.js")
 
 
 def build_page(
     title: str, *, overlay: str, scene: Mapping[str, Any], commands: Sequence[bytes]
 ) -> str:
-    """Return a page that draws `commands` with meshcat's viewer and loads nothing.
+    """Return a page that draws `commands` with meshcat's viewer, offline.
 
-    The page forbids itself every connection and every script but its own two (Content Security
-    Policy), so it opens offline, and a name that looks like markup cannot run.
+    Its Content Security Policy allows no connection and only its own two scripts, so that names
+    that look like markup cannot run.
 
     Parameters
     ----------
     title
-        Name of the page, plain text.
+        Plain text.
     overlay
-        HTML of the overlay, already escaped.
+        Escaped HTML.
     scene
-        What the page's script needs to know, as JSON.
+        JSON values for the page's script.
     commands
         Packed drawing commands, in order.
     """
@@ -80,19 +80,19 @@ def _viewer_source() -> str:
     """Return the source of meshcat's viewer (three.js included), as its package ships it."""
     package = find_spec("meshcat")
     if package is None or package.origin is None:
-        raise InvalidFileError("the scene needs the package meshcat: pip install meshcat")
+        raise InvalidFileError("the package meshcat is missing: install it with pip")
     path = Path(package.origin).parent / "viewer" / "dist" / "main.min.js"
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
         raise InvalidFileError(
-            f"cannot read meshcat's viewer {path} ({error.strerror}): install meshcat again"
+            f"cannot read {path} ({error.strerror}): install meshcat again", path=path
         ) from None
 
 
 def _script_text(source: str) -> str:
-    # Inside a script element only this sequence ends the script; in a string "<\/" equals "</".
-    # A parser turns \r\n into \n, which would change the script's hash.
+    # Only "</script" ends a script element; in a JavaScript string "<\/" equals "</".
+    # HTML parsers turn \r\n into \n, which would change the hash of the script.
     return source.replace("\r\n", "\n").replace("</script", "<\\/script")
 
 

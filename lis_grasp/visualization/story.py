@@ -1,7 +1,6 @@
-"""The time line of a page: touch by touch, then one candidate grasp after the other, then the lift.
+"""Time line of a scene page: touches, then candidate grasps from worst to best, then the lift.
 
-Everything on the page is a function of a moment on this line and of the layers switched on; the
-page's script (assets/story.js) reads the chapters that are written here.
+The page (assets/story.js) shows a function of the time and of the visible layers.
 """
 
 from __future__ import annotations
@@ -10,27 +9,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-# A touch lasts this long on the line, but all of them together no longer than that [s].
+# Duration of one touch, and upper bound for all of them [s].
 _SECONDS_A_TOUCH, _SECONDS_OF_TOUCHES = 0.5, 20.0
-# To look at what the touches came to, before a hand comes in [s].
+# Pause after the last touch [s].
 _PAUSE = 1.0
 _SECONDS_A_GRASP = 1.4
 
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """A part of the time line.
+    """Part of the time line.
 
     Parameters
     ----------
     name
         "touch", "grasp" or "lift".
     label
-        Its name on the page, plain text.
+        Name on the page, plain text.
     start, end
-        Where it lies on the time line [s]; it shows what happens after `start`, up to `end`.
+        Times [s]; at `start` the page still shows the chapter before.
     facts
-        What else the page needs to know of it, as JSON.
+        Further JSON values for the page.
     """
 
     name: str
@@ -42,13 +41,7 @@ class Chapter:
 
 @dataclass(frozen=True, slots=True)
 class Story:
-    """The chapters of a scene, in order and without gaps; none where nothing changes.
-
-    Parameters
-    ----------
-    chapters
-        Each begins where the one before it ends; the first one at 0.
-    """
+    """Chapters of a scene in order, from time 0 and without gaps; none for a static scene."""
 
     chapters: tuple[Chapter, ...] = ()
 
@@ -56,16 +49,16 @@ class Story:
     def of(
         cls, *, contacts: int, surfaces: Sequence[int], grasps: int, lift_seconds: float
     ) -> Story:
-        """Return the story of what there is to show.
+        """Return the chapters of a scene.
 
         Parameters
         ----------
         contacts
-            How many there are; a single one is no story.
+            Number of contacts; a single one has no chapter.
         surfaces
-            After how many contacts there is a new estimate to see, increasing.
+            Numbers of contacts at which the estimate changes, increasing.
         grasps
-            Candidates to show; shown from the worst to the best, which is the one that lifts.
+            Number of candidate grasps, shown from the worst to the best.
         lift_seconds
             Duration of the lift [s]; 0 for none.
         """
@@ -88,21 +81,21 @@ class Story:
 
     @property
     def duration(self) -> float:
-        """Length of the time line [s]; 0 where nothing changes."""
+        """Length of the time line [s]; 0 for a static scene."""
         return self.chapters[-1].end if self.chapters else 0.0
 
     @property
     def rest(self) -> float:
-        """The moment that says most in one picture [s]: all that is known, and the best grasp."""
+        """Initial time of the page [s]: all contacts and the best grasp, before the lift."""
         still = [chapter.end for chapter in self.chapters if chapter.name != "lift"]
         return still[-1] if still else 0.0
 
     def chapter(self, name: str) -> Chapter:
-        """Return the chapter of a name, which must be there."""
+        """Return the chapter with a name; it must exist."""
         return next(chapter for chapter in self.chapters if chapter.name == name)
 
     def facts(self) -> dict[str, Any]:
-        """Return what the page's script needs to know, as JSON."""
+        """Return the time line as JSON for the page's script."""
         return {
             "duration": self.duration,
             "rest": self.rest,

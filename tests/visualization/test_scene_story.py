@@ -154,7 +154,6 @@ def test_growth_is_the_estimate_from_the_first_contacts(explored: Path) -> None:
 def test_recorded_hands_touch_the_object_at_their_contacts(explored: Path) -> None:
     scene = scene_of(explored)
     assert scene.hand is not None
-    assert scene.contacts is not None
     checker = HandCollisionChecker(scene.hand, shapes.build("box").mesh)
     for touch, point in zip(scene.touches, scene.contacts.points, strict=True):
         assert touch is not None

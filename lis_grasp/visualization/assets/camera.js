@@ -1,4 +1,4 @@
-// The camera: views of the object, of the hand at it, and of the lift, framed for the window.
+// Camera views of the object, of the hand at the object, and of the lift, framed for the window.
 const Eye = (viewer, scene, story) => {
   "use strict";
   const THREE = MeshCat.THREE;
@@ -12,9 +12,9 @@ const Eye = (viewer, scene, story) => {
 
   let view = null; // azimuth and elevation [deg], zoom
   let frames = null;
-  let touched = false; // whether somebody has moved the camera by hand
+  let touched = false; // whether the user has moved the camera
 
-  // What of the window the overlay leaves free, in pixels.
+  // The part of the window beside the overlay, in pixels.
   function freeArea() {
     const whole = { left: 0, top: 0, right: window.innerWidth, bottom: window.innerHeight };
     if (document.body.classList.contains("bare")) return whole;
@@ -27,7 +27,7 @@ const Eye = (viewer, scene, story) => {
     return whole;
   }
 
-  // The nearest camera that looks from the chosen side and has every point inside the free area.
+  // The nearest camera in the chosen direction with all points inside the free area.
   function fit(points, axes, free) {
     const [right, up, back] = axes;
     const tangent = 0.9 * Math.tan(THREE.MathUtils.degToRad(viewer.camera.fov / 2)); // 0.9: a margin
@@ -44,7 +44,7 @@ const Eye = (viewer, scene, story) => {
         return q;
       });
       let [x0, x1, y0, y1] = [Infinity, -Infinity, Infinity, -Infinity];
-      for (const q of seen) { // where it is seen on the plane through the target
+      for (const q of seen) { // projected on the plane through the target
         const scale = distance / (distance - q.z);
         x0 = Math.min(x0, q.x * scale); x1 = Math.max(x1, q.x * scale);
         y0 = Math.min(y0, q.y * scale); y1 = Math.max(y1, q.y * scale);
@@ -54,7 +54,7 @@ const Eye = (viewer, scene, story) => {
     return { target, distance };
   }
 
-  // The arrows stand out of the object's outline by about so much.
+  // The arrows extend beyond the object's outline by about this factor.
   const centre = new THREE.Box3().setFromPoints(vectors(scene.camera.object)).getCenter(new THREE.Vector3());
   const withArrows = (p) => new THREE.Vector3(...p).sub(centre).multiplyScalar(1.25).add(centre).toArray();
 
@@ -84,15 +84,15 @@ const Eye = (viewer, scene, story) => {
     viewer.set_3d_pane_size();
   }
 
-  // Between the views, by the time; a camera moved by hand is left alone.
+  // Interpolates the views by time; a camera that the user moved is kept.
   function place(time) {
     if (!frames || touched) return;
-    const blend = (one, other, share) => ({
-      target: one.target.clone().lerp(other.target, share),
-      distance: THREE.MathUtils.lerp(one.distance, other.distance, share),
+    const blend = (one, other, part) => ({
+      target: one.target.clone().lerp(other.target, part),
+      distance: THREE.MathUtils.lerp(one.distance, other.distance, part),
     });
-    const told = story.at(time).name;
-    const grasping = told === "touch" ? 0 : told === "grasp" && story.chapters[0].name === "touch" ? ramp(0.7, story.into("grasp", time)) : 1;
+    const chapter = story.at(time).name;
+    const grasping = chapter === "touch" ? 0 : chapter === "grasp" && story.chapters[0].name === "touch" ? ramp(0.7, story.into("grasp", time)) : 1;
     const lifting = ramp(Math.min(0.4, 0.2 * story.lasts) || 1, story.into("lift", time));
     const { target, distance } = blend(blend(frames.touch, frames.grasp, grasping), frames.lift, lifting);
     const toViewer = (v) => new THREE.Vector3(v.x, v.z, -v.y); // z up to y up
@@ -101,7 +101,7 @@ const Eye = (viewer, scene, story) => {
     viewer.controls.update();
   }
 
-  // How solid to draw what is at a place: 1, or less where it would stand before the object.
+  // Opacity of what is at a place: 1, or less between the camera and the object.
   function clearness(place) {
     const seen = viewer.camera.position;
     const towards = new THREE.Vector3(seen.x, -seen.z, seen.y).sub(centre).normalize();

@@ -1,4 +1,4 @@
-// How things look: light, fading, the glass shell of the true object.
+// Appearance: lights, fading, and the glass shell of the true object.
 const Look = (() => {
   "use strict";
   const THREE = MeshCat.THREE;
@@ -9,7 +9,7 @@ const Look = (() => {
     return found;
   };
 
-  // A photographer's studio: a bright room with soft boxes, seen only as light on surfaces.
+  // Environment light: a bright room with soft boxes.
   function studio(renderer) {
     const room = new THREE.Scene();
     const wall = (colour, strength, size, position) => {
@@ -51,22 +51,22 @@ const Look = (() => {
     };
   }
 
-  // Shows a group by its share: 0 is hidden, 1 is as its materials say.
-  function fade(group, share) {
-    group.visible = share > 0.01;
+  // Shows a group with an opacity: 0 hides it, 1 is that of its materials.
+  function fade(group, opacity) {
+    group.visible = opacity > 0.01;
     for (const mesh of meshes(group)) {
       const own = mesh.material.userData;
       if (own.opacity === undefined) own.opacity = mesh.material.opacity;
-      const transparent = share < 0.999 || own.opacity < 1 || own.glass === true;
+      const transparent = opacity < 0.999 || own.opacity < 1 || own.glass === true;
       if (transparent !== mesh.material.transparent) {
         mesh.material.transparent = transparent;
         mesh.material.needsUpdate = true;
       }
-      mesh.material.opacity = own.opacity * share;
+      mesh.material.opacity = own.opacity * opacity;
     }
   }
 
-  // A little further from the eye, so that lines drawn on it are whole.
+  // Moves a surface slightly away from the camera, so that lines on it stay visible.
   function pushBack(material) {
     Object.assign(material, { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
   }
@@ -76,7 +76,7 @@ const Look = (() => {
     mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry, 35), material));
   }
 
-  // A shell that is clear where it is seen straight on and shows at its rim.
+  // A shell that is clear where it faces the camera and visible at its rim.
   function makeGlass(solid) {
     const glass = solid.clone(true);
     for (const mesh of meshes(glass)) {
@@ -98,7 +98,7 @@ const Look = (() => {
     return glass;
   }
 
-  // Makes a group of many copies (InstancedMesh) fit to be drawn.
+  // Prepares a group of many copies (InstancedMesh).
   function setUpCopies(group) {
     for (const mesh of meshes(group)) {
       mesh.castShadow = mesh.receiveShadow = false;

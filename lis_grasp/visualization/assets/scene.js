@@ -1,4 +1,4 @@
-// Draws the scene with meshcat's viewer and answers the overlay. No request leaves this page.
+// Draws the scene with meshcat's viewer and handles the overlay. The page sends no request.
 (() => {
   "use strict";
   const THREE = MeshCat.THREE;
@@ -27,7 +27,7 @@
     renderer.outputEncoding = THREE.sRGBEncoding;
     renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     for (const name of ["Lights", "Grid", "Axes"]) viewer.delete_path([name]);
-    viewer.hide_background(); // the page's own background shows through
+    viewer.hide_background(); // shows the page's own background
     viewer.gui.domElement.style.display = "none";
     viewer.scene.traverse((o) => {
       if (o.material && o.material.color) o.material.color.convertSRGBToLinear();
@@ -41,7 +41,7 @@
   const has = (id) => facts.has(id);
 
   const layers = {};
-  let surfaces = []; // { count, group }: the estimate after so many contacts
+  let surfaces = []; // { count, group }: the estimate from `count` contacts
   let grasps = [];
   let toucher = null;
   function gatherLayers() {
@@ -85,7 +85,7 @@
     grasps = scene.grasps.map((poses, rank) => {
       const group = posed(poses);
       const tint = new THREE.Color(facts.get(`grasp-${rank + 1}`).colour).convertSRGBToLinear();
-      if (rank > 0) for (const mesh of meshes(group)) mesh.material.color.lerp(tint, 0.75); // several hands at once stay apart
+      if (rank > 0) for (const mesh of meshes(group)) mesh.material.color.lerp(tint, 0.75); // distinguishes several hands
       return group;
     });
     if (scene.touching) {
@@ -96,37 +96,37 @@
   }
 
   // ---- time ------------------------------------------------------------------------------
-  const COMES_FROM = 0.3; // how far before its touch the hand is first seen, as a share of the scene's radius
+  const APPROACH = 0.3; // distance of the approach, as a fraction of the scene's radius
   let time = story.rest;
   let playing = false;
-  let begun = false; // whether the time is one that somebody chose
+  let begun = false; // whether the user has chosen a time
 
-  // What is seen is a function of the time and the ticked layers alone: what was felt and believed
-  // until then, and during the lift what really happened.
+  // The picture is a function of the time and the ticked layers: contacts and estimate up to that
+  // time, and the true object during the lift.
   function show() {
     const now = story.at(time);
     const on = (id) => (wanted.get(id) ? 1 : 0);
     const seen = new Map();
-    const put = (id, group, share) => {
-      fade(group, share);
-      seen.set(id, seen.get(id) || share > 0.01);
+    const put = (id, group, opacity) => {
+      fade(group, opacity);
+      seen.set(id, seen.get(id) || opacity > 0.01);
     };
     const lifting = now.lift > 0 && wanted.get("lift");
     const s = lifting ? Math.min(1, now.lift / Math.min(0.5, 0.2 * story.lasts)) : 0;
-    const fact = s * s * (3 - 2 * s);
-    // Without the true object what was believed rides along.
-    const belief = wanted.get("truth") ? 1 - fact : 1;
+    const truth = s * s * (3 - 2 * s);
+    // Without the true object the estimate moves in the lift.
+    const estimated = wanted.get("truth") ? 1 - truth : 1;
     const latest = surfaces.filter(({ count }) => now.surface !== null && count <= now.surface).pop();
-    for (const surface of surfaces) put("estimate", surface.group, surface === latest ? on("estimate") * belief : 0);
+    for (const surface of surfaces) put("estimate", surface.group, surface === latest ? on("estimate") * estimated : 0);
     for (const id of ["contacts", "normals"]) {
       if (!layers[id]) continue;
       reveal(layers[id], now.contacts, now.name === "touch");
-      put(id, layers[id], now.contacts ? on(id) * belief : 0);
+      put(id, layers[id], now.contacts ? on(id) * estimated : 0);
     }
-    if (layers.free) put("free", layers.free, now.name === "touch" ? 0 : on("free") * (1 - fact));
+    if (layers.free) put("free", layers.free, now.name === "touch" ? 0 : on("free") * (1 - truth));
     if (layers.truth) {
-      // Solid at once, behind the fading estimate: two clear surfaces in one place would flicker.
-      const solid = !on("estimate") || !surfaces.length || fact > 0;
+      // Solid at once behind the fading estimate: two transparent surfaces would flicker.
+      const solid = !on("estimate") || !surfaces.length || truth > 0;
       put("truth", layers.truth, on("truth") * (solid ? 1 : 0));
       put("truth", layers.glass, on("truth") * (solid ? 0 : 1));
     }
@@ -138,22 +138,22 @@
     eye.place(time);
     const touch = scene.touching && now.next ? scene.touching.touches[now.next - 1] : null;
     if (touch) {
-      const back = new THREE.Vector3(...touch.direction).multiplyScalar(-now.away * COMES_FROM * eye.reach);
+      const back = new THREE.Vector3(...touch.direction).multiplyScalar(-now.away * APPROACH * eye.reach);
       toucher.matrix.fromArray(touch.pose).premultiply(new THREE.Matrix4().setPosition(back));
       const posture = scene.touching.postures[touch.posture];
       toucher.children.forEach((part, link) => part.matrix.fromArray(posture[link]));
       fade(toucher, on("hand") * eye.clearness(new THREE.Vector3().setFromMatrixPosition(toucher.matrix)));
     } else if (toucher) fade(toucher, 0);
-    fade(layers.hand, lifting ? on("hand") : 0); // one hand makes way for the other at once
+    fade(layers.hand, lifting ? on("hand") : 0); // only one of the hands is visible
     seen.set("hand", on("hand") && (lifting || [...grasps, toucher].some((group) => group?.visible)));
     seen.set("lift", lifting);
     if (story.lasts) viewer.animator.seek(lifting ? now.lift : 0);
-    tell(now, seen);
+    describe(now, seen);
     viewer.set_dirty();
   }
 
-  // Says in words and on the time line what is shown; layers out of view at this time turn pale.
-  function tell(now, seen) {
+  // Updates caption and time line; layers that are not shown at this time turn pale.
+  function describe(now, seen) {
     for (const input of document.querySelectorAll("[data-layer]")) {
       const pale = input.checked && seen.get(input.dataset.layer) === false;
       input.closest("li").classList.toggle("pale", pale);
@@ -181,12 +181,12 @@
 
   function toggle() {
     playing = !playing;
-    if (playing && (!begun || time >= story.duration)) time = 0; // the story from its beginning
+    if (playing && (!begun || time >= story.duration)) time = 0;
     begun = true;
     let last = null;
     const step = (now) => {
       if (!playing) return;
-      // A page that was hidden for a while goes on where it was.
+      // A page that was hidden for a while continues where it was.
       if (last !== null) time = Math.min(story.duration, time + Math.min(0.25, (now - last) / 1000));
       last = now;
       if (time >= story.duration) playing = false;
@@ -199,7 +199,7 @@
 
   function setUpPlayer() {
     if (!story.duration) return;
-    for (const action of viewer.animator.actions) action.play(); // so that seeking takes effect
+    for (const action of viewer.animator.actions) action.play(); // required for seeking
     element("play").addEventListener("click", toggle);
     element("time").addEventListener("input", (event) => {
       playing = false;
@@ -216,7 +216,7 @@
   }
 
   // ---- the page's address ----------------------------------------------------------------
-  // It says all: what it leaves out is as at first.
+  // Missing parts take their initial values.
   function readAddress() {
     const asked = new URLSearchParams(location.hash.slice(1));
     const number = (key, otherwise) => {
@@ -244,7 +244,7 @@
   const graspShown = () => wanted.get("hand") && [...wanted].some(([id, on]) => on && id.startsWith("grasp-"));
   const frame = () => {
     eye.frame(graspShown(), time);
-    show(); // what stands before the object depends on where the camera is
+    show(); // opacities depend on the camera
   };
   const start = () => {
     const play = readAddress();
@@ -266,7 +266,7 @@
     input.addEventListener("change", () => {
       const id = input.dataset.layer;
       wanted.set(id, input.checked);
-      const rank = Number(id.split("-")[1]); // a grasp that is ticked is looked at
+      const rank = Number(id.split("-")[1]); // shows the ticked grasp
       if (input.checked && rank && !playing && !wanted.get("together")) seek(story.turnOf(rank));
       else show();
     });
