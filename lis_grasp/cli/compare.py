@@ -13,9 +13,7 @@ import yaml
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
-from lis_grasp.exploration import POLICIES
 from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.pipeline.run_config import PROBERS
 from lis_grasp.pipeline.worker_pool import process_count
 
 if TYPE_CHECKING:
@@ -68,16 +66,11 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("--seeds", type=int, metavar="N", help="seeds 0 to N - 1")
     parser.add_argument("--reference", metavar="NAME", help="estimator to compare the others with")
     parser.add_argument(
-        "--prober", choices=PROBERS, help="dynamic touches in Drake, kinematic by geometry alone"
-    )
-    parser.add_argument(
         "--explorer",
         metavar="NAME",
         help="estimator used to explore for all, or 'own': each explores with itself",
     )
-    parser.add_argument("--policy", choices=list(POLICIES), help="policy of the next touch")
-    parser.add_argument("--mass", type=float, metavar="KG", help="mass of the objects")
-    parser.add_argument("--friction", type=float, metavar="MU", help="Coulomb friction")
+    opt.add_options(parser, "prober", "policy", "mass", "friction", show_default=False)
     opt.add_jobs(parser)
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="address of a Dask cluster, tcp://host:port"

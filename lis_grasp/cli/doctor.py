@@ -18,6 +18,7 @@ from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import Finding, check_hand
+from lis_grasp.pipeline.regrasp import make_planner
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import find
 
@@ -116,20 +117,9 @@ def _self_test() -> Finding:
     shape, hand = find("box"), Hand.load(config.hand)
     try:
         contacts = pipeline.touch(shape, hand, config).contacts
-        _, mesh = pipeline.estimate(contacts, config.estimator)
-        search = pipeline.plan(
-            mesh,
-            hand,
-            support=pipeline.support_height(shape),
-            friction=config.friction,
-            count=config.grasps,
-            seed=config.seed,
-        )
+        _, search = make_planner(shape, hand, config)(contacts)
     except LisGraspError as error:
         return Finding(False, f"the self-test failed: {error}")
+    counts = f"{len(contacts)} touches of a box, {len(search.grasps)} grasps"
     seconds = time.perf_counter() - start
-    text = (
-        f"self-test: {len(contacts)} touches of a box, {len(search.grasps)} grasps in"
-        f" {seconds:.1f} s"
-    )
-    return Finding(bool(search.grasps), text)
+    return Finding(bool(search.grasps), f"self-test: {counts} in {seconds:.1f} s")

@@ -66,15 +66,12 @@ _OPTIONS: dict[str, dict[str, Any]] = {
 }
 
 
-def add_options(parser: argparse.ArgumentParser, *names: str) -> None:
-    """Add options by the names of their fields in `RunConfig`, with their defaults in the help.
-
-    An option that is not given parses as None, so that `configure` can tell.
-    """
+def add_options(parser: argparse.ArgumentParser, *names: str, show_default: bool = True) -> None:
+    """Add options by the names of their fields in `RunConfig`; omitted ones parse as None."""
     for name in names:
         option = dict(_OPTIONS[name])
         default = getattr(_DEFAULTS, name)
-        if default is not None and not isinstance(default, bool):
+        if show_default and default is not None and not isinstance(default, bool):
             option["help"] += f" (default: {default})"
         parser.add_argument(f"--{name.replace('_', '-')}", default=None, **option)
 

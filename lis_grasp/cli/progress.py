@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from types import TracebackType
 
 
 class Stage:
@@ -30,13 +29,8 @@ class Stage:
         if self._live:
             print(f"\r{self._title} ... {done}/{total}", end="", file=sys.stderr, flush=True)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        outcome = self.result if error is None else "failed"
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        outcome = self.result if kind is None else "failed"
         seconds = time.perf_counter() - self._start
         start = "\r" if self._live else ""
         print(f"{start}{self._title}: {outcome} ({seconds:.1f} s)", file=sys.stderr, flush=True)

@@ -87,7 +87,7 @@ def grasp_with_tactile_check(
     lift
         Simulates the lift; called as `pipeline.lift`.
     """
-    planner = planner or _planner(shape, hand, config)
+    planner = planner or make_planner(shape, hand, config)
     missed = np.empty((0, 3))
     X_WO: FloatArray | None = None
     for left in reversed(range(config.attempts)):
@@ -114,7 +114,9 @@ def grasp_with_tactile_check(
         X_WO = outcome.X_WO
 
 
-def _planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
+def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
+    """Return a planner with the options of a configuration; of the shape it uses the support."""
+
     def estimate_and_plan(contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
         _, mesh = stages.estimate(
             contacts, config.estimator, config.sensor(), free_space=config.free_space
