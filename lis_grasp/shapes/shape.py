@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError
+from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
 SHARP_ANGLE = float(np.radians(30.0))
@@ -74,8 +75,7 @@ class Shape:
         edges = np.array(self.edges, dtype=np.float64)
         if edges.ndim != 3 or edges.shape[1:] != (2, 3):
             raise InvalidMeshError(f"edges must have shape (E, 2, 3); they have {edges.shape}")
-        edges.flags.writeable = False
-        object.__setattr__(self, "edges", edges)
+        object.__setattr__(self, "edges", read_only(edges))
 
     @classmethod
     def from_mesh(cls, name: str, mesh: trimesh.Trimesh, repairs: tuple[str, ...] = ()) -> Shape:
