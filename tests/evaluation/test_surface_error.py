@@ -12,7 +12,6 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation import mesh_distance
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_error import SurfaceError, surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
@@ -227,15 +226,29 @@ def test_distances_are_those_of_all_triangles_tried(mesh: trimesh.Trimesh) -> No
     np.testing.assert_allclose(distances[:20], own, atol=1e-9)
 
 
-def test_distances_do_not_depend_on_how_many_are_asked_at_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    points = np.random.default_rng(0).uniform(-0.15, 0.15, (100, 3))
-    together, _ = distances_to_mesh(points, ball(0.1))
-    monkeypatch.setattr(mesh_distance, "_CHUNK", 1)
-    one_by_one, _ = distances_to_mesh(points, ball(0.1))
-    np.testing.assert_array_equal(together, one_by_one)
-    assert len(distances_to_mesh(points[:0], ball(0.1))[0]) == 0
+def test_slivers_of_a_closed_mesh_do_not_change_its_distances() -> None:
+    rng = np.random.default_rng(0)
+    vertices, faces = list(cube(0.1).vertices), list(cube(0.1).faces)
+    for _ in range(200):  # cut triangles at points beside an edge, down to no area at all
+        a, b, c = faces.pop(rng.integers(len(faces)))
+        along, beside = rng.uniform(0.1, 0.9), 10.0 ** rng.uniform(-18, -4)
+        on_edge = vertices[a] + along * (vertices[b] - vertices[a])
+        n = len(vertices)
+        vertices.append((1.0 - beside) * on_edge + beside * vertices[c])
+        faces += [np.array(face) for face in ([a, b, n], [b, c, n], [c, a, n])]
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.area_faces.min() < 1e-18
+    points = rng.uniform(-0.12, 0.12, (5000, 3))
+    outside = np.abs(points) - 0.05
+    beyond = np.linalg.norm(np.maximum(outside, 0.0), axis=1)
+    expected = np.where(beyond > 0.0, beyond, -outside.max(axis=1))
+    np.testing.assert_allclose(distances_to_mesh(points, mesh)[0], expected, atol=1e-15)
+
+
+def test_no_points_have_no_distances() -> None:
+    distances, faces = distances_to_mesh(np.empty((0, 3)), cube(0.1))
+    assert distances.shape == faces.shape == (0,)
 
 
 def test_samples_spread_by_area() -> None:
