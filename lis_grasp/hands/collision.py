@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import fcl
 import numpy as np
 import trimesh
+from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import LinkGeometry
-from lis_grasp.shapes.bounding_volumes import bounding_volumes
 from lis_grasp.shapes.winding_number import any_inside
 from lis_grasp.typing import FloatArray
 
@@ -66,7 +66,7 @@ class HandCollisionChecker:
         self._hand = hand
         self._mesh = mesh
         self._floor = None if support_height is None else support_height + clearance
-        self._model = bounding_volumes(mesh)
+        self._model = mesh_to_BVH(mesh)
         self._object = fcl.CollisionObject(self._model, fcl.Transform())
         shapes = [_fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
@@ -244,7 +244,7 @@ def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
         case "capsule":
             return fcl.Capsule(*geometry.dimensions)
         case "mesh":
-            return bounding_volumes(geometry.mesh)
+            return mesh_to_BVH(geometry.mesh)
 
 
 def _outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:

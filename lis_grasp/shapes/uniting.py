@@ -5,9 +5,9 @@ from __future__ import annotations
 import fcl
 import numpy as np
 import trimesh
+from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.exceptions import InvalidMeshError
-from lis_grasp.shapes.bounding_volumes import bounding_volumes
 
 # Faces of solids meet along lines, or lie on each other: up to five crossings a face. Where there
 # are more than this for each face of the file, solids are torn, and uniting them may take minutes.
@@ -48,5 +48,5 @@ def _crossings(a: trimesh.Trimesh, b: trimesh.Trimesh, most: int) -> int:
     if not (len(a.faces) and len(b.faces)):  # what Manifold rounds to nothing; FCL would crash
         return 0
     request = fcl.CollisionRequest(num_max_contacts=most, enable_contact=False)
-    objects = [fcl.CollisionObject(bounding_volumes(mesh)) for mesh in (a, b)]
+    objects = [fcl.CollisionObject(mesh_to_BVH(mesh)) for mesh in (a, b)]
     return int(fcl.collide(*objects, request, fcl.CollisionResult()))
