@@ -201,3 +201,13 @@ def quadric_distance(
     d = x - point
     value = height + float(normal @ d) + 0.5 * float(d @ curvature @ d)
     return value / max(float(np.linalg.norm(normal + curvature @ d)), 0.3)
+
+
+def winding_number(point: FloatArray, triangles: FloatArray) -> float:
+    """Sum of the triangles' solid angles (Van Oosterom and Strackee 1983) over 4 pi."""
+    total = 0.0
+    for a, b, c in triangles - point:
+        la, lb, lc = (float(np.linalg.norm(v)) for v in (a, b, c))
+        denominator = la * lb * lc + (a @ b) * lc + (b @ c) * la + (c @ a) * lb
+        total += math.atan2(a @ np.cross(b, c), denominator)
+    return total / (2.0 * math.pi)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from lis_grasp.shapes.winding_number import winding_number
+from lis_grasp.shapes.winding_number import winding_numbers
 from lis_grasp.typing import FloatArray, IndexArray
 
 # The main body is the part that holds most of this part of all vertices, the best supported ones.
@@ -79,7 +79,7 @@ def _with_their_solids(
         around = [
             other
             for other in by_size[boxed[by_size]]
-            if abs(winding_number(probe, corners[owner == other])) > 0.5
+            if abs(winding_numbers(probe[None], vertices, faces[owner == other])[0]) > 0.5
         ]
         outer = [other for other in around if kept[other]]
         in_material = bool(outer) and volumes[outer[-1]] > 0.0

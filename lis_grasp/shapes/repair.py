@@ -26,7 +26,7 @@ from lis_grasp.shapes.topology import (
     part_at_shared_edges,
 )
 from lis_grasp.shapes.uniting import unite
-from lis_grasp.shapes.winding_number import winding_number
+from lis_grasp.shapes.winding_number import winding_numbers
 from lis_grasp.typing import FloatArray, IntArray
 
 # Vertices closer than this part of the object's size are one vertex written twice.
@@ -196,11 +196,11 @@ def _turn_parts_outward(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     if not inward or len(inward) == len(bodies):
         return
     triangles = np.array(mesh.triangles)
-    solid = np.delete(triangles, np.concatenate(inward), axis=0)
+    solid = np.delete(np.array(mesh.faces), np.concatenate(inward), axis=0)
     turned = 0
     for body in inward:
         places = triangles[body[:: max(1, len(body) // _PLACES)]].mean(axis=1)
-        if not all(winding_number(place, solid) > 0.5 for place in places):
+        if not (winding_numbers(places, mesh.vertices, solid) > 0.5).all():
             mesh.faces[body] = mesh.faces[body][:, ::-1]
             turned += 1
     if turned:
