@@ -52,7 +52,6 @@ def best_time(function: Callable[[], object], budget: float = 0.5) -> float:
 @dataclass(frozen=True)
 class Costs:
     fit: float
-    one_more: float
     field: float
     mesh: float
     memory: int
@@ -69,11 +68,8 @@ def measure(make: Callable[[Contacts], Any], count: int) -> Costs:
     memory = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     fit = best_time(lambda: make(contacts))
-    before, last = make(contacts.subset(slice(0, -1))), contacts.subset(slice(count - 1, None))
-    grows = hasattr(before, "with_contacts")
     return Costs(
         fit=fit,
-        one_more=best_time(lambda: before.with_contacts(last)) if grows else fit,
         field=best_time(lambda: surface.evaluate(queries)) / QUERIES,
         mesh=best_time(lambda: extract_mesh(surface, resolution=0.2 / 64), budget=0.1),
         memory=memory,
@@ -92,7 +88,7 @@ def main() -> None:
         "--estimators", nargs="+", default=[*ESTIMATORS, "hermite_rbf", "offset_gp", "poisson"]
     )
     arguments = parser.parse_args()
-    print("estimator        N   fit [ms]  one more [ms]  field [us/point]  mesh [s]  memory [MB]")
+    print("estimator        N   fit [ms]  field [us/point]  mesh [s]  memory [MB]")
     for name in arguments.estimators:
         sizes: list[int] = []
         costs: list[Costs] = []
@@ -105,8 +101,8 @@ def main() -> None:
             sizes.append(count)
             costs.append(c)
             print(
-                f"{name:12s} {count:5d} {1e3 * c.fit:10.1f} {1e3 * c.one_more:14.1f}"
-                f" {1e6 * c.field:17.2f} {c.mesh:9.2f} {c.memory / 2**20:12.1f}",
+                f"{name:12s} {count:5d} {1e3 * c.fit:10.1f} {1e6 * c.field:17.2f} {c.mesh:9.2f}"
+                f" {c.memory / 2**20:12.1f}",
                 flush=True,
             )
             if c.fit > arguments.limit:
@@ -114,7 +110,6 @@ def main() -> None:
         if len(sizes) > 2:
             print(
                 f"{name:12s} grows as N^{exponent(sizes, [c.fit for c in costs]):.2f} (fit),"
-                f" N^{exponent(sizes, [c.one_more for c in costs]):.2f} (one more),"
                 f" N^{exponent(sizes, [c.field for c in costs]):.2f} (field),"
                 f" N^{exponent(sizes, [float(c.memory) for c in costs]):.2f} (memory)",
                 flush=True,

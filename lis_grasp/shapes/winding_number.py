@@ -15,8 +15,8 @@ _ROUNDING = 1e-12
 def winding_numbers(points: FloatArray, vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Return how often triangles wind round each point: 1 inside a closed outward mesh, 0 outside.
 
-    The exact sum of the triangles' solid angles (Van Oosterom and Strackee 1983) over 4 pi. It takes
-    folded triangles, which scans have, and has no bad directions, unlike counting a ray's crossings.
+    The exact sum of the triangles' solid angles (Van Oosterom and Strackee 1983) over 4 pi. Folded
+    triangles, which scans have, are permitted. There are no bad directions as there are for rays.
 
     Parameters
     ----------

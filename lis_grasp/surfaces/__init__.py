@@ -11,7 +11,7 @@ from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 
 Estimator = Callable[..., ImplicitSurface]
-"""Makes a surface from `Contacts`; keywords tell the sensor's noise and choose options."""
+"""Makes a surface from `Contacts`; keywords give the sensor's noise and options."""
 
 ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
     {

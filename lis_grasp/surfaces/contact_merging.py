@@ -1,4 +1,4 @@
-"""Contacts made ready for an estimator: duplicates merged, and the length that it scales by."""
+"""Merging of duplicate contacts, and the spacing and bounds of what is left."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.typing import FloatArray
 
 # Spacing of a lone contact [m], for which contacts give no length: the average exploration step
 # of the paper (Ottenhaus et al. 2016, section IV.B).
 LONE_CONTACT_SPACING = 0.05
 
-# Contacts closer than a nanometre, or than rounding leaves apart so far from the origin, are at one
-# place: no sensor tells them apart.
+# Contacts closer than a nanometre, or than rounding at their distance from the origin, are at one
+# place.
 SMALLEST = 1e-9
 _ROUNDING = 1e-12
 
@@ -27,22 +28,21 @@ _NOISE_REACH = 6.0
 
 
 def merge_duplicates(contacts: Contacts, position_noise: float | None = None) -> Contacts:
-    """Replace contacts felt again at the same place by one mean contact.
+    """Replace repeated contacts of one place by their mean.
 
-    The angle at which one contact sees another is meaningless between two touches of one place,
-    and eq. 9 (Ottenhaus et al. 2016) gives both together the weight of one. Contacts at one place
-    with different normals (the two faces of a corner) stay apart.
+    Between two touches of one place the angle of eq. 11 (Ottenhaus et al. 2016) is meaningless, and
+    eq. 9 gives both together the weight of one. Contacts at one place with different normals (the
+    two faces of a corner) stay separate.
 
-    Touches that noise sets apart are told from touches of two places only by what lies between:
-    where the spacing is no more than noise makes, they are merged too, if that leaves places that
-    are clearly farther apart.
+    Noise moves repeated contacts apart. Where the spacing is no more than noise explains, contacts
+    within the noise are merged too, if that leaves places that are clearly farther apart.
 
     Parameters
     ----------
     contacts
-        Of any estimator.
+        Any number.
     position_noise
-        One standard deviation of positions [m]; None where nothing was told.
+        One standard deviation of positions [m]; None if unknown.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def merge_duplicates(contacts: Contacts, position_noise: float | None = None) ->
 
 
 def _merged(contacts: Contacts, reach: float) -> Contacts:
-    """Return one mean contact for those that others of like normal are within reach of [m]."""
+    """Return the means of contacts linked by a distance of `reach` [m] and similar normals."""
     if len(contacts) < 2:
         return Contacts(contacts.points, contacts.normals)
     pairs = cKDTree(contacts.points).query_pairs(reach, output_type="ndarray")
@@ -76,7 +76,7 @@ def _merged(contacts: Contacts, reach: float) -> Contacts:
 
 
 def spacing_of(contacts: Contacts) -> float:
-    """Return the contacts' spacing [m], with a stated stand-in where there is only one place."""
+    """Return the contacts' spacing [m], or a default where there is only one place."""
     spacing = contacts.spacing
     return spacing if spacing > resolution_of(contacts) else LONE_CONTACT_SPACING
 
@@ -85,3 +85,8 @@ def resolution_of(contacts: Contacts) -> float:
     """Return the distance [m] up to which two contacts are at one place."""
     farthest = float(np.abs(contacts.points).max(initial=0.0))
     return max(SMALLEST, _ROUNDING * farthest)
+
+
+def padded_bounds(contacts: Contacts, margin: float) -> FloatArray:
+    """Return the contacts' bounding box grown by a margin [m] on all sides, shape (2, 3) [m]."""
+    return contacts.bounds + margin * np.array([[-1.0], [1.0]])

@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 from lis_grasp.surfaces.kernel_mean import NEGLIGIBLE
 from lis_grasp.typing import FloatArray, IndexArray
 
-# |beta*| stays below 1: at 1 the inside of a contact with another one straight opposite would be
-# exactly 0, which a mesher takes for surface.
+# |beta*| stays below 1: at 1, f between two contacts straight opposite each other would be exactly
+# 0, which a mesher takes for surface.
 MAX_CONVEXITY = 0.98
 
 # Floor of the angular width, eq. 13, which otherwise underflows to 0 a few sigma off the plane.
@@ -33,10 +33,10 @@ class Convexity:
     ----------
     starts
         Shape (N + 1,): contact i owns the rows starts[i]:starts[i + 1] of the arrays below, one
-        row for each neighbour j that matters.
+        row for each neighbour j.
     directions
         Shape (P, 3), from c_i to c_j projected on the tangent plane of i, unit; 0 where c_j is
-        straight above or below and has no direction.
+        straight above or below.
     log_heights
         Shape (P,), log sigma_h of eq. 12.
     sharpness
@@ -53,8 +53,8 @@ class Convexity:
 
     @classmethod
     def from_contacts(cls, points: FloatArray, normals: FloatArray, sigma: float) -> Convexity:
-        """Prepare every pair of contacts that matters; shapes (N, 3), sigma in metres."""
-        owners, others = _pairs_that_matter(points, normals, sigma)
+        """Prepare every pair of contacts that is not negligible; shapes (N, 3), sigma in metres."""
+        owners, others = _visible_pairs(points, normals, sigma)
         offsets = points[others] - points[owners]  # (P, 3)
         distances = np.linalg.norm(offsets, axis=1)
         heights = np.einsum("pk,pk->p", offsets, normals[owners])  # y_i(c_j), eq. 8
@@ -116,15 +116,14 @@ def _sharpness(heights: FloatArray, sigma: float) -> FloatArray:
     return 0.25 / np.maximum(np.exp(-0.5 * (heights / sigma) ** 2), _MIN_WIDTH) ** 2
 
 
-def _pairs_that_matter(
+def _visible_pairs(
     points: FloatArray, normals: FloatArray, sigma: float
 ) -> tuple[IndexArray, IndexArray]:
-    """Return contacts i and neighbours j, ordered, whose kernel can be seen beside the others'.
+    """Return contacts i and neighbours j, ordered, whose kernel (eq. 11) is not negligible.
 
-    The logarithm of eq. 11 lies between log sigma_h - 2 sharpness and log sigma_h, whatever the
-    direction: a neighbour whose upper end is far below another one's lower end never matters.
-    Neighbours are sorted by distance and with it by upper end, so that a few often suffice; where
-    they do not, more are asked for.
+    In any direction the logarithm of eq. 11 is between log sigma_h - 2 sharpness and log sigma_h.
+    A neighbour whose upper limit is far below another one's lower limit is negligible. The upper
+    limit falls with distance: a few nearest neighbours often suffice, or else more are queried.
     """
     tree = cKDTree(points)
     owners, others = [np.empty(0, np.intp)], [np.empty(0, np.intp)]
@@ -134,7 +133,7 @@ def _pairs_that_matter(
         distances, index = tree.query(points[pending], k=np.arange(1, neighbors + 2))
         heights = np.einsum("ijk,ik->ij", points[index] - points[pending, None], normals[pending])
         upper = _log_heights(distances, sigma)
-        # Contacts that coincide have no angle between them: skip the pair, and oneself.
+        # Contacts that coincide have no angle between them.
         lower = np.where(distances > 0.0, upper - 2.0 * _sharpness(heights, sigma), -np.inf)
         visible = lower.max(axis=1) - NEGLIGIBLE
         done = (upper[:, -1] < visible) | (neighbors == len(points) - 1)

@@ -1,4 +1,4 @@
-"""Gaussian process regression on values and gradients told at the same places."""
+"""Gaussian process regression on values and gradients observed at the same places."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
+from scipy.optimize import brentq
 
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.kernels import RadialKernel
@@ -14,14 +15,17 @@ from lis_grasp.typing import FloatArray, IndexArray
 # Value, slopes along x, y and z.
 ROWS = 4
 
+# Least amplitude of the search, as a fraction of the amplitude without any noise.
+_LEAST_AMPLITUDE = 1e-3
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GradientRegression:
-    """A zero-mean Gaussian process that was told its value and gradient at nodes.
+    """A zero-mean GP conditioned on value and gradient observations at nodes.
 
     weights = (K + noise)^-1 targets, with value and gradient blocks in K (Rasmussen and Williams
     2006, eq. 2.25 and section 9.4). Rows are ordered node by node, the value before the three
-    slopes, so that a node more appends rows, and one node is one block.
+    slopes, so that one node is one block.
 
     Made by `fit`. Any unit of length; a coordinate system about as large as the nodes keeps the
     equations well scaled.
@@ -33,7 +37,7 @@ class GradientRegression:
     nodes
         Shape (N, 3).
     targets
-        Shape (N, 4): value and gradient told at each node.
+        Shape (N, 4): value and gradient observed at each node.
     noise
         Shape (4,): variance of each of the four.
     cholesky
@@ -54,42 +58,60 @@ class GradientRegression:
         cls, kernel: RadialKernel, nodes: FloatArray, targets: FloatArray, noise: FloatArray
     ) -> GradientRegression:
         """Factorize the equations and solve them; EstimationError if they are singular."""
-        factor = _lower_cholesky(_noisy_covariance(kernel, nodes, noise))
-        return cls._solved(kernel, nodes, targets, noise, factor)
+        matrix = _covariance(kernel, nodes)
+        matrix[np.diag_indices_from(matrix)] += np.tile(noise, len(nodes))
+        try:
+            factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+        except LinAlgError as error:
+            raise EstimationError(
+                f"the Gaussian process' equations are singular ({error}): raise misfit,"
+                " or remove contacts at the same place"
+            ) from None
+        weights = cho_solve((factor, True), targets.reshape(-1), check_finite=False)
+        return cls(kernel, nodes, targets, noise, factor, weights.reshape(-1, ROWS))
 
     @classmethod
-    def _solved(
+    def fit_amplitude(
         cls,
         kernel: RadialKernel,
         nodes: FloatArray,
         targets: FloatArray,
-        noise: FloatArray,
-        factor: FloatArray,
+        *,
+        sensor_noise: FloatArray,
+        misfit: FloatArray,
     ) -> GradientRegression:
-        weights = cho_solve((factor, True), targets.reshape(-1), check_finite=False)
-        return cls(kernel, nodes, targets, noise, factor, weights.reshape(-1, ROWS))
+        """Fit a process whose prior amplitude a suits sensor noise that is known in absolute terms.
 
-    def extended(self, nodes: FloatArray, targets: FloatArray) -> GradientRegression:
-        """Return the same process, told M more nodes (M, 3) and targets (M, 4) too.
+        The prior is a^2 k, the noise a^2 misfit + sensor_noise. a solves
+        targets^T (a^2 (K + misfit) + sensor_noise)^-1 targets = 4N: the targets scatter as
+        predicted. The left side falls with a, so the root is unique. The result is divided by a^2.
 
-        The factor of [[A, B^T], [B, C]] is [[L, 0], [S, chol(C - S S^T)]] with S = B L^-T: all
-        that is new are 4M rows.
+        Parameters
+        ----------
+        kernel, nodes, targets
+            See `GradientRegression`.
+        sensor_noise
+            Shape (4,), variances of value and slopes.
+        misfit
+            Shape (4,), variances in units of the prior's.
         """
-        before = len(self.cholesky)
-        cross = _covariance(self.kernel, nodes, self.nodes)  # (4M, 4N)
-        solved = solve_triangular(self.cholesky, cross.T, lower=True, check_finite=False)
-        corner = _noisy_covariance(self.kernel, nodes, self.noise) - solved.T @ solved
-        factor = np.zeros((before + len(corner), before + len(corner)))
-        factor[:before, :before] = self.cholesky
-        factor[before:, :before] = solved.T
-        factor[before:, before:] = _lower_cholesky(corner)
-        return self._solved(
-            self.kernel,
-            np.vstack([self.nodes, nodes]),
-            np.vstack([self.targets, targets]),
-            self.noise,
-            factor,
-        )
+        process = cls.fit(kernel, nodes, targets, misfit)
+        if not sensor_noise.any():
+            return process
+
+        def fit(log_amplitude: float) -> GradientRegression:
+            noise = misfit + sensor_noise * np.exp(-2.0 * log_amplitude)
+            return cls.fit(kernel, nodes, targets, noise)
+
+        def excess(log_amplitude: float) -> float:
+            return float(np.log(fit(log_amplitude).likeliest_amplitude())) - log_amplitude
+
+        # Noise explains some of the scatter: a is lower than without it; 0.1 more for rounding.
+        high = float(np.log(process.likeliest_amplitude())) + 0.1
+        low = high + float(np.log(_LEAST_AMPLITUDE))
+        if excess(low) <= 0.0:  # noise explains all of the scatter
+            return fit(low)
+        return fit(float(brentq(excess, low, high, xtol=1e-9)))
 
     def mean(self, queries: FloatArray) -> FloatArray:
         """Return the posterior mean at queries (P, 3), shape (P,)."""
@@ -123,13 +145,11 @@ class GradientRegression:
         return np.clip(prior - np.einsum("np,np->p", solved, solved), 0.0, prior)
 
     def leave_groups_out(self, groups: IndexArray) -> FloatArray:
-        """Return what the nodes of all other groups foretell at each, means of shape (N, 4).
+        """Return leave-group-out predictions: means of shape (N, 4), `groups` of shape (N,).
 
-        As `leave_one_out`, with blocks of all rows of a group; `groups` is of shape (N,).
+        Each group is predicted from all others, in closed form: `leave_one_out` with larger blocks.
         """
-        inverse = solve_triangular(
-            self.cholesky, np.eye(len(self.cholesky)), lower=True, check_finite=False
-        )
+        inverse = self._inverse_factor()
         means = np.empty_like(self.targets)
         for group in np.unique(groups):
             members = np.flatnonzero(groups == group)
@@ -139,18 +159,15 @@ class GradientRegression:
         return means
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
-        """Return what all other nodes foretell at each: means (N, 4), covariances (N, 4, 4).
+        """Return leave-one-out predictions of each node: means (N, 4), covariances (N, 4, 4).
 
         mean_i = targets_i - B_i^-1 weights_i, covariance_i = B_i^-1, with B_i the 4 x 4 diagonal
         block of (K + noise)^-1 (Rasmussen and Williams 2006, eqs. 5.10 to 5.12, for blocks instead
         of single rows). The covariance includes the noise.
         """
-        inverse = solve_triangular(
-            self.cholesky, np.eye(len(self.cholesky)), lower=True, check_finite=False
-        )
-        columns = inverse.reshape(-1, len(self.nodes), ROWS).transpose(1, 2, 0)  # (N, 4, 4N)
-        covariances = np.linalg.inv(columns @ columns.transpose(0, 2, 1))  # (N, 4, 4)
-        means = self.targets - np.einsum("nij,nj->ni", covariances, self.weights)
+        columns = self._inverse_factor().reshape(-1, len(self.nodes), ROWS).transpose(1, 2, 0)
+        covariances: FloatArray = np.linalg.inv(columns @ columns.transpose(0, 2, 1))  # (N, 4, 4)
+        means: FloatArray = self.targets - np.einsum("nij,nj->ni", covariances, self.weights)
         return means, covariances
 
     def likeliest_amplitude(self) -> float:
@@ -162,36 +179,21 @@ class GradientRegression:
         return float(np.sqrt(np.mean(self.targets * self.weights)))
 
     def leave_one_out_amplitude(self) -> float:
-        """Return the factor of all standard deviations that fits what leaving out one node shows.
+        """Return the factor of all standard deviations that fits the leave-one-out residuals.
 
         Its square is the mean squared standardised residual, r_i^T covariance_i^-1 r_i / 4 with
-        r_i = targets_i - mean_i: it maximises the `leave_one_out_log_density`.
+        r_i = targets_i - mean_i: it maximises the leave-one-out log density (Rasmussen and
+        Williams 2006, eq. 5.11).
         """
-        return self._leave_one_out_scatter()[0]
-
-    def log_marginal_likelihood(self) -> float:
-        """Return log p(targets) at the likeliest amplitude.
-
-        Rasmussen and Williams 2006, eq. 5.8.
-        """
-        half_log_determinant = float(np.log(np.diag(self.cholesky)).sum())
-        return _log_density(self.likeliest_amplitude(), half_log_determinant, self.targets.size)
-
-    def leave_one_out_log_density(self) -> float:
-        """Return sum_i log p(targets_i | all others), at the amplitude that maximises it.
-
-        Rasmussen and Williams 2006, eqs. 5.10 and 5.11, for blocks of one value and three slopes.
-        """
-        amplitude, half_log_determinant = self._leave_one_out_scatter()
-        return _log_density(amplitude, half_log_determinant, self.targets.size)
-
-    def _leave_one_out_scatter(self) -> tuple[float, float]:
-        """Return the root mean square of standardised residuals and half their log determinants."""
         means, covariances = self.leave_one_out()
         residuals = self.targets - means  # (N, 4)
         solved = np.linalg.solve(covariances, residuals[:, :, None])[:, :, 0]
-        _, log_determinants = np.linalg.slogdet(covariances)
-        return float(np.sqrt(np.mean(residuals * solved))), 0.5 * float(log_determinants.sum())
+        return float(np.sqrt(np.mean(residuals * solved)))
+
+    def _inverse_factor(self) -> FloatArray:
+        """Return L^-1 of K + noise = L L^T, shape (4N, 4N)."""
+        identity = np.eye(len(self.cholesky))
+        return solve_triangular(self.cholesky, identity, lower=True, check_finite=False)
 
     def _slopes(self, queries: FloatArray) -> FloatArray:
         """Return (x - x_i) . (weights of the gradient at i), shape (P, N)."""
@@ -201,45 +203,24 @@ class GradientRegression:
         return slopes
 
 
-def _log_density(amplitude: float, half_log_determinant: float, count: int) -> float:
-    """Return a normal log density of `count` numbers whose mean square is just as told."""
-    return -count * (np.log(amplitude) + 0.5 * (1.0 + np.log(2.0 * np.pi))) - half_log_determinant
-
-
 def _distances(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return distances between rows, shape (P, N)."""
     squares = np.sum(first**2, axis=1)[:, None] + np.sum(second**2, axis=1) - 2.0 * first @ second.T
     return np.sqrt(np.maximum(squares, 0.0))
 
 
-def _covariance(kernel: RadialKernel, first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the covariance of values and slopes at (M, 3) with those at (N, 3): (4M, 4N)."""
-    offsets = first[:, None, :] - second  # (M, N, 3)
+def _covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
+    """Return the covariance matrix of values and slopes at nodes (N, 3), shape (4N, 4N)."""
+    offsets = nodes[:, None, :] - nodes  # (N, N, 3)
     r = np.linalg.norm(offsets, axis=2)
     slope, bend = kernel.first(r), kernel.second(r)
-    blocks = np.empty((len(first), ROWS, len(second), ROWS))
+    blocks = np.empty((len(nodes), ROWS, len(nodes), ROWS))
     blocks[:, 0, :, 0] = kernel.value(r)
     for a in range(3):
-        lean = slope * offsets[:, :, a]
-        blocks[:, 0, :, a + 1] = lean
-        blocks[:, a + 1, :, 0] = -lean
+        mixed = slope * offsets[:, :, a]
+        blocks[:, 0, :, a + 1] = mixed
+        blocks[:, a + 1, :, 0] = -mixed
         for b in range(3):
             block = -bend * offsets[:, :, a] * offsets[:, :, b]
             blocks[:, a + 1, :, b + 1] = block + slope if a == b else block
-    return blocks.reshape(ROWS * len(first), ROWS * len(second))
-
-
-def _noisy_covariance(kernel: RadialKernel, nodes: FloatArray, noise: FloatArray) -> FloatArray:
-    matrix = _covariance(kernel, nodes, nodes)
-    matrix[np.diag_indices_from(matrix)] += np.tile(noise, len(nodes))
-    return matrix
-
-
-def _lower_cholesky(matrix: FloatArray) -> FloatArray:
-    try:
-        return cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
-    except LinAlgError as error:
-        raise EstimationError(
-            f"the Gaussian process' equations are singular ({error}): raise misfit,"
-            " or remove contacts at the same place"
-        ) from None
+    return blocks.reshape(ROWS * len(nodes), ROWS * len(nodes))

@@ -1,4 +1,4 @@
-"""Means weighted by a Gaussian kernel: who counts at a point, and how much."""
+"""Means over nodes, weighted by a normalised Gaussian kernel."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Terms below exp(-30) = 1e-13 of the largest one cannot be seen in a sum and are left out.
+# Terms below exp(-30) = 1e-13 of the largest one vanish in a sum by rounding and are left out.
 NEGLIGIBLE = 30.0
-LEAST_SHARE = np.exp(-NEGLIGIBLE)
+LEAST_WEIGHT = np.exp(-NEGLIGIBLE)
 
 LocalFunction = Callable[[int, IndexArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KernelMean:
-    """Shares s_i(x) = w_i k(x, c_i) / sum_j w_j k(x, c_j) of nodes c_i, at any distance from them.
+    """Normalised weights s_i(x) = w_i k(x, c_i) / sum_j w_j k(x, c_j) of nodes c_i.
+
+    They are finite at any distance from the nodes.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ class KernelMean:
 
     @classmethod
     def of(cls, nodes: FloatArray, sigma: float, weights: FloatArray | None = None) -> KernelMean:
-        """Prepare the mean over nodes, shape (N, 3) [m]; weights default to 1."""
+        """Prepare the mean over nodes, shape (N, 3) [m]; the weights w_i default to 1."""
         log_weights = np.zeros(len(nodes)) if weights is None else np.log(weights)
         return cls(nodes, sigma, log_weights, cKDTree(nodes))
 
@@ -46,19 +48,19 @@ class KernelMean:
         """Return the distance from points, shape (P, 3), to their nearest node, shape (P,) [m]."""
         return self._tree.query(points)[0]
 
-    def shares(self, points: FloatArray) -> tuple[IndexArray, FloatArray]:
-        """Return the nodes that count at some of the points, and the shares of each.
+    def weights(self, points: FloatArray) -> tuple[IndexArray, FloatArray]:
+        """Return the nodes with weight at some of the points, and their normalised weights.
 
         Parameters
         ----------
         points
-            Shape (P, 3) [m], close together, or else all nodes are looked at.
+            Shape (P, 3) [m]; the closer together, the fewer nodes.
 
         Returns
         -------
         nodes
             Shape (M,), ascending.
-        shares
+        weights
             Shape (M, P), each column adds to 1.
         """
         near = self._near(points)
@@ -74,9 +76,9 @@ class KernelMean:
         return near, exponents
 
     def _near(self, points: FloatArray) -> IndexArray:
-        """Return the nodes whose kernel can be seen at some of the points, beside the nearest's.
+        """Return the nodes whose kernel is not negligible at some of the points.
 
-        At a distance d from its nearest node a point sees those up to sqrt(d^2 + reach^2).
+        A point at a distance d from its nearest node needs those within sqrt(d^2 + reach^2).
         """
         center = 0.5 * (points.min(axis=0) + points.max(axis=0))
         radius = np.linalg.norm(points - center, axis=1).max()
@@ -87,11 +89,11 @@ class KernelMean:
         near = self._tree.query_ball_point(center, far * (1.0 + 1e-9), return_sorted=True)
         return np.asarray(near, dtype=np.intp)
 
-    def superpose(
+    def average(
         self,
         points: FloatArray,
         near: IndexArray,
-        shares: FloatArray,
+        weights: FloatArray,
         local: LocalFunction,
         *,
         with_gradient: bool,
@@ -102,26 +104,44 @@ class KernelMean:
         ----------
         points
             Shape (P, 3) [m].
-        near, shares
-            As returned by `shares`.
+        near, weights
+            As returned by `weights`.
         local
-            Given a node and which of the points it is asked at, shape (R,), returns its function
-            there, shape (R,), and the gradient, shape (R, 3).
+            Takes a node and the indices (R,) of some of the points; returns the node's function
+            there, shape (R,), and its gradient, shape (R, 3).
         with_gradient
-            Whether gradients are wanted; if not, they are neither read nor meaningful.
+            If False, gradients are neither read nor meaningful.
         """
         values = np.zeros(len(points))
         gradients, pulls = np.zeros((len(points), 3)), np.zeros((len(points), 3))
-        for node, share in zip(near, shares, strict=True):
-            seen = np.flatnonzero(share > LEAST_SHARE)
+        for node, weight in zip(near, weights, strict=True):
+            seen = np.flatnonzero(weight > LEAST_WEIGHT)
             if not len(seen):
                 continue
-            share = share[seen]
+            weight = weight[seen]
             value, gradient = local(node, seen)
-            values[seen] += share * value
+            values[seen] += weight * value
             if with_gradient:
-                # Shares move too: grad s_i = s_i (a_i - sum_j s_j a_j), a_i = (c_i - x) / sigma^2.
+                # grad s_i = s_i (a_i - sum_j s_j a_j) with a_i = (c_i - x) / sigma^2.
                 aims = (self.nodes[node] - points[seen]) / self.sigma**2
-                gradients[seen] += share[:, None] * (gradient + value[:, None] * aims)
-                pulls[seen] += share[:, None] * aims
+                gradients[seen] += weight[:, None] * (gradient + value[:, None] * aims)
+                pulls[seen] += weight[:, None] * aims
         return values, gradients - values[:, None] * pulls
+
+
+def density_weights(points: FloatArray, sigma: float) -> FloatArray:
+    """Return one over the kernel density of contacts at each contact, 1 / sum_j k(c_i, c_j).
+
+    A cheap stand-in for the Voronoi volumes of eq. 9 (Ottenhaus et al. 2016): crowded contacts
+    weigh less, and contacts at the same place have the weight of one, exactly.
+
+    Returns
+    -------
+    FloatArray
+        Shape (N,), at least 1/N, at most 1.
+    """
+    tree = cKDTree(points)
+    distances = tree.sparse_distance_matrix(tree, 8.0 * sigma, output_type="coo_matrix")
+    kernel = np.exp(-0.5 * (distances.data / sigma) ** 2)
+    # Pairs at distance 0, each contact with itself among them, are stored as explicit zeros.
+    return 1.0 / np.bincount(distances.row, kernel, minlength=len(points))

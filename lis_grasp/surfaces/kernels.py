@@ -1,4 +1,4 @@
-"""Covariance functions of Gaussian processes that are told values and gradients.
+"""Radial covariance functions, with the derivatives that gradient observations need.
 
 A radial kernel k(r) of the offset d = u - v, r = |d|, needs two more functions of r for the
 covariances with partial derivatives (Rasmussen and Williams 2006, section 9.4):
@@ -85,10 +85,10 @@ class Matern52:
 class ThinPlate:
     """(2 r^3 - 3 R r^2 + R^3) / R^3: Williams and Fitzgibbon 2007; a covariance for r up to R.
 
-    Eq. 2 of Ottenhaus et al. 2016 prints other signs and powers, which grow with distance and are
-    no covariance. R (`length`) must exceed the largest distance between any two points in question,
-    by about a third where gradients are told too. Divided by R^3, which changes nothing but the
-    unit of noise, so that k(0) = 1 as for other kernels.
+    Eq. 2 of Ottenhaus et al. 2016 has other signs and powers, which grow with distance and are no
+    covariance. R (`length`) must exceed the largest distance between any two points, by about a
+    third with gradient observations. Divided by R^3, so that k(0) = 1 as for other kernels: this
+    changes nothing but the unit of noise.
     """
 
     length: float

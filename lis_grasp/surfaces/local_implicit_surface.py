@@ -2,58 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces.contact_merging import merge_duplicates, spacing_of
-from lis_grasp.surfaces.contact_weights import density_weights, voronoi_weights
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.convexity import Convexity
-from lis_grasp.surfaces.kernel_mean import KernelMean
+from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
 from lis_grasp.surfaces.queries import (
+    BlockwiseSurface,
     flat_points,
-    map_blocks,
-    require_choice,
     require_contacts,
     require_range,
 )
 from lis_grasp.typing import FloatArray, IndexArray
 
-Weights = Literal["voronoi", "density"]
 Beta = Literal["corrected", "as_published", "none"]
 
-_BETA_SIGN = {"corrected": -1.0, "as_published": 1.0, "none": 0.0}
+_BETA_SIGN: dict[Beta, float] = {"corrected": -1.0, "as_published": 1.0, "none": 0.0}
 
 # Width of the kernel, in units of the contacts' spacing; smaller leaves steps, larger rounds edges.
 _SIGMA = 0.2
 
-# Error of the surface at distance d from the nearest contact, in units of d^2 / spacing, that holds
-# for 70 % of the surface, on eight solids fully explored, with noise and without; 90 % lie within
-# twice as much. Half explored, 63 % and 86 % do.
+# Error of the surface at distance d from the nearest contact, in units of d^2 / spacing. It bounds
+# 70 % of the surface of eight fully explored solids, with noise and without; twice as much bounds
+# 90 %. Half explored it is 63 % and 86 %.
 _EXTRAPOLATION_ERROR = 0.27
 
-# Points evaluated at once: so many, in a box no larger than this many spacings.
-_BLOCK, _BLOCK_EXTENT = 4096, 8.0
-
-# Nearer than this to a contact's axis, as a part of the height above it, directions are rounding.
+# Nearer than this to a contact's axis, in heights above it, directions are rounding.
 _ON_AXIS = 1e-14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LocalImplicitSurface:
-    """The surface that contacts' tangent planes form, each bent to the side its neighbours lie on.
+class LocalImplicitSurface(BlockwiseSurface):
+    """Kernel-weighted mean of the contacts' tangent planes, scaled by local convexity.
 
     f(x) = sum_i w_i k(x, c_i) beta_i(x) y_i(x)  /  sum_i w_i k(x, c_i)        (eq. 7, normalised)
 
     with the plane y_i of contact i, a weight w_i, a Gaussian kernel k and the convexity beta_i.
-    The zero set is that of eq. 7; the denominator, not in the paper, keeps values finite and
-    distance-like everywhere, where eq. 7 is exactly 0 a dozen sigma away from the last contact.
-    A surface is extrapolated without end; `bounds` says how far it is meant.
+    The zero set is that of eq. 7. The denominator, not in the paper, keeps values finite and
+    distance-like everywhere; eq. 7 underflows to 0 a dozen sigma away from the last contact.
+    The zero set may extend beyond `bounds`, where no contact supports it.
 
     Made by `from_contacts`. Values are not metric: beside a convex edge they are scaled by beta.
 
@@ -75,8 +68,6 @@ class LocalImplicitSurface:
         One standard deviation of a contact's position along its normal [m] and of its normal [rad].
     bounds
         Shape (2, 3) [m].
-    remake
-        `from_contacts` with the options that this surface was made with.
 
     References
     ----------
@@ -93,7 +84,6 @@ class LocalImplicitSurface:
     position_noise: float
     normal_noise: float
     bounds: FloatArray
-    remake: Callable[[Contacts], LocalImplicitSurface]
 
     @classmethod
     def from_contacts(
@@ -101,32 +91,26 @@ class LocalImplicitSurface:
         contacts: Contacts,
         *,
         sigma: float | None = None,
-        weights: Weights = "density",
         beta: Beta = "corrected",
         position_noise: float = 0.0,
         normal_noise: float = 0.0,
-        margin: float | None = None,
     ) -> LocalImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
         Parameters
         ----------
         contacts
-            Where the object was touched; duplicates are merged first.
+            Measured on the object; duplicates are merged first.
         sigma
             Width of the kernel [m]; None takes a fifth of the contacts' spacing.
-        weights
-            w_i: "voronoi", eq. 9 with cells clipped to a ball of one spacing, or "density",
-            1 / sum_j k(c_i, c_j), which is cheaper and about as good.
         beta
-            Convexity: "corrected" is 1 - sgn(y) beta*; "as_published" is eq. 10 with its plus sign,
-            which grows the wrong side of every edge (a convex edge is the maximum of its planes, so
-            the outside must win there), "none" is 1.
+            Convexity: "corrected" is 1 - sgn(y) beta*, our correction; "as_published" is eq. 10,
+            1 + sgn(y) beta*; "none" is 1. At the default width the three differ little; from
+            0.4 spacings on, "as_published" grows the wrong side of edges: a convex edge is the
+            maximum of its planes, so the outside must win there.
         position_noise, normal_noise
             One standard deviation of the contacts' positions along the normal [m] and of their
-            normals [rad]. They do not change the surface, they enter its uncertainty.
-        margin
-            By how much bounds exceed the contacts' box [m]; None takes one spacing.
+            normals [rad]. They change the uncertainty, not the surface.
 
         Raises
         ------
@@ -136,73 +120,32 @@ class LocalImplicitSurface:
             If an option is outside its range or set.
         """
         require_contacts(contacts)
-        remake = partial(
-            cls.from_contacts,
-            sigma=sigma,
-            weights=weights,
-            beta=beta,
-            position_noise=position_noise,
-            normal_noise=normal_noise,
-            margin=margin,
-        )
         merged = merge_duplicates(contacts, position_noise)
         spacing = spacing_of(merged)
         if sigma is None:
             sigma = _SIGMA * spacing
-        require_range("sigma", sigma, 0.0, unit="m", low_included=False)
-        require_choice("weights", weights, get_args(Weights))
-        require_choice("beta", beta, get_args(Beta))
-        margin = spacing if margin is None else require_range("margin", margin, 0.0, unit="m")
+        require_range("sigma", sigma, unit="m", above_zero=True)
+        if beta not in _BETA_SIGN:
+            raise InvalidOptionError.not_one_of("beta", beta, _BETA_SIGN)
         points, normals = merged.points, merged.normals
         return cls(
             points=points,
             normals=normals,
-            mean=KernelMean.of(
-                points,
-                sigma,
-                voronoi_weights(points, radius=spacing)
-                if weights == "voronoi"
-                else density_weights(points, sigma),
-            ),
+            mean=KernelMean.of(points, sigma, density_weights(points, sigma)),
             convexity=None if beta == "none" else Convexity.from_contacts(points, normals, sigma),
             beta_sign=_BETA_SIGN[beta],
             spacing=spacing,
-            position_noise=require_range("position_noise", position_noise, 0.0, unit="m"),
-            normal_noise=require_range("normal_noise", normal_noise, 0.0, unit="rad"),
-            bounds=merged.bounds + margin * np.array([[-1.0], [1.0]]),
-            remake=remake,
+            position_noise=require_range("position_noise", position_noise, unit="m"),
+            normal_noise=require_range("normal_noise", normal_noise, unit="rad"),
+            bounds=padded_bounds(merged, spacing),
         )
-
-    def with_contacts(self, new: Contacts) -> LocalImplicitSurface:
-        """Return the estimate from the new contacts too: made anew, which takes milliseconds."""
-        return self.remake(Contacts(self.points, self.normals).append(new))
-
-    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
-        """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
-        rows, shape = flat_points(points)
-        values = map_blocks(
-            lambda x: self._superpose(x, with_gradient=False)[0], rows, *self._blocks
-        )
-        return values.reshape(shape)
-
-    def gradient(self, points: npt.ArrayLike) -> FloatArray:
-        """Return the exact gradient of f at points of shape (..., 3) [m], shape (..., 3).
-
-        On the plane of a contact, where its share of f has a kink (eq. 10), the two one-sided
-        gradients are averaged.
-        """
-        rows, shape = flat_points(points)
-        gradients = map_blocks(
-            lambda x: self._superpose(x, with_gradient=True)[1], rows, *self._blocks, (3,)
-        )
-        return gradients.reshape(*shape, 3)
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        Measured beforehand, not inferred from these contacts: at distance d from the nearest one,
-        the root of the summed squares of the position noise, the normal noise times d, and 0.27
-        d^2 / spacing, the error that planes make on simple solids.
+        Calibrated on known solids, not inferred from these contacts: at distance d from the nearest
+        contact, the root of the summed squares of the position noise, the normal noise times d, and
+        0.27 d^2 / spacing, the error of planes on simple solids.
         """
         rows, shape = flat_points(points)
         distance = self.mean.distance(rows)
@@ -211,26 +154,23 @@ class LocalImplicitSurface:
             self.position_noise**2 + (self.normal_noise * distance) ** 2 + shape_error**2
         ).reshape(shape)
 
-    @property
-    def _blocks(self) -> tuple[int, float]:
-        return _BLOCK, _BLOCK_EXTENT * self.spacing
-
-    def _superpose(
+    def _value_and_gradient(
         self, points: FloatArray, *, with_gradient: bool
     ) -> tuple[FloatArray, FloatArray]:
-        """Return f, shape (P,), and its gradient, shape (P, 3), at points close together."""
-
         def local(i: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
             offsets = points[seen] - self.points[i]
             return self._local_shape(i, offsets, with_gradient=with_gradient)
 
-        near, shares = self.mean.shares(points)
-        return self.mean.superpose(points, near, shares, local, with_gradient=with_gradient)
+        near, weights = self.mean.weights(points)
+        return self.mean.average(points, near, weights, local, with_gradient=with_gradient)
 
     def _local_shape(
         self, i: int, offsets: FloatArray, *, with_gradient: bool
     ) -> tuple[FloatArray, FloatArray]:
-        """Return beta_i y_i at offsets from contact i, shape (R, 3), and its gradient."""
+        """Return beta_i y_i at offsets from contact i, shape (R, 3), and its gradient.
+
+        On the plane of the contact, where beta_i jumps, the one-sided gradients are averaged.
+        """
         normal = self.normals[i]
         heights = offsets @ normal  # y_i, eq. 8
         if self.convexity is None:

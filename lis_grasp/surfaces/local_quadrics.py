@@ -1,4 +1,4 @@
-"""The quadric surface round each contact that its neighbours on the same patch agree with.
+"""Local quadrics: a second-order surface fitted to each contact and its neighbours.
 
 The local shape y_i of the paper "can be any signed distance function" (Ottenhaus et al. 2016,
 section III), which takes planes. A quadric is exact for planes, spheres and cylinders.
@@ -12,14 +12,14 @@ import numpy as np
 
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Standard deviation of curvature before it is felt, in 1/spacing.
+# Prior standard deviation of curvature, in 1/spacing.
 _CURVATURE = 2.0
 
 # A surface's departure from its quadric at a distance of one spacing, in spacings; it grows with
 # the third power of distance, that of its normal, three times as large, with the second.
 _THIRD_ORDER = 0.01
 
-# Noise below this (in spacings and rad) only spoils the condition of the equations.
+# Less noise than this (in spacings and rad) makes the equations ill-conditioned.
 _LEAST_NOISE = 1e-4
 
 # The quadric's gradient is 0 at its centre or axis, where a distance is undefined.
@@ -35,14 +35,13 @@ class LocalQuadrics:
     points
         Shape (N, 3) [m], c_i.
     heights
-        Shape (N,) [m], h, the value at the contact: noise, as far as neighbours tell.
+        Shape (N,) [m], h, the value at the contact: its estimated noise.
     normals
         Shape (N, 3), n.
     curvatures
         Shape (N, 3, 3) [1/m], Q, symmetric.
     covariances
-        Shape (N, 10, 10), of what is fitted: h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz, lengths in
-        spacings.
+        Shape (N, 10, 10), of h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz, lengths in spacings.
     spacing
         Of the contacts [m].
     """
@@ -65,11 +64,11 @@ class LocalQuadrics:
         position_noise: float,
         normal_noise: float,
     ) -> LocalQuadrics:
-        """Fit each contact's quadric to itself and its neighbours: the most likely one.
+        """Fit each contact's quadric to itself and its neighbours, at maximum posterior.
 
-        Linear regression with a normal prior on h, n (the contact's own measurement) and Q (flat
-        until felt otherwise). A neighbour tells that the quadric is 0 at it and has its normal
-        there, as precisely as noise and terms of third order let it.
+        Bayesian linear regression with a normal prior on h, n (the contact's own measurement) and Q
+        (flat). Each neighbour is an observation that the quadric is 0 there with the neighbour's
+        normal, with the variance of noise and of third-order terms.
 
         Parameters
         ----------
@@ -85,7 +84,7 @@ class LocalQuadrics:
         owners, others = pairs
         position_variance = max(position_noise / spacing, _LEAST_NOISE) ** 2
         normal_variance = max(normal_noise, _LEAST_NOISE) ** 2
-        # An entry off the diagonal of Q stands there twice: so the prior is the same in all frames.
+        # An entry off the diagonal of Q occurs twice: this makes the prior the same in all frames.
         twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
         prior = np.diag(
             np.concatenate(
@@ -147,7 +146,7 @@ class LocalQuadrics:
         if not with_gradient:
             return values, gradients
         gradients /= slopes[:, None]
-        # d |g| / dx = Q g / |g|, where the floor does not hold.
+        # d |g| / dx = Q g / |g|, except at the floor of |g|.
         turned = gradients @ self.curvatures[i]
         turned *= (values * (lengths > _MIN_SLOPE) / slopes)[:, None]
         return values, gradients - turned
@@ -161,7 +160,7 @@ class LocalQuadrics:
         return values / np.maximum(np.linalg.norm(normals + bent, axis=1), _MIN_SLOPE)
 
     def variance(self, i: int, points: FloatArray) -> FloatArray:
-        """Return the variance of the surface at points, shape (R, 3) [m], as i foretells it [m^2].
+        """Return the variance of quadric i at points, shape (R, 3) [m]; shape (R,) [m^2].
 
         That of the fitted coefficients, and of terms of third order, which a quadric leaves out.
         """
@@ -173,7 +172,7 @@ class LocalQuadrics:
 
 
 def _value_rows(offsets: FloatArray) -> FloatArray:
-    """Return what maps h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz to the value, shape (P, 10)."""
+    """Return the rows that map h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz to the value, shape (P, 10)."""
     x, y, z = offsets.T
     return np.stack(
         [np.ones_like(x), x, y, z, 0.5 * x * x, 0.5 * y * y, 0.5 * z * z, x * y, x * z, y * z],
@@ -182,7 +181,7 @@ def _value_rows(offsets: FloatArray) -> FloatArray:
 
 
 def _designs(offsets: FloatArray) -> FloatArray:
-    """Return what maps h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz to value and gradient, (P, 4, 10)."""
+    """Return the matrices that map them to value and gradient, shape (P, 4, 10)."""
     x, y, z = offsets.T
     rows = np.zeros((len(offsets), 4, 10))
     rows[:, 0] = _value_rows(offsets)

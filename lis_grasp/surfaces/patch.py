@@ -1,20 +1,18 @@
-"""A patch: a smooth piece of a surface, blended from the quadrics of its contacts."""
+"""A smooth patch of a surface: the kernel-weighted mean of its contacts' quadrics."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from lis_grasp.surfaces.kernel_mean import LEAST_SHARE, KernelMean
+from lis_grasp.surfaces.kernel_mean import LEAST_WEIGHT, KernelMean
 from lis_grasp.surfaces.local_quadrics import LocalQuadrics
 from lis_grasp.surfaces.queries import compact_blocks
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
-# Correlation of the errors of neighbours' quadrics, which see much the same contacts: measured on
-# eight solids touched with noise, where 71 and 94 % of the surface lie within one and 1.96
-# standard deviations.
+# Correlation of the errors of neighbours' quadrics, which share most contacts. Measured on eight
+# solids touched with noise: 71 and 94 % of the surface are within one and 1.96 standard deviations.
 _CORRELATION = 0.4
 
 _BLOCK = 2048
@@ -22,12 +20,12 @@ _BLOCK = 2048
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """A smooth piece of the surface: the kernel-weighted mean of its contacts' quadrics.
+    """A smooth patch: the kernel-weighted mean of its contacts' quadrics.
 
     Parameters
     ----------
     members
-        Shape (M,), its contacts.
+        Shape (M,), indices of its contacts.
     quadrics
         Of all contacts.
     mean
@@ -44,14 +42,14 @@ class Patch:
         return cls(members, quadrics, KernelMean.of(quadrics.points[members], sigma))
 
     def evaluate(self, points: FloatArray, *, with_gradient: bool) -> tuple[FloatArray, FloatArray]:
-        """Return the patch's function, shape (P,) [m], and gradient, (P, 3), at points near by."""
+        """Return the patch's function (P,) [m] and gradient (P, 3) at points close together."""
 
         def local(node: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
             member = self.members[node]
             return self.quadrics.evaluate(member, points[seen], with_gradient=with_gradient)
 
-        near, shares = self.mean.shares(points)
-        return self.mean.superpose(points, near, shares, local, with_gradient=with_gradient)
+        near, weights = self.mean.weights(points)
+        return self.mean.average(points, near, weights, local, with_gradient=with_gradient)
 
     def variance(self, points: FloatArray) -> FloatArray:
         """Return the variance of the patch, shape (P,) [m^2]: that of a mean of quadrics."""
@@ -59,9 +57,9 @@ class Patch:
         def local(node: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
             return self.quadrics.variance(self.members[node], points[seen]), points
 
-        near, shares = self.mean.shares(points)
-        mean, _ = self.mean.superpose(points, near, shares, local, with_gradient=False)
-        alone = np.sum(shares**2, axis=0)  # 1 where a single quadric counts
+        near, weights = self.mean.weights(points)
+        mean, _ = self.mean.average(points, near, weights, local, with_gradient=False)
+        alone = np.sum(weights**2, axis=0)  # 1 where a single quadric has all weight
         return mean * (_CORRELATION + (1.0 - _CORRELATION) * alone)
 
 
@@ -69,11 +67,11 @@ def values_of_patches(
     points: FloatArray,
     patches: tuple[Patch, ...],
     quadrics: LocalQuadrics,
-    wanted: npt.NDArray[np.bool_],
+    wanted: BoolArray,
 ) -> FloatArray:
     """Return the function of each of K patches at points, shape (P, K) [m].
 
-    Only what is wanted, shape (P, K), is sure to be there; the rest may be NaN.
+    Only `wanted` values, shape (P, K), are computed for certain; the rest may be NaN.
     """
     values = np.full((len(points), len(patches)), np.nan)
     for index in compact_blocks(points, _BLOCK):
@@ -82,11 +80,11 @@ def values_of_patches(
             continue
         nodes, cells, weights = [], [], []
         for column, patch in enumerate(patches[k] for k in asked):
-            near, shares = patch.mean.shares(points[index])
-            node, row = np.nonzero(shares > LEAST_SHARE)
+            near, normalised = patch.mean.weights(points[index])
+            node, row = np.nonzero(normalised > LEAST_WEIGHT)
             nodes.append(patch.members[near[node]])
             cells.append(row * len(asked) + column)
-            weights.append(shares[node, row])
+            weights.append(normalised[node, row])
         cell = np.concatenate(cells)
         terms = quadrics.values(np.concatenate(nodes), points[index][cell // len(asked)])
         terms *= np.concatenate(weights)

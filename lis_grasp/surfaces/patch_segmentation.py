@@ -1,10 +1,10 @@
-"""Contacts sorted into patches, the smooth pieces of a surface that edges bound.
+"""Segmentation of contacts into smooth patches, bounded by edges.
 
-Two contacts i, j on one circular arc lie equally deep below each other's tangent planes: the
+Two contacts i, j on one circular arc are equally deep below each other's tangent planes: the
 asymmetry |y_i(c_j) - y_j(c_i)| / |c_j - c_i| is 0 on planes, spheres and cylinders, whatever the
 angle between the normals, and small where curvature changes slowly. Across an edge it is 0 only if
-both contacts happen to be equally far from it. One pair cannot tell a bend from an edge; all pairs
-between two groups of contacts nearly always can.
+both contacts happen to be equally far from it. One pair does not distinguish a bend from an edge;
+all pairs between two groups of contacts nearly always do.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from scipy.spatial import cKDTree
 from lis_grasp.surfaces.contact_merging import SMALLEST
 from lis_grasp.typing import FloatArray, IndexArray
 
-# How far contacts see each other, in spacings.
+# Largest distance of a pair of contacts, in spacings.
 REACH = 2.6
 
 # Asymmetry of pairs on one smooth surface and across an edge (one standard deviation, without
-# noise), and how much one pair may say: neighbouring pairs are not independent witnesses.
+# noise), and the limit of a pair's log odds: neighbouring pairs are not independent.
 _ASYMMETRY = 0.08
 _EDGE_ASYMMETRY = 0.6
 _PAIR_LIMIT = 2.0
 
-# Log odds that neighbouring contacts belong together before their asymmetry is known, and how they
-# fall with the angle between normals [1/rad]: even at 37 degrees, 33 to 1 against at 90.
+# Prior log odds that neighbouring contacts are on one patch, and their slope with the angle between
+# normals [1/rad]: even at 37 degrees, 33 to 1 against at 90.
 _PRIOR = 2.5
 _PRIOR_SLOPE = 12.0 / np.pi
 
-# Normals that differ by more say nothing about a common arc.
+# Normals that differ by more give no evidence of a common arc.
 _MAX_BEND = np.deg2rad(115.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactPairs:
-    """Pairs of contacts i < j within reach of each other, P of them, and how they lie.
+    """Pairs of contacts i < j within reach of each other, P of them, and their relative pose.
 
     Parameters
     ----------
@@ -87,9 +87,9 @@ def find_patches(
 ) -> IndexArray:
     """Return the patch of each contact, shape (count,): 0 for the first contact's, and so on.
 
-    Patches grow together, most likely ones first, as long as the pairs between two patches make
-    one smooth surface likelier than an edge. The log odds of a pair are those of its asymmetry,
-    normal in both cases, but several times wider across an edge.
+    Agglomerative clustering: the likeliest pairs of patches merge first, as long as one smooth
+    surface is likelier than an edge between them. The log odds of a pair are those of its
+    asymmetry, normally distributed in both cases, but several times wider across an edge.
 
     Parameters
     ----------
@@ -108,12 +108,12 @@ def find_patches(
     across = variance + _EDGE_ASYMMETRY**2
     odds = 0.5 * np.log(across / variance) - 0.5 * asymmetry**2 * (1.0 / variance - 1.0 / across)
     odds = np.clip(odds, -_PAIR_LIMIT, _PAIR_LIMIT)
-    told = apart & (pairs.bends < _MAX_BEND)
-    borders = _Borders(pairs.first[told], pairs.second[told], odds[told], pairs.bends[told])
+    usable = apart & (pairs.bends < _MAX_BEND)
+    borders = _Borders(pairs.first[usable], pairs.second[usable], odds[usable], pairs.bends[usable])
     patches = np.arange(count)
     while True:
         borders = borders.between_patches(count)
-        renamed = borders.mutual_favourites(count)
+        renamed = borders.mutual_mergers(count)
         if renamed is None:
             _, starts, inverse = np.unique(patches, return_index=True, return_inverse=True)
             return np.argsort(np.argsort(starts))[inverse]
@@ -123,7 +123,7 @@ def find_patches(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Borders:
-    """What separates patches: the evidence of the pairs across each border.
+    """Borders between patches, with the evidence of the pairs across each.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ class _Borders:
     bends: FloatArray
 
     def between_patches(self, count: int) -> _Borders:
-        """Return each border once, its evidence put together, without those within a patch."""
+        """Return each border once, with the sum of its evidence, without those within a patch."""
         low, high = np.minimum(self.low, self.high), np.maximum(self.low, self.high)
         apart = low < high
         keys = (low * count + high)[apart]
@@ -157,8 +157,8 @@ class _Borders:
             np.minimum.reduceat(self.bends[apart][order], starts),
         )
 
-    def mutual_favourites(self, count: int) -> IndexArray | None:
-        """Return new names of patches, shape (count,), that merge each other's likeliest partners.
+    def mutual_mergers(self, count: int) -> IndexArray | None:
+        """Merge patches that are each other's likeliest partner; return new numbers, (count,).
 
         None if no two patches should be merged.
         """
@@ -169,7 +169,7 @@ class _Borders:
         mutual = (totals > 0.0) & (totals == best[self.low]) & (totals == best[self.high])
         if not mutual.any():
             return None
-        # Ties: a patch takes part in one merger a round, the one of lowest indices.
+        # Ties: a patch merges once a round, with the partner of lowest index.
         renamed = np.arange(count)
         taken = np.zeros(count, dtype=bool)
         for a, b in zip(self.low[mutual], self.high[mutual], strict=True):

@@ -1,8 +1,8 @@
-"""Checks of query points and options, and the cutting of long queries into bounded pieces."""
+"""Checks of query points and options, and evaluation of long queries in blocks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -14,23 +14,75 @@ from lis_grasp.typing import FloatArray, IndexArray
 # Smaller blocks cost more by their number than they save.
 _SMALL_BLOCK = 256
 
-# Squares of larger coordinates [m] are no numbers any more.
+# Squares of larger coordinates [m] overflow.
 _FARTHEST = 1e100
+
+# Points evaluated at once: so many, in a box no larger than this many spacings.
+_BLOCK, _BLOCK_EXTENT = 4096, 8.0
+
+
+class BlockwiseSurface:
+    """Base of estimators that average over the contacts near a point, block by block of points.
+
+    A subclass has the contacts' `spacing` [m] and `_value_and_gradient`.
+    """
+
+    __slots__ = ()
+    spacing: float
+
+    def _value_and_gradient(
+        self, points: FloatArray, *, with_gradient: bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return f (P,) and its gradient (P, 3) at points close together."""
+        raise NotImplementedError
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
+        rows, shape = flat_points(points)
+        return self._map(
+            lambda x: self._value_and_gradient(x, with_gradient=False)[0], rows
+        ).reshape(shape)
+
+    def gradient(self, points: npt.ArrayLike) -> FloatArray:
+        """Return the exact gradient of f at points of shape (..., 3) [m], shape (..., 3).
+
+        Where f has a kink, one of its one-sided gradients, or their mean.
+        """
+        rows, shape = flat_points(points)
+        gradients = self._map(
+            lambda x: self._value_and_gradient(x, with_gradient=True)[1], rows, (3,)
+        )
+        return gradients.reshape(*shape, 3)
+
+    def _map(
+        self,
+        function: Callable[[FloatArray], FloatArray],
+        rows: FloatArray,
+        width: tuple[int, ...] = (),
+    ) -> FloatArray:
+        """Apply a row-wise function to compact blocks of rows; return shape (len(rows), *width)."""
+        results = np.empty((len(rows), *width))
+        for index in compact_blocks(rows, _BLOCK, extent=_BLOCK_EXTENT * self.spacing):
+            results[index] = function(rows[index])
+        return results
 
 
 def flat_points(points: npt.ArrayLike) -> tuple[FloatArray, tuple[int, ...]]:
     """Return query points as rows, shape (P, 3), and the shape (...) that results go back to."""
     array = np.asarray(points, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != 3:
-        raise InvalidOptionError(f"points must have shape (..., 3); they have shape {array.shape}")
+        raise InvalidOptionError(
+            f"points must have shape (..., 3); they have shape {array.shape}", option="points"
+        )
     if not np.isfinite(array).all():
         raise InvalidOptionError(
-            "points must be finite; at least one coordinate is NaN or infinite"
+            "points must be finite; at least one coordinate is NaN or infinite", option="points"
         )
     if np.abs(array).max(initial=0.0) > _FARTHEST:
         raise InvalidOptionError(
             f"points must be within {_FARTHEST:g} m of the origin; the farthest coordinate is"
-            f" {np.abs(array).max():g} m"
+            f" {np.abs(array).max():g} m",
+            option="points",
         )
     return array.reshape(-1, 3), array.shape[:-1]
 
@@ -47,10 +99,10 @@ def map_rows(
 def compact_blocks(
     points: FloatArray, count: int, *, extent: float = np.inf
 ) -> Iterator[IndexArray]:
-    """Yield index sets of at most `count` points that lie close together (recursive bisection).
+    """Yield index sets of at most `count` points that are close together (recursive bisection).
 
-    Blocks of more than 256 points are also split until they are no larger than `extent` [m]: what
-    a block costs grows with the contacts that it sees.
+    Blocks of more than 256 points are also split until they are no larger than `extent` [m]: the
+    cost of a block grows with the number of contacts near it.
     """
     pending = [np.arange(len(points))]
     while pending:
@@ -67,23 +119,6 @@ def compact_blocks(
         pending += [index[order[half:]], index[order[:half]]]
 
 
-def map_blocks(
-    function: Callable[[FloatArray], FloatArray],
-    rows: FloatArray,
-    count: int,
-    extent: float,
-    width: tuple[int, ...] = (),
-) -> FloatArray:
-    """Apply a row-wise function to the points of one compact block after the other.
-
-    Returns what it gives for all rows, in their order, shape (len(rows), *width).
-    """
-    results = np.empty((len(rows), *width))
-    for index in compact_blocks(rows, count, extent=extent):
-        results[index] = function(rows[index])
-    return results
-
-
 def require_contacts(contacts: Contacts) -> None:
     """Refuse an empty set of contacts."""
     if not len(contacts):
@@ -92,28 +127,9 @@ def require_contacts(contacts: Contacts) -> None:
         )
 
 
-def require_range(
-    name: str,
-    value: float,
-    low: float,
-    high: float = FARTHEST,
-    *,
-    unit: str = "",
-    low_included: bool = True,
-) -> float:
-    """Return an option that lies in its range, refuse any other."""
-    inside = low <= value if low_included else low < value
-    if not (inside and value <= high and np.isfinite(value)):
-        least = f"{'at least' if low_included else 'above'} {low:g}"
-        most = f" and at most {high:g}"
-        raise InvalidOptionError(
-            f"{name} must be {least}{most}{unit and ' ' + unit}; {value!r} came"
-        )
+def require_range(name: str, value: float, *, unit: str = "", above_zero: bool = False) -> float:
+    """Return a finite option of at least, or above, 0; refuse any other."""
+    if not (0.0 <= value <= FARTHEST) or (above_zero and value == 0.0):
+        required = f"{'above' if above_zero else 'at least'} 0 and at most {FARTHEST:g} {unit}"
+        raise InvalidOptionError.out_of_range(name, value, required.strip())
     return float(value)
-
-
-def require_choice(name: str, value: str, choices: Sequence[str]) -> str:
-    """Return an option that is one of its choices, refuse any other."""
-    if value not in choices:
-        raise InvalidOptionError(f"{name} must be one of {', '.join(choices)}; {value!r} came")
-    return value

@@ -8,12 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
-from lis_grasp.surfaces import (
-    ESTIMATORS,
-    BlendedImplicitSurface,
-    ImplicitSurface,
-    PatchImplicitSurface,
-)
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 from lis_grasp.surfaces.contact_merging import merge_duplicates
 
 every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))
@@ -179,45 +174,8 @@ def test_uncertainty_is_small_at_contacts_and_larger_between_them(name: str) -> 
 
 
 @every_estimator
-def test_contacts_can_be_added_and_the_surface_goes_through_them(name: str) -> None:
-    contacts = touched_cylinder()
-    first, rest = contacts.subset(slice(0, 30)), contacts.subset(slice(30, None))
-    surface = ESTIMATORS[name](first)
-    for i in range(len(rest)):
-        surface = surface.with_contacts(rest.subset([i]))  # type: ignore[attr-defined]
-    distances = surface.evaluate(rest.points) / np.linalg.norm(
-        surface.gradient(rest.points), axis=1
-    )
-    assert np.abs(distances).max() < 0.1 * contacts.spacing
-    assert (surface.bounds[0] <= contacts.points.min(axis=0)).all()
-    assert (surface.bounds[1] >= contacts.points.max(axis=0)).all()
-
-
-@pytest.mark.parametrize("name", ["lis", "patch"])
-def test_contacts_added_equal_an_estimate_from_all(name: str) -> None:
-    contacts = touched_cylinder()
-    grown = ESTIMATORS[name](contacts.subset(slice(0, 20))).with_contacts(  # type: ignore[attr-defined]
-        contacts.subset(slice(20, None))
-    )
-    np.testing.assert_array_equal(
-        grown.evaluate(queries()), ESTIMATORS[name](contacts).evaluate(queries())
-    )
-
-
-def test_contacts_added_to_a_blend_keep_what_was_foretold_of_the_others() -> None:
-    contacts = touched_cylinder()
-    before = BlendedImplicitSurface.from_contacts(contacts.subset(slice(0, 30)))
-    grown = before.with_contacts(contacts.subset(slice(30, None)))
-    np.testing.assert_array_equal(grown.log_ratios[:30], before.log_ratios)
-    assert len(grown.log_ratios) == len(contacts)
-    # Its sharp half is that of an estimate from all contacts.
-    sharp = PatchImplicitSurface.from_contacts(contacts)
-    np.testing.assert_array_equal(grown.sharp.evaluate(queries()), sharp.evaluate(queries()))
-
-
-@every_estimator
 def test_no_contacts_are_refused(name: str) -> None:
-    with pytest.raises(InvalidContactsError, match="at least one contact"):
+    with pytest.raises(InvalidContactsError):
         ESTIMATORS[name](Contacts.empty())
 
 
@@ -228,18 +186,19 @@ def test_no_contacts_are_refused(name: str) -> None:
 def test_queries_of_another_shape_or_not_finite_are_refused(name: str, points: object) -> None:
     surface = ESTIMATORS[name](touched_cylinder())
     for ask in (surface.evaluate, surface.gradient, surface.uncertainty):
-        with pytest.raises(InvalidOptionError, match="points must"):
+        with pytest.raises(InvalidOptionError) as error:
             ask(points)
+        assert error.value.option == "points"
 
 
 @pytest.mark.parametrize("name", ["lis", "patch", "blend"])
-def test_places_touched_again_with_noise_that_is_told_are_one_place_each(name: str) -> None:
+def test_repeated_noisy_contacts_are_one_place_each(name: str) -> None:
     places, noise = touched_cylinder(), 5e-4
     moves = noise * np.random.default_rng(3).normal(size=(2 * len(places), 3))
     twice = Contacts(np.tile(places.points, (2, 1)) + moves, np.tile(places.normals, (2, 1)))
-    told = {"position_noise": noise, "normal_noise": 0.05}
-    once = ESTIMATORS[name](places, **told)
-    surface = ESTIMATORS[name](twice, **told)
+    noise_options = {"position_noise": noise, "normal_noise": 0.05}
+    once = ESTIMATORS[name](places, **noise_options)
+    surface = ESTIMATORS[name](twice, **noise_options)
     assert surface.spacing == pytest.approx(once.spacing, rel=0.05)
     unsure = [np.median(some.uncertainty(queries())) for some in (surface, once)]
     assert unsure[0] < 1.5 * unsure[1]

@@ -1,13 +1,13 @@
-"""How patches meet: the formula of maxima and minima that a solid is made of round each contact.
+"""CSG expressions of patches: the union (min) of intersections (max) round each contact.
 
-At a convex edge the outside of either patch is outside: the larger function wins. At a concave one
-the inside of either is inside: the smaller wins. So round contact i the solid is a union of
-intersections, min over pieces of max over patches: its own piece is its patch, cut by the patches
-that it meets convexly; further pieces are those of contacts that it meets concavely.
+At a convex edge the outside of either patch is outside: the larger function holds. At a concave one
+the inside of either is inside: the smaller holds. So round contact i the solid is a union of
+intersections, min over terms of max over patches. Its own term is its patch, cut by the patches
+that it meets at convex edges; further terms are those of contacts across concave edges.
 
-Two tests keep far-off patches from cutting where they have no business. Both contacts of a pair
-must lie near the line in which their tangent planes meet. And contacts are witnesses: each is a
-point of the surface, so no patch may cut one of its neighbours off, nor a piece bury one.
+Two tests keep far-off patches out. Both contacts of a pair must be near the line in which their
+tangent planes meet. And every contact is a point of the surface: no patch may cut off a supporting
+contact (a neighbour on the same patch), and no term may bury one.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.patch_segmentation import REACH, ContactPairs
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
-Piece = tuple[int, ...]
+Intersection = tuple[int, ...]
 """Patches whose functions' maximum is taken, ascending."""
 
-Formula = tuple[Piece, ...]
-"""Pieces whose functions' minimum is taken, the contact's own first."""
+Expression = tuple[Intersection, ...]
+"""Intersections whose minimum is taken, the contact's own first."""
 
 # Below this angle between normals two patches have no edge in common [rad].
 _LEAST_EDGE = np.deg2rad(21.0)
@@ -33,18 +33,18 @@ _LEAST_EDGE = np.deg2rad(21.0)
 # Planes this near to parallel (sine of the angle) have no line in common worth looking for.
 _PARALLEL = 0.2
 
-# Heights in spacings: what counts as below or above, and how far a witness may be off.
+# Heights in spacings: what counts as below or above, and the error of a supporting contact.
 _CLEAR = 0.01
-_WITNESS = 0.1
+_SUPPORT_ERROR = 0.1
 
-# Formulas of more terms (patches of a piece, pieces of a contact) are no object's, and would take
-# minutes: 400 touches of solids have 60 to 190, 2000 so noisy that they make 992 patches 6000.
+# Larger expressions (patches of all intersections, intersections of all contacts) fit no object and
+# take minutes. 400 touches of solids make 60 to 190, 2000 so noisy that they make 992 patches 6000.
 _MOST_TERMS = 200_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Meetings:
-    """Contacts i, j of two patches that meet at an edge, each pair in both directions.
+class EdgePairs:
+    """Contacts i, j of two patches on either side of an edge, each pair in both directions.
 
     Parameters
     ----------
@@ -62,13 +62,13 @@ class Meetings:
     patches: IndexArray
 
     @classmethod
-    def of(cls, pairs: ContactPairs, patches: IndexArray, spacing: float) -> Meetings:
+    def of(cls, pairs: ContactPairs, patches: IndexArray, spacing: float) -> EdgePairs:
         """Find them among pairs of contacts."""
         sines = np.sin(pairs.bends)
         parallel = sines < _PARALLEL
         lowest = np.minimum(pairs.heights, pairs.back_heights)
         highest = np.maximum(pairs.heights, pairs.back_heights)
-        # In the tangent plane of i, contact i lies |y_j(c_i)| / sin(bend) from the common line.
+        # In the tangent plane of i, contact i is |y_j(c_i)| / sin(bend) away from the common line.
         to_line = np.maximum(np.abs(lowest), np.abs(highest)) / np.where(parallel, 1.0, sines)
         near = np.where(parallel, pairs.bends > 0.5 * np.pi, to_line < REACH * spacing)
         near &= (patches[pairs.first] != patches[pairs.second]) & (pairs.bends > _LEAST_EDGE)
@@ -86,15 +86,15 @@ class Meetings:
             patches,
         )
 
-    def asked_for(self) -> BoolArray:
-        """Return of which patches formulas ask the values at contacts of each patch, shape (K, K).
+    def needed_values(self) -> BoolArray:
+        """Return which patches' values are needed at the contacts of each patch, shape (K, K).
 
-        Of those that may cut it; and of those that it meets concavely, and what may cut them.
+        Those that may cut it; those across its concave edges, and those that may cut them.
         """
         cutting = self._between(self.kind < 0) | self.mostly_convex()
         concave = self._between(self.kind > 0)
-        pieces = concave.astype(np.float32) @ cutting.astype(np.float32)
-        return cutting | concave | (pieces > 0.0)
+        terms = concave.astype(np.float32) @ cutting.astype(np.float32)
+        return cutting | concave | (terms > 0.0)
 
     def mostly_convex(self) -> BoolArray:
         """Return which patches meet at more convex pairs than concave ones, shape (K, K)."""
@@ -112,19 +112,19 @@ class Meetings:
         return int(self.patches.max()) + 1
 
 
-def compose_formulas(
-    pairs: ContactPairs, meetings: Meetings, values: FloatArray, spacing: float
-) -> list[Formula]:
-    """Return the formula of each contact, N of them.
+def build_expressions(
+    pairs: ContactPairs, edges: EdgePairs, values: FloatArray, spacing: float
+) -> list[Expression]:
+    """Return the CSG expression of each contact, N of them.
 
     Parameters
     ----------
     pairs
         Contacts within reach of each other.
-    meetings
-        Those at edges.
+    edges
+        Those across edges.
     values
-        Shape (N, K) [m], the function of each patch at each contact, as `Meetings.asked_for`.
+        Shape (N, K) [m], the function of each patch at each contact, see `EdgePairs.needed_values`.
     spacing
         Of the contacts [m].
 
@@ -133,66 +133,70 @@ def compose_formulas(
     EstimationError
         If contacts contradict each other so much that nearly all patches cut nearly all others.
     """
-    patches = meetings.patches
+    patches = edges.patches
     contacts = np.arange(len(patches))
-    witnesses = _same_patch_within_reach(pairs, patches)
+    support = _same_patch_within_reach(pairs, patches)
 
-    cuts = _convex_cuts(meetings, values, spacing)
-    cuts &= ~_any_witness(witnesses, values > _WITNESS * spacing)
+    cuts = _convex_cuts(edges, values, spacing)
+    cuts &= ~_any_supporting(support, values > _SUPPORT_ERROR * spacing)
     cuts[contacts, patches] = True
-    pieces = [tuple(row) for row in _true_columns(cuts)]
+    own_terms = [tuple(row) for row in _true_columns(cuts)]
 
-    distinct = sorted(set(pieces))
-    number = {piece: k for k, piece in enumerate(distinct)}
-    own = np.array([number[piece] for piece in pieces])
-    concave = meetings.kind > 0
+    distinct = sorted(set(own_terms))
+    number = {term: k for k, term in enumerate(distinct)}
+    own = np.array([number[term] for term in own_terms])
+    concave = edges.kind > 0
     joined = np.zeros((len(patches), len(distinct)), dtype=bool)
-    joined[meetings.first[concave], own[meetings.second[concave]]] = True
-    buried = _below(distinct, joined, patches, values, -_WITNESS * spacing)
-    joined &= ~_any_witness(witnesses, buried)
+    joined[edges.first[concave], own[edges.second[concave]]] = True
+    buried = _below(distinct, joined, patches, values, -_SUPPORT_ERROR * spacing)
+    joined &= ~_any_supporting(support, buried)
     joined[contacts, own] = False
-    terms = int(joined.sum()) + sum(map(len, distinct))
-    if terms > _MOST_TERMS:
+    size = int(joined.sum()) + sum(map(len, distinct))
+    if size > _MOST_TERMS:
         raise EstimationError(
-            f"{len(patches)} contacts contradict each other: their patches meet in {terms} ways,"
-            f" more than {_MOST_TERMS}: see whether each normal belongs to its point, and tell the"
-            " noise"
+            f"{len(patches)} contacts contradict each other: their patches meet in {size} ways,"
+            f" more than {_MOST_TERMS}: check whether each normal belongs to its point, and give"
+            " the noise"
         )
     return [
-        (piece, *(distinct[k] for k in others))
-        for piece, others in zip(pieces, _true_columns(joined), strict=True)
+        (term, *(distinct[k] for k in others))
+        for term, others in zip(own_terms, _true_columns(joined), strict=True)
     ]
 
 
-def _convex_cuts(meetings: Meetings, values: FloatArray, spacing: float) -> BoolArray:
+def _convex_cuts(edges: EdgePairs, values: FloatArray, spacing: float) -> BoolArray:
     """Return which patches may cut the patch of each contact, shape (N, K).
 
-    Those of convex partners; and those that a contact's patch meets convexly elsewhere, if their
-    surface runs below the contact within reach: an edge goes on where nobody touched both sides.
+    Those of its convex pairs. And, since an edge extends beyond its touched parts, those that its
+    patch meets at convex edges elsewhere, if their surface is below the contact and within reach.
     """
     cuts = np.zeros(values.shape, dtype=bool)
-    convex = meetings.kind < 0
-    cuts[meetings.first[convex], meetings.patches[meetings.second[convex]]] = True
+    convex = edges.kind < 0
+    cuts[edges.first[convex], edges.patches[edges.second[convex]]] = True
     within = (values < _CLEAR * spacing) & (values > -REACH * spacing)
-    return cuts | (meetings.mostly_convex()[meetings.patches] & within)
+    return cuts | (edges.mostly_convex()[edges.patches] & within)
 
 
 def _below(
-    pieces: list[Piece], joined: BoolArray, patches: IndexArray, values: FloatArray, height: float
+    terms: list[Intersection],
+    joined: BoolArray,
+    patches: IndexArray,
+    values: FloatArray,
+    height: float,
 ) -> BoolArray:
-    """Return whether contacts lie lower than a height in pieces, shape (N, pieces).
+    """Return which contacts are lower than a height in which terms, shape (N, terms).
 
-    Asked where a piece is joined to a contact of the same patch; False elsewhere.
+    Evaluated where a term is joined to a contact of the same patch; False elsewhere.
     """
     below = np.zeros(joined.shape, dtype=bool)
     for k in np.flatnonzero(joined.any(axis=0)):
         rows = np.flatnonzero(np.isin(patches, patches[joined[:, k]]))
-        below[rows, k] = values[np.ix_(rows, np.array(pieces[k]))].max(axis=1) < height
+        below[rows, k] = values[np.ix_(rows, np.array(terms[k]))].max(axis=1) < height
     return below
 
 
 def _same_patch_within_reach(pairs: ContactPairs, patches: IndexArray) -> csr_array:
-    """Return who may witness for whom, shape (N, N): oneself, and near contacts of one's patch."""
+    """Return the supporting contacts of each, shape (N, N): itself, and neighbours on its patch."""
     same = patches[pairs.first] == patches[pairs.second]
     first, second, own = pairs.first[same], pairs.second[same], np.arange(len(patches))
     rows = np.concatenate([first, second, own])
@@ -201,10 +205,10 @@ def _same_patch_within_reach(pairs: ContactPairs, patches: IndexArray) -> csr_ar
     return csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
 
 
-def _any_witness(witnesses: csr_array, against: BoolArray) -> BoolArray:
-    """Return whether any witness of a contact speaks against, shape (N, K) from (N, K)."""
-    spoken = (witnesses @ csr_array(against, dtype=np.float64)) > 0.0
-    return np.asarray(spoken.toarray())
+def _any_supporting(support: csr_array, holds: BoolArray) -> BoolArray:
+    """Return where any supporting contact of a contact is True in `holds`, shape (N, K) both."""
+    found = (support @ csr_array(holds, dtype=np.float64)) > 0.0
+    return np.asarray(found.toarray())
 
 
 def _true_columns(rows: BoolArray) -> list[list[int]]:
