@@ -7,9 +7,9 @@ Each object is touched 15 times by geometry alone. Surfaces of the first 5, 8 an
 lifted. Prints the expected calibration error (ten bins of equal width, weighted by what is in
 them) of `success_probability`, what was foretold and what held for each estimator, how well it
 orders (area under the ROC curve), and a logistic fit to the lifts of `blend`. The constants in use
-come from seeds 2000 and 2001 of all built-in shapes and six YCB scans (2001 with the multi-finger
-hand of five objects only): judge by others. Also: how
-often grasps held that fingers felt to be in force closure at half the friction, and others.
+and the lifts that they were fitted to are in `lis_grasp/grasping/success_model.json`: evaluate with
+other seeds. Also: how often grasps held that fingers felt to be in force closure at half the
+friction, and others.
 
 Goes on where it was when run again with the same folder.
 """
@@ -27,7 +27,7 @@ from scipy.stats import rankdata
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.evaluation.calibration import calibration_bins, expected_calibration_error
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
-from lis_grasp.grasping.assessment import robust_epsilon_on
+from lis_grasp.grasping.grasp_ranking import SUCCESS_MODEL, robust_epsilon_on
 from lis_grasp.io.json_lines import append_lines, read_lines
 from lis_grasp.pipeline import estimate, lift, plan, support_height, touch
 from lis_grasp.pipeline.run_config import RunConfig
@@ -144,8 +144,10 @@ def _fit(rows: list[Row], held: np.ndarray) -> np.ndarray:
     columns = np.column_stack(
         [
             np.ones(len(rows)),
-            np.log([row["epsilon_expected"] + 1e-3 for row in rows]),
-            np.log([row["weight_robust"] + 0.02 for row in rows]),
+            *(
+                np.log([row[name] + offset for row in rows])
+                for name, offset in SUCCESS_MODEL["offsets"].items()
+            ),
         ]
     )
     sign = np.where(held, -1.0, 1.0)

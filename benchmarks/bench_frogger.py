@@ -25,11 +25,13 @@ import numpy as np
 import trimesh
 
 from lis_grasp import shapes
-from lis_grasp.grasping.assessment import epsilon_on
+from lis_grasp.grasping.contact_sets import ContactSets
+from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.force_closure import min_weight, resisted_force
+from lis_grasp.grasping.grasp_ranking import epsilon_on
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.grip import balanced_grip
-from lis_grasp.grasping.inverse_kinematics import PadTargets, reach
+from lis_grasp.grasping.grip_forces import balanced_grip
+from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
@@ -160,8 +162,9 @@ def their_grasp(hand: Hand, mesh: trimesh.Trimesh, plan: dict, friction: float) 
     q = np.clip(q, hand.lower, hand.upper)
     points, _, faces = trimesh.proximity.closest_point(mesh, np.array(plan["touches"]))
     normals = mesh.face_normals[faces]
-    away = PadTargets((points + _OPENING * normals)[None], normals[None], np.ones((1, 4), bool))
-    opened = reach(hand, away, X_OH[None], q[None], palm_fixed=True).q[0]
+    used = np.ones((1, 4), bool)
+    away = ContactSets((points + _OPENING * normals)[None], normals[None], used)
+    opened = solve_ik(hand, away, X_OH[None], q[None], palm_fixed=True).q[0]
     return Grasp(
         hand=hand.name,
         X_OH=X_OH,
@@ -189,13 +192,12 @@ def evaluate(
     checker = HandCollisionChecker(
         hand, mesh, support_height=floor if scene == "table" else None, clearance=0.0
     )
+    model = WrenchModel(friction, origin=mesh.center_mass)
     row = {
         "fingers": len(grasp.contact_fingers),
         "epsilon": epsilon_on(mesh, hand, points, normals, friction=friction),
-        "weight": resisted_force(
-            points, normals, (0.0, 0.0, 1.0), friction=friction, origin=mesh.center_mass
-        ),
-        "min_weight": min_weight(points, normals, friction=friction),
+        "weight": resisted_force(points, normals, (0.0, 0.0, 1.0), model),
+        "min_weight": min_weight(points, normals, WrenchModel(friction)),
         "hits": checker.first_collision(grasp.X_OH, grasp.joint_positions, pads_may_touch=True),
     }
     if scene == "table":

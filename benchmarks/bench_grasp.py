@@ -17,7 +17,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import ForceClosureSampler, Hand, epsilon_quality, is_force_closure, shapes
-from lis_grasp.grasping.quality import epsilon_qualities
+from lis_grasp.grasping.contact_wrenches import WrenchModel
+from lis_grasp.grasping.epsilon import epsilon_by_expanding_polytope
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.pose_filter import HandPoseFilter
 
@@ -38,13 +39,11 @@ def qualities(rng: np.random.Generator) -> None:
     normals = rng.normal(size=(1024, 4, 3))
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     points = normals * rng.uniform(0.5, 1.5, size=(1024, 4, 1))
-    seconds = timed(lambda: epsilon_qualities(points, normals, friction=0.8))
-    print(f"epsilon, 4 contacts, pyramids of 8 edges, batched: {1024 / seconds:.0f} a second")
-    seconds = timed(lambda: epsilon_qualities(points, normals, friction=0.8, edges=4))
-    print(f"epsilon, 4 contacts, pyramids of 4 edges, batched: {1024 / seconds:.0f} a second")
-    few = points[:256], normals[:256]
-    seconds = timed(lambda: epsilon_qualities(*few, friction=0.8, edges=None))
-    print(f"epsilon, 4 contacts, round cones, batched: {256 / seconds:.0f} a second")
+    for edges in (8, 4):
+        model = WrenchModel(friction=0.8, edges=edges)
+        seconds = timed(lambda m=model: epsilon_by_expanding_polytope(points, normals, m))
+        rate = f"{1024 / seconds:.0f} a second"
+        print(f"epsilon, 4 contacts, pyramids of {edges} edges, batched: {rate}")
     for name, one in (("epsilon", epsilon_quality), ("force closure", is_force_closure)):
         pairs = list(zip(points[:100], normals[:100], strict=True))
         seconds = timed(lambda pairs=pairs, one=one: [one(p, n, friction=0.8) for p, n in pairs])

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from lis_grasp import shapes as shapes
     from lis_grasp.contacts import Contacts as Contacts
     from lis_grasp.evaluation.surface_error import surface_error as surface_error
+    from lis_grasp.grasping.epsilon import epsilon_quality as epsilon_quality
     from lis_grasp.grasping.force_closure import is_force_closure as is_force_closure
     from lis_grasp.grasping.grasps import Grasp as Grasp
     from lis_grasp.grasping.grasps import GraspSearch as GraspSearch
-    from lis_grasp.grasping.quality import epsilon_quality as epsilon_quality
     from lis_grasp.grasping.sampler import ForceClosureSampler as ForceClosureSampler
     from lis_grasp.hands.hand import Hand as Hand
     from lis_grasp.meshing import extract_mesh as extract_mesh
@@ -40,7 +40,7 @@ _HOMES = {
     "ImplicitSurface": "lis_grasp.surfaces",
     "LocalImplicitSurface": "lis_grasp.surfaces",
     "PatchImplicitSurface": "lis_grasp.surfaces",
-    "epsilon_quality": "lis_grasp.grasping.quality",
+    "epsilon_quality": "lis_grasp.grasping.epsilon",
     "extract_mesh": "lis_grasp.meshing",
     "is_force_closure": "lis_grasp.grasping.force_closure",
     "pipeline": "lis_grasp.pipeline",

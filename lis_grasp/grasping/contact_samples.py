@@ -1,47 +1,45 @@
-"""Where a pad could press: points of a mesh, with normals and how far each stands for."""
+"""Sampled contact points of a mesh: points that a pad can press on, with normals."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
-from lis_grasp.typing import BoolArray, FloatArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 _SAMPLES = 4000
-# A pad wants the surface flat about as far as it reaches: normals within this radius [m] may differ
-# by no more than this angle [rad] from the one in the middle. Across a bend those on opposite sides
-# may differ by no more in how far they are turned; the far side of a thin thing does not count.
+# A pad needs a flat surface under it: normals within this radius [m] differ by no more than this
+# angle [rad] from the one in the middle. Across a bend, normals on opposite sides are tilted alike
+# within the same angle. Averted normals belong to the far side of a thin object and do not count.
 _FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
 _AVERTED = np.cos(np.deg2rad(100.0))
 _BULGE = 0.0005  # [m] by which the surface round a bend's sample may rise above its tangent plane
-# Edges whose faces turn by more are too sharp to press on: the length of their normals' sum, which
-# is 0 between triangles without area.
+# Edges whose faces turn by more than 150 degrees are too sharp to press on. The threshold is of the
+# length of their normals' sum, which is 0 between triangles without area.
 _BLADE = 2.0 * np.cos(np.deg2rad(150.0) / 2.0)
-_EDGE_STEP = 0.001  # [m] between points that stand for a sharp edge
-REACH = 0.005
-"""How far beside its nearest sample a contact is looked for [m]."""
+_EDGE_STEP = 0.001  # [m] between points that are sampled along a sharp edge
+SEARCH_RADIUS = 0.005
+"""Largest distance of a contact from its nearest sample along the tangent plane [m]."""
 # Vertices whose uncertainty exceeds this many times the median are not supported by touches.
 _UNSUPPORTED = 3.0
 
 
 class SurfaceSamples:
-    """Points of a mesh that a pad could press on, with their normals.
+    """Points of a mesh that a pad can press on, with their normals.
 
     Parameters
     ----------
     mesh
         Closed, in O [m].
     lowest
-        Height above which points lie, in O [m].
+        Height that all points are above, in O [m].
     rng
         For every draw.
     bends
-        Whether pads may lie across convex bends, too: sharp edges, ribs, rods and balls to which a
-        pad is wide. The surface falls off alike on all sides there, so that the pad rests on the
-        ridge; on a sharp edge, where it could rest at any angle between those of the two faces, the
-        normal is halfway.
+        Whether pads may also press on convex bends: sharp edges, ribs, and thin rods and balls. The
+        surface falls off alike on opposite sides there, so that the pad rests on the ridge. The
+        normal of a sharp edge is halfway between those of its two faces.
     """
 
     def __init__(
@@ -68,7 +66,7 @@ class SurfaceSamples:
             points, normals = np.vstack([points, along[ridge]]), np.vstack([normals, halfway])
             even = _bends_evenly(points, normals) & ~_near(along[~ridge], points)
             usable |= even[: len(faces)] & known[faces]
-            # A pad across an edge could as well lie on a rib's top or side that it covers.
+            # A pad across an edge could as well rest on the flat top or side of a rib.
             across = even[len(faces) :] & known[sides].all(axis=1)
             across &= ~_near(on_faces[usable], along[ridge])
             usable = np.concatenate([usable, across])
@@ -83,7 +81,7 @@ class SurfaceSamples:
         return len(self.points)
 
     def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Return where points (..., 3) go on the surface, its normals there, and which may."""
+        """Project points (..., 3) on the surface; return them, normals, and which are usable."""
         assert self.tree is not None
         _, index = self.tree.query(points)
         normals = self.normals[index]
@@ -91,12 +89,12 @@ class SurfaceSamples:
         on_plane = points - height * normals
         beside = np.linalg.norm(on_plane - self.points[index], axis=-1)
         on_surface = np.where(self.flat[index, None], on_plane, self.points[index])
-        return on_surface, normals, beside <= REACH
+        return on_surface, normals, beside <= SEARCH_RADIUS
 
-    def met(self, p: FloatArray, direction: FloatArray, j: int) -> FloatArray:
-        """Return where a line from p, shape (3,), meets the surface beside sample j.
+    def intersect(self, p: FloatArray, direction: FloatArray, j: int) -> FloatArray:
+        """Return where a line from p, shape (3,), meets the tangent plane of sample j.
 
-        That is on the sample's tangent plane where the surface is flat, on a bend at the sample.
+        On a bend, return the sample itself.
         """
         if not self.flat[j]:
             return self.points[j]
@@ -105,9 +103,10 @@ class SurfaceSamples:
         return result
 
 
+# `trimesh.sample.sample_surface` draws other numbers in another order: its grasps would differ.
 def _on_faces(
     mesh: trimesh.Trimesh, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.intp]]:
+) -> tuple[FloatArray, FloatArray, IndexArray]:
     """Return points (S, 3) spread over the mesh by area, their normals, and their faces (S,)."""
     weights = mesh.area_faces / mesh.area_faces.sum()
     faces = rng.choice(len(weights), size=_SAMPLES, p=weights)
@@ -133,7 +132,7 @@ def _flat(points: FloatArray, normals: FloatArray) -> BoolArray:
 
 
 def _bends_evenly(points: FloatArray, normals: FloatArray) -> BoolArray:
-    """Return which samples lie highest where the surface turns away alike on opposite sides."""
+    """Return which samples are on a ridge: the surface falls off alike on opposite sides."""
     tree = cKDTree(points)
     even = np.zeros(len(points), dtype=bool)
     for i, (point, normal) in enumerate(zip(points, normals, strict=True)):
@@ -151,28 +150,26 @@ def _bends_evenly(points: FloatArray, normals: FloatArray) -> BoolArray:
 
 
 def _near(places: FloatArray, points: FloatArray) -> BoolArray:
-    """Return which points are nearer to some place than a pad wants the surface flat."""
+    """Return which points are within a pad's flat radius of some place."""
     if not len(places):
         return np.zeros(len(points), dtype=bool)
     distances, _ = cKDTree(places).query(points, distance_upper_bound=_FLAT_RADIUS)
     return np.isfinite(distances)
 
 
-def _along_edges(
-    mesh: trimesh.Trimesh, chosen: npt.NDArray[np.intp]
-) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+def _along_edges(mesh: trimesh.Trimesh, chosen: IndexArray) -> tuple[FloatArray, IndexArray]:
     """Return points (P, 3) along the chosen edges between faces, and which edge each is of."""
     ends = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[chosen]]  # (E, 2, 3)
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     counts = np.maximum(np.ceil(lengths / _EDGE_STEP).astype(int) + 1, 2)
     edge = np.repeat(np.arange(len(ends)), counts)
     place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
-    share = (place / (counts[edge] - 1))[:, None]
-    return (1.0 - share) * ends[edge, 0] + share * ends[edge, 1], chosen[edge]
+    along = (place / (counts[edge] - 1))[:, None]
+    return (1.0 - along) * ends[edge, 0] + along * ends[edge, 1], chosen[edge]
 
 
 def _supported(mesh: trimesh.Trimesh) -> BoolArray:
-    """Return which faces' surroundings are known from touches, where the mesh tells."""
+    """Return which faces touches support, by the mesh's uncertainty; all without it."""
     uncertainty = mesh.vertex_attributes.get("uncertainty")
     if uncertainty is None:
         return np.ones(len(mesh.faces), dtype=bool)

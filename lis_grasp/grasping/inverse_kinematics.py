@@ -1,4 +1,4 @@
-"""Bring a hand's pads to given contacts: many candidates at once, by damped Gauss-Newton steps."""
+"""Batched inverse kinematics of a hand for contacts of its pads (Levenberg-Marquardt)."""
 
 from __future__ import annotations
 
@@ -6,43 +6,27 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.hands.hand import Hand
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IndexArray
 
 _ITERATIONS = 40
 _DAMPING = 1e-3
-# A candidate is done once a step lowers its cost by less than this share, or once no step does.
+# A candidate has converged once a step lowers its cost by less than the first fraction. It is stuck
+# once its damping exceeds the second number.
 _SETTLED, _STUCK = 1e-5, 1e3
-# What one standard unit of each residual is: a pad off by 1 mm weighs as much as an axis beyond
-# its pad by 0.1, a joint 0.7 rad (or 7 cm) off its opened posture, a palm turned by 0.5 rad.
+# Units of the residuals: a pad off by 1 mm weighs as much as a contact outside its pad by 0.1 (in
+# the cosine), a joint 0.7 rad (or 7 cm) off its start, or a palm turned by 0.5 rad.
 _POSITION_UNIT = 1e-3
 _AXIS_UNIT = 0.1
 _REVOLUTE_UNIT, _PRISMATIC_UNIT = 0.7, 0.07
 _TURN_UNIT = 0.5
-# A joint that has no contact to serve stays much closer to its opened posture.
+# A joint of a finger without contact stays much closer to its start.
 _IDLE_FACTOR = 0.05
-# The contact should lie well inside a pad, not on its border.
-_PAD_SHARE = 0.8
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PadTargets:
-    """Where pads should be, for B candidates and F pads.
-
-    Parameters
-    ----------
-    points, normals
-        Shape (B, F, 3): contacts in O [m], outward unit normals; anything finite where not used.
-    used
-        Shape (B, F), bool: which pads have a contact.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    used: npt.NDArray[np.bool_]
+# Contacts are kept within this fraction of a pad's half angle.
+_PAD_FRACTION = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +42,7 @@ class Postures:
     position_error
         Shape (B,) [m]: the largest distance of a used pad from its target.
     axis_error
-        Shape (B,) [rad]: how far the worst used contact lies outside its pad, if it does.
+        Shape (B,) [rad]: the largest angle of a used contact outside its pad; 0 inside.
     """
 
     X_OH: FloatArray
@@ -66,41 +50,41 @@ class Postures:
     position_error: FloatArray
     axis_error: FloatArray
 
-    def subset(self, index: npt.NDArray[np.intp]) -> Postures:
+    def subset(self, index: IndexArray) -> Postures:
         """Return the postures of some of the candidates."""
         return Postures(
             self.X_OH[index], self.q[index], self.position_error[index], self.axis_error[index]
         )
 
 
-def reach(
-    hand: Hand, targets: PadTargets, X_OH: FloatArray, q: FloatArray, *, palm_fixed: bool = False
+def solve_ik(
+    hand: Hand, contacts: ContactSets, X_OH: FloatArray, q: FloatArray, *, palm_fixed: bool = False
 ) -> Postures:
-    """Move palm and joints until every used pad touches its contact, as nearly as the hand can.
+    """Solve for the palm poses and joint positions whose pads touch given contacts.
 
-    Minimises, for each candidate on its own, the squares of: pad centres off ``p + radius n``;
-    contacts beyond the pad's half angle; joints off their start; the palm turned from its start.
-    Levenberg-Marquardt with projection on the joint limits; a step that does not improve a
-    candidate is undone and its damping raised (Marquardt 1963).
+    Minimises for each candidate the sum of squares of four residuals: pad centres off
+    ``p + radius n``; contacts beyond the pad's half angle; joints off their start; the palm turned
+    from its start. Levenberg-Marquardt with projection on the joint limits: a step that does not
+    improve a candidate is undone and its damping raised (Marquardt 1963).
 
     Parameters
     ----------
     hand
         The hand.
-    targets
-        Contacts to reach.
+    contacts
+        B candidates.
     X_OH, q
-        Shape (B, 4, 4) and (B, J): where to start, which is also the preferred posture.
+        Shape (B, 4, 4) and (B, J): the initial guess, which is also the preferred posture.
     palm_fixed
         Whether only the joints may move.
     """
-    problem = _Problem(hand, targets, X_OH, q, palm_fixed)
+    problem = _Problem(hand, contacts, X_OH, q, palm_fixed)
     X, joints = X_OH.copy(), np.clip(q, hand.lower, hand.upper)
     residual, jacobian = problem.linearise(X, joints)
     cost = (residual**2).sum(axis=-1)
     damping = np.full(len(X), _DAMPING)
     identity = np.eye(jacobian.shape[-1])
-    moving = np.arange(len(X))  # candidates that are not there yet, (M,)
+    moving = np.arange(len(X))  # candidates that have not converged, (M,)
     for _ in range(_ITERATIONS):
         if not len(moving):
             break
@@ -125,20 +109,20 @@ def reach(
 
 
 class _Problem:
-    """Residuals of a batch of candidates and how they change with palm and joints."""
+    """Residuals of a batch of candidates and their Jacobian by palm and joints."""
 
     _BY_CANDIDATE = ("_centers", "_normals", "_used", "_start_X", "_start_q", "_joint_units")
 
     def __init__(
-        self, hand: Hand, targets: PadTargets, X_OH: FloatArray, q: FloatArray, palm_fixed: bool
+        self, hand: Hand, contacts: ContactSets, X_OH: FloatArray, q: FloatArray, palm_fixed: bool
     ) -> None:
         self._hand = hand
         radii = np.array([pad.radius for pad in hand.pads])
-        self._centers = targets.points + radii[:, None] * targets.normals  # (B, F, 3)
-        self._normals = targets.normals
-        self._used = targets.used
+        self._centers = contacts.points + radii[:, None] * contacts.normals  # (B, F, 3)
+        self._normals = contacts.normals
+        self._used = contacts.used
         self._half_angles = np.array([pad.half_angle for pad in hand.pads])
-        self._least_cosine = np.cos(_PAD_SHARE * self._half_angles)  # (F,)
+        self._least_cosine = np.cos(_PAD_FRACTION * self._half_angles)  # (F,)
         self._start_X, self._start_q = X_OH, q
         revolute = np.array([j.kind == "revolute" for j in hand.joints if j.is_actuated])
         index = np.array([j.index for j in hand.joints if j.is_actuated])
@@ -153,7 +137,7 @@ class _Problem:
         if palm_fixed:
             self._free[:6] = 0.0
 
-    def subset(self, index: npt.NDArray[np.intp]) -> _Problem:
+    def subset(self, index: IndexArray) -> _Problem:
         """Return the problem of some of the candidates."""
         part = copy(self)
         for name in self._BY_CANDIDATE:

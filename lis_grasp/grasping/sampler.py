@@ -1,4 +1,4 @@
-"""Sample force-closure grasps of a hand on a mesh: contacts, reach, collision, quality, rank."""
+"""Sampling-based planner of force-closure grasps of a hand on a mesh."""
 
 from __future__ import annotations
 
@@ -6,40 +6,40 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
-from lis_grasp.grasping.assessment import GraspAssessor
+from lis_grasp.grasping.antipodal_sampling import initial_postures, sample_contact_sets
+from lis_grasp.grasping.candidate_filter import CandidateFilter
 from lis_grasp.grasping.contact_samples import SurfaceSamples
-from lis_grasp.grasping.contact_search import ContactSets, find_contact_sets, initial_postures
+from lis_grasp.grasping.contact_sets import ContactSets
+from lis_grasp.grasping.grasp_ranking import GraspScorer
+from lis_grasp.grasping.grasp_refinement import perturb_grasps
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.grasping.placement import HandPlacer
-from lis_grasp.grasping.refinement import vary
 from lis_grasp.hands.hand import Hand
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IndexArray
 
-# Contact sets that are worked on together.
-_ROUND = 100
-# Ranking gains little from more grasps than this many times those asked for.
+# Contact sets per batch.
+_BATCH = 100
+# Drawing ends once this many times the grasps asked for are robust; ranking gains little from more.
 _ENOUGH = 5
-# Refinement goes by steps of these standard deviations [m]; of so many variations of a grasp it
-# tries so many, those of the best epsilon.
+# Standard deviations [m] of the steps of refinement. Each step perturbs a grasp so many times, and
+# tries so many of the perturbed grasps, those of the best epsilon.
 _STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
-_VARIATIONS, _TRIED = 20, 2
+_PERTURBATIONS, _TRIED = 20, 2
 
 
 @dataclass(frozen=True, slots=True)
 class ForceClosureSampler:
-    """Finds grasps in force closure, free of collision, that the hand can reach.
+    """Plans grasps in force closure that the hand can reach without collision.
 
-    Contact sets are drawn where the surface is flat enough for a pad and supported by touches, and
-    if no grasp comes of that also across convex bends: a prism of five sides has an edge opposite
-    each face, and thin rods and small balls have nothing else. The palm's pose and the joints
-    follow by inverse kinematics; a filter and FCL judge every link at the grasp, at the opened
-    posture, and along the approach (`HandPlacer`); what is left is assessed and ranked by
-    `GraspAssessor`. Then the best are refined: contacts beside theirs, ever nearer ones, replace
-    them where a grasp at these is likelier to hold.
+    1. Contact sets are drawn where the surface is flat enough for a pad and supported by touches
+       (`sample_contact_sets`). If no grasp results, convex bends are used too: edges, thin rods and
+       small balls.
+    2. Inverse kinematics gives the palm's pose and the joints, and candidates that collide are
+       rejected (`CandidateFilter`).
+    3. `GraspScorer` rejects what is not in force closure, and predicts the success of the rest.
+    4. The best are refined: contacts beside theirs replace them where success is likelier there.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class ForceClosureSampler:
     friction
         Coulomb coefficient between pads and object.
     candidates
-        Contact sets to draw at the most; fewer, once enough grasps hold, and as many again with
-        bends. Refinement tries up to ten more for each grasp asked for.
+        Contact sets to draw at the most, and as many again with bends; fewer, once enough grasps
+        are robust. Refinement tries up to ten more for each grasp asked for.
     """
 
     hand: Hand
@@ -58,9 +58,9 @@ class ForceClosureSampler:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.friction) and self.friction > 0.0):
-            raise InvalidOptionError(f"friction must be a positive number; it is {self.friction}")
+            raise InvalidOptionError.out_of_range("friction", self.friction, "a positive number")
         if self.candidates < 1:
-            raise InvalidOptionError(f"candidates must be at least 1; it is {self.candidates}")
+            raise InvalidOptionError.out_of_range("candidates", self.candidates, "at least 1")
 
     def sample(
         self,
@@ -70,7 +70,11 @@ class ForceClosureSampler:
         support_height: float | None = None,
         count: int = 10,
     ) -> GraspSearch:
-        """Return up to `count` ranked grasps, and why the other candidates were rejected.
+        """Return up to `count` ranked grasps, and the reasons why other candidates were rejected.
+
+        Besides the reasons of `sample_contact_sets` and `CandidateFilter` there are
+        ``no_flat_supported_surface``: there is no point to draw; ``no_force_closure``; and
+        ``outranked``: other grasps are better.
 
         Parameters
         ----------
@@ -80,7 +84,7 @@ class ForceClosureSampler:
         rng
             For every draw.
         support_height
-            Height of the plane that the object stands on in O [m]; None where there is none.
+            Height of the plane that the object is on in O [m]; None where there is none.
         count
             Grasps to return at the most.
 
@@ -97,11 +101,11 @@ class ForceClosureSampler:
         largest_pad = max(pad.radius for pad in self.hand.pads)
         lowest = -np.inf if support_height is None else support_height + largest_pad + 0.004
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng)
-        placer = HandPlacer(self.hand, mesh, support_height=support_height)
-        assessor = GraspAssessor(self.hand, mesh, friction=self.friction, rng=rng)
-        search = _Search(self.hand, samples, placer, assessor, rng)
+        candidate_filter = CandidateFilter(self.hand, mesh, support_height=support_height)
+        scorer = GraspScorer(self.hand, mesh, friction=self.friction, rng=rng)
+        search = _Search(self.hand, samples, candidate_filter, scorer, rng)
         search.draw_enough(self.candidates, count)
-        if not search.found:
+        if not search.grasps:
             search.samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, bends=True)
             search.draw_enough(2 * self.candidates, count)
         search.refine(count)
@@ -109,91 +113,90 @@ class ForceClosureSampler:
 
 
 class _Search:
-    """A search as it goes: grasps so far, and what became of the other candidates."""
+    """The grasps found so far, and counts of the rejected candidates."""
 
     def __init__(
         self,
         hand: Hand,
         samples: SurfaceSamples,
-        placer: HandPlacer,
-        assessor: GraspAssessor,
+        candidate_filter: CandidateFilter,
+        scorer: GraspScorer,
         rng: np.random.Generator,
     ) -> None:
         self._hand, self.samples, self._rng = hand, samples, rng
-        self._placer, self._assessor = placer, assessor
-        self._grasps: list[Grasp] = []
+        self._filter, self._scorer = candidate_filter, scorer
+        self.grasps: list[Grasp] = []
         self._rejected: Counter[str] = Counter()
-        self.drawn = 0
-
-    @property
-    def robust(self) -> int:
-        """How many grasps close at half the friction, too."""
-        return sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self._grasps)
-
-    @property
-    def found(self) -> bool:
-        """Whether there are grasps."""
-        return bool(self._grasps)
+        self._drawn = 0
 
     def draw_enough(self, candidates: int, count: int) -> None:
-        """Draw until there were so many candidates, or there is a choice of `count` that hold."""
-        while self.drawn < candidates and self.robust < _ENOUGH * count:
-            self.draw(min(_ROUND, candidates - self.drawn))
+        """Draw until `candidates` are drawn, or enough grasps close at half the friction."""
+        while self._drawn < candidates:
+            robust = sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self.grasps)
+            if robust >= _ENOUGH * count:
+                break
+            self._draw(min(_BATCH, candidates - self._drawn))
 
-    def draw(self, count: int) -> None:
-        """Draw contact sets, and keep the grasps that come of them."""
-        self.drawn += count
+    def _draw(self, count: int) -> None:
+        self._drawn += count
         if not len(self.samples):
             self._rejected["no_flat_supported_surface"] += count
             return
-        sets, misses = find_contact_sets(self._hand, self.samples, count=count, rng=self._rng)
-        self._rejected.update(misses)
-        found = self._assessed(sets, *initial_postures(self._hand, sets))
-        self._grasps += found.values()
+        sets, R_OH, failed = sample_contact_sets(
+            self._hand, self.samples, count=count, rng=self._rng
+        )
+        self._rejected.update(failed)
+        found = self._grasps_at(sets, *initial_postures(self._hand, sets, R_OH))
+        self.grasps += found.values()
 
     def refine(self, count: int) -> None:
-        """Replace the best `count` grasps by better ones near them, step by step."""
-        self._grasps.sort(key=_chance, reverse=True)
-        best = self._grasps[:count]
+        """Replace the best `count` grasps by better ones near them, if there are any."""
+        self.grasps.sort(key=_success, reverse=True)
+        best = self.grasps[:count]
         for distance in _STEPS if best else ():
-            parents, sets, X_OH, q = vary(
-                self._hand, best, self.samples, each=_VARIATIONS, distance=distance, rng=self._rng
+            parents, sets, X_OH, q = perturb_grasps(
+                self._hand,
+                best,
+                self.samples,
+                each=_PERTURBATIONS,
+                distance=distance,
+                rng=self._rng,
             )
-            chosen = _best_of_each(parents, self._assessor.robust_epsilons(sets))
-            self.drawn += len(chosen)
-            found = self._assessed(sets.subset(chosen), X_OH[chosen], q[chosen])
+            chosen = _best_of_each(parents, self._scorer.robust_epsilons(sets))
+            self._drawn += len(chosen)
+            found = self._grasps_at(sets.subset(chosen), X_OH[chosen], q[chosen])
             for i, grasp in found.items():
                 parent = parents[chosen[i]]
-                if _chance(grasp) > _chance(best[parent]):
+                if _success(grasp) > _success(best[parent]):
                     best[parent] = grasp
             self._rejected["outranked"] += len(found)
-        self._grasps[:count] = best
-        self._grasps.sort(key=_chance, reverse=True)
+        self.grasps[:count] = best
+        self.grasps.sort(key=_success, reverse=True)
 
     def result(self, count: int) -> GraspSearch:
         """Return the best `count` grasps."""
-        self._rejected["outranked"] += max(len(self._grasps) - count, 0)
-        rejected = self._rejected + self._placer.rejected
+        self._rejected["outranked"] += max(len(self.grasps) - count, 0)
+        rejected = self._rejected + self._filter.rejected
         return GraspSearch(
-            tuple(self._grasps[:count]),
+            tuple(self.grasps[:count]),
             {reason: n for reason, n in sorted(rejected.items()) if n},
-            self.drawn,
+            self._drawn,
         )
 
-    def _assessed(self, sets: ContactSets, X_OH: FloatArray, q: FloatArray) -> dict[int, Grasp]:
-        """Return the grasps among contact sets, by the index of the set."""
-        kept, placed = self._placer.place(sets, X_OH, q)
-        found = self._assessor.assess(placed)
-        self._rejected["no_force_closure"] += len(placed) - len(found)
+    def _grasps_at(self, sets: ContactSets, X_OH: FloatArray, q: FloatArray) -> dict[int, Grasp]:
+        """Return the grasps at contact sets, by the index of the set."""
+        kept, candidates = self._filter.solve_and_filter(sets, X_OH, q)
+        found = self._scorer.score(candidates)
+        self._rejected["no_force_closure"] += len(candidates) - len(found)
         return {int(kept[i]): grasp for i, grasp in found.items()}
 
 
-def _chance(grasp: Grasp) -> float:
+def _success(grasp: Grasp) -> float:
     return grasp.quality["success_probability"]
 
 
-def _best_of_each(parents: npt.NDArray[np.intp], promises: FloatArray) -> npt.NDArray[np.intp]:
-    """Return the few variations of each parent that promise most, none that promises nothing."""
-    order = np.lexsort((-promises, parents))
+def _best_of_each(parents: IndexArray, epsilons: FloatArray) -> IndexArray:
+    """Return the few perturbations of each parent with the largest epsilon above 0."""
+    order = np.lexsort((-epsilons, parents))
     ranks = np.arange(len(order)) - np.searchsorted(parents[order], parents[order])
-    return np.sort(order[(ranks < _TRIED) & (promises[order] > 0.0)])
+    return np.sort(order[(ranks < _TRIED) & (epsilons[order] > 0.0)])

@@ -100,7 +100,7 @@ class HandCollisionChecker:
         poses = self._pose(X_OH @ self.poses_in_hand(q))
         return self._first_collision(poses, pads_may_touch=pads_may_touch)
 
-    def first_collision_on_the_way(self, X_OH: FloatArray, q: FloatArray) -> str | None:
+    def first_collision_on_path(self, X_OH: FloatArray, q: FloatArray) -> str | None:
         """Return what a hand of fixed posture collides with first, or None; as `first_collision`.
 
         Parameters

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.grasping.assessment import robust_epsilon_on
+from lis_grasp.grasping.grasp_ranking import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline import stages

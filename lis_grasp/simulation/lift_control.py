@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.grip import balanced_grip
+from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.hands.hand import Hand
 from lis_grasp.simulation.lift_scene import LiftScene, Touch
 from lis_grasp.typing import FloatArray

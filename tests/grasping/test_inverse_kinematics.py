@@ -1,17 +1,18 @@
-"""Reaching contacts with a hand's pads."""
+"""Inverse kinematics of a hand for contacts of its pads."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import Hand
-from lis_grasp.grasping.inverse_kinematics import PadTargets, reach
+from lis_grasp.grasping.contact_sets import ContactSets
+from lis_grasp.grasping.inverse_kinematics import solve_ik
 
 HAND = Hand.load("allegro")
 
 
-def _reachable(rng: np.random.Generator, count: int) -> tuple[PadTargets, np.ndarray, np.ndarray]:
-    """Return contacts that a known posture near a pregrasp touches, and where to start from."""
+def _reachable(rng: np.random.Generator, count: int) -> tuple[ContactSets, np.ndarray, np.ndarray]:
+    """Return contacts that a known posture near a pregrasp touches, and an initial guess."""
     start = np.tile(HAND.pregrasps["medium"], (count, 1))
     X_start = np.tile(np.eye(4), (count, 1, 1))
     q = np.clip(start + rng.uniform(-0.15, 0.15, start.shape), HAND.lower, HAND.upper)
@@ -22,52 +23,47 @@ def _reachable(rng: np.random.Generator, count: int) -> tuple[PadTargets, np.nda
     radii = np.array([pad.radius for pad in HAND.pads])
     points = HAND.pad_centers(X, q) - radii[:, None] * normals
     used = np.ones(points.shape[:2], dtype=bool)
-    return PadTargets(points, normals, used), X_start, start
+    return ContactSets(points, normals, used), X_start, start
 
 
-def test_contacts_that_some_posture_touches_are_reached() -> None:
+def test_contacts_of_a_known_posture_are_reached() -> None:
     targets, X, q = _reachable(np.random.default_rng(0), 40)
-    reached = reach(HAND, targets, X, q)
+    solved = solve_ik(HAND, targets, X, q)
     # The preference for the start leaves less than a tenth of the unit of position, 1 mm.
-    assert np.quantile(reached.position_error, 0.9) < 1e-4
-    assert np.quantile(reached.axis_error, 0.9) < 1e-3
+    assert np.quantile(solved.position_error, 0.9) < 1e-4
+    assert np.quantile(solved.axis_error, 0.9) < 1e-3
 
 
 def test_joints_stay_within_their_limits() -> None:
     targets, X, q = _reachable(np.random.default_rng(1), 20)
-    far = PadTargets(targets.points + 0.2, targets.normals, targets.used)
-    reached = reach(HAND, far, X, q, palm_fixed=True)
-    assert np.all(reached.q >= HAND.lower - 1e-12)
-    assert np.all(reached.q <= HAND.upper + 1e-12)
-    assert np.all(reached.position_error > 0.01), "0.2 m away is out of the fingers' reach"
+    far = ContactSets(targets.points + 0.2, targets.normals, targets.used)
+    solved = solve_ik(HAND, far, X, q, palm_fixed=True)
+    assert np.all(solved.q >= HAND.lower - 1e-12)
+    assert np.all(solved.q <= HAND.upper + 1e-12)
+    assert np.all(solved.position_error > 0.01), "0.2 m away is out of the fingers' reach"
 
 
 def test_a_fixed_palm_does_not_move() -> None:
     targets, X, q = _reachable(np.random.default_rng(2), 5)
-    assert np.array_equal(reach(HAND, targets, X, q, palm_fixed=True).X_OH, X)
+    assert np.array_equal(solve_ik(HAND, targets, X, q, palm_fixed=True).X_OH, X)
 
 
 def test_reported_errors_are_those_of_the_returned_posture() -> None:
     targets, X, q = _reachable(np.random.default_rng(3), 10)
-    reached = reach(HAND, targets, X, q)
+    solved = solve_ik(HAND, targets, X, q)
     radii = np.array([pad.radius for pad in HAND.pads])
-    off = HAND.pad_centers(reached.X_OH, reached.q) - (
+    off = HAND.pad_centers(solved.X_OH, solved.q) - (
         targets.points + radii[:, None] * targets.normals
     )
     np.testing.assert_allclose(
-        reached.position_error, np.linalg.norm(off, axis=-1).max(axis=1), atol=1e-12
+        solved.position_error, np.linalg.norm(off, axis=-1).max(axis=1), atol=1e-12
     )
 
 
 def test_each_candidate_is_solved_on_its_own() -> None:
     targets, X, q = _reachable(np.random.default_rng(4), 6)
-    together = reach(HAND, targets, X, q)
-    alone = reach(
-        HAND,
-        PadTargets(targets.points[2:3], targets.normals[2:3], targets.used[2:3]),
-        X[2:3],
-        q[2:3],
-    )
+    together = solve_ik(HAND, targets, X, q)
+    alone = solve_ik(HAND, targets.subset(np.array([2])), X[2:3], q[2:3])
     # The batch runs until all have converged: the one alone may stop a few steps earlier.
     assert alone.position_error[0] == pytest.approx(together.position_error[2], abs=1e-5)
 
@@ -78,6 +74,6 @@ def test_turning_the_world_turns_the_solution() -> None:
     X_turned = X.copy()
     X_turned[:, :3, :3] = R @ X[:, :3, :3]
     X_turned[:, :3, 3] = X[:, :3, 3] @ R.T
-    turned = PadTargets(targets.points @ R.T, targets.normals @ R.T, targets.used)
-    here, there = reach(HAND, targets, X, q), reach(HAND, turned, X_turned, q)
+    turned = ContactSets(targets.points @ R.T, targets.normals @ R.T, targets.used)
+    here, there = solve_ik(HAND, targets, X, q), solve_ik(HAND, turned, X_turned, q)
     np.testing.assert_allclose(there.q, here.q, atol=1e-5)

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import epsilon_quality, is_force_closure
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
-from lis_grasp.grasping.contact_model import cone_edges, contact_wrenches
+from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.force_closure import min_weight, resisted_force
-from lis_grasp.grasping.grip import balanced_grip
+from lis_grasp.grasping.friction_cone import cone_edges
+from lis_grasp.grasping.grip_forces import balanced_grip
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 
@@ -25,9 +27,9 @@ def _random_grasp(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.
     return normals * rng.uniform(0.5, 1.5, size=(count, 1)), normals
 
 
-def _epsilon_by_linear_programmes(wrenches: np.ndarray, directions: np.ndarray) -> float:
-    """Least, over directions, of the largest multiple of it inside the hull: an upper bound."""
-    reach = []
+def _extent_by_linear_programmes(wrenches: np.ndarray, directions: np.ndarray) -> float:
+    """Return the least, over directions, of the largest multiple of it inside the hull."""
+    extents = []
     for direction in directions:
         # max s : s d = W^T a, a >= 0, sum a = 1
         solution = linprog(
@@ -41,8 +43,8 @@ def _epsilon_by_linear_programmes(wrenches: np.ndarray, directions: np.ndarray) 
             b_eq=np.append(np.zeros(6), 1.0),
             bounds=[(0, None)] * len(wrenches) + [(None, None)],
         )
-        reach.append(-solution.fun if solution.status == 0 else 0.0)
-    return float(min(reach))
+        extents.append(-solution.fun if solution.status == 0 else 0.0)
+    return float(min(extents))
 
 
 def test_cone_edges_lie_on_the_cone_and_push_inward() -> None:
@@ -60,15 +62,7 @@ def test_cone_edges_lie_on_the_cone_and_push_inward() -> None:
 )
 def test_wrenches_are_forces_and_their_torques_over_the_length(model: str, columns: int) -> None:
     points, normals = np.array([[0.2, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
-    wrenches = contact_wrenches(
-        points,
-        normals,
-        friction=0.5,
-        origin=np.zeros(3),
-        length_scale=0.1,
-        model=model,
-        torsion=0.01,
-    )
+    wrenches = WrenchModel(0.5, model, 0.01, np.zeros(3), 0.1).wrenches(points, normals)
     assert wrenches.shape == (1, columns, 6)
     ordinary = wrenches[0, :8] if model != "frictionless" else wrenches[0]
     expected = np.cross(points, ordinary[:, :3]) / 0.1
@@ -76,15 +70,8 @@ def test_wrenches_are_forces_and_their_torques_over_the_length(model: str, colum
 
 
 def test_a_soft_finger_twists_by_its_torsion_about_the_normal() -> None:
-    wrenches = contact_wrenches(
-        [[0.0, 0.0, 1.0]],
-        [[0.0, 0.0, 1.0]],
-        friction=0.5,
-        origin=np.zeros(3),
-        length_scale=2.0,
-        model="soft_finger",
-        torsion=0.3,
-    )
+    top = [[0.0, 0.0, 1.0]]
+    wrenches = WrenchModel(0.5, "soft_finger", 0.3, np.zeros(3), 2.0).wrenches(top, top)
     np.testing.assert_allclose(wrenches[0, -2:, 5], [-0.15, 0.15])
 
 
@@ -111,7 +98,8 @@ def test_three_fingers_round_a_sphere_close_with_friction_above_their_angle(
     # Three contacts 120 degrees apart balance along their normals for any friction above zero.
     points = _ring(3)
     assert is_force_closure(points, points, friction=friction)
-    assert epsilon_quality(points, points, friction=friction) > 0.0
+    assert epsilon_quality(points, points, friction=friction) > 0.01
+    assert not is_force_closure(points, points, friction=0.0)
 
 
 def test_planar_antipodal_threshold_is_the_friction_cone() -> None:
@@ -124,29 +112,32 @@ def test_planar_antipodal_threshold_is_the_friction_cone() -> None:
     assert not is_force_closure(points, normals, friction=np.tan(tilt) - 0.01, **soft)
 
 
-def test_octahedral_grasp_has_the_closed_form_epsilon_at_small_friction() -> None:
-    # Six unit contacts on the axes. A force along (1,1,1)/sqrt(3) is resisted worst: the supporting
-    # facet gives 1/sqrt(3) times the normal part, friction adds nothing in that direction's worst
-    # pyramid orientation. Torque about an axis is resisted by friction alone, so for small friction
-    # epsilon grows in proportion to it.
-    low = epsilon_quality(AXES, AXES, friction=0.01)
-    high = epsilon_quality(AXES, AXES, friction=0.02)
-    assert high == pytest.approx(2.0 * low, rel=0.02)
+def test_octahedral_grasp_has_its_closed_form_epsilon() -> None:
+    # Six unit contacts on the axes, four edges along the other axes: wrenches (-+e_i +- mu e_j) with
+    # the torque mu along +-e_k. Pure torques are resisted least. The support along a unit torque t
+    # is mu max |t_k|, whose minimum is mu / sqrt(3) at t = (1, 1, 1) / sqrt(3).
+    for friction in (0.01, 0.1, 0.5):
+        epsilon = epsilon_quality(AXES, AXES, friction=friction, edges=4)
+        assert epsilon == pytest.approx(friction / np.sqrt(3.0), rel=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_epsilon_agrees_with_linear_programmes_along_its_worst_direction(seed: int) -> None:
+def test_epsilon_is_the_least_extent_by_linear_programmes(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points, normals = _random_grasp(rng, 6)
     epsilon = epsilon_quality(points, normals, friction=0.8)
     center = points.mean(axis=0)
     scale = np.linalg.norm(points - center, axis=1).max()
-    wrenches = contact_wrenches(
-        points, normals, friction=0.8, origin=center, length_scale=scale
-    ).reshape(-1, 6)
+    model = WrenchModel(0.8, origin=center, length_scale=scale)
+    wrenches = model.wrenches(points, normals).reshape(-1, 6)
     directions = rng.normal(size=(60, 6))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    assert epsilon <= _epsilon_by_linear_programmes(wrenches, directions) + 1e-9
+    assert 0.0 < epsilon <= _extent_by_linear_programmes(wrenches, directions) + 1e-9
+    # Along the normal of the hull's nearest facet, the support of the wrenches is epsilon itself.
+    facets = ConvexHull(wrenches).equations  # unit normal and minus the distance
+    worst = facets[facets[:, -1].argmax(), :-1]
+    assert (wrenches @ worst).max() == pytest.approx(epsilon, rel=1e-9)
+    assert _extent_by_linear_programmes(wrenches, worst[None]) >= epsilon - 1e-9
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -156,15 +147,15 @@ def test_force_closure_is_epsilon_above_zero(seed: int) -> None:
         points, normals = _random_grasp(rng, count)
         closed = is_force_closure(points, normals, friction=0.6)
         assert closed == (epsilon_quality(points, normals, friction=0.6) > 1e-9)
-        assert closed == (min_weight(points, normals, friction=0.6) > 1e-9)
+        assert closed == (min_weight(points, normals, WrenchModel(0.6)) > 1e-9)
 
 
 def test_min_weight_is_one_for_a_symmetric_grasp_and_never_more() -> None:
-    assert min_weight(AXES, AXES, friction=0.5) == pytest.approx(1.0, abs=1e-9)
+    assert min_weight(AXES, AXES, WrenchModel(0.5)) == pytest.approx(1.0, abs=1e-9)
     rng = np.random.default_rng(5)
     for _ in range(10):
         points, normals = _random_grasp(rng, 5)
-        assert 0.0 <= min_weight(points, normals, friction=0.7) <= 1.0 + 1e-9
+        assert 0.0 <= min_weight(points, normals, WrenchModel(0.7)) <= 1.0 + 1e-9
 
 
 def test_adding_a_contact_never_lowers_epsilon() -> None:
@@ -239,39 +230,32 @@ def test_contacts_that_are_none_are_refused(bad: object) -> None:
 
 
 def test_points_without_normals_are_refused() -> None:
-    with pytest.raises(InvalidContactsError, match="one normal"):
+    with pytest.raises(InvalidContactsError) as error:
         epsilon_quality(AXES, AXES[:3], friction=0.5)
+    assert error.value.field == "normals"
 
 
-def test_options_out_of_range_are_refused() -> None:
-    with pytest.raises(InvalidOptionError, match="friction"):
-        epsilon_quality(AXES, AXES, friction=-0.1)
-    with pytest.raises(InvalidOptionError, match="length_scale"):
-        epsilon_quality(AXES, AXES, friction=0.5, length_scale=0.0)
-    with pytest.raises(InvalidOptionError, match="model"):
-        epsilon_quality(AXES, AXES, friction=0.5, model="sticky")  # type: ignore[arg-type]
-    with pytest.raises(InvalidOptionError, match="edges"):
-        epsilon_quality(AXES, AXES, friction=0.5, edges=2)
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("friction", -0.1), ("length_scale", 0.0), ("model", "sticky"), ("edges", 2)],
+)
+def test_options_out_of_range_are_refused(option: str, value: object) -> None:
+    with pytest.raises(InvalidOptionError) as error:
+        epsilon_quality(AXES, AXES, **{"friction": 0.5, option: value})  # type: ignore[arg-type]
+    assert (error.value.option, error.value.value) == (option, value)
 
 
 def test_two_fingers_carry_their_friction_and_only_straight_above_the_weight() -> None:
     # Half of the squeeze at either side, each pulls up by mu times it. A cone's edge points up.
     points, normals = np.array([[1.0, 0, 0], [-1.0, 0, 0]]), np.array([[1.0, 0, 0], [-1.0, 0, 0]])
     up = (0.0, 0.0, 1.0)
-    centered = resisted_force(points, normals, up, friction=0.5, origin=np.zeros(3), edges=4)
+    centered = resisted_force(points, normals, up, WrenchModel(0.5, origin=np.zeros(3), edges=4))
     assert centered == pytest.approx(0.5)
     # Off the line through both, nothing stops the turn about it but torsion: mu lever / offset.
     beside = np.array([0.0, 0.2, 0.0])
-    assert resisted_force(points, normals, up, friction=0.5, origin=beside) == pytest.approx(0.0)
-    soft = resisted_force(
-        points,
-        normals,
-        up,
-        friction=0.5,
-        origin=beside,
-        model="soft_finger",
-        torsion=0.02,
-    )
+    hard = WrenchModel(0.5, origin=beside)
+    assert resisted_force(points, normals, up, hard) == pytest.approx(0.0)
+    soft = resisted_force(points, normals, up, WrenchModel(0.5, "soft_finger", 0.02, beside))
     assert 0.0 < soft <= 0.02 / 0.2 + 1e-9
 
 
@@ -279,9 +263,9 @@ def test_three_fingers_below_carry_all_that_they_press() -> None:
     points = _ring(3) - [0.0, 0.0, 0.3]
     below = np.tile([0.0, 0.0, -1.0], (3, 1))
     up = (0.0, 0.0, 1.0)
-    assert resisted_force(points, below, up, friction=0.0, origin=np.zeros(3)) == pytest.approx(1.0)
-    outside = np.array([2.0, 0.0, 0.0])
-    assert resisted_force(points, below, up, friction=0.0, origin=outside) == pytest.approx(0.0)
+    for origin, expected in (((0.0, 0.0, 0.0), 1.0), ((2.0, 0.0, 0.0), 0.0)):
+        found = resisted_force(points, below, up, WrenchModel(0.0, origin=origin))
+        assert found == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -292,5 +276,5 @@ def test_a_force_in_any_direction_is_at_least_epsilon(seed: int) -> None:
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
     epsilon = epsilon_quality(points, normals, friction=0.6)
-    force = resisted_force(points, normals, direction, friction=0.6, origin=center)
+    force = resisted_force(points, normals, direction, WrenchModel(0.6, origin=center))
     assert force >= epsilon - 1e-9

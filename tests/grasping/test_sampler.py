@@ -1,4 +1,4 @@
-"""The grasp sampler: what it accepts is in force closure, reached, and free of collision."""
+"""The grasp sampler: its grasps are in force closure, reachable, and free of collision."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping import sampler as sampler_module
 from lis_grasp.grasping.contact_samples import SurfaceSamples
-from lis_grasp.grasping.refinement import vary
+from lis_grasp.grasping.grasp_refinement import perturb_grasps
 from lis_grasp.hands.collision import HandCollisionChecker
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
@@ -42,7 +42,7 @@ def test_a_hand_finds_grasps_on(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["box", "cylinder"])
-def test_a_jaw_finds_antipodal_grasps_on(name: str) -> None:
+def test_a_parallel_jaw_gripper_finds_antipodal_grasps_on(name: str) -> None:
     search = _search(JAW, name)
     assert search.grasps
     for grasp in search.grasps:
@@ -72,7 +72,7 @@ def test_pads_touch_their_contacts(box_search: GraspSearch) -> None:
         assert np.linalg.norm(centers[used] - expected, axis=1).max() <= 0.0015
 
 
-def test_no_link_collides_at_the_grasp_or_on_the_way(box_search: GraspSearch) -> None:
+def test_no_link_collides_at_the_grasp_or_on_the_approach(box_search: GraspSearch) -> None:
     mesh = shapes.build("box").mesh
     checker = HandCollisionChecker(ALLEGRO, mesh, support_height=float(mesh.bounds[0, 2]))
     for grasp in box_search.grasps:
@@ -100,7 +100,7 @@ def test_planned_forces_squeeze_in_balance(box_search: GraspSearch) -> None:
         assert np.linalg.norm(grasp.contact_forces.sum(axis=0)) < 0.01 * total
 
 
-def test_grasps_are_ranked_by_how_likely_they_are_to_hold(box_search: GraspSearch) -> None:
+def test_grasps_are_ranked_by_predicted_success(box_search: GraspSearch) -> None:
     qualities = [grasp.quality for grasp in box_search.grasps]
     values = [quality["success_probability"] for quality in qualities]
     assert values == sorted(values, reverse=True)
@@ -113,7 +113,7 @@ def test_grasps_are_ranked_by_how_likely_they_are_to_hold(box_search: GraspSearc
         assert quality["closure_probability"] == 1.0
 
 
-def test_the_less_a_surface_is_known_the_less_likely_its_grasps_hold(
+def test_a_more_uncertain_surface_lowers_the_predicted_success(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sampler_module, "_STEPS", ())  # so that some grasps are the same
@@ -161,7 +161,9 @@ def test_grasps_turn_and_move_with_the_object(hand: Hand, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["box", "mallet", "torus"])
-def test_refined_grasps_are_likelier_to_hold(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refinement_raises_the_predicted_success(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     refined = _search(ALLEGRO, name, seed=5)
     monkeypatch.setattr(sampler_module, "_STEPS", ())
     drawn = _search(ALLEGRO, name, seed=5)
@@ -175,13 +177,15 @@ def test_refined_grasps_are_likelier_to_hold(name: str, monkeypatch: pytest.Monk
     assert drawn.candidates < refined.candidates <= drawn.candidates + 10 * len(drawn.grasps)
 
 
-def test_varied_contacts_lie_on_the_surface_beside_those_they_vary(
+def test_perturbed_contacts_are_on_the_surface_near_the_original_ones(
     box_search: GraspSearch,
 ) -> None:
     mesh, rng = shapes.build("box").mesh, np.random.default_rng(0)
     samples = SurfaceSamples(mesh, lowest=-np.inf, rng=rng)
     grasps = box_search.grasps
-    parents, sets, X_OH, q = vary(ALLEGRO, grasps, samples, each=30, distance=0.004, rng=rng)
+    parents, sets, X_OH, q = perturb_grasps(
+        ALLEGRO, grasps, samples, each=30, distance=0.004, rng=rng
+    )
     assert len(parents) == len(sets) == len(X_OH) == len(q) > 15 * len(grasps)
     for parent, points, normals, used in zip(
         parents, sets.points, sets.normals, sets.used, strict=True
@@ -194,11 +198,13 @@ def test_varied_contacts_lie_on_the_surface_beside_those_they_vary(
         assert np.linalg.norm(points[used] - grasps[parent].contact_points, axis=1).max() < 0.03
 
 
-def test_contacts_do_not_move_to_where_no_pad_may_press(box_search: GraspSearch) -> None:
+def test_perturbed_contacts_stay_on_usable_surface(box_search: GraspSearch) -> None:
     mesh, rng = shapes.build("box").mesh, np.random.default_rng(0)
     lowest = float(mesh.bounds[1, 2]) - 0.03
     samples = SurfaceSamples(mesh, lowest=lowest, rng=rng)
-    _, sets, _, _ = vary(ALLEGRO, box_search.grasps, samples, each=50, distance=0.02, rng=rng)
+    _, sets, _, _ = perturb_grasps(
+        ALLEGRO, box_search.grasps, samples, each=50, distance=0.02, rng=rng
+    )
     assert len(sets)
     # A contact may lie 5 mm beside its sample.
     assert sets.points[sets.used][:, 2].min() > lowest - 0.005
@@ -221,7 +227,7 @@ def test_an_object_too_wide_for_the_hand_gives_reasons_instead_of_grasps() -> No
 
 
 @pytest.mark.parametrize("width", [0.006, 0.011])
-def test_a_bar_that_a_pad_overhangs_is_taken_by_the_middle_of_its_faces(width: float) -> None:
+def test_a_bar_narrower_than_a_pad_is_grasped_at_the_middle_of_its_faces(width: float) -> None:
     bar = trimesh.creation.box((width, width, 0.12))
     search = ForceClosureSampler(JAW, candidates=1000).sample(
         bar, rng=np.random.default_rng(0), support_height=-0.06
@@ -238,7 +244,7 @@ def test_a_bar_that_a_pad_overhangs_is_taken_by_the_middle_of_its_faces(width: f
 
 
 @pytest.mark.parametrize("radius", [0.004, 0.008])
-def test_a_jaw_takes_a_thin_rod_across(radius: float) -> None:
+def test_a_parallel_jaw_gripper_grasps_a_thin_rod(radius: float) -> None:
     rod = trimesh.creation.cylinder(radius=radius, height=0.12, sections=64)
     search = ForceClosureSampler(JAW, candidates=1000).sample(
         rod, rng=np.random.default_rng(0), support_height=-0.06
@@ -252,7 +258,7 @@ def test_a_jaw_takes_a_thin_rod_across(radius: float) -> None:
         assert np.abs(grasp.contact_points[:, 2]).max() < 0.06 - 0.005
 
 
-def test_pads_lie_across_balls_and_rods_but_not_beside_edges_or_in_grooves() -> None:
+def test_pads_may_press_on_balls_and_rods_but_not_beside_edges_or_in_grooves() -> None:
     def samples(mesh: trimesh.Trimesh) -> SurfaceSamples:
         return SurfaceSamples(mesh, lowest=-1.0, rng=np.random.default_rng(0), bends=True)
 
@@ -274,7 +280,7 @@ def test_pads_lie_across_balls_and_rods_but_not_beside_edges_or_in_grooves() -> 
     assert np.linalg.norm(points[:, :2], axis=1).min() > 0.01
 
 
-def test_triangles_without_area_are_no_edges_to_lie_across() -> None:
+def test_triangles_without_area_give_no_contact_samples() -> None:
     box = trimesh.creation.box((0.06, 0.06, 0.10))
     a, b, c = (int(v) for v in box.faces[0])
     first = len(box.vertices)
@@ -314,8 +320,9 @@ def test_an_open_mesh_is_refused() -> None:
 
 @pytest.mark.parametrize("options", [{"friction": 0.0}, {"candidates": 0}])
 def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
-    with pytest.raises(InvalidOptionError):
+    with pytest.raises(InvalidOptionError) as error:
         ForceClosureSampler(JAW, **options)  # type: ignore[arg-type]
+    assert error.value.option == next(iter(options))
 
 
 @pytest.mark.parametrize("name", ["box", "pentagon", "mallet"])
@@ -336,7 +343,7 @@ def test_contacts_stay_off_edges_and_on_the_object(name: str) -> None:
     assert cKDTree(edge).query(points)[0].min() > 0.5e-3
 
 
-def test_pads_may_lie_across_straight_convex_edges() -> None:
+def test_pads_may_press_on_straight_convex_edges() -> None:
     box = trimesh.creation.box((0.06, 0.06, 0.10))
     plain, more = (
         SurfaceSamples(box, lowest=-0.04, rng=np.random.default_rng(0), bends=bends)
@@ -361,7 +368,7 @@ def test_pads_may_lie_across_straight_convex_edges() -> None:
     assert cKDTree(inner).query(both.points)[0].min() > 1e-3
 
 
-def test_a_jaw_takes_a_pentagon_across_an_edge() -> None:
+def test_a_parallel_jaw_gripper_grasps_a_pentagon_at_an_edge() -> None:
     pentagon = shapes.build("pentagon")
     search = _search(JAW, "pentagon", candidates=400)
     assert search.grasps

@@ -13,6 +13,7 @@ from scipy.optimize import OptimizeResult
 
 from lis_grasp import ForceClosureSampler, Grasp, Hand
 from lis_grasp.cli.main import main
+from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.force_closure import is_force_closure, min_weight, resisted_force
 from lis_grasp.simulation.lift_scene import LiftScene
 from lis_grasp.simulation.simulate_lift import simulate_lift
@@ -39,7 +40,7 @@ FAULTS = {
         ESTIMATED,
     ),
     "a linear programme": ("lis_grasp.grasping.force_closure.linprog", 2, ESTIMATED),
-    "inverse kinematics": ("lis_grasp.grasping.placement.reach", 1, ESTIMATED),
+    "inverse kinematics": ("lis_grasp.grasping.candidate_filter.solve_ik", 1, ESTIMATED),
     "Drake's plant": ("lis_grasp.simulation.lift_scene.add_object", 0, ESTIMATED),
 }
 
@@ -85,17 +86,17 @@ def test_without_a_solution_of_the_solver_no_grasp_is_accepted(
     status: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     points = np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.0], [-0.5, -0.8, 0.0]])
-    arguments = {"points": points, "normals": points, "friction": 0.8}
-    assert is_force_closure(**arguments)
-    assert min_weight(**arguments) > 0.0
-    assert resisted_force(**arguments, direction=(0.0, 0.0, 1.0), origin=np.zeros(3)) > 0.0
+    model, up = WrenchModel(0.8, origin=np.zeros(3)), (0.0, 0.0, 1.0)
+    assert is_force_closure(points, points, friction=0.8)
+    assert min_weight(points, points, model) > 0.0
+    assert resisted_force(points, points, up, model) > 0.0
     monkeypatch.setattr(
         "lis_grasp.grasping.force_closure.linprog",
         lambda **_: OptimizeResult(x=None, status=status, success=False),
     )
-    assert not is_force_closure(**arguments)
-    assert min_weight(**arguments) == 0.0
-    assert resisted_force(**arguments, direction=(0.0, 0.0, 1.0), origin=np.zeros(3)) == 0.0
+    assert not is_force_closure(points, points, friction=0.8)
+    assert min_weight(points, points, model) == 0.0
+    assert resisted_force(points, points, up, model) == 0.0
 
 
 def _lose_all_numbers(scene: LiftScene) -> None:

@@ -16,7 +16,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.grip import balanced_grip
+from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.wrist_trajectory import line, shake

@@ -1,19 +1,18 @@
-"""How likely a grasp is to hold, given how well the surface is known that it was planned on."""
+"""Sampling of contacts on an uncertain estimated surface."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
 from lis_grasp.typing import FloatArray
 
-# Over which share of the object's largest extent errors of an estimate go together: the distance of
-# contacts from each other when an object of that size is explored.
-_CORRELATION_SHARE = 0.25
+# Errors of an estimate are correlated over this fraction of the object's largest extent: the usual
+# spacing of touches.
+_CORRELATION_FRACTION = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,14 +20,14 @@ class UncertainSurface:
     """An estimated surface whose error along its normals is a Gaussian field.
 
     The field is ``s g``: the estimate's own standard deviation s, which grows with the distance
-    from a touch, times a field g of unit deviation and squared-exponential correlation. Normals err
-    by its slope, ``s grad g + g grad s``: near a touch the surface is where it should be, but where
-    s grows fast it soon is not. The slope of g has the deviation 1 over the correlation length.
+    from a touch, times a field g of unit deviation and squared-exponential correlation. Errors of
+    normals are its slope, ``s grad g + g grad s``. The slope of g has the deviation 1 over the
+    correlation length.
 
     Parameters
     ----------
     vertices
-        Shape (V, 3) [m].
+        Tree of the V vertices [m].
     deviations
         Shape (V,) [m]: s, one standard deviation of the surface along its normal.
     gradients
@@ -44,15 +43,11 @@ class UncertainSurface:
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh) -> UncertainSurface:
-        """Take the deviations from a mesh's vertex attribute ``"uncertainty"``, 0 without it."""
+        """Read the deviations from a mesh's vertex attribute ``"uncertainty"``, 0 without it."""
         known = mesh.vertex_attributes.get("uncertainty")
         deviations = np.zeros(len(mesh.vertices)) if known is None else np.asarray(known)
-        length = _CORRELATION_SHARE * float(mesh.extents.max())
+        length = _CORRELATION_FRACTION * float(mesh.extents.max())
         return cls(cKDTree(mesh.vertices), deviations, _gradients(mesh, deviations), length)
-
-    def _nearest(self, points: FloatArray) -> npt.NDArray[np.intp]:
-        nearest: npt.NDArray[np.intp] = self.vertices.query(points)[1]
-        return nearest
 
     def sample_contacts(
         self,
@@ -62,10 +57,10 @@ class UncertainSurface:
         samples: int,
         rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray]:
-        """Draw where fingers would meet the surface that the estimate may stand for.
+        """Sample the contacts of planned grasps on surfaces that the estimate allows.
 
         Fingers close along the planned normals until they touch: contacts move along them, and
-        normals tilt. Draws are the same numbers for all grasps, so that their order says more.
+        normals tilt. All grasps use the same random numbers, so that they are compared alike.
 
         Parameters
         ----------
@@ -74,7 +69,7 @@ class UncertainSurface:
         samples
             S, draws.
         rng
-            For the draws.
+            For every draw.
 
         Returns
         -------
@@ -86,7 +81,7 @@ class UncertainSurface:
             rng.normal(size=(samples, contacts)),
             rng.normal(size=(samples, contacts, 3)),
         )
-        nearest = self._nearest(points)  # (B, C)
+        nearest = self.vertices.query(points)[1]  # (B, C)
         deviations, gradients = self.deviations[nearest], self.gradients[nearest]
         between = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)  # (B, C, C)
         correlation = np.exp(-0.5 * (between / self.correlation_length) ** 2)

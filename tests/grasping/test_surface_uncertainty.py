@@ -1,10 +1,10 @@
-"""Samples of an uncertain surface, against the moments that they are promised to have."""
+"""Samples of an uncertain surface have the moments of its model."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.grasping.shape_uncertainty import UncertainSurface
+from lis_grasp.grasping.surface_uncertainty import UncertainSurface
 
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.04)
 
@@ -34,7 +34,9 @@ def test_contacts_move_along_their_normals_with_the_surfaces_deviation() -> None
 
 
 @pytest.mark.parametrize(("apart", "correlation"), [(0.002, 0.995), (0.02, 0.607), (0.08, 0.0)])
-def test_errors_go_together_over_a_quarter_of_the_object(apart: float, correlation: float) -> None:
+def test_errors_are_correlated_over_a_quarter_of_the_object(
+    apart: float, correlation: float
+) -> None:
     surface = _uncertain(np.full(len(BALL.vertices), 0.002))
     assert surface.correlation_length == pytest.approx(0.02, rel=1e-3)
     points, normals = _two_contacts(apart)
@@ -66,7 +68,7 @@ def test_normals_tilt_where_the_deviation_grows() -> None:
     assert np.abs(slopes[:, 1]).max() < 1e-3
 
 
-def test_a_lean_goes_against_the_rise() -> None:
+def test_normals_tilt_away_from_where_the_error_grows() -> None:
     # Where the surface is higher than estimated and the more so the higher z, its normal leans
     # towards lower z.
     surface = _uncertain(0.002 + 0.02 * BALL.vertices[:, 2])
@@ -81,7 +83,7 @@ def test_a_lean_goes_against_the_rise() -> None:
     assert slope == pytest.approx(-0.02, abs=3.0 * 0.1 / np.sqrt(4000))
 
 
-def test_deviations_are_those_of_the_nearest_vertex_and_none_without_an_estimate() -> None:
+def test_deviations_are_those_of_the_nearest_vertex_and_zero_without_uncertainty() -> None:
     deviations = np.where(BALL.vertices[:, 2] > 0.0, 0.001, 0.005)
     surface = _uncertain(deviations)
     points, normals = (

@@ -1,20 +1,19 @@
-"""Vary grasps a little: contacts beside theirs, to see whether these hold better."""
+"""Grasp refinement: contact sets near those of known grasps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.grasping.contact_samples import SurfaceSamples
-from lis_grasp.grasping.contact_search import ContactSets
+from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IndexArray
 
 
-def vary(
+def perturb_grasps(
     hand: Hand,
     grasps: Sequence[Grasp],
     samples: SurfaceSamples,
@@ -22,22 +21,21 @@ def vary(
     each: int,
     distance: float,
     rng: np.random.Generator,
-) -> tuple[npt.NDArray[np.intp], ContactSets, FloatArray, FloatArray]:
-    """Return contact sets near those of grasps, and the postures of the grasps to start from.
+) -> tuple[IndexArray, ContactSets, FloatArray, FloatArray]:
+    """Perturb the contacts of grasps, and project them on the surface.
 
-    All contacts of a set move by one random step together, and each by one of its own, whose share
-    is random too; steps are drawn in the palm's frame, so that grasps turn with the object. Then
-    contacts go to the surface. Sets with one that finds no usable surface where it should be are
-    left out.
+    All contacts of a set move by one common random step, blended with a step of each contact by a
+    random weight. Steps are drawn in the palm's frame, so that grasps turn with the object. Sets
+    with a contact that finds no usable surface are left out.
 
     Parameters
     ----------
     hand, samples
-        The hand, and where it may touch.
+        The hand, and the points that it may touch.
     grasps
         Of this hand.
     each
-        Sets to try for each grasp.
+        Sets to draw for each grasp.
     distance
         Standard deviation of the steps in each coordinate [m].
     rng
@@ -46,8 +44,8 @@ def vary(
     Returns
     -------
     tuple
-        Of B sets: the index (B,) of the grasp that each is a variation of, the sets, and palm poses
-        (B, 4, 4) and joint positions (B, J) to start reaching from.
+        Of B sets: the index (B,) of the perturbed grasp, the sets, and an initial guess of inverse
+        kinematics: palm poses (B, 4, 4) and joint positions (B, J).
     """
     parents = np.repeat(np.arange(len(grasps)), each)
     points = np.zeros((len(grasps), len(hand.pads), 3))
@@ -70,9 +68,8 @@ def vary(
         np.where(mask, on_surface[kept], 0.0),
         np.where(mask, normals[kept], 0.0),
         used[kept],
-        X_OH[:, :3, :3],
     )
-    # The palm goes along with the middle of the contacts.
+    # The palm moves with the middle of the contacts.
     shift = ((on_surface - points) * used[..., None]).sum(axis=1) / used.sum(axis=1)[:, None]
     X_OH[:, :3, 3] += shift[kept]
     return parents[kept], sets, X_OH, q

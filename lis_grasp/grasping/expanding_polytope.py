@@ -1,4 +1,4 @@
-"""The largest ball about the origin inside convex bodies: expanding polytopes, many at a time."""
+"""Largest inscribed balls of convex bodies in six dimensions (expanding polytope algorithm)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from lis_grasp.typing import FloatArray, IndexArray
 # farthest along its direction.
 Farthest = Callable[[FloatArray, IndexArray], FloatArray]
 
-# Radius of the corners of the simplex that every polytope starts from: smaller balls may be missed.
 LEAST_RADIUS = 1e-4
+"""Radius of the simplex that every polytope starts from; smaller balls may be missed."""
 _CORNERS = 7
 # Bodies that are worked on together: their facets fit into a processor's cache.
 _TOGETHER = 40
 _MOST_POINTS = 249 - _CORNERS
-# How far a point must be beyond a facet to see it, as a share of the facet's distance.
+# A point sees a facet if it is beyond it by more than this fraction of the facet's distance.
 _SEEN = 1e-9
-# Wrenches of one contact lie in a plane: vertices are moved by this much along each axis, so that
-# no facet is flat in itself.
+# Wrenches of one contact are coplanar: vertices are moved by this much along each axis, so that no
+# facet is degenerate.
 _JOGGLE = 1e-6
 
 
@@ -34,24 +34,13 @@ class _Facets:
     """Facets of B simplicial polytopes about the origin, sorted by polytope.
 
     A facet with its vertices as the rows of M is in the plane ``v x = 1``, ``v = M^-1 (1 ... 1)``.
-
-    Parameters
-    ----------
-    owner
-        Shape (F,): which polytope.
-    vertices
-        Shape (F, 6): numbers of the vertices.
-    inverses
-        Shape (F, 6, 6): M^-1; column j is orthogonal to all vertices but the j-th.
-
-    planes
-        Shape (F, 6): v.
+    Column j of ``M^-1`` is orthogonal to all vertices but the j-th.
     """
 
-    owner: IndexArray
-    vertices: npt.NDArray[np.int64]
-    inverses: FloatArray
-    planes: FloatArray
+    owner: IndexArray  # (F,): which polytope
+    vertices: npt.NDArray[np.int64]  # (F, 6): numbers of the vertices
+    inverses: FloatArray  # (F, 6, 6): M^-1
+    planes: FloatArray  # (F, 6): v
 
     def subset(self, index: npt.NDArray[np.bool_] | IndexArray) -> _Facets:
         return _Facets(
@@ -59,23 +48,22 @@ class _Facets:
         )
 
 
-def inner_radii(farthest: Farthest, count: int, *, tolerance: float = 1e-6) -> FloatArray:
-    """Return the radii of the largest balls about the origin inside convex bodies of 6 dimensions.
+def inscribed_ball_radii(farthest: Farthest, count: int, *, tolerance: float = 1e-6) -> FloatArray:
+    """Return the radii of the largest balls about the origin inside convex bodies.
 
-    The expanding polytope algorithm (van den Bergen 2001): a polytope inside the body, at first a
-    tiny simplex, is nearest to the origin at one of its facets; the body's farthest point along
-    that facet's normal either confirms the facet, or becomes a vertex. Only facets near the origin
-    are ever made, which is what makes it faster than a whole hull (Zheng 2013), and the body needs
-    no more than a support function: it may be round.
+    The expanding polytope algorithm (van den Bergen 2001) starts from a tiny simplex. It takes the
+    facet nearest to the origin and the body's farthest point along the facet's normal. That point
+    either confirms the facet, or becomes a vertex. Only facets near the origin are made, so that it
+    is faster than a whole hull (Zheng 2013).
 
     Parameters
     ----------
     farthest
-        Support of the bodies; called with unit directions.
+        Support function of the bodies; called with unit directions.
     count
         B, of bodies.
     tolerance
-        Share of the radius by which the result may be too small, besides 3e-6.
+        Fraction of the radius by which the result may be too small, besides 3e-6.
 
     Returns
     -------
@@ -102,21 +90,21 @@ def _expand(farthest: Farthest, count: int, tolerance: float) -> FloatArray:
     facets = _simplices(count)
     radii = np.zeros(count)
     corners = np.full((_MOST_POINTS, count, 6), np.inf)
-    muddled = np.zeros(count, dtype=bool)
+    degenerate = np.zeros(count, dtype=bool)
     for step in range(_MOST_POINTS):
         nearest = _nearest(facets)
         bodies = facets.owner[nearest]
         v = facets.planes[nearest]  # (b, 6)
         length = np.linalg.norm(v, axis=1)
         points = farthest(v / length[:, None], bodies)
-        # A facet on a corner of the simplex says nothing about a body that does not contain it.
-        proven = (facets.vertices[nearest] >= _CORNERS).all(axis=1)
-        radii[bodies] = np.where(proven, 1.0 / length, 0.0)
+        # The body need not contain the simplex: facets on its corners give no radius.
+        confirmed = (facets.vertices[nearest] >= _CORNERS).all(axis=1)
+        radii[bodies] = np.where(confirmed, 1.0 / length, 0.0)
         beyond = _beyond(v, points, tolerance)
-        # Nothing is beyond a polytope that it is a corner of: facets that are nearly flat in
-        # themselves have misled about which of them a corner sees.
+        # A vertex cannot be beyond its own polytope: rounding at nearly degenerate facets has
+        # misled about which facets a vertex sees.
         again = (np.abs(corners[:step, bodies] - points).max(axis=-1) < _JOGGLE).any(axis=0)
-        muddled[bodies[beyond & again]] = True
+        degenerate[bodies[beyond & again]] = True
         corners[step, bodies] = points
         growing = np.zeros(count, dtype=bool)
         growing[bodies[beyond & ~again]] = True
@@ -126,11 +114,11 @@ def _expand(farthest: Farthest, count: int, tolerance: float) -> FloatArray:
         apexes = np.zeros((count, 6))
         apexes[bodies] = points + _JOGGLE * np.sin(np.arange(6.0 * number, 6.0 * number + 6) ** 2)
         facets = _grow(facets.subset(growing[facets.owner]), apexes, number)
-        muddled[facets.owner[~np.isfinite(facets.planes).all(axis=1)]] = True
-        facets = facets.subset(~muddled[facets.owner])
+        degenerate[facets.owner[~np.isfinite(facets.planes).all(axis=1)]] = True
+        facets = facets.subset(~degenerate[facets.owner])
         if not len(facets.owner):
             break
-    for body in np.flatnonzero(muddled):
+    for body in np.flatnonzero(degenerate):
         radii[body] = _expand_hull(farthest, body, corners[:, body], tolerance)
     return radii
 
@@ -138,13 +126,13 @@ def _expand(farthest: Farthest, count: int, tolerance: float) -> FloatArray:
 def _beyond(v: FloatArray, points: FloatArray, tolerance: float) -> npt.NDArray[np.bool_]:
     """Return which points (b, 6) are beyond planes ``v x = 1`` by enough to matter."""
     length = np.linalg.norm(v, axis=1)
-    reach = (v * points).sum(axis=1)  # over the plane's distance
+    along = (v * points).sum(axis=1)  # in multiples of the plane's distance
     enough = 1.0 + tolerance + 3.0 * _JOGGLE * length
-    return np.asarray((reach > enough) & (reach > LEAST_RADIUS * length))
+    return np.asarray((along > enough) & (along > LEAST_RADIUS * length))
 
 
 def _expand_hull(farthest: Farthest, body: np.intp, corners: FloatArray, tolerance: float) -> float:
-    """Return the radius of one body: the same by whole hulls, which are slow and never muddled."""
+    """Return the radius of one body by whole hulls, which are slow but robust."""
     points = corners[np.isfinite(corners).all(axis=1)]
     while True:
         hull = ConvexHull(np.vstack([_simplex(), points]), qhull_options="QJ")
@@ -162,9 +150,9 @@ def _simplex() -> FloatArray:
     """Return the corners (7, 6) of a small regular simplex about the origin."""
     corners = np.vstack([np.eye(6), np.full((1, 6), (1.0 - np.sqrt(7.0)) / 6.0)])
     corners -= corners.mean(axis=0)
-    # Turned, so that no wrench of a grasp with axes of its own lies in the plane of a ridge.
-    turn, _ = np.linalg.qr(np.sin(np.arange(36.0) ** 2).reshape(6, 6))
-    return np.asarray(LEAST_RADIUS * (corners @ turn) / np.linalg.norm(corners[0]))
+    # Rotated, so that no wrench along a coordinate axis is in the plane of a ridge.
+    rotation, _ = np.linalg.qr(np.sin(np.arange(36.0) ** 2).reshape(6, 6))
+    return np.asarray(LEAST_RADIUS * (corners @ rotation) / np.linalg.norm(corners[0]))
 
 
 def _simplices(count: int) -> _Facets:
@@ -189,7 +177,7 @@ def _nearest(facets: _Facets) -> IndexArray:
 
 
 def _grow(facets: _Facets, apexes: FloatArray, number: int) -> _Facets:
-    """Add a vertex to each polytope: the facets that it sees give way to a cone over their rim."""
+    """Add a vertex to each polytope: a cone over the rim replaces the facets that it sees."""
     seen = (facets.planes * apexes[facets.owner]).sum(axis=1) > 1.0 + _SEEN
     old = facets.subset(np.flatnonzero(seen))
     facet, place = _rim(old)
@@ -215,15 +203,16 @@ def _grow(facets: _Facets, apexes: FloatArray, number: int) -> _Facets:
 
 
 def _rim(facets: _Facets) -> tuple[IndexArray, IndexArray]:
-    """Return the ridges on the rim of each polytope's facets: the facet, and the vertex left out.
+    """Return ridges that only one facet has: the facet, and its vertex that the ridge lacks.
 
-    A ridge is five of a facet's vertices; it is on the rim if no other facet shares it.
+    A ridge is five of a facet's vertices.
     """
     order = np.argsort(facets.vertices, axis=1)
     ordered = np.take_along_axis(facets.vertices, order, axis=1)  # (F, 6)
     digits = 256 ** np.arange(5)
     lower, upper = ordered[:, :-1] * digits, ordered[:, 1:] * digits
-    # Without the j-th vertex: those before it keep their digit, those after move down by one.
+    # Keys of ridges without the j-th vertex: vertices before it keep their digit, those after it
+    # move down by one.
     before = np.concatenate([np.zeros((len(ordered), 1), np.int64), lower.cumsum(axis=1)], axis=1)
     after = np.concatenate(
         [upper[:, ::-1].cumsum(axis=1)[:, ::-1], np.zeros((len(ordered), 1), np.int64)], axis=1

@@ -1,98 +1,68 @@
-"""Where fingers could touch: sets of contacts that oppose each other across a mesh."""
+"""Antipodal sampling of contact sets: one contact of the thumb against those of the fingers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from lis_grasp.grasping.contact_samples import REACH, SurfaceSamples
+from lis_grasp.grasping.contact_samples import SEARCH_RADIUS, SurfaceSamples
+from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.hands.hand import Hand
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
-# Contacts oppose each other when their normals do, within these angles [rad]: straight across from
-# the thumb, and for the fingers, each of which may have a face of its own (a prism's).
+# Contacts oppose each other if their normals do, within these angles [rad]: the first for the point
+# straight across from the thumb, the second for each finger, which may be on a face of its own.
 _OPPOSED_ANGLE, _FINGER_ANGLE = np.deg2rad(38.0), np.deg2rad(48.0)
-# The thumb pushes sideways: its normal is no steeper than this above or below the horizontal.
+# The thumb pushes sideways: its normal is at most this far from the horizontal.
 _STEEPEST = np.sin(np.deg2rad(40.0))
 _APPROACH_ANGLES = np.deg2rad([0.0, 0.0, -20.0, 20.0, -40.0, 40.0, -65.0, 65.0])
 _SPREADS = (0.55, 0.75, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ContactSets:
-    """B sets of contacts, one contact a pad, with the palm's orientation that they are meant for.
-
-    Parameters
-    ----------
-    points, normals
-        Shape (B, F, 3): in O [m], and unit, outward; zeros where a pad is not used.
-    used
-        Shape (B, F), bool.
-    R_OH
-        Shape (B, 3, 3): the palm's orientation.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    used: npt.NDArray[np.bool_]
-    R_OH: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def by_count(self) -> Iterator[tuple[npt.NDArray[np.intp], FloatArray, FloatArray]]:
-        """Yield sets of equally many contacts: their indices (b,), points and normals (b, C, 3)."""
-        counts = self.used.sum(axis=1)
-        for count in np.unique(counts):
-            alike = np.flatnonzero(counts == count)
-            used = self.used[alike]
-            points, normals = self.points[alike][used], self.normals[alike][used]
-            yield alike, points.reshape(-1, count, 3), normals.reshape(-1, count, 3)
-
-    def subset(self, index: npt.NDArray[np.intp] | npt.NDArray[np.bool_]) -> ContactSets:
-        """Return some of the sets."""
-        return ContactSets(
-            self.points[index], self.normals[index], self.used[index], self.R_OH[index]
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Opposition:
-    """How a hand's pads oppose each other in its palm frame: one pad against all others."""
+    """The pad that faces all others (the thumb), and their arrangement in the palm frame."""
 
     thumb: int
     others: tuple[int, ...]
-    frame_H: (
-        FloatArray  # (3, 3), columns: approach, lateral, closing (from the thumb to the others)
-    )
-    lateral: FloatArray  # (F,) [m]: the pads' places along the lateral axis
+    frame_H: FloatArray  # (3, 3), columns: approach, lateral, closing (thumb to others)
+    lateral: FloatArray  # (F,) [m]: coordinates of the pads along the lateral axis
 
 
-def find_contact_sets(
+def sample_contact_sets(
     hand: Hand, samples: SurfaceSamples, *, count: int, rng: np.random.Generator
-) -> tuple[ContactSets, dict[str, int]]:
-    """Draw sets of contacts with one pad against the others, and count the draws that failed.
+) -> tuple[ContactSets, FloatArray, dict[str, int]]:
+    """Draw sets of contacts with one pad against the others.
 
-    The thumb's contact is drawn from the samples; the others lie where lines against its normal,
-    beside each other as the fingers are, leave the object again. Normals that face each other make
-    force closure possible (Nguyen 1988); it is checked by whoever uses the sets.
+    The thumb's contact is one of the samples. The line against its normal leaves the object on the
+    far side; the other contacts are there, beside each other as the fingers are. Opposed normals
+    make force closure possible (Nguyen 1988), which is checked later.
 
     Parameters
     ----------
     hand, samples
-        The hand, and where it may touch.
+        The hand, and the points that it may touch.
     count
         Draws to make.
     rng
         For every draw.
+
+    Returns
+    -------
+    ContactSets
+        B sets; pads that are not used have zeros.
+    FloatArray
+        Shape (B, 3, 3): the palm's orientation R_OH that each set is meant for.
+    dict
+        Number of failed draws by reason. ``steep``: the thumb's normal is far from the horizontal;
+        ``no_opposing_surface``: nothing across from it has an opposed normal;
+        ``no_surface_for_a_finger``: a finger has no opposed surface beside that point.
     """
     opposition = _opposition(hand)
     pads = len(hand.pads)
     rejected = {"steep": 0, "no_opposing_surface": 0, "no_surface_for_a_finger": 0}
-    sets: list[tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]] = []
+    sets: list[tuple[FloatArray, FloatArray, BoolArray, FloatArray]] = []
     for _ in range(count):
         i = int(rng.integers(len(samples)))
         angle = float(rng.choice(_APPROACH_ANGLES)) + float(rng.normal(0.0, 0.05))
@@ -102,14 +72,14 @@ def find_contact_sets(
         if abs(n[2]) > _STEEPEST:
             rejected["steep"] += 1
             continue
-        across = _far_side(samples, p, n)
+        across = _opposing_point(samples, p, n)
         if across is None:
             rejected["no_opposing_surface"] += 1
             continue
         R_OH = _orientation(-n, angle) @ opposition.frame_H.T
         lateral_O = R_OH @ opposition.frame_H[:, 1]
         offsets = spread * (opposition.lateral[chosen] - opposition.lateral[chosen].mean())
-        fingers = _meet_surface(samples, across + offsets[:, None] * lateral_O, n)
+        fingers = _finger_contacts(samples, across + offsets[:, None] * lateral_O, n)
         if fingers is None:
             rejected["no_surface_for_a_finger"] += 1
             continue
@@ -121,23 +91,25 @@ def find_contact_sets(
         sets.append((points, normals, used, R_OH))
     if not sets:
         empty = np.zeros((0, pads, 3))
-        return ContactSets(empty, empty, np.zeros((0, pads), bool), np.zeros((0, 3, 3))), rejected
-    points_, normals_, used_, R_ = (np.array(column) for column in zip(*sets, strict=True))
-    return ContactSets(points_, normals_, used_, R_), rejected
+        return ContactSets(empty, empty, np.zeros((0, pads), bool)), np.zeros((0, 3, 3)), rejected
+    *contacts, R_OH = (np.array(column) for column in zip(*sets, strict=True))
+    return ContactSets(*contacts), R_OH, rejected
 
 
-def initial_postures(hand: Hand, sets: ContactSets) -> tuple[FloatArray, FloatArray]:
-    """Return where to start reaching: palm poses (B, 4, 4) and joint positions (B, J).
+def initial_postures(
+    hand: Hand, sets: ContactSets, R_OH: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return initial guesses of inverse kinematics: palm poses (B, 4, 4), joint positions (B, J).
 
-    Each set starts from the pregrasp whose opening is the narrowest that clears the contacts, with
-    the opened pads' middle at the contacts' middle.
+    Each set starts from the pregrasp with the narrowest opening that clears the contacts, the
+    middle of the opened pads at the middle of the contacts. `R_OH` are the palm's orientations.
     """
     pregrasps = np.array(list(hand.pregrasps.values()))  # (G, J)
     centers_H = hand.pad_centers(np.eye(4), pregrasps)  # (G, F, 3)
     radii = np.array([pad.radius for pad in hand.pads])
     opposition = _opposition(hand)
     X_OH = np.tile(np.eye(4), (len(sets), 1, 1))
-    X_OH[:, :3, :3] = sets.R_OH
+    X_OH[:, :3, :3] = R_OH
     chosen = np.empty(len(sets), dtype=np.intp)
     for b in range(len(sets)):
         used = [f for f in opposition.others if sets.used[b, f]]
@@ -151,14 +123,14 @@ def initial_postures(hand: Hand, sets: ContactSets) -> tuple[FloatArray, FloatAr
         )
         middle_H = 0.5 * (centers_H[chosen[b], thumb] + centers_H[chosen[b]][used].mean(axis=0))
         middle_O = 0.5 * (targets[thumb] + targets[used].mean(axis=0))
-        X_OH[b, :3, 3] = middle_O - sets.R_OH[b] @ middle_H
+        X_OH[b, :3, 3] = middle_O - R_OH[b] @ middle_H
     return X_OH, pregrasps[chosen]
 
 
 def _opposition(hand: Hand) -> _Opposition:
     q = next(iter(hand.pregrasps.values()))
     centers, axes = hand.pad_centers(np.eye(4), q), hand.pad_axes(np.eye(4), q)
-    # The thumb is the pad that faces the others: least aligned with their mean axis.
+    # The thumb's axis is the least aligned with the mean axis of the others.
     facing = [
         float(axes[f] @ np.delete(axes, f, axis=0).mean(axis=0)) for f in range(len(hand.pads))
     ]
@@ -177,7 +149,7 @@ def _opposition(hand: Hand) -> _Opposition:
 
 
 def _choose_fingers(opposition: _Opposition, rng: np.random.Generator) -> list[int]:
-    """Return neighbouring fingers to use: all of them half of the time, else a pair."""
+    """Draw neighbouring fingers to use: all of them half of the time, else a pair."""
     others = sorted(opposition.others, key=lambda f: opposition.lateral[f])
     if len(others) < 3 or rng.random() < 0.5:
         return others
@@ -194,32 +166,34 @@ def _orientation(closing: FloatArray, angle: float) -> FloatArray:
     return np.column_stack([approach, np.cross(closing, approach), closing])
 
 
-def _far_side(samples: SurfaceSamples, p: FloatArray, n: FloatArray) -> FloatArray | None:
-    """Return where the line from p against n last leaves the object, or None."""
+def _opposing_point(samples: SurfaceSamples, p: FloatArray, n: FloatArray) -> FloatArray | None:
+    """Return where the line from p against n last leaves the object; None if not opposed there."""
     relative = samples.points - p
     depth = -(relative @ n)  # (S,)
     beside = np.linalg.norm(relative + depth[:, None] * n, axis=1)
-    opposed = (samples.normals @ n < -np.cos(_OPPOSED_ANGLE)) & (beside < REACH) & (depth > 0.0)
+    opposed = (
+        (samples.normals @ n < -np.cos(_OPPOSED_ANGLE)) & (beside < SEARCH_RADIUS) & (depth > 0.0)
+    )
     if not opposed.any():
         return None
     index = np.flatnonzero(opposed)
     outermost = index[depth[index] > depth[index].max() - 0.003]
     j = int(outermost[np.argmin(beside[outermost])])
-    return samples.met(p, -n, j)
+    return samples.intersect(p, -n, j)
 
 
-def _meet_surface(
+def _finger_contacts(
     samples: SurfaceSamples, points: FloatArray, n: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return contacts and normals (K, 3) nearest to points, on lines along n; or None."""
+    """Return contacts and normals (K, 3) on lines through points along n; None if one has none."""
     assert samples.tree is not None
-    distances, nearest = samples.tree.query(points, distance_upper_bound=2.5 * REACH)
+    distances, nearest = samples.tree.query(points, distance_upper_bound=2.5 * SEARCH_RADIUS)
     if not np.isfinite(distances).all():
         return None
     normals = samples.normals[nearest]
     if (normals @ n > -np.cos(_FINGER_ANGLE)).any():
         return None
-    met = np.array([samples.met(p, -n, j) for p, j in zip(points, nearest, strict=True)])
-    if np.linalg.norm(met - samples.points[nearest], axis=1).max() > REACH:
+    met = np.array([samples.intersect(p, -n, j) for p, j in zip(points, nearest, strict=True)])
+    if np.linalg.norm(met - samples.points[nearest], axis=1).max() > SEARCH_RADIUS:
         return None
     return met, normals

@@ -1,14 +1,14 @@
-"""Grip forces: how hard each finger pushes, so that the object is squeezed, not moved."""
+"""Grip forces: contact forces that squeeze an object in balance."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import nnls
 
-from lis_grasp.grasping.contact_model import cone_edges
+from lis_grasp.grasping.friction_cone import cone_edges
 from lis_grasp.typing import FloatArray
 
-# Balance first, then the asked total, then evenness: each two orders of magnitude behind the last.
+# Balance first, then the total, then evenness: each two orders of magnitude behind the last.
 _BALANCE_WEIGHT = 100.0
 _TOTAL_WEIGHT = 1.0
 _EVENNESS_WEIGHT = 0.03
@@ -27,8 +27,8 @@ def balanced_grip(
              + w_t^2 (sum_ie a_ie - total)^2 + w_e^2 sum_ie (a_ie - total / n)^2
 
     whose last term spreads the force evenly and away from the borders of the cones. ``c`` is the
-    points' centroid and ``l`` their mean distance from it. Where contacts cannot be balanced
-    (no equilibrium inside the cones), the result is the least unbalanced squeeze.
+    points' centroid and ``l`` their mean distance from it. Contacts without an equilibrium inside
+    their cones get the squeeze that is least out of balance.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def balanced_grip(
     normals
         Shape (C, 3), unit, outward of the object, in the same frame.
     friction
-        Coulomb coefficient whose cones the forces stay in.
+        Coulomb coefficient of the cones.
     total
         Sum of the normal forces [N].
 
@@ -46,13 +46,13 @@ def balanced_grip(
     FloatArray
         Shape (C, 3) [N], forces on the object.
     """
-    count = len(points)
     arms = points - points.mean(axis=0)  # (C, 3)
     length = max(float(np.linalg.norm(arms, axis=1).mean()), 1e-6)
     edges = cone_edges(normals, friction)  # (C, E, 3)
     wrenches = np.concatenate([edges, np.cross(arms[:, None], edges) / length], axis=2)  # (C, E, 6)
     columns = wrenches.reshape(-1, 6).T  # (6, C E)
     unknowns = columns.shape[1]
+    even = np.full(unknowns, _EVENNESS_WEIGHT * total / unknowns)
     matrix = np.vstack(
         [
             _BALANCE_WEIGHT * columns,
@@ -60,13 +60,6 @@ def balanced_grip(
             _EVENNESS_WEIGHT * np.eye(unknowns),
         ]
     )
-    wanted = np.concatenate(
-        [
-            np.zeros(6),
-            [_TOTAL_WEIGHT * total],
-            np.full(unknowns, _EVENNESS_WEIGHT * total / unknowns),
-        ]
-    )
-    coefficients, _ = nnls(matrix, wanted)
-    forces: FloatArray = np.einsum("ce,cek->ck", coefficients.reshape(count, -1), edges)
+    coefficients, _ = nnls(matrix, np.concatenate([np.zeros(6), [_TOTAL_WEIGHT * total], even]))
+    forces: FloatArray = np.einsum("ce,cek->ck", coefficients.reshape(len(points), -1), edges)
     return forces

@@ -1,0 +1,118 @@
+"""Inverse kinematics and collision filtering of grasp candidates."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+import trimesh
+
+from lis_grasp.grasping.contact_sets import ContactSets
+from lis_grasp.grasping.inverse_kinematics import Postures, solve_ik
+from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.pose_filter import HandPoseFilter
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+
+_MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
+_MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
+_OPENING = 0.02  # [m] of each pad from its contact before the hand closes
+_STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspCandidates:
+    """B contact sets with postures of the hand that touch them without collision.
+
+    Parameters
+    ----------
+    contacts, postures
+        The contacts, and palm and joints at them.
+    opened
+        Shape (B, J): joint positions with every used pad off its contact.
+    """
+
+    contacts: ContactSets
+    postures: Postures
+    opened: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.contacts)
+
+
+class CandidateFilter:
+    """Solves the inverse kinematics of contact sets and rejects those that collide.
+
+    A fast filter and then FCL check every link at the grasp, at the opened posture and along the
+    approach. `rejected` counts the rejected contact sets by reason:
+
+    - ``out_of_reach``: a pad stays too far from its contact;
+    - ``pad_does_not_face_the_surface``: a contact is outside its pad;
+    - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp;
+    - ``approach_hits_object``, ``_support``, ``_self``: a collision opened or on the approach.
+
+    Parameters
+    ----------
+    hand
+        The hand.
+    mesh
+        Closed surface in O [m].
+    support_height
+        Height of the plane that the object is on in O [m]; None where there is none.
+    """
+
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, *, support_height: float | None) -> None:
+        self._hand = hand
+        self._checker = HandCollisionChecker(hand, mesh, support_height=support_height)
+        self._filter = HandPoseFilter(hand, mesh)
+        self.rejected: Counter[str] = Counter()
+
+    def solve_and_filter(
+        self, contacts: ContactSets, X_OH: FloatArray, q: FloatArray
+    ) -> tuple[IndexArray, GraspCandidates]:
+        """Return the indices of the contact sets that are accepted, and their candidates.
+
+        Parameters
+        ----------
+        contacts
+            B sets.
+        X_OH, q
+            Shape (B, 4, 4) and (B, J): initial guess of the inverse kinematics.
+        """
+        postures = solve_ik(self._hand, contacts, X_OH, q)
+        near = postures.position_error <= _MAX_POSITION_ERROR
+        facing = postures.axis_error <= _MAX_AXIS_ERROR
+        self.rejected["out_of_reach"] += int((~near).sum())
+        self.rejected["pad_does_not_face_the_surface"] += int((near & ~facing).sum())
+        kept = np.flatnonzero(near & facing)
+        kept = kept[self._free_at_grasp(postures.X_OH[kept], postures.q[kept])]
+        contacts, postures = contacts.subset(kept), postures.subset(kept)
+        away = replace(contacts, points=contacts.points + _OPENING * contacts.normals)
+        opened = solve_ik(self._hand, away, postures.X_OH, postures.q, palm_fixed=True).q
+        free = np.flatnonzero(self._free_on_approach(postures.X_OH, opened))
+        candidates = GraspCandidates(contacts.subset(free), postures.subset(free), opened[free])
+        return kept[free], candidates
+
+    def _free_at_grasp(self, X_OH: FloatArray, q: FloatArray) -> BoolArray:
+        free: BoolArray = ~self._filter.collides(X_OH, q, pads_may_touch=True)
+        self.rejected["grasp_hits_object"] += int((~free).sum())
+        for b in np.flatnonzero(free):
+            hit = self._checker.first_collision(X_OH[b], q[b], pads_may_touch=True)
+            if hit is not None:
+                self.rejected[f"grasp_hits_{hit}"] += 1
+                free[b] = False
+        return free
+
+    def _free_on_approach(self, X_OH: FloatArray, opened: FloatArray) -> BoolArray:
+        free: BoolArray = ~self._filter.collides(X_OH, opened)
+        self.rejected["approach_hits_object"] += int((~free).sum())
+        back = np.linspace(0.0, _STANDOFF, _APPROACH_STEPS)
+        for b in np.flatnonzero(free):
+            path = np.tile(X_OH[b], (len(back), 1, 1))
+            path[:, :3, 3] -= back[:, None] * (X_OH[b, :3, :3] @ self._hand.approach_H)
+            hit = self._checker.first_collision_on_path(path, opened[b])
+            if hit is not None:
+                self.rejected[f"approach_hits_{hit}"] += 1
+                free[b] = False
+        return free

@@ -1,0 +1,43 @@
+"""Sets of contacts, one contact per pad: what grasp candidates start from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactSets:
+    """B sets of contacts for the F pads of a hand.
+
+    Parameters
+    ----------
+    points, normals
+        Shape (B, F, 3): in O [m], and unit, outward; anything finite where a pad is not used.
+    used
+        Shape (B, F): which pads have a contact.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    used: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def by_count(self) -> Iterator[tuple[IndexArray, FloatArray, FloatArray]]:
+        """Yield sets of equally many contacts: their indices (b,), points and normals (b, C, 3)."""
+        counts = self.used.sum(axis=1)
+        for count in np.unique(counts):
+            alike = np.flatnonzero(counts == count)
+            used = self.used[alike]
+            points, normals = self.points[alike][used], self.normals[alike][used]
+            yield alike, points.reshape(-1, count, 3), normals.reshape(-1, count, 3)
+
+    def subset(self, index: IndexArray) -> ContactSets:
+        """Return some of the sets."""
+        return ContactSets(self.points[index], self.normals[index], self.used[index])

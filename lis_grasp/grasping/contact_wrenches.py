@@ -1,0 +1,138 @@
+"""Contact models, and the wrenches that contacts can apply to an object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
+from lis_grasp.grasping.friction_cone import CONE_EDGES, cone_edges
+from lis_grasp.typing import FloatArray
+
+ContactModel = Literal["frictionless", "coulomb", "soft_finger"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WrenchModel:
+    """How contacts become wrenches: friction, contact model, origin and length scale of torques.
+
+    A wrench is ``(f, (p - origin) x f / length_scale)``: torques are divided by a length, so that
+    all six parts are forces and a change of units changes nothing (Li and Sastry 1988).
+
+    Parameters
+    ----------
+    friction
+        Coulomb coefficient; not used by the frictionless model.
+    contact_model
+        ``"frictionless"``: the normal force alone; ``"coulomb"``: a friction pyramid;
+        ``"soft_finger"``: the pyramid, and a torque about the normal of up to `torsion` times the
+        normal force (Salisbury and Roth 1983). The torque shrinks as sideways friction is used:
+        the linear limit surface, inside the elliptic one (Howe and Cutkosky 1996).
+    torsion
+        [m] Of a soft finger.
+    origin
+        Shape (3,) [m]: where torques are taken about; None for the centroid of the contacts.
+    length_scale
+        [m] What torques are divided by; None for the largest distance of a contact from the origin.
+    edges
+        Edges of the friction pyramid.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the contact model is unknown, or the length scale is not positive.
+    """
+
+    friction: float
+    contact_model: ContactModel = "coulomb"
+    torsion: float = 0.0
+    origin: npt.ArrayLike | None = None
+    length_scale: float | None = None
+    edges: int = CONE_EDGES
+
+    def __post_init__(self) -> None:
+        if self.contact_model not in get_args(ContactModel):
+            choices = get_args(ContactModel)
+            raise InvalidOptionError.not_one_of("model", self.contact_model, choices)
+        length = self.length_scale
+        if length is not None and not (np.isfinite(length) and length > 0.0):
+            raise InvalidOptionError.out_of_range("length_scale", length, "a positive length [m]")
+
+    def wrenches(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> FloatArray:
+        """Return the primitive wrenches of contacts, each with unit normal force.
+
+        Parameters
+        ----------
+        points, normals
+            Shape (..., C, 3) [m] and unit, OUTWARD of the object.
+
+        Returns
+        -------
+        FloatArray
+            Shape (..., C, K, 6) with K = 1 (frictionless), edges, or edges + 2 (soft finger).
+
+        Raises
+        ------
+        InvalidContactsError
+            If the contacts are not finite arrays of that shape with C >= 1.
+        """
+        points, normals = _checked(points, normals)
+        center = points.mean(axis=-2) if self.origin is None else np.asarray(self.origin)
+        arms = points - center[..., None, :]
+        if self.length_scale is None:
+            radius = np.linalg.norm(arms, axis=-1).max(axis=-1)
+            length = np.where(radius > 0.0, radius, 1.0)
+        else:
+            length = np.asarray(self.length_scale, dtype=np.float64)
+        arms = arms / length[..., None, None]
+        if self.contact_model == "frictionless":
+            forces = -normals[..., None, :]
+        else:
+            forces = cone_edges(normals, self.friction, edges=self.edges)
+        wrenches = np.concatenate([forces, np.cross(arms[..., None, :], forces)], axis=-1)
+        if self.contact_model == "soft_finger":
+            lever = np.asarray(self.torsion / length)[..., None, None]
+            push = np.concatenate([-normals, np.cross(arms, -normals)], axis=-1)  # (..., C, 6)
+            spin = np.concatenate([np.zeros_like(normals), lever * normals], axis=-1)
+            spins = np.stack([push - spin, push + spin], axis=-2)  # (..., C, 2, 6)
+            wrenches = np.concatenate([wrenches, spins], axis=-2)
+        return wrenches
+
+    def wrenches_of_grasp(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> FloatArray:
+        """Return all primitive wrenches (K, 6) of one grasp's contacts (C, 3)."""
+        wrenches = self.wrenches(points, normals)
+        if wrenches.ndim != 3:
+            raise InvalidContactsError(
+                f"contacts must be of shape (C, 3); it is {np.shape(points)}", field="points"
+            )
+        return wrenches.reshape(-1, 6)
+
+
+def _checked(points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return contacts as arrays of one shape (..., C, 3), or refuse them."""
+    points, normals = _rows("points", points), _rows("normals", normals)
+    if points.shape != normals.shape:
+        raise InvalidContactsError(
+            f"each point needs one normal; the shapes are {points.shape} and {normals.shape}",
+            field="normals",
+        )
+    return points, normals
+
+
+def _rows(name: str, values: npt.ArrayLike) -> FloatArray:
+    try:
+        rows = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidContactsError(
+            f"{name} must be numbers of shape (..., C, 3)", field=name
+        ) from None
+    if rows.ndim < 2 or rows.shape[-1] != 3 or not rows.shape[-2] or not np.isfinite(rows).all():
+        raise InvalidContactsError(
+            f"{name} must be finite numbers of shape (..., C, 3) with C of at least 1; their shape"
+            f" is {rows.shape}",
+            field=name,
+        )
+    return rows

@@ -1,0 +1,149 @@
+"""The expanding polytope algorithm and certificates, against hulls and closed forms."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
+
+from lis_grasp import epsilon_quality, is_force_closure
+from lis_grasp.exceptions import InvalidContactsError
+from lis_grasp.grasping.contact_wrenches import WrenchModel
+from lis_grasp.grasping.epsilon import epsilon_by_convex_hull, epsilon_by_expanding_polytope
+from lis_grasp.grasping.expanding_polytope import LEAST_RADIUS, inscribed_ball_radii
+from lis_grasp.grasping.force_closure import certify_force_closure, min_weight
+
+AXES = np.vstack([np.eye(3), -np.eye(3)])
+
+
+def _grasps(seed: int, count: int, contacts: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(count, contacts, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    return normals * rng.uniform(0.5, 1.5, size=(count, contacts, 1)), normals
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        WrenchModel(0.7, "frictionless"),
+        WrenchModel(0.7),
+        WrenchModel(0.7, "soft_finger", torsion=0.2),
+    ],
+    ids=lambda model: model.contact_model,
+)
+@pytest.mark.parametrize("contacts", [3, 4, 7])
+def test_expanding_polytopes_agree_with_convex_hulls(contacts: int, model: WrenchModel) -> None:
+    points, normals = _grasps(contacts, 40, contacts)
+    together = epsilon_by_expanding_polytope(points, normals, model)
+    alone = [epsilon_by_convex_hull(p, n, model) for p, n in zip(points, normals, strict=True)]
+    # Within the joggle; below the least radius they may count as zero.
+    off = np.abs(together - alone)
+    assert np.all((off < 1e-5) | ((together == 0.0) & (np.array(alone) < LEAST_RADIUS)))
+
+
+def test_a_ball_inside_an_ellipsoid_has_its_shortest_half_axis() -> None:
+    axes = np.array([[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [0.9, 0.3, 0.5, 0.7, 0.4, 2.0]])
+
+    def farthest(directions: np.ndarray, which: np.ndarray) -> np.ndarray:
+        scaled = directions * axes[which]
+        return axes[which] * scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
+
+    # A ball that is well approached in six dimensions takes more facets than a grasp's wrenches.
+    radii = inscribed_ball_radii(farthest, 2, tolerance=0.05)
+    assert np.all(radii <= [1.0, 0.3])
+    assert np.all(radii >= np.array([1.0, 0.3]) / 1.05)
+
+
+def test_a_tolerance_makes_epsilon_smaller_by_that_fraction_at_most() -> None:
+    rng = np.random.default_rng(12)
+    normals = rng.normal(size=(200, 4, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    model = WrenchModel(0.6)
+    exact = epsilon_by_expanding_polytope(normals, normals, model)
+    coarse = epsilon_by_expanding_polytope(normals, normals, model, tolerance=0.1)
+    assert (coarse <= exact + 1e-9).all()
+    assert (coarse >= exact / 1.1 - 1e-4).all()
+    assert (coarse < 0.999 * exact).any()
+
+
+def test_a_certificate_of_force_closure_can_be_checked() -> None:
+    points, normals = _grasps(21, 30, 4)
+    model, closed = WrenchModel(0.5), 0
+    for p, n in zip(points, normals, strict=True):
+        certificate = certify_force_closure(p, n, model)
+        W, weights, plane = (
+            certificate.wrenches,
+            certificate.weights,
+            certificate.separating_wrench,
+        )
+        np.testing.assert_array_equal(W, model.wrenches_of_grasp(p, n))
+        assert (weights is None) != (plane is None)
+        assert is_force_closure(p, n, friction=0.5) == (weights is not None)
+        closed += weights is not None
+        if weights is not None:
+            assert (weights > 0.0).all()
+            np.testing.assert_allclose(weights @ W, 0.0, atol=1e-9)
+            assert np.linalg.matrix_rank(W) == 6
+        else:
+            assert np.linalg.norm(plane) == pytest.approx(1.0)
+            assert (W @ plane).max() <= 1e-7  # the tolerance of the linear programme
+    assert 0 < closed < 30
+
+
+def test_min_weight_times_the_width_of_the_hull_bounds_epsilon() -> None:
+    # 0 = sum a_k w_k, a_k >= t: along any u, max w u >= t (max w u - min w u).
+    points, normals = _grasps(31, 20, 4)
+    bounds = 0
+    for p, n in zip(points, normals, strict=True):
+        model = WrenchModel(0.8)
+        W = model.wrenches_of_grasp(p, n)
+        hull = ConvexHull(W)
+        worst = hull.equations[np.argmax(hull.equations[:, -1]), :6]
+        least = min_weight(p, n, model) / len(W)
+        reach = W @ worst
+        bounds += least > 1e-6
+        assert epsilon_quality(p, n, friction=0.8) >= least * np.ptp(reach) - 1e-12
+    assert bounds > 10
+
+
+def test_a_soft_fingers_torque_adds_to_that_of_its_squeeze() -> None:
+    # Off the origin, with a normal that misses it: the squeeze itself has a torque.
+    p, n = np.array([[0.1, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]])
+    W = WrenchModel(0.5, "soft_finger", 0.02, np.zeros(3), 1.0).wrenches(p, n)[0]
+    squeeze = np.concatenate([-n[0], np.cross(p[0], -n[0])])
+    np.testing.assert_allclose(W[-2:].mean(axis=0), squeeze, atol=1e-12)
+    np.testing.assert_allclose(np.abs(W[-2] - squeeze), [0, 0, 0, 0, 0.02, 0], atol=1e-12)
+
+
+def test_force_closure_agrees_with_a_feasibility_programme() -> None:
+    points, normals = _grasps(51, 40, 3)
+    for p, n in zip(points, normals, strict=True):
+        W = WrenchModel(0.4, length_scale=1.0).wrenches_of_grasp(p, n)
+        # Is zero a combination with all weights at least 1? (scaled: strictly positive ones)
+        oracle = linprog(np.zeros(len(W)), A_eq=W.T, b_eq=np.zeros(6), bounds=(1.0, 1e7))
+        assert is_force_closure(p, n, friction=0.4) == (oracle.status == 0)
+
+
+def test_contacts_of_a_wrong_shape_are_refused() -> None:
+    with pytest.raises(InvalidContactsError, match="B, C, 3"):
+        epsilon_by_expanding_polytope(AXES, AXES, WrenchModel(0.5))
+    with pytest.raises(InvalidContactsError, match="C, 3"):
+        epsilon_quality(AXES[None], AXES[None], friction=0.5)
+
+
+def test_degenerate_polytopes_still_give_the_epsilon_of_hulls() -> None:
+    # Soft fingers opposite each other: ten wrenches each in a space of three dimensions, so that
+    # many facets are flat but for the joggle.
+    rng = np.random.default_rng(61)
+    count = 60
+    model = WrenchModel(0.8, "soft_finger", 0.005, np.zeros(3), 0.05)
+    points = np.tile([[0.0, 0.03, 0.0], [0.0, -0.03, 0.0]], (count, 1, 1))
+    points[:, :, ::2] += rng.uniform(-0.02, 0.02, size=(count, 1, 2))
+    normals = points * [0.0, 1.0, 0.0] / 0.03
+    normals += rng.choice([0.0, 1e-9, 1e-6, 1e-3], size=(count, 1, 1)) * rng.normal(
+        size=normals.shape
+    )
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    together = epsilon_by_expanding_polytope(points, normals, model)
+    alone = [epsilon_by_convex_hull(p, n, model) for p, n in zip(points, normals, strict=True)]
+    np.testing.assert_allclose(together, alone, atol=2e-5)
