@@ -1,8 +1,8 @@
-"""Force closure: the test with its certificate, the min-weight metric, and resisted forces."""
+"""Force closure: the test, the min-weight metric, and resisted forces."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,29 +13,8 @@ from lis_grasp.grasping.epsilon import span_all_dimensions
 from lis_grasp.grasping.friction_cone import CONE_EDGES
 from lis_grasp.typing import FloatArray
 
-# Weights below the first, and products with a separating wrench below the second, count as zero.
-_NO_WEIGHT, _NO_PRODUCT = 1e-9, 1e-7
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ForceClosureCertificate:
-    """Why contacts are in force closure, or why not, in a form that is easily checked.
-
-    Parameters
-    ----------
-    wrenches
-        Shape (K, 6): the primitive wrenches, torques over the length scale.
-    weights
-        Shape (K,): positive, with ``weights @ wrenches = 0``, where the wrenches span all
-        dimensions: every small wrench is then resisted. None without closure.
-    separating_wrench
-        Shape (6,), unit: no wrench of the contacts has a positive product with it, so nothing
-        resists it. None with closure.
-    """
-
-    wrenches: FloatArray
-    weights: FloatArray | None
-    separating_wrench: FloatArray | None
+# Smaller weights count as zero.
+_NO_WEIGHT = 1e-9
 
 
 def is_force_closure(
@@ -64,20 +43,6 @@ def is_force_closure(
     """
     wrench_model = WrenchModel(friction, model, torsion, edges=edges)
     return _cancelling_weights(wrench_model.wrenches_of_grasp(points, normals)) is not None
-
-
-def certify_force_closure(
-    points: npt.ArrayLike, normals: npt.ArrayLike, model: WrenchModel
-) -> ForceClosureCertificate:
-    """Return the certificate of contacts (C, 3) that are in force closure, or are not.
-
-    Two linear programmes give it: the weights that cancel the primitive wrenches and whose least is
-    largest; without such weights, a wrench that has no positive product with any.
-    """
-    wrenches = model.wrenches_of_grasp(points, normals)
-    weights = _cancelling_weights(wrenches)
-    separating = _separating_wrench(wrenches) if weights is None else None
-    return ForceClosureCertificate(wrenches, weights, separating)
 
 
 def min_weight(points: npt.ArrayLike, normals: npt.ArrayLike, model: WrenchModel) -> float:
@@ -162,18 +127,3 @@ def _cancelling_weights(W: FloatArray) -> FloatArray | None:
         return None
     weights: FloatArray = solution.x[:-1] + solution.x[-1]
     return weights
-
-
-def _separating_wrench(W: FloatArray) -> FloatArray:
-    """Return a unit wrench (6,) without positive product with any of W (K, 6); one must exist.
-
-    ``min sum W y : W y <= 0, |y_i| <= 1``. Where all products vanish, W does not span all
-    dimensions, and a direction outside its span is the answer.
-    """
-    solution = linprog(
-        c=W.sum(axis=0), A_ub=W, b_ub=np.zeros(len(W)), bounds=(-1.0, 1.0), method="highs"
-    )
-    y = solution.x if solution.status == 0 else np.zeros(6)
-    if (W @ y).min() > -_NO_PRODUCT:
-        y = np.linalg.svd(W)[2][-1]
-    return np.asarray(y / np.linalg.norm(y))

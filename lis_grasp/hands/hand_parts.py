@@ -1,4 +1,4 @@
-"""What a hand is made of: joints, links' bodies and masses, pads, and postures to probe in."""
+"""Records of a hand's parts: joints, inertias, collision bodies, pads, and probe postures."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from lis_grasp.typing import FloatArray
 
 JointKind = Literal["revolute", "prismatic", "fixed"]
 GeometryKind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
-
-
 HandKind = Literal["multi_finger", "jaw"]
 
 
@@ -71,16 +68,6 @@ def joints_to(joints: Sequence[Joint], link: str) -> tuple[Joint, ...]:
         chain.append(by_child[link])
         link = by_child[link].parent
     return tuple(reversed(chain))
-
-
-def unit_axis(axis: npt.ArrayLike) -> FloatArray | None:
-    """Return a joint's axis at unit length; None of what is not three numbers, some not 0."""
-    numbers = np.asarray(axis, np.float64)
-    largest = np.abs(numbers).max(initial=0.0)
-    if numbers.shape != (3,) or not 0.0 < largest < np.inf:
-        return None
-    scaled = numbers / largest  # the square of a very large number is infinite
-    return np.asarray(scaled / np.linalg.norm(scaled))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

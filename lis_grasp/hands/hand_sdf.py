@@ -1,92 +1,49 @@
-"""Read a hand's tree of links and joints from an SDF file."""
+"""Reading of a hand's links and joints from an SDF file."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
-import trimesh
+import yourdfpy
+from scipy.spatial.transform import Rotation
 
-from lis_grasp.exceptions import InvalidFileError, InvalidHandError
-from lis_grasp.hands.hand_parts import (
-    GeometryKind,
-    Inertial,
-    Joint,
-    JointKind,
-    LinkGeometry,
-    unit_axis,
-)
-from lis_grasp.hands.link_tree import (
-    JOINT_KINDS,
-    HandModel,
-    frozen,
-    load_mesh,
-    make_inertial,
-    primitive,
-    require_pose,
-    rpy_pose,
-)
-from lis_grasp.hands.model_uri import resolve_uri
-from lis_grasp.hands.plain_xml import require_plain_xml
+from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.hands.hand_urdf import parse_xml
+from lis_grasp.hands.link_bodies import LARGEST
+from lis_grasp.hands.link_tree import Capsule, HandModel, build_hand_model, rpy_pose
 from lis_grasp.typing import FloatArray
 
-_PRIMITIVES: Mapping[GeometryKind, tuple[str, ...]] = {
-    "box": ("size",),
-    "sphere": ("radius",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-}
 _DRAKE = "{http://drake.mit.edu}"
-# SDF says "no limit" by numbers like these.
+# SDF writes "no limit" as numbers like these.
 _UNLIMITED = 1e15
 
 
 def read_sdf(path: Path) -> HandModel:
     """Read links, joints, inertias and collision bodies of the file's one model.
 
-    A joint whose frame is not the child link's gets a frame link ``<joint>_frame`` of its own, on
-    which the child is fixed, so that every link keeps the frame that the file gives it.
+    The model is translated to what a URDF says, so that the same checks apply. A joint whose frame
+    is not the child link's gets a frame link ``<joint>_frame``, on which the child is fixed, so
+    that every link keeps the frame that the file gives it.
 
     Raises
     ------
     InvalidFileError
         If the file, or a mesh that it names, is missing or unreadable.
     InvalidHandError
-        If its tree cannot be used: a loop, several roots, missing limits or masses, unknown names.
+        If poses or numbers are wrong, or as `build_hand_model`.
     """
-    model = _Model(path)
-    joints = model.ordered_joints()
-    names = (joints[0].parent, *(joint.child for joint in joints))
-    limits = [model.limits(joint) for joint in joints if joint.is_actuated]
-    return HandModel(
-        joint_names=tuple(joint.name for joint in joints if joint.is_actuated),
-        lower=frozen([low for low, _, _ in limits]),
-        upper=frozen([high for _, high, _ in limits]),
-        effort_limits=frozen([effort for _, _, effort in limits]),
-        links=names,
-        joints=joints,
-        inertials=MappingProxyType({name: model.inertial(name) for name in names}),
-        link_geometries=tuple(g for name in names for g in model.geometries(name)),
-    )
+    model = _Model(parse_xml(path), path.name)
+    return build_hand_model(model.robot(), path)
 
 
 class _Model:
     """One model's elements by name, and the poses of all its frames."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        if not path.is_file():
-            raise InvalidFileError(f"there is no SDF file {path}")
-        require_plain_xml(path)
-        try:
-            root = ET.parse(path).getroot()
-        except ET.ParseError as error:  # a prefix of no namespace, which plain XML may have
-            self._fail(f"the file is not valid XML: {error}")
+    def __init__(self, root: ET.Element, file: str) -> None:
+        self._file = file
         models = root.findall("model")
         if len(models) != 1:
             self._fail(f"the file must hold one model; it holds {len(models)}")
@@ -98,177 +55,113 @@ class _Model:
         )
         self._poses: dict[str, FloatArray] = {"__model__": np.eye(4)}
 
-    def ordered_joints(self) -> tuple[Joint, ...]:
-        """Return the joints, a parent before its children, otherwise in the file's order."""
-        ends = {name: self._ends(name) for name in self._joints}
-        children = [child for _, child in ends.values()]
-        roots = [name for name in self._links if name not in children]
-        if len(roots) != 1 or len(set(children)) != len(children):
-            self._fail(
-                f"the links must form one tree; links without a parent: {', '.join(roots) or '-'}"
+    def robot(self) -> yourdfpy.Robot:
+        """Return the model's links and joints as a URDF would have them."""
+        links = [self._link(name, element) for name, element in self._links.items()]
+        joints = []
+        for name, element in self._joints.items():
+            made = self._chain(name, element)
+            joints += made
+            links += [yourdfpy.Link(joint.child) for joint in made[:-1]]
+        return yourdfpy.Robot("", links, joints)
+
+    def _link(self, name: str, element: ET.Element) -> yourdfpy.Link:
+        link = yourdfpy.Link(name)
+        inertial = element.find("inertial")
+        if inertial is not None:
+            xx, yy, zz, xy, xz, yz = (
+                self._number(inertial.find("inertia"), f"i{axes}", 0.0)
+                for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
             )
-        movable = [name for name in self._joints if self._kind(name) != "fixed"]
-        if all(self._mimic(name) is not None for name in movable):
-            self._fail("a hand must have movable joints; there are none")
-        ordered: list[Joint] = []
-        reached, waiting = {roots[0]}, list(self._joints)
-        while waiting:
-            name = next((n for n in waiting if ends[n][0] in reached), "")
-            if not name:
-                self._fail(f"joint '{waiting[0]}' hangs on a loop of links")
-            waiting.remove(name)
-            reached.add(ends[name][1])
-            ordered += self._joint(name, *ends[name])
-        names = [joint.name for joint in ordered if joint.is_actuated]
-        return tuple(self._with_index(joint, names) for joint in ordered)
+            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            mass = self._number(inertial, "mass", 0.0)
+            link.inertial = yourdfpy.Inertial(self._own_pose(inertial), mass, inertia)
+        for body in element.findall("collision"):
+            geometry = self._geometry(body.find("geometry"))
+            link.collisions.append(yourdfpy.Collision("", self._own_pose(body), geometry))
+        return link
 
-    def limits(self, joint: Joint) -> tuple[float, float, float]:
-        """Return lower and upper limit [rad or m] and effort [N m or N]."""
-        limit = self._joints[joint.name].find("axis/limit")
-        low, high, effort = (
-            self._number(limit, name, default)
-            for name, default in (("lower", -np.inf), ("upper", np.inf), ("effort", np.nan))
-        )
-        if not effort > 0.0 or effort > _UNLIMITED:
-            self._fail(f"joint '{joint.name}' must have a limit with an effort above 0")
-        if joint.kind == "revolute" and (low < -_UNLIMITED or high > _UNLIMITED):
-            low, high = -np.pi, np.pi
-        if not (np.isfinite([low, high]).all() and low < high):
-            self._fail(
-                f"joint '{joint.name}' must have a lower limit below its upper limit; they are"
-                f" {low} and {high}"
-            )
-        return low, high, effort
+    def _geometry(self, shape: ET.Element | None) -> yourdfpy.Geometry:
+        for element in () if shape is None else shape:
+            match element.tag.removeprefix(_DRAKE):
+                case "box":
+                    return yourdfpy.Geometry(box=yourdfpy.Box(self._numbers(element, "size")))
+                case "sphere":
+                    radius = self._numbers(element, "radius")[0]
+                    return yourdfpy.Geometry(sphere=yourdfpy.Sphere(radius))
+                case "cylinder" | "capsule" as kind:
+                    made = Capsule if kind == "capsule" else yourdfpy.Cylinder
+                    sizes = (self._numbers(element, name)[0] for name in ("radius", "length"))
+                    return yourdfpy.Geometry(cylinder=made(*sizes))
+                case "mesh":
+                    scaled = element.find("scale") is not None
+                    scale = self._numbers(element, "scale") if scaled else None
+                    uri = element.findtext("uri", "").strip()
+                    return yourdfpy.Geometry(mesh=yourdfpy.Mesh(uri, scale))
+        return yourdfpy.Geometry()
 
-    def inertial(self, link: str) -> Inertial:
-        """Return the mass properties of a link; none for the frame of a joint."""
-        element = self._links[link].find("inertial") if link in self._links else None
-        mass = self._number(element, "mass", 0.0)
-        if element is None or mass <= 0.0:
-            return Inertial(0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3))))
-        X_LI = self._raw_pose(element)
-        xx, yy, zz, xy, xz, yz = (
-            self._number(element.find("inertia"), f"i{axes}", 0.0)
-            for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
-        )
-        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        return make_inertial(link, mass, X_LI, inertia)
-
-    def geometries(self, link: str) -> list[LinkGeometry]:
-        """Return the collision bodies of a link."""
-        if link not in self._links:
-            return []
-        return [self._geometry(link, c) for c in self._links[link].findall("collision")]
-
-    def _geometry(self, link: str, collision: ET.Element) -> LinkGeometry:
-        X_LG = frozen(self._raw_pose(collision))
-        shape = collision.find("geometry")
-        mesh = None if shape is None else shape.find("mesh")
-        if mesh is not None:
-            uri = mesh.findtext("uri", "").strip()
-            factors = None if mesh.find("scale") is None else self._numbers(mesh, "scale")
-            file = resolve_uri(uri, self._path.parent, self._path.name)
-            return LinkGeometry(link, X_LG, "mesh", (), load_mesh(file, factors))
-        for kind, sizes in _PRIMITIVES.items():
-            found = None if shape is None else shape.find(kind)
-            if found is None and shape is not None:
-                found = shape.find(f"{_DRAKE}{kind}")
-            if found is not None:
-                numbers = [self._numbers(found, size) for size in sizes]
-                return primitive(link, X_LG, kind, np.concatenate(numbers))
-        return self._fail(
-            f"a collision body of link '{link}' must be a box, sphere, cylinder, capsule or mesh"
-        )
-
-    def _joint(self, name: str, parent: str, child: str) -> list[Joint]:
-        kind, mimic = self._kind(name), self._mimic(name)
-        X_PJ = np.linalg.inv(self._pose(parent)) @ self._pose(name)
-        X_JC = np.linalg.inv(self._pose(name)) @ self._pose(child)
+    def _chain(self, name: str, element: ET.Element) -> list[yourdfpy.Joint]:
+        """Return a joint, and the fixed one that follows it where its frame is not the child's."""
+        parent, child = (element.findtext(end, "").strip() for end in ("parent", "child"))
+        for link in (parent, child):
+            if link not in self._links:
+                self._fail(f"joint '{name}' joins '{link}', which is no link")
+        kind, pose = element.get("type", ""), self._pose(name)
+        X_PJ = np.linalg.inv(self._pose(parent)) @ pose
+        X_JC = np.linalg.inv(pose) @ self._pose(child)
         if kind == "fixed":
-            return [Joint(name, kind, parent, child, frozen(X_PJ @ X_JC), frozen([0.0] * 3), -1)]
-        element = self._joints[name].find("axis")
-        axis = unit_axis([0.0, 0.0, 1.0] if element is None else self._numbers(element, "xyz"))
+            return [yourdfpy.Joint(name, kind, parent, child, X_PJ @ X_JC)]
+        limit = self._limit(element.find("axis/limit"))
+        if kind == "revolute" and max(-limit.lower, limit.upper) > _UNLIMITED:
+            kind = "continuous"
+        moving = yourdfpy.Joint(
+            name,
+            kind,
+            parent,
+            child,
+            origin=X_PJ,
+            axis=self._axis(name, element.find("axis")),
+            limit=limit,
+            mimic=self._mimic(element),
+        )
+        if np.allclose(X_JC, np.eye(4), atol=1e-12):
+            return [moving]
+        moving.child = f"{name}_frame"
+        return [moving, yourdfpy.Joint(f"{name}_mount", "fixed", moving.child, child, X_JC)]
+
+    def _axis(self, joint: str, axis: ET.Element | None) -> FloatArray:
         if axis is None:
-            return self._fail(f"joint '{name}' must have an axis of three numbers, not all 0")
-        described = element.find("xyz") if element is not None else None
-        expressed_in = None if described is None else described.get("expressed_in")
-        if expressed_in:
-            R_JE = np.linalg.inv(self._pose(name)[:3, :3]) @ self._pose(expressed_in)[:3, :3]
-            axis = R_JE @ axis
-        offset = not np.allclose(X_JC, np.eye(4), atol=1e-12)
-        moving = f"{name}_frame" if offset else child
-        multiplier, shift = (1.0, 0.0) if mimic is None else mimic[1:]
-        if not np.isfinite([multiplier, shift]).all():
-            self._fail(f"joint '{name}' must mimic by finite numbers")
-        made = [
-            Joint(
-                name,
-                kind,
-                parent,
-                moving,
-                frozen(X_PJ),
-                frozen(axis),
-                0,
-                mimic is not None,
-                multiplier,
-                shift,
-            )
-        ]
-        if offset:
-            zero = frozen(np.zeros(3))
-            made.append(Joint(f"{name}_mount", "fixed", moving, child, frozen(X_JC), zero, -1))
-        if self.inertial(child).mass <= 0.0:
-            self._fail(
-                f"link '{child}' moves on joint '{name}' and must have an inertial with a mass"
-            )
-        return made
+            return np.array([0.0, 0.0, 1.0])
+        numbers = self._numbers(axis, "xyz")
+        described = axis.find("xyz")
+        frame = None if described is None else described.get("expressed_in")
+        if frame and numbers.shape == (3,):
+            numbers = np.linalg.inv(self._pose(joint)[:3, :3]) @ self._pose(frame)[:3, :3] @ numbers
+        return numbers
 
-    def _with_index(self, joint: Joint, names: list[str]) -> Joint:
-        if joint.kind == "fixed":
-            return joint
-        mimic = self._mimic(joint.name)
-        leader = joint.name if mimic is None else mimic[0]
-        if leader not in names:
-            self._fail(
-                f"joint '{joint.name}' mimics '{leader}', which must be a movable joint that mimics"
-                " no other"
-            )
-        return replace(joint, index=names.index(leader))
+    def _limit(self, limit: ET.Element | None) -> yourdfpy.Limit:
+        effort = self._number(limit, "effort", np.inf)
+        return yourdfpy.Limit(
+            effort=None if effort > _UNLIMITED else effort,
+            lower=self._number(limit, "lower", -np.inf),
+            upper=self._number(limit, "upper", np.inf),
+        )
 
-    def _mimic(self, name: str) -> tuple[str, float, float] | None:
-        """Return leader, multiplier and offset of a joint that follows another."""
-        joint = self._joints[name]
+    def _mimic(self, joint: ET.Element) -> yourdfpy.Mimic | None:
         drake = joint.find(f"{_DRAKE}mimic")
         if drake is not None:
-            multiplier, offset = (
+            factors = (
                 float(self._parse(drake.get(key, default))[0])
                 for key, default in (("multiplier", "1"), ("offset", "0"))
             )
-            return drake.get("joint", ""), multiplier, offset
+            return yourdfpy.Mimic(drake.get("joint", ""), *factors)
         mimic = joint.find("axis/mimic")
         if mimic is None:
             return None
         multiplier = self._number(mimic, "multiplier", 1.0)
         reference = self._number(mimic, "reference", 0.0)
         offset = self._number(mimic, "offset", 0.0) - multiplier * reference
-        return mimic.get("joint", ""), multiplier, offset
-
-    def _ends(self, name: str) -> tuple[str, str]:
-        joint = self._joints[name]
-        parent, child = (joint.findtext(end, "").strip() for end in ("parent", "child"))
-        for link in (parent, child):
-            if link not in self._links:
-                self._fail(f"joint '{name}' joins a link that is not there: '{link}'")
-        return parent, child
-
-    def _kind(self, name: str) -> JointKind:
-        given = self._joints[name].get("type", "")
-        if given not in JOINT_KINDS:
-            self._fail(
-                f"joint '{name}' is of type '{given}'; a hand's joints must be"
-                f" {', '.join(JOINT_KINDS)}"
-            )
-        return JOINT_KINDS[given]
+        return yourdfpy.Mimic(mimic.get("joint", ""), multiplier, offset)
 
     def _pose(self, name: str, below: tuple[str, ...] = ()) -> FloatArray:
         """Return the pose (4, 4) of a link, joint or frame in the model frame."""
@@ -287,26 +180,26 @@ class _Model:
             self._fail(f"a pose is given relative to '{name}', which is not there")
         pose = element.find("pose")
         relative = base if pose is None else pose.get("relative_to") or base
-        self._poses[name] = self._pose(relative, (*below, name)) @ self._raw_pose(element)
+        self._poses[name] = self._pose(relative, (*below, name)) @ self._own_pose(element)
         return self._poses[name]
 
-    def _raw_pose(self, element: ET.Element) -> FloatArray:
+    def _own_pose(self, element: ET.Element) -> FloatArray:
         """Return the numbers of an element's pose as (4, 4)."""
         pose = element.find("pose")
-        if pose is None or not (pose.text or "").strip():
+        text = "" if pose is None else (pose.text or "").strip()
+        if pose is None or not text:
             return np.eye(4)
-        numbers = self._parse(pose.text or "")
-        if not np.isfinite(numbers).all():
-            self._fail(f"a pose must have finite numbers; '{(pose.text or '').strip()}' came")
-        if len(numbers) == 7 and pose.get("rotation_format") == "quat_xyzw":
-            x, y, z, w = numbers[3:]
-            X = trimesh.transformations.quaternion_matrix([w, x, y, z])
-            X[:3, 3] = numbers[:3]
-            return require_pose(np.asarray(X, np.float64))
+        numbers = self._parse(text)
+        if not (np.abs(numbers) <= LARGEST).all():
+            self._fail(f"a pose must have finite numbers, within {LARGEST:g}; it is '{text}'")
+        if len(numbers) == 7 and pose.get("rotation_format") == "quat_xyzw" and numbers[3:].any():
+            X = rpy_pose(numbers[:3], np.zeros(3))
+            X[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
+            return X
         if len(numbers) != 6:
-            self._fail(f"a pose must have 6 numbers; '{(pose.text or '').strip()}' came")
+            self._fail(f"a pose must have 6 numbers, or 7 with a quaternion; it is '{text}'")
         angles = np.radians(numbers[3:]) if pose.get("degrees") == "true" else numbers[3:]
-        return require_pose(rpy_pose(numbers[:3], angles))
+        return rpy_pose(numbers[:3], angles)
 
     def _number(self, element: ET.Element | None, name: str, default: float) -> float:
         text = None if element is None else element.findtext(name)
@@ -321,8 +214,8 @@ class _Model:
         except ValueError:
             numbers = np.array([])
         if not len(numbers) or np.isnan(numbers).any():
-            self._fail(f"numbers were expected; '{text.strip()}' came")
+            self._fail(f"numbers were expected instead of '{text.strip()}'")
         return numbers
 
-    def _fail(self, reason: str) -> Any:
-        raise InvalidHandError(f"{self._path.name}: {reason}")
+    def _fail(self, reason: str) -> NoReturn:
+        raise InvalidHandError(f"{self._file}: {reason}", file=self._file)

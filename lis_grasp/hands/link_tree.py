@@ -1,36 +1,36 @@
-"""What a URDF or SDF says about a hand, and the checks of its pieces that are the same for both."""
+"""The tree of links and joints of a hand, built from a robot description and checked."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
+import yourdfpy
 
-from lis_grasp.exceptions import InvalidFileError, InvalidHandError, shown
-from lis_grasp.hands.hand_parts import GeometryKind, Inertial, Joint, JointKind, LinkGeometry
+from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.hands.hand_parts import Inertial, Joint, JointKind, LinkGeometry
+from lis_grasp.hands.link_bodies import LARGEST, load_mesh, primitive
+from lis_grasp.hands.model_uri import resolve_uri
+from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
-JOINT_KINDS: Mapping[str, JointKind] = {
+_JOINT_KINDS: Mapping[str, JointKind] = {
     "revolute": "revolute",
     "continuous": "revolute",
     "prismatic": "prismatic",
     "fixed": "fixed",
 }
-# Facets round a sphere or cylinder: the chord is within 1 % of the radius of the arc.
-_CYLINDER_SECTIONS = 32
-_SPHERE_SUBDIVISIONS = 3
-# How many sizes a body has.
-_SIZES: Mapping[GeometryKind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
-LARGEST = 1e3
-"""Of lengths and positions in a hand [m or rad]; more is a mistake."""
-# Of a body's sizes [m].
-_SMALLEST = 1e-6
-
 _HEAVIEST = 1e6  # [kg] or [kg m^2]
+
+
+class Capsule(yourdfpy.Cylinder):
+    """A cylinder with round ends, which SDF has and URDF lacks."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,11 +47,196 @@ class HandModel:
     link_geometries: tuple[LinkGeometry, ...]
 
 
-def frozen(values: npt.ArrayLike) -> FloatArray:
-    """Return numbers as an array that cannot be written to."""
-    array = np.array(values, np.float64)
-    array.flags.writeable = False
-    return array
+def build_hand_model(robot: yourdfpy.Robot, path: Path) -> HandModel:
+    """Return links, joints, inertias and collision bodies of a robot description.
+
+    Parameters
+    ----------
+    robot
+        Links and joints with the meaning that they have in a URDF.
+    path
+        The file that describes it; mesh files are named relative to it.
+
+    Raises
+    ------
+    InvalidFileError
+        If a mesh file is missing or unreadable.
+    InvalidHandError
+        If the tree cannot be used: a loop, several roots, missing limits or masses.
+    """
+    try:
+        return _Builder(robot, path).model()
+    except InvalidHandError as error:
+        raise InvalidHandError(f"{path.name}: {error}", file=path.name) from None
+
+
+class _Builder:
+    """Checks the parts of one robot description, and makes a hand's of them."""
+
+    def __init__(self, robot: yourdfpy.Robot, path: Path) -> None:
+        self._links = {link.name: link for link in robot.links}
+        self._joints, self._path = robot.joints, path
+        self._actuated = [j for j in robot.joints if j.type != "fixed" and j.mimic is None]
+        self._names = [joint.name for joint in self._actuated]
+
+    def model(self) -> HandModel:
+        joints = self._ordered_joints()
+        limits = np.array([_limits(joint) for joint in self._actuated])  # (J, 3)
+        names = (joints[0].parent, *(joint.child for joint in joints))
+        inertials = {name: _inertial(self._links[name]) for name in names}
+        masses = {name: inertial.mass for name, inertial in inertials.items()}
+        for joint in reversed(joints):
+            if joint.kind == "fixed":
+                masses[joint.parent] += masses[joint.child]
+            elif masses[joint.child] <= 0.0:
+                raise InvalidHandError(
+                    f"link '{joint.child}' moves on joint '{joint.name}' and must have an"
+                    " inertial with a mass above 0"
+                )
+        return HandModel(
+            tuple(self._names),
+            *(read_only(column.copy()) for column in limits.T),
+            links=names,
+            joints=joints,
+            inertials=MappingProxyType(inertials),
+            link_geometries=tuple(
+                self._geometry(name, collision)
+                for name in names
+                for collision in self._links[name].collisions
+            ),
+        )
+
+    def _ordered_joints(self) -> tuple[Joint, ...]:
+        """Return the joints, a parent before its children, otherwise in the file's order."""
+        children = [joint.child for joint in self._joints]
+        roots = [name for name in self._links if name not in children]
+        if len(roots) != 1 or len(set(children)) != len(children):
+            raise InvalidHandError(
+                f"the links must form one tree; links without a parent: {', '.join(roots) or '-'}"
+            )
+        for joint in self._joints:
+            self._check(joint)
+        if not self._actuated:
+            raise InvalidHandError("a hand must have movable joints; there are none")
+        ordered: list[Joint] = []
+        joined, waiting = {roots[0]}, list(self._joints)
+        while waiting:
+            joint = next((joint for joint in waiting if joint.parent in joined), None)
+            if joint is None:
+                raise InvalidHandError(f"joint '{waiting[0].name}' is on a loop of links")
+            waiting.remove(joint)
+            joined.add(joint.child)
+            ordered.append(self._joint(joint))
+        return tuple(ordered)
+
+    def _check(self, joint: Any) -> None:
+        if joint.type not in _JOINT_KINDS:
+            raise InvalidHandError(
+                f"joint '{joint.name}' is of type '{joint.type}'; a hand's joints must be"
+                f" {', '.join(_JOINT_KINDS)}"
+            )
+        for link in (joint.parent, joint.child):
+            if link not in self._links:
+                raise InvalidHandError(f"joint '{joint.name}' joins '{link}', which is no link")
+        if joint.mimic is not None and joint.mimic.joint not in self._names:
+            raise InvalidHandError(
+                f"joint '{joint.name}' mimics '{joint.mimic.joint}', which must be a movable joint"
+                " that mimics no other"
+            )
+
+    def _joint(self, joint: Any) -> Joint:
+        kind, mimic = _JOINT_KINDS[joint.type], joint.mimic
+        axis = np.zeros(3) if kind == "fixed" else _unit_axis(joint)
+        multiplier = 1.0 if mimic is None or mimic.multiplier is None else float(mimic.multiplier)
+        offset = 0.0 if mimic is None or mimic.offset is None else float(mimic.offset)
+        if not np.isfinite([multiplier, offset]).all():
+            raise InvalidHandError(f"joint '{joint.name}' must mimic by finite numbers")
+        leader = joint.name if mimic is None else mimic.joint
+        return Joint(
+            name=joint.name,
+            kind=kind,
+            parent=joint.parent,
+            child=joint.child,
+            X_PJ=_pose(joint.origin),
+            axis_J=read_only(axis),
+            index=self._names.index(leader) if kind != "fixed" else -1,
+            follows=mimic is not None,
+            multiplier=multiplier,
+            offset=offset,
+        )
+
+    def _geometry(self, link: str, collision: Any) -> LinkGeometry:
+        geometry, X_LG = collision.geometry, _pose(collision.origin)
+        if geometry.box is not None:
+            return primitive(link, X_LG, "box", geometry.box.size)
+        if geometry.sphere is not None:
+            return primitive(link, X_LG, "sphere", [geometry.sphere.radius])
+        if (cylinder := geometry.cylinder) is not None:
+            sizes = [cylinder.radius, cylinder.length]
+            kind = "capsule" if isinstance(cylinder, Capsule) else "cylinder"
+            return primitive(link, X_LG, kind, sizes)
+        if geometry.mesh is not None:
+            file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
+            return LinkGeometry(link, X_LG, "mesh", (), load_mesh(file, geometry.mesh.scale))
+        raise InvalidHandError(
+            f"a collision body of link '{link}' must be a box, sphere, cylinder, capsule or mesh"
+        )
+
+
+def _unit_axis(joint: Any) -> FloatArray:
+    axis = np.asarray(joint.axis, np.float64)
+    largest = np.abs(axis).max(initial=0.0)
+    if axis.shape != (3,) or not 0.0 < largest < np.inf:
+        raise InvalidHandError(
+            f"joint '{joint.name}' must have an axis of three numbers, not all 0"
+        )
+    scaled = axis / largest  # the square of a very large number is infinite
+    return np.asarray(scaled / np.linalg.norm(scaled))
+
+
+def _limits(joint: Any) -> tuple[float, float, float]:
+    """Return lower and upper limit [rad or m] and effort [N m or N]."""
+    limit = joint.limit
+    effort = None if limit is None else limit.effort
+    if effort is None or not (np.isfinite(effort) and effort > 0.0):
+        raise InvalidHandError(
+            f"joint '{joint.name}' must have a limit with an effort above 0; it is {effort}"
+        )
+    if joint.type == "continuous":
+        return -np.pi, np.pi, float(effort)
+    lower, upper = limit.lower, limit.upper
+    if lower is None or upper is None or not -LARGEST <= lower < upper <= LARGEST:
+        raise InvalidHandError(
+            f"joint '{joint.name}' must have a lower limit below its upper limit; they are"
+            f" {lower} and {upper}"
+        )
+    return float(lower), float(upper), float(effort)
+
+
+def _inertial(link: Any) -> Inertial:
+    """Return a link's mass properties in the link frame."""
+    inertial = link.inertial
+    if inertial is None or not inertial.mass:
+        return Inertial(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
+    mass = float(inertial.mass)
+    inertia = np.zeros((3, 3)) if inertial.inertia is None else np.asarray(inertial.inertia)
+    if not (0.0 <= mass <= _HEAVIEST and np.all(np.abs(inertia) <= _HEAVIEST)):
+        raise InvalidHandError(
+            f"link '{link.name}' must have a mass of at least 0 and finite moments of inertia"
+            f" [kg, m]; its mass is {mass}"
+        )
+    X_LI = _pose(inertial.origin)
+    rotated = X_LI[:3, :3] @ inertia @ X_LI[:3, :3].T
+    return Inertial(mass, read_only(X_LI[:3, 3].copy()), read_only(rotated))
+
+
+def _pose(matrix: FloatArray | None) -> FloatArray:
+    X = np.eye(4) if matrix is None else np.array(matrix, np.float64)
+    if not np.all(np.abs(X) <= LARGEST):
+        raise InvalidHandError(
+            f"a pose must be finite, and within {LARGEST:g} m; it is at {X[:3, 3].tolist()}"
+        )
+    return read_only(X)
 
 
 def rpy_pose(translation: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
@@ -59,88 +244,3 @@ def rpy_pose(translation: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
     pose = trimesh.transformations.euler_matrix(*np.asarray(rpy, np.float64), axes="sxyz")
     pose[:3, 3] = translation
     return np.asarray(pose, np.float64)
-
-
-def require_pose(X: FloatArray) -> FloatArray:
-    """Return a pose (4, 4) whose numbers are finite and within reach; refuse any other."""
-    if not np.all(np.abs(X) <= LARGEST):
-        raise InvalidHandError(
-            f"a pose in the hand's file must be finite, and within {LARGEST:g} m; it is at"
-            f" {X[:3, 3].tolist()}"
-        )
-    return X
-
-
-def make_inertial(
-    link: str, mass: float, X_LI: FloatArray, inertia_I: npt.NDArray[np.float64]
-) -> Inertial:
-    """Return the mass properties of a link from those in the frame I of its inertial element.
-
-    Raises
-    ------
-    InvalidHandError
-        If a number is not finite, or the mass is negative.
-    """
-    if not (0.0 <= mass <= _HEAVIEST and np.all(np.abs(inertia_I) <= _HEAVIEST)):
-        raise InvalidHandError(
-            f"link '{link}' must have a mass of at least 0 and finite moments of inertia [kg, m];"
-            f" its mass is {mass}"
-        )
-    rotated = X_LI[:3, :3] @ inertia_I @ X_LI[:3, :3].T
-    return Inertial(mass, frozen(X_LI[:3, 3]), frozen(rotated))
-
-
-def primitive(
-    link: str, X_LG: FloatArray, kind: GeometryKind, dimensions: npt.ArrayLike
-) -> LinkGeometry:
-    """Return a body of a simple shape, and a mesh of it; dimensions as in `LinkGeometry`."""
-    sizes = tuple(float(size) for size in np.asarray(dimensions, np.float64).ravel())
-    if len(sizes) != _SIZES[kind] or not all(_SMALLEST <= size <= LARGEST for size in sizes):
-        raise InvalidHandError(
-            f"a {kind} of link '{link}' must have {_SIZES[kind]} sizes of {_SMALLEST:g} to"
-            f" {LARGEST:g} m; it has {', '.join(map(str, sizes)) or 'none'}"
-        )
-    match kind:
-        case "box":
-            mesh = trimesh.creation.box(extents=sizes)
-        case "sphere":
-            mesh = trimesh.creation.icosphere(subdivisions=_SPHERE_SUBDIVISIONS, radius=sizes[0])
-        case "cylinder":
-            mesh = trimesh.creation.cylinder(
-                radius=sizes[0], height=sizes[1], sections=_CYLINDER_SECTIONS
-            )
-        case _:
-            mesh = trimesh.creation.capsule(radius=sizes[0], height=sizes[1])
-    return LinkGeometry(link, X_LG, kind, sizes, mesh)
-
-
-def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
-    """Read the mesh of a link's body.
-
-    Raises
-    ------
-    InvalidFileError
-        If it cannot be read, or is empty.
-    InvalidHandError
-        If the scale is none, or makes a mesh of it that is none.
-    """
-    factors = None if scale is None else np.atleast_1d(np.asarray(scale, np.float64))
-    if factors is not None and (
-        factors.shape not in ((1,), (3,)) or not (np.isfinite(factors) & (factors != 0.0)).all()
-    ):
-        raise InvalidHandError(
-            f"the scale of {file.name} must be 1 or 3 finite numbers other than 0; it is"
-            f" {shown(factors.tolist())}"
-        )
-    try:
-        loaded = trimesh.load(file, force="mesh")
-    except (OSError, ValueError, KeyError, IndexError, NotImplementedError) as error:
-        raise InvalidFileError(f"the mesh {file} cannot be read: {error}") from None
-    if len(loaded.faces) == 0:
-        raise InvalidFileError(f"the mesh {file} has no triangles")
-    if factors is not None:
-        with np.errstate(all="ignore"):
-            loaded.apply_scale(factors if len(factors) == 3 else float(factors[0]))
-    if not (np.abs(loaded.vertices) <= LARGEST).all():
-        raise InvalidHandError(f"the mesh {file.name} must be within {LARGEST:g} m of its origin")
-    return loaded

@@ -1,4 +1,4 @@
-"""The expanding polytope algorithm and certificates, against hulls and closed forms."""
+"""Epsilon by expanding polytopes, and force closure, against hulls and closed forms."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.epsilon import epsilon_by_convex_hull, epsilon_by_expanding_polytope
 from lis_grasp.grasping.expanding_polytope import LEAST_RADIUS, inscribed_ball_radii
-from lis_grasp.grasping.force_closure import certify_force_closure, min_weight
+from lis_grasp.grasping.force_closure import min_weight
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 
@@ -64,30 +64,6 @@ def test_a_tolerance_makes_epsilon_smaller_by_that_fraction_at_most() -> None:
     assert (coarse <= exact + 1e-9).all()
     assert (coarse >= exact / 1.1 - 1e-4).all()
     assert (coarse < 0.999 * exact).any()
-
-
-def test_a_certificate_of_force_closure_can_be_checked() -> None:
-    points, normals = _grasps(21, 30, 4)
-    model, closed = WrenchModel(0.5), 0
-    for p, n in zip(points, normals, strict=True):
-        certificate = certify_force_closure(p, n, model)
-        W, weights, plane = (
-            certificate.wrenches,
-            certificate.weights,
-            certificate.separating_wrench,
-        )
-        np.testing.assert_array_equal(W, model.wrenches_of_grasp(p, n))
-        assert (weights is None) != (plane is None)
-        assert is_force_closure(p, n, friction=0.5) == (weights is not None)
-        closed += weights is not None
-        if weights is not None:
-            assert (weights > 0.0).all()
-            np.testing.assert_allclose(weights @ W, 0.0, atol=1e-9)
-            assert np.linalg.matrix_rank(W) == 6
-        else:
-            assert np.linalg.norm(plane) == pytest.approx(1.0)
-            assert (W @ plane).max() <= 1e-7  # the tolerance of the linear programme
-    assert 0 < closed < 30
 
 
 def test_min_weight_times_the_width_of_the_hull_bounds_epsilon() -> None:

@@ -113,9 +113,9 @@ def test_planar_antipodal_threshold_is_the_friction_cone() -> None:
 
 
 def test_octahedral_grasp_has_its_closed_form_epsilon() -> None:
-    # Six unit contacts on the axes, four edges along the other axes: wrenches (-+e_i +- mu e_j) with
-    # the torque mu along +-e_k. Pure torques are resisted least. The support along a unit torque t
-    # is mu max |t_k|, whose minimum is mu / sqrt(3) at t = (1, 1, 1) / sqrt(3).
+    # Six unit contacts on the axes, four edges along the other axes: forces -+e_i +- mu e_j with
+    # the torque mu along +-e_k. Pure torques are resisted least. The support along a unit
+    # torque t is mu max |t_k|, whose minimum is mu / sqrt(3) at t = (1, 1, 1) / sqrt(3).
     for friction in (0.01, 0.1, 0.5):
         epsilon = epsilon_quality(AXES, AXES, friction=friction, edges=4)
         assert epsilon == pytest.approx(friction / np.sqrt(3.0), rel=1e-9)

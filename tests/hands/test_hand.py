@@ -1,6 +1,7 @@
 """Hands: shipped models are what they say, kinematics agree with Drake, bad files are refused."""
 
 import copy
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from trimesh.collision import CollisionManager
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_schema import write_schema
 from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
 
 
@@ -258,25 +260,32 @@ def test_a_hand_of_ones_own_is_read_from_its_yaml(tmp_path: Path) -> None:
     assert Hand.load(path).name == Hand.load(str(path)).name == "mine"
 
 
+# What is changed in the file, and the key that the error names.
 MISTAKES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
-    "missing key": (lambda d: d.pop("approach"), "lacks approach"),
-    "unknown key": (lambda d: d.update(aproach=[0, 0, 1]), "unknown key aproach"),
-    "kind": (lambda d: d.update(kind="claw"), "kind must be one of"),
-    "joint order": (lambda d: d["joints"].reverse(), "in the URDF's order"),
-    "no such link": (lambda d: d["pads"]["left"].update(link="thumb"), "no link 'thumb'"),
-    "negative radius": (lambda d: d["pads"]["left"].update(radius=-0.1), "at least 0 m"),
-    "zero direction": (lambda d: d.update(approach=[0, 0, 0]), "must not be zero"),
-    "not a number": (lambda d: d.update(approach=[0, 0, "up"]), "must be a finite number"),
-    "nan": (lambda d: d.update(max_contact_force=float("nan")), "must be a finite number"),
-    "wrong length": (lambda d: d["pregrasps"].update(wide=[0.05]), "list of 2 numbers"),
-    "outside limits": (lambda d: d["pregrasps"].update(wide=[0.05, 0.06]), "right_slide is 0.06"),
-    "one finger": (lambda d: d["pads"].pop("left"), "at least two fingers"),
+    "missing key": (lambda d: d.pop("approach"), "approach"),
+    "unknown key": (lambda d: d.update(aproach=[0, 0, 1]), "aproach"),
+    "kind": (lambda d: d.update(kind="claw"), "kind"),
+    "joint order": (lambda d: d["joints"].reverse(), "joints"),
+    "no such link": (lambda d: d["pads"]["left"].update(link="thumb"), "pads.left.link"),
+    "negative radius": (lambda d: d["pads"]["left"].update(radius=-0.1), "pads.left.radius"),
+    "no angle": (lambda d: d["pads"]["left"].update(half_angle=4.0), "pads.left.half_angle"),
+    "zero direction": (lambda d: d.update(approach=[0, 0, 0]), "approach"),
+    "not a number": (lambda d: d.update(approach=[0, 0, "1"]), "approach[2]"),
+    "truth as a number": (lambda d: d.update(max_contact_force=True), "max_contact_force"),
+    "nan": (lambda d: d.update(max_contact_force=float("nan")), "max_contact_force"),
+    "no force": (lambda d: d.update(max_contact_force=0), "max_contact_force"),
+    "wrong length": (lambda d: d["pregrasps"].update(wide=[0.05]), "pregrasps.wide"),
+    "outside limits": (lambda d: d["pregrasps"].update(wide=[0.05, 0.06]), "pregrasps.wide"),
+    "one finger": (lambda d: d["pads"].pop("left"), "pads"),
     "no such finger": (
         lambda d: d["probe_postures"].update(nose=d["probe_postures"]["left"]),
-        "has no pad",
+        "probe_postures.nose",
     ),
-    "odd pair": (lambda d: d["self_collision_exclusions"].append(["body"]), "must name two links"),
-    "no such URDF": (lambda d: d.update(urdf="nowhere.urdf"), "urdf: nowhere.urdf was not found"),
+    "odd pair": (
+        lambda d: d["self_collision_exclusions"].append(["body"]),
+        "self_collision_exclusions[6]",
+    ),
+    "no such URDF": (lambda d: d.update(urdf="nowhere.urdf"), "urdf"),
 }
 
 
@@ -284,23 +293,33 @@ MISTAKES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
 def test_a_mistake_in_the_yaml_is_named_in_one_line(tmp_path: Path, mistake: str) -> None:
     original, path = shipped(tmp_path)
     document = copy.deepcopy(original)
-    spoil, message = MISTAKES[mistake]
+    spoil, key = MISTAKES[mistake]
     spoil(document)
     path.write_text(yaml.safe_dump(document, sort_keys=False))
-    with pytest.raises(InvalidHandError) as caught:
+    with pytest.raises(InvalidHandError) as error:
         Hand.load(path)
-    assert message in str(caught.value)
-    assert "mine.yaml" in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert (error.value.file, error.value.key) == ("mine.yaml", key)
+    assert f"mine.yaml: {key} " in str(error.value).replace("urdf:", "urdf ")
+    assert "\n" not in str(error.value)
+
+
+def test_the_shipped_schema_is_that_of_the_package_and_hands_name_it(tmp_path: Path) -> None:
+    write_schema(tmp_path / "schema.json")
+    schema = model_path("hands/hand.schema.json")
+    assert json.loads(schema.read_text()) == json.loads((tmp_path / "schema.json").read_text())
+    for name in HAND_NAMES:
+        path = model_path(f"hands/{name}/{name}.yaml")
+        jsonschema_line = path.read_text().splitlines()[0]
+        assert jsonschema_line == "# yaml-language-server: $schema=../hand.schema.json"
+        assert (path.parent / "../hand.schema.json").is_file()
 
 
 URDF_MISTAKES = {
     "broken XML": ("</robot>", "", "not valid XML"),
-    "version of XML": ('version="1.0"', 'version="0x1"', "must be XML 1.0"),
     "no effort": ('effort="40"', "", "effort above 0"),
     "limits": ('upper="0.055"', 'upper="-1"', "lower limit below its upper limit"),
     "joint type": ('type="prismatic"', 'type="planar"', "is of type 'planar'"),
-    "mass": ('<mass value="0.08"/>', '<mass value="0"/>', "a mass above 0"),
+    "mass": ("<mass value=", "<mass was=", "a mass above 0"),
     "two roots": ('<parent link="body"/>', '<parent link="left_tip"/>', "one tree|loop|parent"),
     "axis": ('<axis xyz="1 0 0"/>', '<axis xyz="0 0 0"/>', "an axis of three numbers"),
     "flat axis": ('<axis xyz="1 0 0"/>', '<axis xyz="1 0"/>', "an axis of three numbers"),
@@ -356,7 +375,7 @@ def test_what_is_no_hand_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidHandError, match="not valid YAML"):
         Hand.load(broken)
     broken.write_text("just a text")
-    with pytest.raises(InvalidHandError, match="must be a mapping"):
+    with pytest.raises(InvalidHandError, match="the file must be a mapping"):
         Hand.load(broken)
 
 

@@ -115,7 +115,11 @@ def test_a_shipped_hand_as_drake_writes_it_in_sdf_is_the_same_hand(tmp_path: Pat
         ('attached_to="palm"', 'attached_to="knuckle"', "relative to itself"),
         ("<effort>3</effort>", "", "an effort above 0"),
         ("0.02 0.01 0.03 0.2 -0.1 0.4", "0.02 0.01 0.03", "a pose must have 6 numbers"),
-        ("<radius>0.009</radius>", "<radius>wide</radius>", "numbers were expected; 'wide'"),
+        (
+            "<radius>0.009</radius>",
+            "<radius>wide</radius>",
+            "expected instead of 'wide'",
+        ),
         ("collision", "visual", "must give links collision bodies"),
         ('mimic joint="bend"', 'mimic joint="curl"', "mimics 'curl'"),
         ("<sdf ", '<sdf odd:key="1" ', "not valid XML: unbound prefix"),

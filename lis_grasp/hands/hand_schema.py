@@ -1,0 +1,123 @@
+"""Schema of a hand's YAML file: pydantic models, and the JSON schema for editors."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from lis_grasp.exceptions import InvalidHandError, shown
+from lis_grasp.hands.hand_parts import HandKind
+
+# No length, angle or force of a hand is larger [m, rad, N].
+_LARGEST = 1e6
+
+
+def _not_zero(vector: list[float]) -> list[float]:
+    if not np.any(vector):
+        raise ValueError("must not be zero")
+    return vector
+
+
+Name = Annotated[str, Field(min_length=1)]
+Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
+Positive = Annotated[float, Field(gt=0.0, le=_LARGEST)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Direction = Annotated[Vector, AfterValidator(_not_zero)]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class PalmFrame(_Record):
+    """Pose of the palm frame H in the base link's frame."""
+
+    translation: Vector = Field(description="[m]")
+    rpy: Vector = Field(description="Fixed-axis roll, pitch, yaw, as in a URDF [rad].")
+
+
+class PadEntry(_Record):
+    """The part of a finger that is meant to touch."""
+
+    link: Name = Field(description="The link that carries the pad.")
+    center: Vector = Field(description="Centre of the sphere or the flat face, in the link [m].")
+    radius: float = Field(ge=0.0, le=_LARGEST, description="Of the sphere [m]; 0: a flat face.")
+    axis: Direction = Field(description="Outward direction at the middle of the pad, in the link.")
+    half_angle: float = Field(
+        gt=0.0, le=np.pi, description="The pad covers directions within this angle of axis [rad]."
+    )
+
+
+class TipEntry(_Record):
+    """The sphere that touches in a probe posture."""
+
+    link: Name = Field(description="The link that carries the sphere.")
+    center: Vector = Field(description="In the link [m].")
+    radius: Positive = Field(description="[m]")
+
+
+class ProbeEntry(_Record):
+    """A posture in which one fingertip is ahead of the rest of the hand."""
+
+    positions: list[Number] = Field(description="One for each joint [rad or m].")
+    direction: Direction = Field(description="In H: the motion of the hand towards the object.")
+    tip: TipEntry
+
+
+class HandEntry(_Record):
+    """A hand's YAML file."""
+
+    name: Name
+    kind: HandKind = Field(description="jaw: flat parallel pads; multi_finger: rounded pads.")
+    urdf: Name = Field(description="URDF or SDF file: a path from this file, or package://NAME/...")
+    joints: list[Name] = Field(
+        description="Movable joints that mimic no other, in the URDF's order."
+    )
+    palm_frame: PalmFrame
+    approach: Direction = Field(description="In H: the motion of the hand towards an object.")
+    max_contact_force: Positive = Field(description="Of one finger [N].")
+    pads: dict[Name, PadEntry] = Field(min_length=2, description="By the finger's name.")
+    pregrasps: dict[Name, list[Number]] = Field(
+        min_length=1, description="Opened postures by name: one number for each joint [rad or m]."
+    )
+    probe_postures: dict[Name, ProbeEntry] = Field(
+        min_length=1, description="By the name of the leading finger."
+    )
+    self_collision_exclusions: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = (
+        Field(description="Pairs of links that may touch, besides those joined by a joint.")
+    )
+
+
+def parse_hand(document: Any, file: str) -> HandEntry:
+    """Return the checked content of a hand's YAML file.
+
+    Raises
+    ------
+    InvalidHandError
+        With the dotted key of the first mistake.
+    """
+    try:
+        return HandEntry.model_validate(document)
+    except ValidationError as invalid:
+        first = invalid.errors(include_url=False)[0]
+    key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"]).lstrip(".")
+    if first["type"] == "missing":
+        raise InvalidHandError(f"{file}: {key} is missing", file=file, key=key)
+    if first["type"] == "extra_forbidden":
+        raise InvalidHandError(f"{file}: {key} is an unknown key", file=file, key=key)
+    reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
+    reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
+    reason = reason.replace(" after validation", "")
+    raise InvalidHandError(
+        f"{file}: {key or 'the file'} {reason}; it is {shown(first['input'])}", file=file, key=key
+    )
+
+
+def write_schema(path: Path) -> None:
+    """Write the JSON schema, from which editors complete and check a hand's YAML file."""
+    path.write_text(json.dumps(HandEntry.model_json_schema(), indent=1) + "\n", encoding="utf-8")

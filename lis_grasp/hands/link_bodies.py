@@ -1,0 +1,78 @@
+"""Collision bodies of a hand's links: primitive shapes and mesh files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError, shown
+from lis_grasp.hands.hand_parts import GeometryKind, LinkGeometry
+from lis_grasp.typing import FloatArray
+
+# Facets round a sphere or cylinder: the chord is within 1 % of the radius of the arc.
+_CYLINDER_SECTIONS = 32
+_SPHERE_SUBDIVISIONS = 3
+_SIZES: Mapping[GeometryKind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
+LARGEST = 1e3
+"""Largest length or position in a hand [m or rad]; more is a mistake."""
+_SMALLEST = 1e-6  # size of a body [m]
+
+
+def primitive(
+    link: str, X_LG: FloatArray, kind: GeometryKind, dimensions: npt.ArrayLike
+) -> LinkGeometry:
+    """Return a body of a simple shape with its mesh; dimensions as in `LinkGeometry`."""
+    sizes = tuple(float(size) for size in np.asarray(dimensions, np.float64).ravel())
+    if len(sizes) != _SIZES[kind] or not all(_SMALLEST <= size <= LARGEST for size in sizes):
+        raise InvalidHandError(
+            f"a {kind} of link '{link}' must have {_SIZES[kind]} sizes of {_SMALLEST:g} to"
+            f" {LARGEST:g} m; it has {', '.join(map(str, sizes)) or 'none'}"
+        )
+    match kind:
+        case "box":
+            mesh = trimesh.creation.box(extents=sizes)
+        case "sphere":
+            mesh = trimesh.creation.icosphere(subdivisions=_SPHERE_SUBDIVISIONS, radius=sizes[0])
+        case "cylinder":
+            mesh = trimesh.creation.cylinder(
+                radius=sizes[0], height=sizes[1], sections=_CYLINDER_SECTIONS
+            )
+        case _:
+            mesh = trimesh.creation.capsule(radius=sizes[0], height=sizes[1])
+    return LinkGeometry(link, X_LG, kind, sizes, mesh)
+
+
+def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
+    """Read the mesh of a link's body, and scale it by one factor or by one for each axis.
+
+    Raises
+    ------
+    InvalidFileError
+        If it cannot be read, or is empty.
+    InvalidHandError
+        If the scale is not 1 or 3 finite factors other than 0, or the scaled mesh is too large.
+    """
+    factors = None if scale is None else np.atleast_1d(np.asarray(scale, np.float64))
+    if factors is not None and (
+        factors.shape not in ((1,), (3,)) or not (np.isfinite(factors) & (factors != 0.0)).all()
+    ):
+        raise InvalidHandError(
+            f"the scale of {file.name} must be 1 or 3 finite numbers other than 0; it is"
+            f" {shown(factors.tolist())}"
+        )
+    try:
+        loaded = trimesh.load(file, force="mesh")
+    except (OSError, ValueError, KeyError, IndexError, NotImplementedError) as error:
+        raise InvalidFileError(f"the mesh {file} cannot be read: {error}", path=file) from None
+    if len(loaded.faces) == 0:
+        raise InvalidFileError(f"the mesh {file} has no triangles", path=file)
+    if factors is not None:
+        with np.errstate(all="ignore"):
+            loaded.apply_scale(factors if len(factors) == 3 else float(factors[0]))
+    if not (np.abs(loaded.vertices) <= LARGEST).all():
+        raise InvalidHandError(f"the mesh {file.name} must be within {LARGEST:g} m of its origin")
+    return loaded
