@@ -111,7 +111,7 @@ class CandidateFilter:
         for b in np.flatnonzero(free):
             path = np.tile(X_OH[b], (len(back), 1, 1))
             path[:, :3, 3] -= back[:, None] * (X_OH[b, :3, :3] @ self._hand.approach_H)
-            hit = self._checker.first_collision_on_path(path, opened[b])
+            hit = self._checker.first_collision(path, opened[b])
             if hit is not None:
                 self.rejected[f"approach_hits_{hit}"] += 1
                 free[b] = False

@@ -1,4 +1,4 @@
-"""Grasps: where the hand is, where its fingers touch, how good that is; with load and save."""
+"""Grasp records: palm pose, joints, contacts and qualities; reading and writing of grasps.json."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.atomic_writing import write_json
-from lis_grasp.records import reduce_record
+from lis_grasp.records import read_only, reduce_record
 from lis_grasp.typing import FloatArray
 
 _FRAMES = {
@@ -23,6 +23,7 @@ _FRAMES = {
     "X_OH": "pose of H in O, row-major 4x4",
 }
 _UNITS = {"length": "m", "angle": "rad", "force": "N"}
+_CONTACT = ("finger", "point", "normal", "force")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +39,7 @@ class Grasp:
     joint_names, joint_positions, pregrasp_positions
         J names; positions (J,) [rad or m] in contact, and opened with the palm at the same pose.
     approach_O
-        Shape (3,), unit, in O: the way the hand moves to come to X_OH.
+        Shape (3,), unit, in O: direction of the hand's motion to X_OH.
     contact_points, contact_normals
         Shape (C, 3): in O [m], and unit, outward of the object.
     contact_fingers
@@ -84,20 +85,20 @@ class Grasp:
             if array.shape != shape or not np.isfinite(array).all():
                 raise InvalidOptionError(
                     f"a grasp's {name} must be finite numbers of shape {shape};"
-                    f" its shape is {array.shape}"
+                    f" its shape is {array.shape}",
+                    option=name,
                 )
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
-        if "epsilon" not in self.quality:
-            raise InvalidOptionError("a grasp's quality must have a value named 'epsilon'")
+            object.__setattr__(self, name, read_only(array))
         for name in ("joint_names", "contact_fingers"):
             if not all(isinstance(item, str) for item in getattr(self, name)):
-                raise InvalidOptionError(f"a grasp's {name} must be texts")
-        object.__setattr__(self, "joint_names", tuple(self.joint_names))
-        object.__setattr__(self, "contact_fingers", tuple(self.contact_fingers))
+                raise InvalidOptionError(f"a grasp's {name} must be texts", option=name)
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         values = {str(name): float(value) for name, value in self.quality.items()}
-        if not all(map(math.isfinite, values.values())):
-            raise InvalidOptionError(f"a grasp's quality must be finite numbers, not {values}")
+        if "epsilon" not in values or not all(map(math.isfinite, values.values())):
+            raise InvalidOptionError(
+                f"a grasp's quality must be finite numbers, one named 'epsilon'; it is {values}",
+                option="quality",
+            )
         object.__setattr__(self, "quality", MappingProxyType(values))
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
@@ -106,16 +107,16 @@ class Grasp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspSearch:
-    """What a search for grasps came to; none found is a result too.
+    """The result of a search for grasps, which may have found none.
 
     Parameters
     ----------
     grasps
         Accepted grasps, the best first.
     rejections
-        Number of rejected candidates by reason.
+        Number of rejected candidates by reason; `ForceClosureSampler.sample` names the reasons.
     candidates
-        How many candidates there were.
+        Number of all candidates.
     """
 
     grasps: tuple[Grasp, ...]
@@ -138,30 +139,30 @@ def save_grasps(path: Path | str, search: GraspSearch, *, header: str = "") -> N
 
 
 def load_grasps(path: Path | str) -> GraspSearch:
-    """Read what `save_grasps` wrote.
+    """Read a file of `save_grasps`.
 
     Raises
     ------
     InvalidFileError
-        If the file is missing, is no JSON, or lacks something.
+        If the file is missing, is no JSON, or lacks a field.
     """
     path = Path(path)
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise InvalidFileError(f"{path} is no JSON of grasps: {error}") from None
-    try:
         return GraspSearch(
             grasps=tuple(_from_plain(entry) for entry in content["grasps"]),
             rejections={str(k): int(v) for k, v in content["rejections"].items()},
             candidates=int(content["candidates"]),
         )
+    except OSError as error:
+        reason = f"cannot read {path}: {error.strerror}"
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        reason = f"{path} is no JSON of grasps: {error}"
     except KeyError as error:
-        raise InvalidFileError(f"{path} lacks {error}; write it with `lis-grasp grasp`") from None
+        reason = f"{path} lacks {error}; write it with `lis-grasp grasp`"
     except (TypeError, ValueError, OverflowError, AttributeError, InvalidOptionError) as error:
-        raise InvalidFileError(f"{path} holds no valid grasps: {error}") from None
+        reason = f"{path} holds no valid grasps: {error}"
+    raise InvalidFileError(reason, path=path)
 
 
 def _to_plain(grasp: Grasp) -> dict[str, Any]:
@@ -173,8 +174,8 @@ def _to_plain(grasp: Grasp) -> dict[str, Any]:
         "pregrasp_positions": grasp.pregrasp_positions.tolist(),
         "approach_O": grasp.approach_O.tolist(),
         "contacts": [
-            {"finger": finger, "point": p.tolist(), "normal": n.tolist(), "force": f.tolist()}
-            for finger, p, n, f in zip(
+            dict(zip(_CONTACT, (finger, *(array.tolist() for array in arrays)), strict=True))
+            for finger, *arrays in zip(
                 grasp.contact_fingers,
                 grasp.contact_points,
                 grasp.contact_normals,
@@ -188,18 +189,16 @@ def _to_plain(grasp: Grasp) -> dict[str, Any]:
 
 
 def _from_plain(entry: Mapping[str, Any]) -> Grasp:
-    contacts = entry["contacts"]
+    columns = [[contact[name] for contact in entry["contacts"]] for name in _CONTACT]
+    fingers, points, normals, forces = columns
+    same = ("X_OH", "joint_positions", "pregrasp_positions", "approach_O", "quality")
     return Grasp(
         hand=str(entry["hand"]),
-        X_OH=entry["X_OH"],
         joint_names=tuple(entry["joint_names"]),
-        joint_positions=entry["joint_positions"],
-        pregrasp_positions=entry["pregrasp_positions"],
-        approach_O=entry["approach_O"],
-        contact_points=np.reshape([c["point"] for c in contacts], (-1, 3)),
-        contact_normals=np.reshape([c["normal"] for c in contacts], (-1, 3)),
-        contact_fingers=tuple(c["finger"] for c in contacts),
-        contact_forces=np.reshape([c["force"] for c in contacts], (-1, 3)),
-        quality=entry["quality"],
+        contact_points=np.reshape(points, (-1, 3)),
+        contact_normals=np.reshape(normals, (-1, 3)),
+        contact_fingers=tuple(fingers),
+        contact_forces=np.reshape(forces, (-1, 3)),
         accepted=str(entry["accepted"]),
+        **{name: entry[name] for name in same},
     )

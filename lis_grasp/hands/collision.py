@@ -1,4 +1,4 @@
-"""Collision of a hand with an object's mesh, its support, and itself, judged by python-fcl."""
+"""Collision checks of a hand with an object's mesh, its support, and itself (python-fcl)."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class NearestLink:
 
 
 class HandCollisionChecker:
-    """Says which links of a hand touch what they should not.
+    """Checks a hand's links for collisions, and finds the link nearest to the object.
 
     Bodies are built once and moved. A triangle mesh is a shell to FCL, so a body wholly inside the
-    object is found by the winding number of a point of it, not by FCL.
+    object is found by the winding number of one of its points.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class HandCollisionChecker:
     support_height
         Height of the supporting plane in O [m]; None without one.
     clearance
-        How far the hand must stay from the support [m].
+        Least distance of the hand from the support [m].
     """
 
     def __init__(
@@ -83,47 +83,31 @@ class HandCollisionChecker:
     def first_collision(
         self, X_OH: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
     ) -> str | None:
-        """Return what the hand collides with first, or None.
+        """Return the first collision of a hand at one pose or along a path, or None.
 
         Parameters
         ----------
-        X_OH, q
-            Shape (4, 4) and (J,): pose of the palm in O, joint positions.
+        X_OH
+            Shape (4, 4) or (W, 4, 4): pose of the palm in O, or poses along a path.
+        q
+            Shape (J,): joint positions.
         pads_may_touch
-            Whether the links that carry pads may touch the object (they must not the support).
+            Whether the links that carry pads may touch the object (not the support).
 
         Returns
         -------
         str or None
             ``"support"``, ``"object"``, ``"self"`` or None.
         """
-        poses = self._pose(X_OH @ self.poses_in_hand(q))
-        return self._first_collision(poses, pads_may_touch=pads_may_touch)
-
-    def first_collision_on_path(self, X_OH: FloatArray, q: FloatArray) -> str | None:
-        """Return what a hand of fixed posture collides with first, or None; as `first_collision`.
-
-        Parameters
-        ----------
-        X_OH
-            Shape (W, 4, 4): poses of the palm on its way.
-        q
-            Shape (J,).
-        """
         in_hand = self.poses_in_hand(q)
-        for X in X_OH:
-            hit = self._first_collision(self._pose(X @ in_hand), pads_may_touch=False)
-            if hit is not None:
-                return hit
-        return None
-
-    def _first_collision(self, poses: FloatArray, *, pads_may_touch: bool) -> str | None:
-        if self._floor is not None and self.lowest(poses) < self._floor:
-            return "support"
-        if self._touches_object(pads_may_touch=pads_may_touch):
-            return "object"
-        if self._touches_itself():
-            return "self"
+        for X in X_OH.reshape(-1, 4, 4):
+            poses = self._pose(X @ in_hand)
+            if self._floor is not None and self.lowest(poses) < self._floor:
+                return "support"
+            if self._touches_object(pads_may_touch=pads_may_touch):
+                return "object"
+            if self._touches_itself():
+                return "self"
         return None
 
     def touches_object(self, X_OH: FloatArray, q: FloatArray) -> bool:
@@ -137,16 +121,10 @@ class HandCollisionChecker:
         return np.stack([links[g.link] @ g.X_LG for g in self._hand.link_geometries])
 
     def place(self, X_OH: FloatArray, poses: FloatArray) -> bool:
-        """Put the hand somewhere, for `nearest`; tell whether it meets the object's surface there.
+        """Place the hand for `nearest`, and return whether it meets the object's surface.
 
-        A hand wholly inside the object does not meet its surface.
-
-        Parameters
-        ----------
-        X_OH
-            Shape (4, 4), pose of the palm in O.
-        poses
-            Shape (G, 4, 4), as returned by `poses_in_hand`.
+        A hand wholly inside the object does not meet its surface. `poses` (G, 4, 4) are those of
+        `poses_in_hand`; `X_OH` (4, 4) is the pose of the palm in O.
         """
         self._pose(X_OH @ poses)
         data = fcl.CollisionData()
@@ -154,14 +132,8 @@ class HandCollisionChecker:
         return bool(data.result.is_collision)
 
     def nearest(self, moved: FloatArray) -> NearestLink:
-        """Return which link is nearest to the object when the placed hand is moved, and where.
-
-        Parameters
-        ----------
-        moved
-            Shape (3,) [m], in O: by how much, from where `place` last put it.
-        """
-        self._object.setTranslation(-moved)  # the same, and one body to move
+        """Return the link nearest to the object after moving the placed hand by (3,) [m] in O."""
+        self._object.setTranslation(-moved)  # equivalent, with one body to move
         try:
             data = fcl.DistanceData(request=fcl.DistanceRequest(enable_nearest_points=True))
             self._manager.distance(self._object, data, fcl.defaultDistanceCallback)
@@ -172,7 +144,8 @@ class HandCollisionChecker:
         body = self._index[id(result.o2 if first else result.o1)]
         face = int(result.b1 if first else result.b2)
         if self._hand.link_geometries[body].kind == "sphere":
-            near = self._bodies[body].getTranslation()  # FCL's points of spheres are in odd frames
+            # FCL gives the nearest points of spheres in other frames.
+            near = self._bodies[body].getTranslation()
         else:
             near = np.asarray(result.nearest_points[0 if first else 1])
         triangle = self._mesh.triangles[face][None]
@@ -196,7 +169,7 @@ class HandCollisionChecker:
     def _touches_object(self, *, pads_may_touch: bool) -> bool:
         data = fcl.CollisionData(request=fcl.CollisionRequest(num_max_contacts=1000))
         self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
-        # One callback stops the manager at `num_max_contacts`; asked link by link it is exact.
+        # The manager stops at `num_max_contacts`; a check link by link is exact.
         if data.result.is_collision:
             for body, geometry in zip(self._bodies, self._hand.link_geometries, strict=True):
                 if pads_may_touch and geometry.link in self._pads:
@@ -204,11 +177,11 @@ class HandCollisionChecker:
                 result = fcl.CollisionResult()
                 if fcl.collide(body, self._object, fcl.CollisionRequest(), result):
                     return True
-        places = [
+        inside = [
             body.getRotation() @ point + body.getTranslation()
             for body, point in zip(self._bodies, self._points, strict=True)
         ]
-        return any_inside(self._mesh, np.array(places))
+        return any_inside(self._mesh, np.array(inside))
 
     def _touches_itself(self) -> bool:
         data = fcl.CollisionData(
@@ -248,7 +221,7 @@ def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
 
 
 def _outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
-    """Return points and a radius whose sum covers the body, however it is turned."""
+    """Return points and a radius: balls of that radius about the points cover the body's hull."""
     if geometry.kind == "sphere":
         return np.zeros((1, 3)), geometry.dimensions[0]
     if geometry.kind == "capsule":

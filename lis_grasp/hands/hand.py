@@ -1,4 +1,4 @@
-"""Hand: a robot hand as planning sees it (links, joints, pads, postures), and its kinematics."""
+"""The robot hand: links, joints, pads, postures, and kinematics."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from lis_grasp.records import reduce_record
 from lis_grasp.typing import FloatArray
 
 
-@dataclass(frozen=True, eq=False)  # no slots: what follows from the fields is kept beside them
+@dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Hand:
-    """A robot hand, read by `Hand.load` from a URDF and one YAML file.
+    """A robot hand, read by `Hand.load` from a URDF or SDF and one YAML file.
 
-    Frames: O the frame that the hand is posed in (the object's, or any other), H the palm frame,
+    Frames: O the frame in which poses are given (the object's, or any other), H the palm frame,
     L a link frame. F fingers, J actuated joints, in the URDF's order.
 
     Parameters
@@ -52,16 +52,15 @@ class Hand:
     X_LH
         Shape (4, 4): the palm frame in the base link's.
     approach_H
-        Shape (3,), unit: the way the hand moves towards an object that it is going to grasp.
+        Shape (3,), unit: direction of the hand's motion towards an object to grasp.
     pregrasps
         Opened postures (J,) by name.
     probe_postures
         By the leading finger's name.
     self_collision_exclusions
-        Pairs of link names, each pair sorted, whose contact is by design; every pair joined by a
-        joint is among them.
+        Pairs of link names, each pair sorted, that may touch; those joined by a joint are included.
     max_contact_force
-        [N] that one finger can press with.
+        Largest force of one finger [N].
     """
 
     name: str
@@ -93,6 +92,10 @@ class Hand:
         """
         return cls(**read_hand_file(path_or_name))
 
+    def __repr__(self) -> str:
+        joints, fingers = len(self.joint_names), ", ".join(self.fingers)
+        return f"Hand({self.name!r}, {self.kind}, {joints} joints, fingers: {fingers})"
+
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         return reduce_record(self)
 
@@ -103,7 +106,7 @@ class Hand:
 
     @property
     def pad_links(self) -> frozenset[str]:
-        """The links that carry pads, and what is rigidly fixed to those."""
+        """The links that carry pads, and all that are fixed to those."""
         links = {pad.link for pad in self.pads}
         for joint in self.joints:  # parents come before their children
             if joint.kind == "fixed" and joint.parent in links:
@@ -112,7 +115,7 @@ class Hand:
 
     @property
     def base_link(self) -> str:
-        """Name of the link that everything else hangs on."""
+        """Name of the root of the link tree."""
         return self.links[0]
 
     @property
@@ -122,12 +125,12 @@ class Hand:
 
     @property
     def link_fingers(self) -> Mapping[str, str]:
-        """The finger that each link belongs to; links of several fingers or of none are absent."""
+        """Finger by link name; links of several fingers or of none are absent."""
         owners: dict[str, set[str]] = {}
         for pad in self.pads:
             for joint in joints_to(self.joints, pad.link):
                 owners.setdefault(joint.child, set()).add(pad.finger)
-        # What hangs on a finger's link, without being on its way to the pad, is the finger's too.
+        # Side branches of a finger's links belong to the finger, too.
         for joint in self.joints:
             if joint.child not in owners and joint.parent in owners:
                 owners[joint.child] = owners[joint.parent]
@@ -169,7 +172,7 @@ class Hand:
     def pad_jacobians(
         self, X_OH: npt.ArrayLike, q: npt.ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the pads' centres and axes, and how they move with the palm and the joints.
+        """Return the pads' centres and axes, and their Jacobians by palm and joints.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What a hand's files say about it, checked against what touching and grasping need of a hand."""
+"""Checks of a hand for touching and grasping: masses, collisions, pads, postures, forces."""
 
 from __future__ import annotations
 
@@ -13,24 +13,22 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import Pad, ProbePosture
 from lis_grasp.typing import FloatArray
 
-# A pad counts as covered by its own finger where that stands out further than this [m].
+# A pad counts as covered by its link where the link is further out by more than this [m].
 _PAD_COVERED = 0.002
-# A leading tip should be ahead of the rest by this much, or the rest touches flat things first [m].
+# Smallest useful lead of a probing tip over the rest of the hand [m].
 _LEAD = 0.02
-# Axes of two pads that can hold something between them are more than a right angle apart (cosine).
-_OPPOSED = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """The result of one check.
 
     Parameters
     ----------
     fine
-        Whether it is as it should be.
+        Whether it passed.
     text
-        What was found, and, where it is not fine, what to mend.
+        What was found, and what to change if it failed.
     """
 
     fine: bool
@@ -38,7 +36,7 @@ class Finding:
 
 
 def check_hand(hand: Hand) -> list[Finding]:
-    """Return what is fine and what is to mend, in the order in which it is worth mending."""
+    """Return the findings on a hand, in the order in which to fix what failed."""
     checks = (_masses, _self_collisions, _pads, _opposition, _probe_postures, _forces)
     return [finding for check in checks for finding in check(hand)]
 
@@ -54,29 +52,29 @@ def _masses(hand: Hand) -> Iterator[Finding]:
     if faults:
         yield Finding(
             False,
-            f"the inertia of {', '.join(faults)} is that of no body: principal moments must be"
-            " positive, and none larger than the other two together",
+            f"the inertia of {', '.join(faults)} is impossible: principal moments must be positive,"
+            " and none larger than the other two together",
         )
     weight = 0.05 <= hand.mass <= 10.0
-    advice = "" if weight else ": masses are in kg, and a hand has some"
+    advice = "" if weight else ": masses must be in kg, 0.05 to 10 in all"
     yield Finding(weight, f"the hand weighs {hand.mass:.2f} kg{advice}")
 
 
 def _self_collisions(hand: Hand) -> Iterator[Finding]:
-    nowhere = trimesh.creation.box(extents=[1e-3] * 3)
-    nowhere.apply_translation([0.0, 0.0, 1e3])
-    checker = HandCollisionChecker(hand, nowhere)
+    far_away = trimesh.creation.box(extents=[1e-3] * 3)
+    far_away.apply_translation([0.0, 0.0, 1e3])
+    checker = HandCollisionChecker(hand, far_away)
     postures = {f"pregrasp {name}": q for name, q in hand.pregrasps.items()}
     postures |= {f"probe posture {f}": p.joint_positions for f, p in hand.probe_postures.items()}
     hits = [n for n, q in postures.items() if checker.first_collision(np.eye(4), q) == "self"]
     if hits:
-        yield Finding(
-            False,
-            f"links collide in {', '.join(hits)}: change the positions, or name pairs that touch by"
-            " design under self_collision_exclusions",
+        text = (
+            f"links collide in {', '.join(hits)}: change the positions, or name pairs that may"
+            " touch under self_collision_exclusions"
         )
     else:
-        yield Finding(True, f"no links collide in {len(postures)} postures")
+        text = f"no links collide in {len(postures)} postures"
+    yield Finding(not hits, text)
 
 
 def _pads(hand: Hand) -> Iterator[Finding]:
@@ -86,43 +84,42 @@ def _pads(hand: Hand) -> Iterator[Finding]:
         X_HL = links[pad.link]
         axis = X_HL[:3, :3] @ pad.axis_L
         face = float((X_HL[:3, :3] @ pad.center_L + X_HL[:3, 3]) @ axis) + pad.radius
-        reach = _reach_along(hand, links, axis, _rigid_part(hand, pad))
-        if reach > face + _PAD_COVERED:
-            yield Finding(
-                False,
-                f"pad {pad.finger} lies {1e3 * (reach - face):.0f} mm below its link's surface:"
-                " move its center, or enlarge its radius",
+        depth = 1e3 * (_extent_along(hand, links, axis, _body_link(hand, pad)) - face)  # [mm]
+        if depth > 1e3 * _PAD_COVERED:
+            text = (
+                f"pad {pad.finger} is {depth:.0f} mm below its link's surface: move its center, or"
+                " enlarge its radius"
             )
-        elif reach < face - 2.0 * _PAD_COVERED:
-            yield Finding(
-                False,
-                f"pad {pad.finger} lies {1e3 * (face - reach):.0f} mm outside of its link: grasps"
-                " will stop short of the object by that",
+        elif depth < -2e3 * _PAD_COVERED:
+            text = (
+                f"pad {pad.finger} is {-depth:.0f} mm outside of its link: grasps will stop short"
+                " of the object by that distance"
             )
         else:
             yield Finding(True, f"pad {pad.finger} is on the surface of {pad.link}")
+            continue
+        yield Finding(False, text)
 
 
 def _opposition(hand: Hand) -> Iterator[Finding]:
-    spans = []
+    gaps = []
     for name, q in hand.pregrasps.items():
         axes, centers = hand.pad_axes(np.eye(4), q), hand.pad_centers(np.eye(4), q)
         for i in range(len(hand.pads)):
             for j in range(i):
                 apart = centers[j] - centers[i]
-                length = float(np.linalg.norm(apart))
                 facing = axes[i] @ apart > 0.0 and axes[j] @ apart < 0.0
-                if facing and axes[i] @ axes[j] < _OPPOSED:
-                    gap = length - hand.pads[i].radius - hand.pads[j].radius
-                    spans.append((gap, name))
-    if not spans:
+                if facing and axes[i] @ axes[j] < 0.0:
+                    radii = hand.pads[i].radius + hand.pads[j].radius
+                    gaps.append((float(np.linalg.norm(apart)) - radii, name))
+    if not gaps:
         yield Finding(
             False,
             "no two pads face each other in any pregrasp, so nothing can be held between them:"
             " open the hand with a thumb opposite to the fingers",
         )
         return
-    low, high = min(spans), max(spans)
+    low, high = min(gaps), max(gaps)
     yield Finding(
         True,
         f"opened, pads that face each other are {1e3 * low[0]:.0f} mm ({low[1]}) to"
@@ -135,28 +132,23 @@ def _probe_postures(hand: Hand) -> Iterator[Finding]:
         lead, rival = _lead(hand, posture)
         own = hand.link_fingers.get(rival) == finger
         if lead < 0.0:
-            yield Finding(
-                False,
-                f"in probe posture {finger}, {rival} is {-1e3 * lead:.0f} mm ahead of the tip's"
-                " sphere: change direction, positions or tip",
+            text = (
+                f"{rival} is {-1e3 * lead:.0f} mm ahead of the tip's sphere: change direction,"
+                " positions or tip"
             )
         elif not own and lead < _LEAD:
-            yield Finding(
-                False,
-                f"in probe posture {finger}, the tip is only {1e3 * lead:.0f} mm ahead of {rival},"
-                " which will touch flat objects first: fold the other fingers away",
+            text = (
+                f"the tip is only {1e3 * lead:.0f} mm ahead of {rival}, which will touch flat"
+                " objects first: fold the other fingers away"
             )
         else:
-            yield Finding(
-                True,
-                f"in probe posture {finger}, the tip is {1e3 * lead:.0f} mm ahead of {rival}",
-            )
-    if not hand.probe_postures:
-        yield Finding(False, "there is no probe posture, so the hand cannot touch")
+            text = f"the tip is {1e3 * lead:.0f} mm ahead of {rival}"
+        fine = lead >= (0.0 if own else _LEAD)
+        yield Finding(fine, f"in probe posture {finger}, {text}")
 
 
 def _forces(hand: Hand) -> Iterator[Finding]:
-    """Compare the force limit with what motors hold at the pads: |J^T f| <= effort."""
+    """Compare the force limit with the pad forces that the motors can hold: |J^T f| <= effort."""
     q = np.mean(list(hand.pregrasps.values()), axis=0)
     _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
     levers = np.abs(np.einsum("fkj,fk->fj", jacobian[:, :, 6:], axes))
@@ -172,42 +164,41 @@ def _forces(hand: Hand) -> Iterator[Finding]:
 
 
 def _lead(hand: Hand, posture: ProbePosture) -> tuple[float, str]:
-    """Return by how much the tip's sphere is ahead of any other link [m], and of which."""
+    """Return the lead of the tip's sphere over the foremost other link [m], and that link."""
     links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
     tip = links[posture.link][:3, :3] @ posture.center_L + links[posture.link][:3, 3]
     front = float(tip @ posture.direction_H) + posture.radius
-    others = [link for link in hand.links if link != posture.link]
     ahead = {
-        link: _reach_along(hand, links, posture.direction_H, frozenset({link})) for link in others
+        link: _extent_along(hand, links, posture.direction_H, link)
+        for link in hand.links
+        if link != posture.link
     }
-    # The tip's own finger is behind it anyhow; what counts is the rest, unless that is wrong too.
-    own = {link for link in others if hand.link_fingers.get(link) == posture.finger}
-    rest = {link: reach for link, reach in ahead.items() if link not in own}
-    rival = max(rest, key=lambda link: rest[link]) if rest else others[0]
+    # Links of the tip's own finger are normally just behind it: they count only if ahead of it.
+    own = {link for link in ahead if hand.link_fingers.get(link) == posture.finger}
+    others = [link for link in ahead if link not in own]
+    rival = max(others or ahead, key=lambda link: ahead[link])
     worst_own = max(own, key=lambda link: ahead[link], default=rival)
     if ahead[worst_own] > front + 1e-6:
         rival = worst_own
     return front - ahead[rival], rival
 
 
-def _reach_along(
-    hand: Hand, links: dict[str, FloatArray], axis: FloatArray, chosen: frozenset[str]
-) -> float:
-    """Return how far the bodies of some links reach along an axis of H [m]."""
-    reach = -np.inf
+def _extent_along(hand: Hand, links: dict[str, FloatArray], axis: FloatArray, link: str) -> float:
+    """Return the largest coordinate of a link's bodies along an axis of H [m]."""
+    extent = -np.inf
     for geometry in hand.link_geometries:
-        if geometry.link in chosen:
-            X_HG = links[geometry.link] @ geometry.X_LG
+        if geometry.link == link:
+            X_HG = links[link] @ geometry.X_LG
             points = np.asarray(geometry.mesh.vertices) @ X_HG[:3, :3].T + X_HG[:3, 3]
-            reach = max(reach, float((points @ axis).max()))
-    return reach
+            extent = max(extent, float((points @ axis).max()))
+    return extent
 
 
-def _rigid_part(hand: Hand, pad: Pad) -> frozenset[str]:
-    """Return the pad's link; where that has no body, what it is fixed to."""
+def _body_link(hand: Hand, pad: Pad) -> str:
+    """Return the pad's link, or the nearest link with a body that it is fixed to."""
     bodies = {geometry.link for geometry in hand.link_geometries}
     link = pad.link
     parents = {joint.child: joint for joint in hand.joints}
     while link not in bodies and link in parents and parents[link].kind == "fixed":
         link = parents[link].parent
-    return frozenset({link})
+    return link

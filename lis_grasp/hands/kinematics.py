@@ -1,4 +1,4 @@
-"""Where the links and pads of a hand are, and how pads move, for many postures at once."""
+"""Batched forward kinematics of a hand's links and pads, and Jacobians of the pads."""
 
 from __future__ import annotations
 
@@ -14,22 +14,10 @@ from lis_grasp.typing import FloatArray
 class Kinematics:
     """The joints and pads of a hand, as arrays.
 
-    Batches are small and come often, so what counts is how few operations they take: all joints
-    turn in one, and all pads move with all of their joints in one. Within this class the joint,
-    link or pad is the first dimension of an array, and the batch (...) comes after it.
-
-    Parameters
-    ----------
-    links
-        Names, a parent before its children; the first is the base.
-    joints
-        N joints, a parent before its children.
-    pads
-        F pads.
-    X_LH
-        Shape (4, 4): the palm frame in the base link's.
-    actuated
-        J, how many joints have a motor.
+    Batches are small and frequent, so the number of NumPy calls counts: all joints turn in one, and
+    all pads move with all of their joints in one. In this class the joint, link or pad is the first
+    dimension of an array, and the batch (...) follows. Arguments are as in `Hand`; `actuated` is J,
+    the number of joints with a motor.
     """
 
     def __init__(
@@ -50,7 +38,7 @@ class Kinematics:
         axes = np.array([joint.axis_J for joint in joints]).reshape(-1, 3)
         turns = np.array([joint.kind == "revolute" for joint in joints], dtype=bool)
         slides = np.array([joint.kind == "prismatic" for joint in joints], dtype=bool)
-        # A fixed joint has the position of any other, and moves along nothing.
+        # A fixed joint takes the position of joint 0, and has no axis to move along.
         self._index = np.array([max(joint.index, 0) for joint in joints], dtype=np.intp)
         self._multipliers = np.array([joint.multiplier for joint in joints])
         self._offsets = np.array([joint.offset for joint in joints])
@@ -68,10 +56,10 @@ class Kinematics:
         self._moved, moving = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
         self._moving_links = np.array(self._children, dtype=np.intp)[moving]
         self._moving_turns, self._moving_slides = turn_axes[moving], self._slide_axes[moving]
-        # Where the motion of a pair goes in a Jacobian, and how much of it.
-        self._share = np.zeros((len(pads), 6 + actuated, len(pairs)))
-        columns = 6 + self._index[moving]
-        self._share[self._moved, columns, range(len(pairs))] = self._multipliers[moving]
+        # Column of the Jacobian for the motion of each pair, with the joint's multiplier.
+        self._columns = np.zeros((len(pads), 6 + actuated, len(pairs)))
+        column = 6 + self._index[moving]
+        self._columns[self._moved, column, range(len(pairs))] = self._multipliers[moving]
 
     def poses(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> dict[str, FloatArray]:
         """Return the pose of each link; see `Hand.forward_kinematics`."""
@@ -85,17 +73,17 @@ class Kinematics:
     def pad_jacobians(
         self, X_OH: npt.ArrayLike, q: npt.ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the pads' centres and axes, and how they move; see `Hand.pad_jacobians`."""
+        """Return the pads' centres, axes and Jacobians; see `Hand.pad_jacobians`."""
         X_OH, q = self._broadcast(X_OH, q)
         poses = self._poses(X_OH, q)
         centers, axes = self._pads(poses)
         X_OC = poses[self._moving_links]  # (P, ..., 4, 4)
         # A joint's axis is the same in the child link's frame as in the joint frame.
-        turn = _turned(X_OC, self._moving_turns)
-        slide = _turned(X_OC, self._moving_slides)
+        turn = _rotated(X_OC, self._moving_turns)
+        slide = _rotated(X_OC, self._moving_slides)
         arms = centers[self._moved] - X_OC[..., :3, 3]
-        of_centers = np.tensordot(self._share, _cross(turn, arms) + slide, axes=1)
-        of_axes = np.tensordot(self._share, _cross(turn, axes[self._moved]), axes=1)
+        of_centers = np.tensordot(self._columns, _cross(turn, arms) + slide, axes=1)
+        of_axes = np.tensordot(self._columns, _cross(turn, axes[self._moved]), axes=1)
         along = np.eye(3).reshape(3, *(1,) * (q.ndim - 1), 3)  # O's axes, (3, ..., 3)
         of_centers[:, 0:3] = _cross(along, (centers - X_OH[..., :3, 3])[:, None])
         of_centers[:, 3:6] = along
@@ -144,20 +132,20 @@ class Kinematics:
     def _pads(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the pads' centres and axes, each of shape (F, ..., 3)."""
         X_OL = poses[self._pad_links]
-        return _turned(X_OL, self._pad_centers) + X_OL[..., :3, 3], _turned(X_OL, self._pad_axes)
+        return _rotated(X_OL, self._pad_centers) + X_OL[..., :3, 3], _rotated(X_OL, self._pad_axes)
 
 
-def _turned(X: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Turn each vector (K, 3) by its poses (K, ..., 4, 4); shape (K, ..., 3)."""
+def _rotated(X: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Rotate each vector (K, 3) by its poses (K, ..., 4, 4); shape (K, ..., 3)."""
     column = vectors.reshape(len(vectors), *(1,) * (X.ndim - 3), 3, 1)
-    turned: FloatArray = (X[..., :3, :3] @ column)[..., 0]
-    return turned
+    rotated: FloatArray = (X[..., :3, :3] @ column)[..., 0]
+    return rotated
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return a x b, shape (..., 3), faster than NumPy does for many short vectors."""
-    turned, back = np.array([1, 2, 0]), np.array([2, 0, 1])
-    result: FloatArray = a[..., turned] * b[..., back] - a[..., back] * b[..., turned]
+    following, last = np.array([1, 2, 0]), np.array([2, 0, 1])
+    result: FloatArray = a[..., following] * b[..., last] - a[..., last] * b[..., following]
     return result
 
 

@@ -1,4 +1,4 @@
-"""Find the files that a hand's files name, by path or by package:// URI."""
+"""Resolution of the paths and package:// URIs that a hand's files contain."""
 
 from __future__ import annotations
 
@@ -9,17 +9,11 @@ from lis_grasp.exceptions import InvalidFileError, shown
 
 
 def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
-    """Find a file that another one names.
+    """Return the file that a path or URI in another file means.
 
-    A plain path counts from `folder`; ``package://NAME/...`` is looked for in a folder NAME above
-    it, in `folder` itself, and in folders NAME beside those of ``ROS_PACKAGE_PATH`` (a copy of
-    drake_models, for example).
-
-    Raises
-    ------
-    InvalidFileError
-        If there is no such file, and where it was looked for; or if the URI leads out of its
-        package.
+    A plain path is relative to `folder`. ``package://NAME/...`` is searched in a folder NAME above
+    it, in `folder` itself, and in ``ROS_PACKAGE_PATH``: in its folders NAME, and in folders NAME
+    inside its folders. Raises `InvalidFileError`, which says where the file was searched.
     """
     scheme, separator, rest = uri.partition("://")
     if not separator:
@@ -30,7 +24,8 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
         package, _, inside = rest.partition("/")
         if ".." in Path(inside).parts:
             raise InvalidFileError(f"{named_in}: {uri} must not lead out of its package")
-        above = [parent / inside for parent in _upwards(folder) if parent.name == package]
+        here = folder.resolve()
+        above = [parent / inside for parent in (here, *here.parents) if parent.name == package]
         roots = [Path(r) for r in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if r]
         listed = [root / package / inside for root in roots]
         listed += [root / inside for root in roots if root.name == package]
@@ -45,11 +40,6 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
             raise InvalidFileError(f"{named_in}: {shown(uri)} is no file: {error}") from None
     tried = ", ".join(str(candidate) for candidate in candidates)
     raise InvalidFileError(
-        f"{named_in}: {uri} was not found; looked at {tried}: a package's folder may be listed in"
+        f"{named_in}: {uri} was not found; tried {tried}: a package's folder may be listed in"
         " ROS_PACKAGE_PATH"
     )
-
-
-def _upwards(folder: Path) -> list[Path]:
-    resolved = folder.resolve()
-    return [resolved, *resolved.parents]

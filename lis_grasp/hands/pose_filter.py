@@ -1,4 +1,4 @@
-"""Cheap and sure rejection of hand poses: balls inside the links against a grid of distances."""
+"""Fast rejection of colliding hand poses: balls in the links against a grid of distances."""
 
 from __future__ import annotations
 
@@ -12,20 +12,19 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import LinkGeometry
 from lis_grasp.typing import FloatArray
 
-# Nodes of the grid along the object's largest extent, or along the radius of the hand's largest
-# ball if that is longer; points of the surface, in nodes' distances.
+# Nodes of the grid along the object's largest extent, or along the radius of the largest ball of
+# the hand if that is longer.
 _NODES = 32
-_SURFACE_STEP = 0.8
-# Balls of a long link overlap by this share of their radius.
-_SPACING = 1.0
+_SURFACE_STEP = 0.8  # between sampled points of the surface, in cells of the grid
+_SPACING = 1.0  # between balls of a long link, in radii
 
 
 class HandPoseFilter:
-    """Says of many hand poses at once whether they surely collide with an object.
+    """Finds hand poses that surely collide with an object, many at once.
 
-    Balls that lie inside the links stand for the hand, the distance from a grid's nearest node to
-    the object for the object. Both err on the side of no collision, so what is rejected collides,
-    and what is not has to be checked (`HandCollisionChecker`).
+    Balls inside the links approximate the hand, and the distance of the nearest node of a grid
+    approximates the object. Both err on the side of no collision: what is rejected collides, and
+    the rest has to be checked (`HandCollisionChecker`).
 
     Parameters
     ----------
@@ -62,20 +61,20 @@ class HandPoseFilter:
         q
             Shape (J,) or (N, J): joint positions, of all poses or of each.
         pads_may_touch
-            Whether links that carry pads are left out.
+            Whether to leave out links that carry pads.
         """
         centers_H = self._centers_in_hand(q)  # (S, 3) or (N, S, 3)
         kept = ~self._of_pads if pads_may_touch else np.ones(len(self._radii), dtype=bool)
-        # From O to the grid in one go: one product of matrices for all balls of all poses.
-        turned = X_OH[:, :3, :3] / self._cell
-        moved = (X_OH[:, :3, 3] - self._lowest) / self._cell + 0.5
-        nodes = centers_H[..., kept, :] @ np.swapaxes(turned, -1, -2) + moved[:, None]
+        # One product of matrices takes all balls of all poses from O to the grid.
+        rotation = X_OH[:, :3, :3] / self._cell
+        offset = (X_OH[:, :3, 3] - self._lowest) / self._cell + 0.5
+        nodes = centers_H[..., kept, :] @ np.swapaxes(rotation, -1, -2) + offset[:, None]
         shape = np.array(self._distances.shape)
         np.clip(nodes, 0.0, shape - 1.0, out=nodes)  # the border of the grid is far from all
         i, j, k = np.moveaxis(nodes.astype(np.int32), -1, 0)
         near = self._distances.ravel()[(i * shape[1] + j) * shape[2] + k]  # (N, S)
-        reach = self._radii[kept] - 0.5 * np.sqrt(3.0) * self._cell
-        return np.asarray((near < reach).any(axis=1))
+        inside = self._radii[kept] - 0.5 * np.sqrt(3.0) * self._cell
+        return np.asarray((near < inside).any(axis=1))
 
     def _centers_in_hand(self, q: FloatArray) -> FloatArray:
         poses = self._hand.forward_kinematics(np.eye(4), q)
@@ -112,10 +111,10 @@ def balls_inside(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
 
 
 def _ball_in_mesh(mesh: trimesh.Trimesh) -> tuple[FloatArray, FloatArray]:
-    """Return the ball about the middle of a body's mesh that its planes leave room for."""
+    """Return the largest ball about the mean vertex inside all planes of a mesh's faces."""
     center = np.asarray(mesh.vertices).mean(axis=0)
     heights = ((mesh.triangles[:, 0] - center) * mesh.face_normals).sum(axis=1)
-    if not len(heights) or heights.min() <= 0.0:  # not seen by all faces: perhaps not inside
+    if not len(heights) or heights.min() <= 0.0:  # perhaps not inside
         return np.zeros((0, 3)), np.zeros(0)
     return center[None], np.array([heights.min()])
 
@@ -123,14 +122,14 @@ def _ball_in_mesh(mesh: trimesh.Trimesh) -> tuple[FloatArray, FloatArray]:
 def _distances_to_solid(
     mesh: trimesh.Trimesh, lowest: FloatArray, shape: npt.NDArray[np.int_], cell: float
 ) -> npt.NDArray[np.float32]:
-    """Return how far nodes are from a solid at the most [m]; inside, minus the depth at least."""
+    """Return upper bounds of the signed distances of nodes from a solid [m], negative inside."""
     fine = mesh.subdivide_to_size(_SURFACE_STEP * cell, max_iter=20)
     nodes = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
     near, _ = cKDTree(fine.vertices).query(lowest + cell * nodes.reshape(-1, 3))
     distances = near.reshape(shape)
-    # Free nodes that are not joined with the border are inside. Of two neighbours on either side of
-    # the surface one is within half a cell of a point of it, and so within a cell of a vertex.
-    rooms, _ = ndimage.label(distances > cell)
-    outside = (rooms == 0) | (rooms == rooms[0, 0, 0])
+    # Regions of free nodes without connection to the border are inside. Of two neighbours on either
+    # side of the surface one is within half a cell of a point of it, so within a cell of a vertex.
+    regions, _ = ndimage.label(distances > cell)
+    outside = (regions == 0) | (regions == regions[0, 0, 0])
     signed = np.where(outside, distances, _SURFACE_STEP * cell - distances)
     return signed.astype(np.float32)

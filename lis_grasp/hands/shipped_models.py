@@ -1,4 +1,4 @@
-"""Where the shipped hand and object models are, in a wheel and in a source checkout alike."""
+"""Paths of the shipped hand models."""
 
 from pathlib import Path
 
@@ -11,17 +11,9 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 
 
 def model_path(relative: str) -> Path:
-    """Return the path of a shipped model file or folder.
+    """Return the path of a shipped model file or folder below ``models/``.
 
-    Parameters
-    ----------
-    relative
-        Path below ``models/``, for example ``"hands/allegro/allegro.yaml"``.
-
-    Raises
-    ------
-    InvalidFileError
-        If the package ships no such file.
+    Raises `InvalidFileError` if the package ships no such file.
     """
     # The wheel carries models/ as lis_grasp/_models; a source checkout has it beside the package.
     for root in (_PACKAGE / "_models", _PACKAGE.parent / "models"):

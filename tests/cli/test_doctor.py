@@ -49,8 +49,8 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (change_urdf('ixx="1.960e-05"', 'ixx="1.960e-02"'), "is that of no body"),
-        (change_urdf('<mass value="0.54"/>', '<mass value="540"/>'), "masses are in kg"),
+        (change_urdf('ixx="1.960e-05"', 'ixx="1.960e-02"'), "is impossible"),
+        (change_urdf('<mass value="0.54"/>', '<mass value="540"/>'), "masses must be in kg"),
         (
             # Fingers bent until they run into the palm.
             change_yaml(lambda d: d["pregrasps"].update(fist=[0, 1.6, 1.7, 1.6] * 3 + [0.3] * 4)),
