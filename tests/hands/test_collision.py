@@ -1,4 +1,4 @@
-"""Collision of a hand with object, support and itself."""
+"""Collision checks of a hand with object, support and itself."""
 
 from dataclasses import replace
 
@@ -53,7 +53,7 @@ def test_a_body_is_inside_where_its_mesh_is_and_not_its_frame(at: float, inside:
     assert checker.touches_object(X_OL @ hand.X_LH, OPEN) == inside
 
 
-def test_the_lowest_point_decides_about_the_support() -> None:
+def test_a_hand_collides_with_the_support_from_its_lowest_point_on() -> None:
     hand = JAW
     mesh = trimesh.creation.box((0.01, 0.01, 0.01))
     mesh.apply_translation([0.0, 0.0, 3.0])
@@ -93,26 +93,52 @@ def test_fingers_through_each_other_are_found() -> None:
     assert checker.first_collision(far, crossed) == "self"
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_object_verdict_agrees_with_sampled_points(seed: int) -> None:
-    # Independent: points of the links' surfaces inside the mesh mean collision.
-    rng = np.random.default_rng(seed)
+def test_collision_with_a_ball_agrees_with_sampled_points() -> None:
+    # Points of the links' surfaces, at most 10 mm apart, against a ball of 50 mm. A body without a
+    # point in the ball may still dip into it: its surface is within 10 / sqrt(3) = 5.8 mm of one.
+    rng = np.random.default_rng(0)
     mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    assert np.linalg.norm(mesh.triangles_center, axis=1).min() > 0.0496
     checker = HandCollisionChecker(JAW, mesh)
-    for _ in range(15):
+    samples = [(g, g.mesh.subdivide_to_size(0.01).vertices) for g in JAW.link_geometries]
+    inside = outside = 0
+    for _ in range(60):
         X_OH = trimesh.transformations.random_rotation_matrix(rng.random(3))
         X_OH[:3, 3] = rng.normal(scale=0.08, size=3)
         poses = JAW.forward_kinematics(X_OH, OPEN)
-        depth = min(
-            np.linalg.norm(
-                trimesh.transform_points(
-                    g.mesh.subdivide_to_size(0.01).vertices, poses[g.link] @ g.X_LG
-                ),
-                axis=1,
-            ).min()
-            for g in JAW.link_geometries
+        nearest = min(
+            np.linalg.norm(trimesh.transform_points(v, poses[g.link] @ g.X_LG), axis=1).min()
+            for g, v in samples
         )
-        if depth < 0.049:
+        if nearest < 0.0496:
+            inside += 1
             assert checker.touches_object(X_OH, OPEN)
-        elif depth > 0.056 and not checker.touches_object(X_OH, OPEN):
-            continue
+        elif nearest > 0.056:
+            outside += 1
+            assert not checker.touches_object(X_OH, OPEN)
+    assert min(inside, outside) > 10
+
+
+def test_the_nearest_link_of_a_placed_hand_is_found_with_its_distance() -> None:
+    mesh = trimesh.creation.box((0.02, 0.02, 0.02))
+    checker = HandCollisionChecker(JAW, mesh)
+    # The fingers point down and end 0.2 m minus their length above the origin.
+    assert not checker.place(_above(0.3), checker.poses_in_hand(OPEN))
+    poses = JAW.forward_kinematics(_above(0.3), OPEN)
+    query = trimesh.proximity.ProximityQuery(mesh)
+    expected = {
+        g.link: query.on_surface(
+            trimesh.transform_points(
+                g.mesh.subdivide_to_size(0.002).vertices, poses[g.link] @ g.X_LG
+            )
+        )[1].min()
+        for g in JAW.link_geometries
+    }
+    found = checker.nearest(np.zeros(3))
+    # Sampled points are at most 2 mm apart, so the distance is overestimated by less than 0.02 mm
+    # (a right-angled triangle of 0.2 m and 1.2 mm).
+    assert found.distance == pytest.approx(min(expected.values()), abs=2e-4)
+    assert expected[found.link] == pytest.approx(found.distance, abs=2e-4)
+    assert query.on_surface(found.point[None])[1][0] == pytest.approx(0.0, abs=1e-9)
+    # Moved 0.1 m down, the hand is as much nearer.
+    assert checker.nearest(np.array([0.0, 0.0, -0.1])).distance < found.distance - 0.05

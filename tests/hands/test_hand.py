@@ -1,4 +1,4 @@
-"""Hands: shipped models are what they say, kinematics agree with Drake, bad files are refused."""
+"""Hands: shipped dimensions, kinematics against Drake, and mistakes in files."""
 
 import copy
 import json
@@ -74,10 +74,10 @@ def test_pad_jacobian_agrees_with_drake(hand: Hand) -> None:
     context = drake_context(plant, hand, X_OH, q)
     _, _, jacobian, _ = hand.pad_jacobians(X_OH, q)
     world = plant.world_frame()
-    shares = np.zeros((plant.num_velocities(), len(q)))  # of the actuated joints in all speeds
+    multipliers = np.zeros((plant.num_velocities(), len(q)))  # of the actuated joints in all speeds
     for joint in hand.joints:
         if joint.index >= 0:
-            shares[plant.GetJointByName(joint.name).velocity_start(), joint.index] = (
+            multipliers[plant.GetJointByName(joint.name).velocity_start(), joint.index] = (
                 joint.multiplier
             )
     for f, pad in enumerate(hand.pads):
@@ -85,7 +85,7 @@ def test_pad_jacobian_agrees_with_drake(hand: Hand) -> None:
         expected = plant.CalcJacobianTranslationalVelocity(
             context, JacobianWrtVariable.kV, frame, pad.center_L, world, world
         )
-        np.testing.assert_allclose(jacobian[f, :, 6:], expected @ shares, atol=1e-13)
+        np.testing.assert_allclose(jacobian[f, :, 6:], expected @ multipliers, atol=1e-13)
 
 
 def test_pad_jacobians_are_the_derivatives_of_pad_centers_and_axes(hand: Hand) -> None:
@@ -147,7 +147,7 @@ def test_kinematics_are_equivariant_under_rigid_motion(hand: Hand) -> None:
     )
 
 
-def test_the_palm_frame_is_where_the_hand_is_posed(hand: Hand) -> None:
+def test_the_pose_of_a_hand_is_that_of_its_palm_frame(hand: Hand) -> None:
     X_OH, q = random_state(hand, np.random.default_rng(6))
     X_OL = hand.forward_kinematics(X_OH, q)[hand.base_link]
     np.testing.assert_allclose(X_OL @ hand.X_LH, X_OH, atol=1e-14)
@@ -241,6 +241,11 @@ def test_collision_bodies_are_closed_and_as_large_as_their_dimensions(hand: Hand
         assert body.mesh.volume == pytest.approx(volume, rel=0.03)
 
 
+def test_the_representation_of_a_hand_is_one_short_line(hand: Hand) -> None:
+    assert hand.name in repr(hand)
+    assert len(repr(hand)) < 100
+
+
 def test_arrays_are_read_only(hand: Hand) -> None:
     arrays = [hand.lower, hand.X_LH, hand.approach_H, *hand.pregrasps.values()]
     assert not any(array.flags.writeable for array in arrays)
@@ -309,8 +314,8 @@ def test_the_shipped_schema_is_that_of_the_package_and_hands_name_it(tmp_path: P
     assert json.loads(schema.read_text()) == json.loads((tmp_path / "schema.json").read_text())
     for name in HAND_NAMES:
         path = model_path(f"hands/{name}/{name}.yaml")
-        jsonschema_line = path.read_text().splitlines()[0]
-        assert jsonschema_line == "# yaml-language-server: $schema=../hand.schema.json"
+        first = path.read_text().splitlines()[0]
+        assert first == "# yaml-language-server: $schema=../hand.schema.json"
         assert (path.parent / "../hand.schema.json").is_file()
 
 
@@ -367,7 +372,7 @@ def test_a_package_uri_does_not_lead_out_of_its_package(tmp_path: Path) -> None:
         Hand.load(path)
 
 
-def test_what_is_no_hand_is_refused(tmp_path: Path) -> None:
+def test_names_and_files_that_are_no_hand_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidHandError, match="one of allegro, wsg50, barrett"):
         Hand.load("shadow")
     broken = tmp_path / "broken.yaml"

@@ -1,4 +1,4 @@
-"""The filter of hand poses: what it rejects collides, by FCL; and it rejects most of what does."""
+"""The filter of hand poses rejects only poses that collide by FCL, and most of those."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def _poses(count: int, spread: float, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("hand_name", ["allegro", "wsg50", "barrett"])
 @pytest.mark.parametrize("name", ["box", "torus", "hollow_cylinder"])
-def test_what_is_rejected_collides_and_most_of_what_collides_is_rejected(
+def test_rejected_poses_collide_and_most_colliding_poses_are_rejected(
     hand_name: str, name: str
 ) -> None:
     hand, mesh = Hand.load(hand_name), shapes.build(name).mesh
@@ -37,7 +37,7 @@ def test_what_is_rejected_collides_and_most_of_what_collides_is_rejected(
     )
 
 
-def test_a_bead_needs_no_finer_a_grid_than_the_hand() -> None:
+def test_the_grid_of_a_tiny_object_is_as_coarse_as_the_hand() -> None:
     hand, bead = Hand.load("allegro"), trimesh.creation.icosphere(radius=0.001)
     poses = HandPoseFilter(hand, bead)
     assert poses._distances.size < 1e6
@@ -48,7 +48,7 @@ def test_a_bead_needs_no_finer_a_grid_than_the_hand() -> None:
     assert poses.collides(X, q).tolist() == [True, False]
 
 
-def test_pads_may_touch_if_told_so() -> None:
+def test_pads_may_touch_with_that_option() -> None:
     hand = Hand.load("wsg50")
     center = hand.pad_centers(np.eye(4), hand.lower + 0.02).mean(axis=0)
     ball = trimesh.creation.icosphere(radius=0.03)
@@ -59,7 +59,7 @@ def test_pads_may_touch_if_told_so() -> None:
     assert not poses.collides(np.eye(4)[None], q, pads_may_touch=True)[0]
 
 
-def test_a_link_wholly_inside_and_one_in_a_cavity_are_told_apart() -> None:
+def test_links_wholly_inside_or_in_a_sealed_cavity_are_rejected() -> None:
     hand = Hand.load("allegro")
     q = next(iter(hand.pregrasps.values()))
     solid = trimesh.creation.box((1.0, 1.0, 1.0))
