@@ -125,7 +125,7 @@ def test_errors_of_the_readme_are_those_of_the_results_page() -> None:
     assert readme["`gpis`"][0] == even["`gpis` (Matern 5/2)"][0]
     for name in ("`lis` (the paper's)", "`blend` (default)"):
         assert readme[name][0] == even[name][0]
-    for name in ("`gpis`", "`blend` (default)"):
+    for name in ("`lis` (the paper's)", "`gpis`", "`blend` (default)"):
         assert readme[name][1] == random[name][0]
 
 
