@@ -39,15 +39,6 @@ def sample_contact_sets(
     far side; the other contacts are there, beside each other as the fingers are. Opposed normals
     make force closure possible (Nguyen 1988), which is checked later.
 
-    Parameters
-    ----------
-    hand, samples
-        The hand, and the points that it may touch.
-    count
-        Draws to make.
-    rng
-        For every draw.
-
     Returns
     -------
     ContactSets

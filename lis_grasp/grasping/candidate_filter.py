@@ -23,19 +23,11 @@ _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be fre
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspCandidates:
-    """B contact sets with postures of the hand that touch them without collision.
-
-    Parameters
-    ----------
-    contacts, postures
-        The contacts, and palm and joints at them.
-    opened
-        Shape (B, J): joint positions with every used pad off its contact.
-    """
+    """B contact sets with postures of the hand that touch them without collision."""
 
     contacts: ContactSets
     postures: Postures
-    opened: FloatArray
+    opened: FloatArray  # (B, J): joint positions with every used pad off its contact
 
     def __len__(self) -> int:
         return len(self.contacts)
@@ -52,14 +44,7 @@ class CandidateFilter:
     - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp;
     - ``approach_hits_object``, ``_support``, ``_self``: a collision opened or on the approach.
 
-    Parameters
-    ----------
-    hand
-        The hand.
-    mesh
-        Closed surface in O [m].
-    support_height
-        Height of the plane that the object is on in O [m]; None where there is none.
+    Arguments are as of `HandCollisionChecker`.
     """
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh, *, support_height: float | None) -> None:
@@ -73,12 +58,7 @@ class CandidateFilter:
     ) -> tuple[IndexArray, GraspCandidates]:
         """Return the indices of the contact sets that are accepted, and their candidates.
 
-        Parameters
-        ----------
-        contacts
-            B sets.
-        X_OH, q
-            Shape (B, 4, 4) and (B, J): initial guess of the inverse kinematics.
+        `X_OH` (B, 4, 4) and `q` (B, J) are the initial guess of the inverse kinematics.
         """
         postures = solve_ik(self._hand, contacts, X_OH, q)
         near = postures.position_error <= _MAX_POSITION_ERROR

@@ -28,18 +28,10 @@ _UNSUPPORTED = 3.0
 class SurfaceSamples:
     """Points of a mesh that a pad can press on, with their normals.
 
-    Parameters
-    ----------
-    mesh
-        Closed, in O [m].
-    lowest
-        Height that all points are above, in O [m].
-    rng
-        For every draw.
-    bends
-        Whether pads may also press on convex bends: sharp edges, ribs, and thin rods and balls. The
-        surface falls off alike on opposite sides there, so that the pad rests on the ridge. The
-        normal of a sharp edge is halfway between those of its two faces.
+    The mesh is closed, in O [m]; all points are above the height `lowest` [m]. With `bends`, pads
+    may also press on convex bends: sharp edges, ribs, and thin rods and balls. The surface falls
+    off alike on opposite sides there, so that the pad rests on the ridge. The normal of a sharp
+    edge is halfway between those of its two faces.
     """
 
     def __init__(

@@ -64,20 +64,9 @@ class WrenchModel:
     def wrenches(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> FloatArray:
         """Return the primitive wrenches of contacts, each with unit normal force.
 
-        Parameters
-        ----------
-        points, normals
-            Shape (..., C, 3) [m] and unit, OUTWARD of the object.
-
-        Returns
-        -------
-        FloatArray
-            Shape (..., C, K, 6) with K = 1 (frictionless), edges, or edges + 2 (soft finger).
-
-        Raises
-        ------
-        InvalidContactsError
-            If the contacts are not finite arrays of that shape with C >= 1.
+        Points (..., C, 3) [m] and unit normals, OUTWARD of the object, give wrenches of shape
+        (..., C, K, 6) with K = 1 (frictionless), edges, or edges + 2 (soft finger). Contacts of
+        another shape, or with C = 0, raise `InvalidContactsError`.
         """
         points, normals = _checked(points, normals)
         center = points.mean(axis=-2) if self.origin is None else np.asarray(self.origin)

@@ -98,13 +98,8 @@ def epsilon_by_expanding_polytope(
     model
         Of the wrenches.
     tolerance
-        Fraction of epsilon by which the result may be too small. With 0.05 it takes two thirds of
-        the time, and is mostly off by less than a hundredth.
-
-    Returns
-    -------
-    FloatArray
-        Shape (B,).
+        Fraction of epsilon by which the result (B,) may be too small. With 0.05 it takes two thirds
+        of the time, and is mostly off by less than a hundredth.
     """
     wrenches = model.wrenches(points, normals)  # (B, C, K, 6)
     if wrenches.ndim != 4:

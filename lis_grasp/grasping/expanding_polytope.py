@@ -56,19 +56,8 @@ def inscribed_ball_radii(farthest: Farthest, count: int, *, tolerance: float = 1
     either confirms the facet, or becomes a vertex. Only facets near the origin are made, so that it
     is faster than a whole hull (Zheng 2013).
 
-    Parameters
-    ----------
-    farthest
-        Support function of the bodies; called with unit directions.
-    count
-        B, of bodies.
-    tolerance
-        Fraction of the radius by which the result may be too small, besides 3e-6.
-
-    Returns
-    -------
-    FloatArray
-        Shape (B,); 0 at times where the ball is smaller than `LEAST_RADIUS`.
+    `farthest` is the support function of `count` bodies, called with unit directions. Radii (B,)
+    may be too small by the fraction `tolerance` and 3e-6; below `LEAST_RADIUS` they may be 0.
 
     References
     ----------

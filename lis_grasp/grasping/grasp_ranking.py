@@ -53,18 +53,9 @@ class GraspScorer:
     Torques are taken about the centre of mass at uniform density, and divided by the largest
     distance of a vertex from it.
 
-    Parameters
-    ----------
-    hand
-        Whose pads touch. Rounded pads are hard fingers with Coulomb friction, the flat pads of a
-        parallel-jaw gripper are soft fingers.
-    mesh
-        Closed mesh of the object in O [m], true or estimated, with a vertex attribute
-        ``"uncertainty"`` [m] where it is known.
-    friction
-        Coulomb coefficient.
-    rng
-        For the sampled surfaces.
+    Rounded pads are hard fingers with Coulomb friction, the flat pads of a parallel-jaw gripper are
+    soft fingers. The mesh is closed, in O [m], with a vertex attribute ``"uncertainty"`` [m] where
+    it is known.
     """
 
     def __init__(

@@ -28,24 +28,9 @@ def perturb_grasps(
     random weight. Steps are drawn in the palm's frame, so that grasps turn with the object. Sets
     with a contact that finds no usable surface are left out.
 
-    Parameters
-    ----------
-    hand, samples
-        The hand, and the points that it may touch.
-    grasps
-        Of this hand.
-    each
-        Sets to draw for each grasp.
-    distance
-        Standard deviation of the steps in each coordinate [m].
-    rng
-        For every draw.
-
-    Returns
-    -------
-    tuple
-        Of B sets: the index (B,) of the perturbed grasp, the sets, and an initial guess of inverse
-        kinematics: palm poses (B, 4, 4) and joint positions (B, J).
+    Each grasp gets `each` draws, with steps of the standard deviation `distance` [m] in each
+    coordinate. Returned are, of B sets: the index (B,) of the perturbed grasp, the sets, and an
+    initial guess of inverse kinematics: palm poses (B, 4, 4) and joint positions (B, J).
     """
     parents = np.repeat(np.arange(len(grasps)), each)
     points = np.zeros((len(grasps), len(hand.pads), 3))

@@ -23,7 +23,7 @@ _POSITION_UNIT = 1e-3
 _AXIS_UNIT = 0.1
 _REVOLUTE_UNIT, _PRISMATIC_UNIT = 0.7, 0.07
 _TURN_UNIT = 0.5
-# A joint of a finger without contact stays much closer to its start.
+# A joint of a finger without contact does not move; its smaller unit only raises the damping.
 _IDLE_FACTOR = 0.05
 # Contacts are kept within this fraction of a pad's half angle.
 _PAD_FRACTION = 0.8
@@ -31,24 +31,12 @@ _PAD_FRACTION = 0.8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Postures:
-    """Postures of a hand for B candidates.
+    """Postures of a hand for B candidates."""
 
-    Parameters
-    ----------
-    X_OH
-        Shape (B, 4, 4).
-    q
-        Shape (B, J), within the joint limits.
-    position_error
-        Shape (B,) [m]: the largest distance of a used pad from its target.
-    axis_error
-        Shape (B,) [rad]: the largest angle of a used contact outside its pad; 0 inside.
-    """
-
-    X_OH: FloatArray
-    q: FloatArray
-    position_error: FloatArray
-    axis_error: FloatArray
+    X_OH: FloatArray  # (B, 4, 4)
+    q: FloatArray  # (B, J), within the joint limits
+    position_error: FloatArray  # (B,) [m]: largest distance of a used pad from its target
+    axis_error: FloatArray  # (B,) [rad]: largest angle of a used contact outside its pad
 
     def subset(self, index: IndexArray) -> Postures:
         """Return the postures of some of the candidates."""
@@ -69,10 +57,8 @@ def solve_ik(
 
     Parameters
     ----------
-    hand
-        The hand.
-    contacts
-        B candidates.
+    hand, contacts
+        The hand, and the contacts of B candidates.
     X_OH, q
         Shape (B, 4, 4) and (B, J): the initial guess, which is also the preferred posture.
     palm_fixed
@@ -182,8 +168,7 @@ class _Problem:
         """Return palm and joints after a step (B, 6 + J), the joints within their limits."""
         step = step * self._free
         moved = X.copy()
-        turns = Rotation.from_rotvec(step[:, :3]).as_matrix()
-        moved[:, :3, :3] = turns @ X[:, :3, :3]
+        moved[:, :3, :3] = Rotation.from_rotvec(step[:, :3]).as_matrix() @ X[:, :3, :3]
         moved[:, :3, 3] += step[:, 3:6]
         return moved, np.clip(q + step[:, 6:], self._hand.lower, self._hand.upper)
 

@@ -1,4 +1,4 @@
-"""Grasps for others: the isaac_grasp file format of NVIDIA's Isaac Sim and Isaac ROS."""
+"""Writing of isaac_grasp files, the format of NVIDIA's Isaac Sim and Isaac ROS."""
 
 from __future__ import annotations
 
@@ -17,18 +17,9 @@ from lis_grasp.io.atomic_writing import whole_file
 def save_isaac_grasps(path: Path | str, search: GraspSearch, hand: Hand) -> None:
     """Write grasps as an isaac_grasp file, version 1.0 (YAML).
 
-    Each has the pose of the hand's base link in the object's frame [m, unit quaternion], the
-    actuated joints' positions in contact and opened [rad or m], and as confidence its probability
-    of success. Contacts and other qualities have no place in the format.
-
-    Parameters
-    ----------
-    path
-        Of the file.
-    search
-        Grasps of `hand`, the best first.
-    hand
-        Whose base link is the gripper's frame.
+    Each grasp has the pose of the hand's base link in the object's frame [m, unit quaternion], the
+    actuated joints' positions in contact and opened [rad or m], and as confidence its success
+    probability. The format has no contacts and other qualities.
     """
     content = {
         "format": "isaac_grasp",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import trimesh
@@ -112,41 +112,35 @@ class ForceClosureSampler:
         return search.result(count)
 
 
+@dataclass(slots=True)
 class _Search:
     """The grasps found so far, and counts of the rejected candidates."""
 
-    def __init__(
-        self,
-        hand: Hand,
-        samples: SurfaceSamples,
-        candidate_filter: CandidateFilter,
-        scorer: GraspScorer,
-        rng: np.random.Generator,
-    ) -> None:
-        self._hand, self.samples, self._rng = hand, samples, rng
-        self._filter, self._scorer = candidate_filter, scorer
-        self.grasps: list[Grasp] = []
-        self._rejected: Counter[str] = Counter()
-        self._drawn = 0
+    hand: Hand
+    samples: SurfaceSamples
+    candidate_filter: CandidateFilter
+    scorer: GraspScorer
+    rng: np.random.Generator
+    grasps: list[Grasp] = field(default_factory=list)
+    rejected: Counter[str] = field(default_factory=Counter)
+    drawn: int = 0
 
     def draw_enough(self, candidates: int, count: int) -> None:
         """Draw until `candidates` are drawn, or enough grasps close at half the friction."""
-        while self._drawn < candidates:
+        while self.drawn < candidates:
             robust = sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self.grasps)
             if robust >= _ENOUGH * count:
                 break
-            self._draw(min(_BATCH, candidates - self._drawn))
+            self._draw(min(_BATCH, candidates - self.drawn))
 
     def _draw(self, count: int) -> None:
-        self._drawn += count
+        self.drawn += count
         if not len(self.samples):
-            self._rejected["no_flat_supported_surface"] += count
+            self.rejected["no_flat_supported_surface"] += count
             return
-        sets, R_OH, failed = sample_contact_sets(
-            self._hand, self.samples, count=count, rng=self._rng
-        )
-        self._rejected.update(failed)
-        found = self._grasps_at(sets, *initial_postures(self._hand, sets, R_OH))
+        sets, R_OH, failed = sample_contact_sets(self.hand, self.samples, count=count, rng=self.rng)
+        self.rejected.update(failed)
+        found = self._grasps_at(sets, *initial_postures(self.hand, sets, R_OH))
         self.grasps += found.values()
 
     def refine(self, count: int) -> None:
@@ -155,39 +149,39 @@ class _Search:
         best = self.grasps[:count]
         for distance in _STEPS if best else ():
             parents, sets, X_OH, q = perturb_grasps(
-                self._hand,
+                self.hand,
                 best,
                 self.samples,
                 each=_PERTURBATIONS,
                 distance=distance,
-                rng=self._rng,
+                rng=self.rng,
             )
-            chosen = _best_of_each(parents, self._scorer.robust_epsilons(sets))
-            self._drawn += len(chosen)
+            chosen = _best_of_each(parents, self.scorer.robust_epsilons(sets))
+            self.drawn += len(chosen)
             found = self._grasps_at(sets.subset(chosen), X_OH[chosen], q[chosen])
             for i, grasp in found.items():
                 parent = parents[chosen[i]]
                 if _success(grasp) > _success(best[parent]):
                     best[parent] = grasp
-            self._rejected["outranked"] += len(found)
+            self.rejected["outranked"] += len(found)
         self.grasps[:count] = best
         self.grasps.sort(key=_success, reverse=True)
 
     def result(self, count: int) -> GraspSearch:
         """Return the best `count` grasps."""
-        self._rejected["outranked"] += max(len(self.grasps) - count, 0)
-        rejected = self._rejected + self._filter.rejected
+        self.rejected["outranked"] += max(len(self.grasps) - count, 0)
+        rejected = self.rejected + self.candidate_filter.rejected
         return GraspSearch(
             tuple(self.grasps[:count]),
             {reason: n for reason, n in sorted(rejected.items()) if n},
-            self._drawn,
+            self.drawn,
         )
 
     def _grasps_at(self, sets: ContactSets, X_OH: FloatArray, q: FloatArray) -> dict[int, Grasp]:
         """Return the grasps at contact sets, by the index of the set."""
-        kept, candidates = self._filter.solve_and_filter(sets, X_OH, q)
-        found = self._scorer.score(candidates)
-        self._rejected["no_force_closure"] += len(candidates) - len(found)
+        kept, candidates = self.candidate_filter.solve_and_filter(sets, X_OH, q)
+        found = self.scorer.score(candidates)
+        self.rejected["no_force_closure"] += len(candidates) - len(found)
         return {int(kept[i]): grasp for i, grasp in found.items()}
 
 

@@ -23,23 +23,12 @@ class UncertainSurface:
     from a touch, times a field g of unit deviation and squared-exponential correlation. Errors of
     normals are its slope, ``s grad g + g grad s``. The slope of g has the deviation 1 over the
     correlation length.
-
-    Parameters
-    ----------
-    vertices
-        Tree of the V vertices [m].
-    deviations
-        Shape (V,) [m]: s, one standard deviation of the surface along its normal.
-    gradients
-        Shape (V, 3): of the deviations along the surface.
-    correlation_length
-        [m].
     """
 
-    vertices: cKDTree
-    deviations: FloatArray
-    gradients: FloatArray
-    correlation_length: float
+    vertices: cKDTree  # of V points [m]
+    deviations: FloatArray  # (V,) [m]: s, one standard deviation along the normal
+    gradients: FloatArray  # (V, 3): of the deviations along the surface
+    correlation_length: float  # [m]
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh) -> UncertainSurface:
@@ -62,19 +51,8 @@ class UncertainSurface:
         Fingers close along the planned normals until they touch: contacts move along them, and
         normals tilt. All grasps use the same random numbers, so that they are compared alike.
 
-        Parameters
-        ----------
-        points, normals
-            Shape (B, C, 3): planned contacts of B grasps [m], and unit, outward.
-        samples
-            S, draws.
-        rng
-            For every draw.
-
-        Returns
-        -------
-        tuple of FloatArray
-            Points and normals, each of shape (B, S, C, 3).
+        Points (B, C, 3) [m] and normals (B, C, 3) of planned contacts give S samples of each, of
+        shape (B, S, C, 3).
         """
         contacts = points.shape[1]
         heights, slopes = (

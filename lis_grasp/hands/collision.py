@@ -17,24 +17,12 @@ from lis_grasp.typing import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestLink:
-    """The link of a hand that is nearest to an object.
-
-    Parameters
-    ----------
-    link
-        Its name.
-    distance
-        Between it and the object [m], 0 or less where they touch.
-    point
-        Shape (3,) [m], in O: the object's nearest point.
-    face
-        The triangle of the object's mesh that the point is on.
-    """
+    """The link of a hand that is nearest to an object."""
 
     link: str
-    distance: float
-    point: FloatArray
-    face: int
+    distance: float  # between both [m], 0 or less where they touch
+    point: FloatArray  # (3,) [m], in O: the object's nearest point
+    face: int  # triangle of the object's mesh that the point is on
 
 
 class HandCollisionChecker:
@@ -83,7 +71,7 @@ class HandCollisionChecker:
     def first_collision(
         self, X_OH: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
     ) -> str | None:
-        """Return the first collision of a hand at one pose or along a path, or None.
+        """Return the first collision: ``"support"``, ``"object"``, ``"self"`` or None.
 
         Parameters
         ----------
@@ -93,11 +81,6 @@ class HandCollisionChecker:
             Shape (J,): joint positions.
         pads_may_touch
             Whether the links that carry pads may touch the object (not the support).
-
-        Returns
-        -------
-        str or None
-            ``"support"``, ``"object"``, ``"self"`` or None.
         """
         in_hand = self.poses_in_hand(q)
         for X in X_OH.reshape(-1, 4, 4):

@@ -26,14 +26,7 @@ def read_sdf(path: Path) -> HandModel:
 
     The model is translated to what a URDF says, so that the same checks apply. A joint whose frame
     is not the child link's gets a frame link ``<joint>_frame``, on which the child is fixed, so
-    that every link keeps the frame that the file gives it.
-
-    Raises
-    ------
-    InvalidFileError
-        If the file, or a mesh that it names, is missing or unreadable.
-    InvalidHandError
-        If poses or numbers are wrong, or as `build_hand_model`.
+    that every link keeps the frame that the file gives it. Errors as `build_hand_model`.
     """
     model = _Model(parse_xml(path), path.name)
     return build_hand_model(model.robot(), path)

@@ -43,7 +43,8 @@ class Kinematics:
         self._multipliers = np.array([joint.multiplier for joint in joints])
         self._offsets = np.array([joint.offset for joint in joints])
         turn_axes, self._slide_axes = axes * turns[:, None], axes * slides[:, None]
-        self._crossed = _cross_matrix(turn_axes)  # (N, 3, 3), for Rodrigues' formula
+        # (N, 3, 3): the matrices [axis]x of Rodrigues' formula.
+        self._crossed = np.swapaxes(np.cross(turn_axes[:, None], np.eye(3)), 1, 2)
         self._crossed_twice = self._crossed @ self._crossed
 
         self._pad_links = [number[pad.link] for pad in pads]
@@ -147,10 +148,3 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     following, last = np.array([1, 2, 0]), np.array([2, 0, 1])
     result: FloatArray = a[..., following] * b[..., last] - a[..., last] * b[..., following]
     return result
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    """Return [v]x, shape (..., 3, 3), with [v]x w = v x w."""
-    matrix = np.zeros((*v.shape[:-1], 3, 3))
-    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return matrix - np.swapaxes(matrix, -1, -2)

@@ -47,15 +47,7 @@ def primitive(
 
 
 def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
-    """Read the mesh of a link's body, and scale it by one factor or by one for each axis.
-
-    Raises
-    ------
-    InvalidFileError
-        If it cannot be read, or is empty.
-    InvalidHandError
-        If the scale is not 1 or 3 finite factors other than 0, or the scaled mesh is too large.
-    """
+    """Read the mesh of a link's body, and scale it by one factor or by one for each axis."""
     factors = None if scale is None else np.atleast_1d(np.asarray(scale, np.float64))
     if factors is not None and (
         factors.shape not in ((1,), (3,)) or not (np.isfinite(factors) & (factors != 0.0)).all()

@@ -48,21 +48,11 @@ class HandModel:
 
 
 def build_hand_model(robot: yourdfpy.Robot, path: Path) -> HandModel:
-    """Return links, joints, inertias and collision bodies of a robot description.
+    """Return links, joints, inertias and collision bodies of the robot that a file describes.
 
-    Parameters
-    ----------
-    robot
-        Links and joints with the meaning that they have in a URDF.
-    path
-        The file that describes it; mesh files are named relative to it.
-
-    Raises
-    ------
-    InvalidFileError
-        If a mesh file is missing or unreadable.
-    InvalidHandError
-        If the tree cannot be used: a loop, several roots, missing limits or masses.
+    Links and joints have the meaning of a URDF's. Raises `InvalidFileError` if a mesh file is
+    missing or unreadable, `InvalidHandError` if the tree cannot be used: a loop, several roots,
+    missing limits or masses.
     """
     try:
         return _Builder(robot, path).model()

@@ -23,15 +23,8 @@ class HandPoseFilter:
     """Finds hand poses that surely collide with an object, many at once.
 
     Balls inside the links approximate the hand, and the distance of the nearest node of a grid
-    approximates the object. Both err on the side of no collision: what is rejected collides, and
-    the rest has to be checked (`HandCollisionChecker`).
-
-    Parameters
-    ----------
-    hand
-        The hand.
-    mesh
-        Closed mesh of the object in O [m].
+    approximates the object, a closed mesh in O [m]. Both err on the side of no collision: what is
+    rejected collides, and the rest has to be checked (`HandCollisionChecker`).
     """
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh) -> None:

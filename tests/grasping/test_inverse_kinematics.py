@@ -1,5 +1,7 @@
 """Inverse kinematics of a hand for contacts of its pads."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -77,3 +79,35 @@ def test_turning_the_world_turns_the_solution() -> None:
     turned = ContactSets(targets.points @ R.T, targets.normals @ R.T, targets.used)
     here, there = solve_ik(HAND, targets, X, q), solve_ik(HAND, turned, X_turned, q)
     np.testing.assert_allclose(there.q, here.q, atol=1e-5)
+
+
+def test_contacts_are_turned_into_the_pads() -> None:
+    # Contacts whose normals are tilted by 1.6 rad, out of pads with a half angle of 1.2 rad.
+    targets, X, q = _reachable(np.random.default_rng(6), 20)
+    tilt = Rotation.from_rotvec([0.0, 1.6, 0.0]).as_matrix()
+    tilted = replace(targets, normals=targets.normals @ tilt.T)
+    axes = HAND.pad_axes(X, q)
+    half_angles = np.array([pad.half_angle for pad in HAND.pads])
+
+    def outside(axes: np.ndarray) -> np.ndarray:
+        cosine = -(axes * tilted.normals).sum(axis=-1)
+        return np.maximum(np.arccos(np.clip(cosine, -1.0, 1.0)) - half_angles, 0.0).max(axis=1)
+
+    free = solve_ik(HAND, tilted, X, q)
+    fixed = solve_ik(HAND, tilted, X, q, palm_fixed=True)
+    for solved in (free, fixed):
+        after = outside(HAND.pad_axes(solved.X_OH, solved.q))
+        np.testing.assert_allclose(solved.axis_error, after, atol=1e-12)
+    assert free.axis_error.mean() < 0.5 * outside(axes).mean()
+    assert fixed.axis_error.max() > 0.0
+
+
+def test_fingers_without_contact_stay_at_their_start() -> None:
+    targets, X, q = _reachable(np.random.default_rng(7), 10)
+    used = targets.used.copy()
+    used[:, 2] = False
+    solved = solve_ik(HAND, replace(targets, used=used), X, q)
+    idle, busy = list(HAND.finger_joints("ring")), list(HAND.finger_joints("index"))
+    moved = np.abs(solved.q - q)
+    assert moved[:, busy].max() > 0.05
+    assert moved[:, idle].max() < 1e-4

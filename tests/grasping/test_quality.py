@@ -205,6 +205,19 @@ def test_a_balanced_grip_cancels_inside_the_cones() -> None:
     assert np.all(tangential <= friction * normal_part + 1e-9)
 
 
+def test_a_grip_is_balanced_though_equal_forces_would_not_be() -> None:
+    # One thumb against two fingers that are unevenly beside it: even forces would turn and push.
+    points = np.array([[0.03, 0.0, 0.0], [-0.03, 0.01, 0.0], [-0.03, -0.02, 0.005]])
+    normals = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    forces = balanced_grip(points, normals, friction=0.6, total=10.0)
+    # The squares of the weights make unevenness (0.03 / 100)^2 times as important as balance.
+    np.testing.assert_allclose(forces.sum(axis=0), 0.0, atol=1e-6 * 10.0)
+    torque = np.cross(points - points.mean(axis=0), forces).sum(axis=0)
+    np.testing.assert_allclose(torque, 0.0, atol=1e-6 * 10.0 * 0.03)
+    normal_part = -(forces * normals).sum(axis=1)
+    np.testing.assert_allclose(normal_part.sum(), 10.0, rtol=0.02)
+
+
 def test_a_grasp_of_high_symmetry_has_its_epsilon() -> None:
     # The facets of its hull have many coplanar points, which Qhull cannot always merge; a grasp
     # that differs by a hair does not have them, and epsilon is continuous.

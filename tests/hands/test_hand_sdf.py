@@ -1,4 +1,4 @@
-"""Hands from SDF files: frames as Drake reads them, and mistakes named."""
+"""Hands from SDF files: frames against Drake, couplings, and mistakes."""
 
 from pathlib import Path
 from typing import Any
@@ -32,8 +32,16 @@ def drake_plant(path: Path) -> Any:
     return plant
 
 
-def test_every_link_is_where_drake_has_it(tmp_path: Path) -> None:
-    hand = Hand.load(write(tmp_path))
+QUATERNION = (
+    '<link name="thumb"><pose>-0.03 0 0.02 0 0 0</pose>',
+    '<link name="thumb"><pose rotation_format="quat_xyzw">-0.03 0 0.02 0 0.6 0 0.8</pose>',
+)
+
+
+@pytest.mark.parametrize("change", [("", ""), QUATERNION], ids=["angles", "quaternion"])
+def test_every_link_is_where_drake_has_it(change: tuple[str, str], tmp_path: Path) -> None:
+    assert change[0] in SDF
+    hand = Hand.load(write(tmp_path, SDF.replace(*change, 1)))
     plant, rng = drake_plant(tmp_path / "claw.sdf"), np.random.default_rng(0)
     context = plant.CreateDefaultContext()
     for _ in range(4):
@@ -66,8 +74,7 @@ def test_limits_couplings_and_masses_are_those_of_the_file(tmp_path: Path) -> No
     assert kinds == {"palm": "box", "finger": "capsule", "tip": "sphere", "thumb": "cylinder"}
 
 
-def test_a_shipped_hand_as_drake_writes_it_in_sdf_is_the_same_hand(tmp_path: Path) -> None:
-    """The jaw's URDF, link by link in SDF's words."""
+def test_a_shipped_hand_written_as_sdf_is_the_same_hand(tmp_path: Path) -> None:
     jaw, folder = Hand.load("wsg50"), model_path("hands/wsg50")
     ball = "<geometry><sphere><radius>0.001</radius></sphere></geometry>"
     links = "".join(
@@ -104,6 +111,20 @@ def test_a_shipped_hand_as_drake_writes_it_in_sdf_is_the_same_hand(tmp_path: Pat
     assert any("no links collide" in finding.text for finding in check_hand(hand))
 
 
+def test_a_mimic_joint_of_sdf_is_coupled_about_its_reference(tmp_path: Path) -> None:
+    limit = "<upper>1.2</upper><effort>3</effort></limit></axis>"
+    coupled = '<mimic joint="bend"><multiplier>0.5</multiplier><offset>0.1</offset>'
+    coupled += "<reference>0.3</reference></mimic></axis>"
+    head, tail = SDF.split('<joint name="curl"')
+    tail = tail.replace(limit, limit.replace("</axis>", coupled), 1)
+    tail = tail.replace('<drake:mimic joint="bend" multiplier="0.5" offset="0.1"/>', "")
+    hand = Hand.load(write(tmp_path, f'{head}<joint name="curl"{tail}'))
+    curl = next(joint for joint in hand.joints if joint.name == "curl")
+    # 0.5 (q - 0.3) + 0.1
+    assert (curl.follows, curl.multiplier) == (True, 0.5)
+    assert curl.offset == pytest.approx(0.1 - 0.5 * 0.3)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -131,7 +152,7 @@ def test_a_mistake_in_the_sdf_is_named(old: str, new: str, message: str, tmp_pat
         Hand.load(write(tmp_path, SDF.replace(old, new)))
 
 
-def test_a_torn_file_is_no_sdf(tmp_path: Path) -> None:
+def test_a_truncated_sdf_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path, SDF[:400])
     with pytest.raises((InvalidHandError, InvalidFileError), match="not valid XML"):
         Hand.load(path)
