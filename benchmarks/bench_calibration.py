@@ -87,7 +87,7 @@ def _lifts_on(
     rows = []
     for grasp in dict.fromkeys([*found[:1], *found[-1:]]):
         outcome = lift(shape, hand, grasp, mass=0.2, friction=0.8)
-        felt = outcome.felt
+        felt = outcome.measured_contacts
         rows.append(
             {
                 **grasp.quality,

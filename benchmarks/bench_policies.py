@@ -29,7 +29,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
 from lis_grasp.exploration import Exploration, Workspace, explore
-from lis_grasp.exploration.motion_time import motion_seconds
+from lis_grasp.exploration.motion_time import transfer_seconds
 from lis_grasp.io.json_lines import append_lines, read_lines
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import make_policy
@@ -89,7 +89,7 @@ def run(name: str, policy: str, seed: int, touches: int) -> Row:
                 if k <= len(contacts):
                     edges[str(k)] = edge_error(shape, contacts.subset(slice(0, k)))
     probes = _probes_at_contacts(exploration)
-    seconds = motion_seconds(exploration.outcomes, space)
+    seconds = motion_seconds(exploration, space)
     return {
         "object": name,
         "policy": policy,
@@ -100,6 +100,21 @@ def run(name: str, policy: str, seed: int, touches: int) -> Row:
         "seconds": seconds[np.array(probes) - 1].tolist(),
         "edges": edges,
     }
+
+
+def motion_seconds(exploration: Exploration, space: Workspace) -> np.ndarray:
+    """Return the time from the first motion to the end of each probe, transfers included [s]."""
+    total, totals, before = 0.0, [], None
+    for outcome in exploration.outcomes:
+        if outcome.duration > 0.0:
+            start, direction = outcome.probe.start, outcome.probe.direction
+            outside = start - space.approach_distance(start, direction) * direction
+            if before is not None:
+                total += float(transfer_seconds(outside, before[None], space)[0])
+            before = outside
+        total += outcome.duration
+        totals.append(total)
+    return np.array(totals)
 
 
 def _probes_at_contacts(exploration: Exploration) -> list[int]:

@@ -1,4 +1,4 @@
-"""A small world to look at: a box, six contacts, a hand of two fingers, grasps and a lift."""
+"""A small scene: a box, six contacts, a two-finger hand, grasps and a lift."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exploration: what to touch next, given what was touched before."""
+"""Tactile exploration: choose the next touch, make it, estimate the surface, repeat."""
 
 from lis_grasp.exploration.exploration_loop import Exploration, explore
 from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy

@@ -1,41 +1,43 @@
-"""The loop of touching, estimating and choosing again, and the record of how it went."""
+"""The exploration loop, touch, estimate, choose again, and the record of an exploration."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration.known_shape import KnownShape
+from lis_grasp.exploration.obstacle_model import ObstacleModel
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.probe import HandPose, ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
+from lis_grasp.typing import IndexArray
 
-# Two contacts closer than this are one contact felt twice [m].
+# Contacts closer than this are duplicates [m].
 _SAME_CONTACT = 1e-3
-# Probes that an exploration may take, for each touch and on top, before it gives up.
+# An exploration gives up after this many probes for each touch, and these on top.
 _PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exploration:
-    """How an exploration went.
+    """Result of an exploration.
 
     Parameters
     ----------
     contacts
-        What was felt, in O, without duplicates, and every place found free.
+        All contacts in O, without duplicates, and all free space.
     outcomes
-        Every probe and what came of it, in order.
+        Every probe and its outcome, in order.
     ended
-        Why it came to its end.
+        Why it ended.
     """
 
     contacts: Contacts
@@ -44,81 +46,60 @@ class Exploration:
 
     @classmethod
     def replay(cls, outcomes: Sequence[ProbeOutcome], *, touches: int | None = None) -> Exploration:
-        """Return the exploration that a log tells of: the same contacts, without a hand.
+        """Return the exploration that recorded outcomes make.
 
         Parameters
         ----------
         outcomes
-            Every probe and what came of it, in order.
+            Every probe and its outcome, in order.
         touches
-            Contacts to keep at the most; None for all.
+            Largest number of contacts to keep; None for all.
         """
-        contacts, clock = Contacts.empty(), 0.0
-        for outcome in outcomes:
-            contacts = _with_outcome(contacts, outcome, clock, touches)
-            clock += outcome.duration
+        contacts = Contacts.empty()
+        for contacts in _accumulated(outcomes, touches):  # noqa: B007, the last ones are wanted
+            pass
         return cls(contacts, tuple(outcomes), "replayed")
 
     def first(self, touches: int) -> Contacts:
-        """Return the first contacts, and what was known to be free when the last of them was felt.
+        """Return the first contacts, and the free space known when the last of them was made.
 
         Parameters
         ----------
         touches
-            How many contacts; all where there are no more.
+            Number of contacts, at least 1; all if there are fewer.
         """
-        contacts, clock = Contacts.empty(), 0.0
-        for outcome in self.outcomes:
+        contacts = Contacts.empty()
+        for contacts in _accumulated(self.outcomes, touches):
             if len(contacts) >= touches:
                 break
-            contacts = _with_outcome(contacts, outcome, clock, touches)
-            clock += outcome.duration
         return contacts
 
     @property
     def touches(self) -> tuple[ProbeOutcome, ...]:
         """The outcome that made each contact, in the contacts' order."""
-        contacts, touches = Contacts.empty(), list[ProbeOutcome]()
-        for outcome in self.outcomes:
-            before = len(contacts)
-            contacts = _with_outcome(contacts, outcome, 0.0, len(self.contacts))
-            touches += [outcome] * (len(contacts) - before)
+        touches: list[ProbeOutcome] = []
+        accumulated = _accumulated(self.outcomes, len(self.contacts))
+        for outcome, contacts in zip(self.outcomes, accumulated, strict=True):
+            touches += [outcome] * (len(contacts) - len(touches))
         return tuple(touches)
 
     @property
     def hand_poses(self) -> tuple[HandPose | None, ...]:
-        """Where the hand was at each contact, in the contacts' order; None where not known."""
+        """Pose of the hand at each contact, in the contacts' order; None where it is not known."""
         return tuple(outcome.hand_pose for outcome in self.touches)
 
     @property
-    def touched(self) -> int:
-        """Number of probes that felt something."""
-        return self._count("touched")
-
-    @property
-    def missed(self) -> int:
-        """Number of probes that went to their end and felt nothing."""
-        return self._count("missed")
-
-    @property
-    def blocked(self) -> int:
-        """Number of probes that could not be carried out."""
-        return self._count("blocked")
-
-    @property
     def duration(self) -> float:
-        """Time that all probes took [s]."""
+        """Total time of the probes [s]."""
         return sum(outcome.duration for outcome in self.outcomes)
 
     def summary(self) -> str:
         """Return the counts in one line."""
+        counts = Counter(outcome.status for outcome in self.outcomes)
         return (
             f"{_count(len(self.contacts), 'contact')} from {_count(len(self.outcomes), 'probe')}"
-            f" ({self.touched} touched, {self.missed} missed, {self.blocked} blocked)"
+            f" ({', '.join(f'{counts[status]} {status}' for status in get_args(ProbeStatus))})"
         )
-
-    def _count(self, status: ProbeStatus) -> int:
-        return sum(outcome.status == status for outcome in self.outcomes)
 
 
 def explore(
@@ -131,46 +112,43 @@ def explore(
     space: Workspace | None = None,
     sensor: TactileSensor | None = None,
     stop: Sequence[StopRule] = (),
-    max_probes: int | None = None,
     recorded: Sequence[ProbeOutcome] = (),
     record: Callable[[ProbeOutcome], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
     observe: Callable[[int, ImplicitSurface], None] | None = None,
 ) -> Exploration:
-    """Touch an object again and again, each time where the surface estimated so far suggests.
+    """Explore an object by touch; the surface estimated so far guides every probe.
 
-    Ends with `touches` contacts, or when a rule says stop, or when the policy knows no further
-    probe, or when `max_probes` are made: fewer contacts than asked for are a result, not an error.
+    The exploration ends with `touches` contacts, when a stop rule applies, when the policy has no
+    probe left, or after ``4 touches + 20`` probes. Fewer contacts than wanted are a result, not an
+    error.
 
-    Every probe draws from a generator of its own, so an exploration that goes on from its recorded
-    outcomes makes the same probes as one that was never interrupted.
+    Every probe draws from a generator of its own. So an exploration resumed from its recorded
+    outcomes makes the same probes as one without an interruption.
 
     Parameters
     ----------
     prober
         Carries out probes.
     policy
-        Chooses them.
+        Chooses probes.
     estimate
-        Estimates the surface from at least one contact; done anew after every new contact. What the
-        hand passed through is carved off before the surface is used.
+        Estimates the surface from at least one contact; called after every new contact.
     touches
-        Contacts to make.
+        Wanted number of contacts.
     rng
         For every draw of policy and sensor.
     space
-        Where the object is; the hand comes in from outside of it, past what is known. None leaves
-        it to the prober how it gets to where a probe starts.
+        Position and size of the object; the hand approaches from outside of it and avoids what is
+        known. None leaves the approach to the prober.
     sensor
-        Reports what the prober meets; None for one that reports it as it is.
+        Model of the tactile sensor; None for an ideal one.
     stop
-        Rules that end the exploration early, asked after every probe once there is an estimate.
-    max_probes
-        Probes to make at the most; None for a number that leaves room for misses.
+        Rules that end the exploration early, checked after every probe once there is an estimate.
     recorded
-        Outcomes of an interrupted exploration, to go on from.
+        Outcomes of an interrupted exploration, to resume.
     record
-        Called with every new outcome, before anything else is made of it.
+        Called with every new outcome, before it is used.
     progress
         Called after every probe with the contacts made and those wanted.
     observe
@@ -180,14 +158,11 @@ def explore(
     Raises
     ------
     InvalidOptionError
-        If `touches` or `max_probes` is below 1.
+        If `touches` is below 1.
     """
-    if max_probes is None:
-        max_probes = _PROBES_PER_TOUCH * touches + _SPARE_PROBES
-    for name, value in (("touches", touches), ("max_probes", max_probes)):
-        if value < 1:
-            raise InvalidOptionError(f"{name} must be at least 1; it is {value}")
-    rng.spawn(len(recorded))  # used up already
+    if touches < 1:
+        raise InvalidOptionError.out_of_range("touches", touches, "at least 1")
+    rng.spawn(len(recorded))  # the generators of the recorded probes
     outcomes = list(recorded)
     contacts = Exploration.replay(outcomes, touches=touches).contacts
     clock = 0.0
@@ -203,15 +178,15 @@ def explore(
         surface = None if estimated is None else carved(estimated, contacts, margin=margin)
         if observe is not None and is_new and surface is not None:
             observe(len(contacts), surface)
-        ended = _reason_to_end(contacts, surface, outcomes, touches, max_probes, stop)
+        ended = _reason_to_end(contacts, surface, outcomes, touches, stop)
         if ended:
             return Exploration(contacts, tuple(outcomes), ended)
         draws = rng.spawn(1)[0]
         probe = policy.next_probe(contacts, estimated, outcomes=outcomes, rng=draws)
         if probe is None:
-            return Exploration(contacts, tuple(outcomes), "nothing is left that is worth a touch")
-        known = None if space is None else KnownShape(space, contacts, surface)
-        outcome = prober.probe(probe, known)
+            return Exploration(contacts, tuple(outcomes), "the policy has no probe left")
+        obstacles = None if space is None else ObstacleModel(space, contacts, surface)
+        outcome = prober.probe(probe, obstacles)
         if sensor is not None:
             outcome = sensor.report(outcome, rng=draws)
         if record is not None:
@@ -228,12 +203,11 @@ def _reason_to_end(
     surface: ImplicitSurface | None,
     outcomes: Sequence[ProbeOutcome],
     touches: int,
-    max_probes: int,
     stop: Sequence[StopRule],
 ) -> str | None:
     if len(contacts) >= touches:
         return f"{_count(len(contacts), 'contact')} made"
-    if len(outcomes) >= max_probes:
+    if len(outcomes) >= _PROBES_PER_TOUCH * touches + _SPARE_PROBES:
         return f"{_count(len(outcomes), 'probe')} made"
     if surface is not None:
         for rule in stop:
@@ -243,24 +217,33 @@ def _reason_to_end(
     return None
 
 
+def _accumulated(outcomes: Sequence[ProbeOutcome], touches: int | None) -> Iterator[Contacts]:
+    """Yield the contacts after each outcome."""
+    contacts, clock = Contacts.empty(), 0.0
+    for outcome in outcomes:
+        contacts = _with_outcome(contacts, outcome, clock, touches)
+        clock += outcome.duration
+        yield contacts
+
+
 def _with_outcome(
     contacts: Contacts, outcome: ProbeOutcome, clock: float, touches: int | None
 ) -> Contacts:
-    """Return the contacts and what an outcome adds to them, `clock` seconds after the first."""
+    """Return the contacts with those of an outcome that began `clock` [s] after the first."""
     room = None if touches is None else touches - len(contacts)
     new = outcome.contacts.subset(_new_contacts(contacts, outcome)[:room])
-    # What was free is told by the outcome; a prober may have it in its contacts as well.
-    felt = replace(
+    # The outcome's free space counts; a prober may repeat it in its contacts.
+    added = replace(
         new,
         free_points=outcome.free_points,
         free_radii=outcome.free_radii,
         times=None if new.times is None else new.times + clock,
     )
-    return contacts.append(felt)
+    return contacts.append(added)
 
 
-def _new_contacts(known: Contacts, outcome: ProbeOutcome) -> npt.NDArray[np.intp]:
-    """Return the rows of an outcome's contacts that coincide with no contact before them."""
+def _new_contacts(known: Contacts, outcome: ProbeOutcome) -> IndexArray:
+    """Return the rows of an outcome's contacts that are no duplicates of earlier ones."""
     points = known.points
     rows = []
     for i, point in enumerate(outcome.contacts.points):

@@ -1,4 +1,4 @@
-"""How long a hand takes: in from outside of the object, to a touch, back, and round to the next."""
+"""Time of a probe's motion: approach, guarded motion, retreat, and transfer to the next probe."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.typing import FloatArray
 
 PROBE_SPEED = 0.1
-"""Of a guarded motion, which may touch at any time [m/s]."""
+"""Speed of a guarded motion, which may touch at any time [m/s]."""
 
 TRANSIT_SPEED = 0.25
-"""On the way in, back out the same way, and from one probe to the next [m/s]."""
+"""Speed of approach, retreat, and the transfer from one probe to the next [m/s]."""
 
 
 def seconds_to_touch(
@@ -22,57 +22,28 @@ def seconds_to_touch(
 ) -> FloatArray:
     """Return the time that touching each of several points next would take, shape (P,) [s].
 
-    The hand goes round the object, on a ball about it, to where its way in begins; in against the
-    normal to a step before the point; on in a guarded motion; and back out the same way.
+    The hand moves on a ball around the object to where its approach begins, approaches against the
+    normal to a step before the point, moves on guarded, and retreats the same way.
 
-    Parameters
-    ----------
-    points, normals
-        Shapes (P, 3) [m] and (P, 3), unit and outward, in O.
-    space
-        Where the object is.
-    outcomes
-        Every probe so far: the last that the hand moved for says where it is.
+    Points and outward unit normals have shapes (P, 3) [m] and (P, 3), in O. The last of `outcomes`
+    with a motion tells where the hand is.
     """
     starts = points + space.step * normals
-    way_in = space.way_in(starts, -normals)
-    touching = way_in / TRANSIT_SPEED + space.step / PROBE_SPEED
-    back = (way_in + space.step) / TRANSIT_SPEED
-    place = _outside(outcomes, space)
-    if place is None:
-        return touching + back
-    return touching + back + _round(place, starts + way_in[:, None] * normals, space)
+    approach = space.approach_distance(starts, -normals)
+    touching = approach / TRANSIT_SPEED + space.step / PROBE_SPEED
+    retreat = (approach + space.step) / TRANSIT_SPEED
+    moved = [outcome.probe for outcome in outcomes if outcome.duration > 0.0]
+    if not moved:
+        return touching + retreat
+    last = moved[-1]
+    outside = last.start - space.approach_distance(last.start, last.direction) * last.direction
+    transfer = transfer_seconds(outside, starts + approach[:, None] * normals, space)
+    return touching + retreat + transfer
 
 
-def motion_seconds(outcomes: Sequence[ProbeOutcome], space: Workspace) -> FloatArray:
-    """Return the time from the first motion to the end of each probe, shape (len(outcomes),) [s].
-
-    The ways between the probes included, which the durations of the outcomes are not of.
-    """
-    total, totals = 0.0, []
-    for number, outcome in enumerate(outcomes):
-        if outcome.duration > 0.0:
-            here = _outside(outcomes[: number + 1], space)
-            before = _outside(outcomes[:number], space)
-            if here is not None and before is not None:
-                total += float(_round(before, here[None], space)[0])
-        total += outcome.duration
-        totals.append(total)
-    return np.array(totals)
-
-
-def _outside(outcomes: Sequence[ProbeOutcome], space: Workspace) -> FloatArray | None:
-    """Return where the way in of the last motion began, shape (3,); None before the first."""
-    for outcome in reversed(outcomes):
-        if outcome.duration > 0.0:
-            start, direction = outcome.probe.start, outcome.probe.direction
-            return np.asarray(start - space.way_in(start, direction) * direction)
-    return None
-
-
-def _round(place: FloatArray, others: FloatArray, space: Workspace) -> FloatArray:
-    """Return the times from a place to others, shape (P, 3), on a ball about the object, (P,)."""
-    first, second = place - space.center, others - space.center
+def transfer_seconds(start: FloatArray, ends: FloatArray, space: Workspace) -> FloatArray:
+    """Return the times from a point (3,) to others (P, 3) on a ball around the object, (P,) [s]."""
+    first, second = start - space.center, ends - space.center
     lengths = np.linalg.norm(first) * np.linalg.norm(second, axis=1)
     angles = np.arccos(np.clip(second @ first / np.maximum(lengths, 1e-12), -1.0, 1.0))
     return np.asarray(space.radius * angles / TRANSIT_SPEED)

@@ -1,4 +1,4 @@
-"""The role of whatever chooses what to touch next, and the policies that aim at the estimate."""
+"""Exploration policies: the protocol, and policies that touch points of the estimated surface."""
 
 from __future__ import annotations
 
@@ -10,8 +10,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import aiming, choices
+from lis_grasp.exploration import target_selection
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe_planning import (
+    AXES,
+    axis_probe,
+    concavity_probe,
+    random_pass,
+    surface_probe,
+)
+from lis_grasp.exploration.target_selection import TargetSelector
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
@@ -21,8 +29,8 @@ from lis_grasp.typing import FloatArray
 class Policy(Protocol):
     """Chooses the next probe from everything known; keeps no state of its own.
 
-    Equal knowledge and an equal generator give an equal probe, so that an exploration can be
-    repeated, or taken up again from its log.
+    The same knowledge and generator give the same probe, so that an exploration can be repeated, or
+    resumed from its log.
     """
 
     def next_probe(
@@ -33,50 +41,49 @@ class Policy(Protocol):
         outcomes: Sequence[ProbeOutcome],
         rng: np.random.Generator,
     ) -> Probe | None:
-        """Return the next probe, or None where no other is worth making.
+        """Return the next probe, or None to end the exploration.
 
         Parameters
         ----------
         contacts
-            Felt so far, in O; may be empty.
+            All contacts so far, in O; may be empty.
         surface
-            Estimated from these contacts, before free space is carved off: its walls are no places
-            to touch. None as long as there are no contacts.
+            Estimated from these contacts, before free space is carved off: the walls that carving
+            leaves must not be touched. None without contacts.
         outcomes
-            Every probe so far and what came of it, in order.
+            Every probe so far and its outcome, in order.
         rng
-            Decides between what is equally good.
+            For every random draw.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetPolicy:
-    """Touch next at a point of the estimated surface, chosen by one of `choices`.
+    """Touch a point of the estimated surface, selected by one of `target_selection`.
 
-    First come the six probes along the axes to the object's middle. Then the chosen target is
-    approached against the estimated outward normal, and after a miss aslant, from beyond the edge
-    that the missed probe must have crossed. A hollow that the estimate bridges, although a tip was
-    in it, is touched from within. Targets probed before, and places that a tip passed through, are
-    not tried again; where any link passed, there is no target. When the estimate offers nothing, a
-    straight pass through the object's known box is drawn. All this is the same for every choice, so
-    that choices can be compared.
+    The first six probes go along the axes to the object's centre. Later ones approach the selected
+    target against the estimated outward normal; after a miss obliquely, from beyond the edge that
+    the missed probe must have crossed. A concavity that the estimate bridges, although a tip passed
+    through it, is touched from within. Earlier targets and free space are not targets. Without a
+    target, a random line through the workspace is probed. All this is the same for every selector,
+    so that selectors can be compared.
 
     Parameters
     ----------
     space
-        What is known of the object beforehand.
-    choose
-        Says which target is next.
+        Prior knowledge of the object.
+    select
+        Selects the next target.
     guess
-        Estimates a surface that targets are sought on first, from at least one contact; None takes
-        the exploration's own estimate. A Gaussian process closes what was not touched yet more
-        cautiously than an estimate that is made of what was touched goes on. Once all of the guess
-        is within a step of a contact, what the estimate in use has beyond that is put to the test.
+        Estimates a surface, from at least one contact, on which targets are searched first; None
+        for the exploration's own estimate. A Gaussian process closes untouched regions more
+        cautiously than an estimate that extrapolates. Once all of this surface is within a step of
+        a contact, the exploration's own estimate is searched too.
     """
 
     space: Workspace
-    choose: choices.Choice = choices.frontier
+    select: TargetSelector = target_selection.frontier
     guess: Callable[[Contacts], ImplicitSurface] | None = None
 
     def next_probe(
@@ -89,24 +96,24 @@ class TargetPolicy:
     ) -> Probe:
         """Return the next probe; see `Policy`. There always is one."""
         space = self.space
-        if len(outcomes) < len(aiming.AXES):
-            return aiming.opening(space, outcomes, rng)
+        if len(outcomes) < len(AXES):
+            return axis_probe(space, outcomes, rng)
         if surface is None or not len(contacts):
-            return aiming.across(space, rng)
-        sought = surface if self.guess is None else self.guess(contacts)
-        sideways = aiming.from_within(space, contacts, sought, outcomes, rng)
+            return random_pass(space, rng)
+        searched = surface if self.guess is None else self.guess(contacts)
+        sideways = concavity_probe(space, contacts, searched, outcomes, rng)
         if sideways is not None:
             return sideways
-        best = self._best(sought, contacts, outcomes, rng)
+        best = self._target(searched, contacts, outcomes, rng)
         if self.guess is not None and (best is None or best.gap <= space.step):
-            own = self._best(surface, contacts, outcomes, rng)
+            own = self._target(surface, contacts, outcomes, rng)
             if own is not None and (best is None or own.gap > best.gap):
-                best, sought = own, surface
+                best, searched = own, surface
         if best is None:
-            return aiming.across(space, rng)
-        return aiming.onto(best.point, best.normal, space, contacts, sought, outcomes)
+            return random_pass(space, rng)
+        return surface_probe(best.point, best.normal, space, contacts, searched, outcomes)
 
-    def _best(
+    def _target(
         self,
         surface: ImplicitSurface,
         contacts: Contacts,
@@ -114,42 +121,33 @@ class TargetPolicy:
         rng: np.random.Generator,
     ) -> _Target | None:
         targets = Targets.find(self.space, contacts, surface, outcomes, rng=rng)
-        chosen = self.choose(targets, surface, rng=rng)
-        if chosen is None:
+        i = self.select(targets, surface, rng=rng)
+        if i is None:
             return None
-        gap = float(targets.nearest[chosen])
-        return _Target(targets.points[chosen], targets.normals[chosen], gap)
+        return _Target(targets.points[i], targets.normals[i], float(targets.nearest[i]))
 
 
 class _Target(NamedTuple):
     point: FloatArray
     normal: FloatArray
-    gap: float  # to the nearest contact [m]
+    gap: float  # distance to the nearest contact [m]
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyKind:
-    """A policy that the command line knows.
+    """A policy that the command line names: how a target is selected, and on which surface."""
 
-    Parameters
-    ----------
-    choose
-        Says which target is next.
-    guesses
-        Whether targets are sought on a Gaussian process' surface, not on the estimate in use.
-    """
-
-    choose: choices.Choice
-    guesses: bool = False
+    select: TargetSelector
+    uses_gaussian_process: bool = False  # targets are searched on its surface, not the estimate's
 
 
 POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
     {
-        "spread": PolicyKind(choices.spread, guesses=True),
-        "swift": PolicyKind(choices.swift, guesses=True),
-        "frontier": PolicyKind(choices.frontier),
-        "uncertainty": PolicyKind(choices.most_uncertain),
-        "random": PolicyKind(choices.anywhere),
+        "spread": PolicyKind(target_selection.farthest, uses_gaussian_process=True),
+        "swift": PolicyKind(target_selection.fastest, uses_gaussian_process=True),
+        "frontier": PolicyKind(target_selection.frontier),
+        "uncertainty": PolicyKind(target_selection.most_uncertain),
+        "random": PolicyKind(target_selection.uniform),
     }
 )
-"""Policies by name: ours, by touches and by time; the paper's; the greatest uncertainty; chance."""
+"""Policies by name; ``frontier`` is the paper's."""

@@ -1,25 +1,22 @@
-"""An attempt to touch an object, what came of it, and the role of whatever can make it."""
+"""A probe, its outcome, the hand's pose at a touch, and the protocol of a prober."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, Protocol, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.obstacle_model import ObstacleModel
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
-if TYPE_CHECKING:
-    from lis_grasp.exploration.known_shape import KnownShape
-
-
 ProbeStatus = Literal["touched", "missed", "blocked"]
 
-# Normalising rounds a length by no more than this.
+# Largest change of a length by normalisation.
 _ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
 
 
@@ -33,13 +30,13 @@ class Probe:
     Parameters
     ----------
     target
-        Shape (3,) [m], in the object frame O: where the surface is expected.
+        Shape (3,) [m], in the object frame O: where surface is expected.
     direction
-        Shape (3,), in O: the way the fingertip moves; normalised here.
+        Shape (3,), in O: direction of the motion; normalised here.
     standoff
-        How far before the target the motion starts [m].
+        Length of the motion before the target [m].
     overshoot
-        How far beyond the target it goes on before it gives up [m].
+        Length of the motion beyond the target [m].
 
     Raises
     ------
@@ -58,19 +55,17 @@ class Probe:
         for name in ("standoff", "overshoot"):
             value = float(getattr(self, name))
             if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidOptionError(
-                    f"a probe's {name} must be a length of at least 0 m; it is {value}"
-                )
+                raise InvalidOptionError.out_of_range(name, value, "a length of at least 0 m")
             object.__setattr__(self, name, value)
 
     @property
     def start(self) -> FloatArray:
-        """Where the motion starts, shape (3,) [m]."""
+        """Start of the motion, shape (3,) [m]."""
         return self.target - self.standoff * self.direction
 
     @property
     def end(self) -> FloatArray:
-        """Where the motion gives up, shape (3,) [m]."""
+        """End of a motion without a touch, shape (3,) [m]."""
         return self.target + self.overshoot * self.direction
 
 
@@ -105,37 +100,32 @@ class HandPose:
             object.__setattr__(self, name, read_only(array))
 
 
-def _no_points() -> FloatArray:
-    return np.empty((0, 3))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbeOutcome:
-    """What came of a probe.
+    """Outcome of a probe.
 
     Parameters
     ----------
     probe
-        The attempt.
+        The probe.
     status
         ``"touched"``: there is at least one contact; ``"missed"``: the motion reached its end, or
-        beyond its target the table, and felt nothing; ``"blocked"``: the motion could not be
-        carried out (out of reach, or the hand was stopped before its end by something that gave no
-        usable contact).
+        beyond its target the table, without a contact; ``"blocked"``: the motion could not be
+        carried out, or the hand was stopped without a usable contact.
     contacts
-        What was felt, in O; empty unless touched (a blocked motion may have felt something too).
+        The contacts, in O; empty if missed (a blocked motion may have some).
     free_points
-        Shape (K, 3) [m], in O: places that the hand passed through and felt nothing.
+        Shape (K, 3) [m], in O: free space that the hand passed.
     duration
-        Time that the attempt took [s]: simulated, or on a robot's clock. Times of contacts count
-        from its beginning.
+        Time that the probe took [s], simulated or on a robot's clock. Times of contacts count from
+        its beginning.
     reason
         Why a motion was blocked; empty otherwise.
     moved
-        By how much the touch moved the object, at its farthest point [m].
+        Largest displacement of a point of the object by the touch [m].
     free_radii
-        Shape (K,) [m]: so far round each of the free points the hand filled space; 0 where only the
-        point is known to be free, as of all of them if this is left empty.
+        Shape (K,) [m]: radius of the free ball around each free point; 0 if only the point is known
+        to be free. Empty for all 0.
     hand_pose
         Where the hand and its joints were when it made the contacts, in the object frame O at that
         time; None if the prober does not know.
@@ -143,8 +133,8 @@ class ProbeOutcome:
     Raises
     ------
     InvalidOptionError
-        If status and contacts contradict each other, the duration or the way that the object
-        moved is negative, or the reason is no text.
+        If status and contacts contradict each other, the duration or displacement is negative, or
+        the reason is no text.
     InvalidContactsError
         If the radii are not one length of at least 0 for each free point.
     """
@@ -152,7 +142,7 @@ class ProbeOutcome:
     probe: Probe
     status: ProbeStatus
     contacts: Contacts = field(default_factory=Contacts.empty)
-    free_points: FloatArray = field(default_factory=_no_points)
+    free_points: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     duration: float = 0.0
     reason: str = ""
     moved: float = 0.0
@@ -161,44 +151,48 @@ class ProbeOutcome:
 
     def __post_init__(self) -> None:
         if self.status not in get_args(ProbeStatus):
-            known = ", ".join(get_args(ProbeStatus))
-            raise InvalidOptionError(f"status must be one of {known}; it is '{self.status}'")
-        if self.status == "touched" and not len(self.contacts):
-            raise InvalidOptionError("a probe that touched must come with a contact; there is none")
-        if self.status == "missed" and len(self.contacts):
+            raise InvalidOptionError.not_one_of("status", self.status, get_args(ProbeStatus))
+        if (self.status == "touched" and not len(self.contacts)) or (
+            self.status == "missed" and len(self.contacts)
+        ):
             raise InvalidOptionError(
-                f"a probe that missed felt nothing, but comes with {len(self.contacts)} contacts"
+                f"a probe that {self.status} must have"
+                f" {'a contact' if self.status == 'touched' else 'no contact'}; it has"
+                f" {len(self.contacts)}",
+                option="contacts",
+                value=len(self.contacts),
             )
         free_points = np.array(self.free_points, dtype=np.float64).reshape(-1, 3)
         if not np.isfinite(free_points).all():
-            raise InvalidOptionError("free_points must be finite numbers")
+            raise InvalidOptionError.out_of_range(
+                "free_points", free_points.tolist(), "finite numbers"
+            )
         object.__setattr__(self, "free_points", read_only(free_points))
         object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
         for name, unit in (("duration", "s"), ("moved", "m")):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidOptionError(f"{name} must be at least 0 {unit}; it is {value}")
+                raise InvalidOptionError.out_of_range(name, value, f"at least 0 {unit}")
         if not isinstance(self.reason, str):
-            raise InvalidOptionError(f"reason must be words; it is {self.reason!r}")
+            raise InvalidOptionError.out_of_range("reason", self.reason, "text")
 
 
 class Prober(Protocol):
-    """Whatever can carry out a probe: a simulated hand, a real one, or geometry alone.
+    """Carries out probes: a simulated hand, a real one, or geometry alone.
 
-    The object does not move: every probe is given, and every contact reported, in the same
-    object frame O. A probe that cannot be carried out is an outcome (``"blocked"``), no exception.
+    Every probe and every contact is in the object frame O. A probe that cannot be carried out is an
+    outcome (``"blocked"``), not an exception.
     """
 
-    def probe(self, probe: Probe, known: KnownShape | None = None) -> ProbeOutcome:
-        """Carry out one probe and report what was felt.
+    def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
+        """Carry out one probe and return its outcome.
 
         Parameters
         ----------
         probe
-            The attempt.
-        known
-            What the hand keeps clear of on its way to where the probe starts; None where it is
-            there already.
+            The probe.
+        obstacles
+            What the hand avoids on its approach; None for a hand that is at the start already.
         """
         ...
 
@@ -206,9 +200,8 @@ class Prober(Protocol):
 def _vector(name: str, values: npt.ArrayLike) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     if array.shape != (3,) or not np.all(np.abs(array) <= FARTHEST):
-        raise InvalidOptionError(
-            f"a probe's {name} must be 3 finite numbers, at most {FARTHEST:g}; it is"
-            f" {array.tolist()}"
+        raise InvalidOptionError.out_of_range(
+            name, array.tolist(), f"3 finite numbers, at most {FARTHEST:g}"
         )
     return array
 
@@ -217,6 +210,6 @@ def _unit(name: str, values: npt.ArrayLike) -> FloatArray:
     vector = _vector(name, values)
     length = float(np.linalg.norm(vector))
     if length == 0.0:
-        raise InvalidOptionError(f"a probe's {name} must not be zero; give the way it moves")
-    # A unit vector stays as it is to the last bit, so that files survive any number of rounds.
+        raise InvalidOptionError.out_of_range(name, vector.tolist(), "longer than 0")
+    # A unit vector keeps its bits, so that files survive any number of rounds.
     return read_only(vector if abs(length - 1.0) < _ROUNDING else vector / length)

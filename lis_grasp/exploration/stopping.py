@@ -1,4 +1,4 @@
-"""When an exploration knows enough: by coverage, by certainty, or by the time it took."""
+"""Stop rules of an exploration: by coverage, by uncertainty, or by time."""
 
 from __future__ import annotations
 
@@ -15,66 +15,66 @@ from lis_grasp.exploration.targets import gaps
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 
-# Share of the estimated surface that has to be certain: the last percents lie where the estimate
-# runs out of the workspace.
-_CERTAIN_SHARE = 0.95
+# Quantile of the surface that has to be certain: the rest is where the estimate leaves the
+# workspace.
+_CERTAIN_QUANTILE = 0.95
 
 
 class StopRule(Protocol):
-    """Says whether an exploration may end, from what it knows; never from the true object."""
+    """Decides whether an exploration ends, from what it knows; never from the true object."""
 
     def reason_to_stop(
         self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        """Return why to stop, or None to go on."""
+        """Return why to stop, or None to continue."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Covered:
-    """Stop when a share of the estimated surface is within a step of a contact.
+    """Stop when a fraction of the estimated surface is within a step of a contact.
 
     Parameters
     ----------
-    share
+    fraction
         From 0 to 1.
     space
-        Where the estimate is looked at.
+        Region in which the estimate is sampled.
     """
 
-    share: float
+    fraction: float
     space: Workspace
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.share <= 1.0:
-            raise InvalidOptionError(
-                f"a coverage must be above 0 and at most 1; it is {self.share}"
+        if not 0.0 < self.fraction <= 1.0:
+            raise InvalidOptionError.out_of_range(
+                "coverage", self.fraction, "above 0 and at most 1"
             )
 
     def reason_to_stop(
         self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        """Return why to stop, or None to go on; see `StopRule`."""
+        """Return why to stop, or None to continue; see `StopRule`."""
         points, normals = self.space.sample(surface)
         if not len(points):
             return None
         nearest, _ = gaps(points, normals, contacts)
-        reached = float(np.mean(nearest <= self.space.step))
-        if reached < self.share:
+        covered = float(np.mean(nearest <= self.space.step))
+        if covered < self.fraction:
             return None
-        return f"{100.0 * reached:.0f} % of the estimate is within a step of a contact"
+        return f"{100.0 * covered:.0f} % of the estimate is within a step of a contact"
 
 
 @dataclass(frozen=True, slots=True)
 class Certain:
-    """Stop when nearly all of the estimated surface is known to a standard deviation.
+    """Stop when 95 % of the estimated surface has at most a given standard deviation.
 
     Parameters
     ----------
     deviation
         One standard deviation of the surface along its normal [m].
     space
-        Where the estimate is looked at.
+        Region in which the estimate is sampled.
     """
 
     deviation: float
@@ -82,40 +82,40 @@ class Certain:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.deviation) and self.deviation > 0.0):
-            raise InvalidOptionError(f"uncertainty must be above 0 m; it is {self.deviation}")
+            raise InvalidOptionError.out_of_range("uncertainty", self.deviation, "above 0 m")
 
     def reason_to_stop(
         self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        """Return why to stop, or None to go on; see `StopRule`."""
+        """Return why to stop, or None to continue; see `StopRule`."""
         points, _ = self.space.sample(surface)
         if not len(points):
             return None
-        reached = float(np.quantile(surface.uncertainty(points), _CERTAIN_SHARE))
-        if reached > self.deviation:
+        deviation = float(np.quantile(surface.uncertainty(points), _CERTAIN_QUANTILE))
+        if deviation > self.deviation:
             return None
-        return f"95 % of the estimate is known to {1e3 * reached:.2g} mm"
+        return f"95 % of the estimate is certain to {1e3 * deviation:.2g} mm"
 
 
 @dataclass(frozen=True, slots=True)
 class TimeSpent:
-    """Stop when the probes took so long.
+    """Stop when the probes have taken a given time.
 
     Parameters
     ----------
     seconds
-        Of the robot's time [s].
+        Time of the robot [s].
     """
 
     seconds: float
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.seconds) and self.seconds > 0.0):
-            raise InvalidOptionError(f"the time must be above 0 s; it is {self.seconds}")
+            raise InvalidOptionError.out_of_range("max_seconds", self.seconds, "above 0 s")
 
     def reason_to_stop(
         self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        """Return why to stop, or None to go on; see `StopRule`."""
+        """Return why to stop, or None to continue; see `StopRule`."""
         spent = sum(outcome.duration for outcome in outcomes)
         return f"{spent:.0f} s are spent" if spent >= self.seconds else None

@@ -1,4 +1,4 @@
-"""Places of the estimated surface that may be touched next, and what is known round each."""
+"""Targets of the next touch: points of the estimated surface, and what is known around each."""
 
 from __future__ import annotations
 
@@ -8,54 +8,37 @@ from dataclasses import dataclass
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.aiming import SAME_DIRECTION
 from lis_grasp.exploration.motion_time import seconds_to_touch
 from lis_grasp.exploration.probe import ProbeOutcome
+from lis_grasp.exploration.probe_planning import SAME_DIRECTION
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import BoolArray, FloatArray
 
-# A target is the same as an earlier one within this share of its gap, if their directions agree.
+# A target equals an earlier one within this fraction of its gap, if their directions agree.
 _SAME_TARGET = 0.4
-# Where a tip passed and felt nothing there is no surface, within this share of a step.
-_PASSED = 0.2
-# Nor is there where any link passed, but for the last of its way to a touch; in steps.
+# There is no surface so near to the path of a tip that missed, in steps.
+_FREE_RADIUS = 0.2
+# Nor so deep in free space that any link passed, in steps: links end at the touch.
 _IN_FREE_SPACE = 0.05
-# A surface that looks down more than this is not touched above a table (45 degrees).
-_FROM_BELOW = -float(np.sqrt(0.5))
-# A contact says nothing of a surface that faces away from it, as the far side of a thin wall does.
+# Above a table, surface that faces down more than this (45 degrees) cannot be touched.
+_FACES_DOWN = -float(np.sqrt(0.5))
+# A contact does not count for surface that faces away from it, as on the far side of a thin wall.
 _FACES_AWAY = -0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Targets:
-    """Points of an estimate that may be touched next.
+    """Points of an estimate that may be touched next."""
 
-    Parameters
-    ----------
-    points, normals
-        Shapes (P, 3) [m] and (P, 3), unit and outward: of the estimate, all over the workspace.
-    nearest, second
-        Shape (P,) [m]: distance to the nearest and to the second contact on the point's side.
-    emptiness
-        Shape (P,) [m]: distance to where a tip passed and felt nothing.
-    new
-        Shape (P,): whether the point may be aimed at: no earlier target, no place found empty, nor
-        in free space.
-    step
-        Distance between touches that is aimed at [m].
-    seconds
-        Shape (P,) [s]: what touching the point next would take.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    nearest: FloatArray
-    second: FloatArray
-    emptiness: FloatArray
-    new: BoolArray
-    step: float
-    seconds: FloatArray
+    points: FloatArray  # (P, 3) [m]: samples of the estimate
+    normals: FloatArray  # (P, 3), unit, outward
+    nearest: FloatArray  # (P,) [m]: distance to the nearest contact on the point's side
+    second: FloatArray  # (P,) [m]: distance to the second contact on the point's side
+    free_distance: FloatArray  # (P,) [m]: distance to the path of a tip that missed
+    eligible: BoolArray  # (P,): no earlier target, not in free space, and can be approached
+    step: float  # wanted distance between touches [m]
+    seconds: FloatArray  # (P,) [s]: time that touching the point next would take
 
     @classmethod
     def find(
@@ -67,50 +50,50 @@ class Targets:
         *,
         rng: np.random.Generator,
     ) -> Targets:
-        """Return the targets that an estimate offers, as it is before free space is carved off."""
+        """Return the targets of an estimate, given before free space is carved off."""
         points, normals = space.sample(surface, rng=rng)
         nearest, second = gaps(points, normals, contacts)
-        emptiness = _distance_to_passed(points, outcomes)
-        new = emptiness > _PASSED * space.step
-        new &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
-        if space.support_height is not None:  # nothing comes in from below a table
-            new &= points[:, 2] > space.support_height + _PASSED * space.step
-            new &= normals[:, 2] > _FROM_BELOW
-        new &= ~_tried(points, normals, np.minimum(nearest, space.step), outcomes)
+        free_distance = _distance_to_misses(points, outcomes)
+        eligible = free_distance > _FREE_RADIUS * space.step
+        eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
+        if space.support_height is not None:
+            eligible &= points[:, 2] > space.support_height + _FREE_RADIUS * space.step
+            eligible &= normals[:, 2] > _FACES_DOWN
+        eligible &= ~_tried(points, normals, np.minimum(nearest, space.step), outcomes)
         seconds = seconds_to_touch(points, normals, space, outcomes)
-        return cls(points, normals, nearest, second, emptiness, new, space.step, seconds)
+        return cls(points, normals, nearest, second, free_distance, eligible, space.step, seconds)
 
 
 def gaps(
     points: FloatArray, normals: FloatArray, contacts: Contacts
 ) -> tuple[FloatArray, FloatArray]:
     """Return each point's distance to the nearest and the second contact on its side, (P,) [m]."""
-    apart = np.linalg.norm(points[:, None] - contacts.points, axis=-1)  # (P, N)
-    apart[normals @ contacts.normals.T < _FACES_AWAY] = np.inf
+    distances = np.linalg.norm(points[:, None] - contacts.points, axis=-1)  # (P, N)
+    distances[normals @ contacts.normals.T < _FACES_AWAY] = np.inf
     if len(contacts) == 1:
-        return apart[:, 0], apart[:, 0]
-    nearest = np.partition(apart, 1, axis=1)
+        return distances[:, 0], distances[:, 0]
+    nearest = np.partition(distances, 1, axis=1)
     return nearest[:, 0], nearest[:, 1]
 
 
 def _tried(
-    points: FloatArray, normals: FloatArray, reach: FloatArray, outcomes: Sequence[ProbeOutcome]
+    points: FloatArray, normals: FloatArray, gap: FloatArray, outcomes: Sequence[ProbeOutcome]
 ) -> BoolArray:
-    """Tell which points, shape (P,), were a target before, from about the same side."""
+    """Return which points, shape (P,), were a target before, from about the same side."""
     targets = np.array([outcome.probe.target for outcome in outcomes])  # (K, 3)
     directions = np.array([outcome.probe.direction for outcome in outcomes])
-    near = np.linalg.norm(points[:, None] - targets, axis=-1) < _SAME_TARGET * reach[:, None]
+    near = np.linalg.norm(points[:, None] - targets, axis=-1) < _SAME_TARGET * gap[:, None]
     return np.asarray(np.any(near & (-normals @ directions.T > SAME_DIRECTION), axis=1))
 
 
-def _distance_to_passed(points: FloatArray, outcomes: Sequence[ProbeOutcome]) -> FloatArray:
-    """Return each point's distance to where a tip passed and felt nothing, shape (P,) [m]."""
+def _distance_to_misses(points: FloatArray, outcomes: Sequence[ProbeOutcome]) -> FloatArray:
+    """Return each point's distance to the path of a tip that missed, shape (P,) [m]."""
     distance = np.full(len(points), np.inf)
     for outcome in outcomes:
         if outcome.status == "missed":
             probe = outcome.probe
             along = (points - probe.target) @ probe.direction
             along = np.clip(along, -probe.standoff, probe.overshoot)
-            passed = probe.target + along[:, None] * probe.direction
-            distance = np.minimum(distance, np.linalg.norm(points - passed, axis=1))
+            path = probe.target + along[:, None] * probe.direction
+            distance = np.minimum(distance, np.linalg.norm(points - path, axis=1))
     return distance

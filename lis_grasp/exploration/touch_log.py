@@ -1,4 +1,4 @@
-"""The log of an exploration: every probe and what came of it, as it happens, to go on from."""
+"""Touch log of an exploration, `touches.jsonl`: every probe and its outcome, to resume from."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidFileError, InvalidOptionError
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
+from lis_grasp.typing import FloatArray
 
 _END = "ended"
 
-# What values that are no probe's raise.
+# Errors of values that are no probe.
 _DAMAGE = (
     KeyError,
     OverflowError,
@@ -30,32 +30,31 @@ _DAMAGE = (
 
 @dataclass(frozen=True, slots=True)
 class TouchLog:
-    """A file of probes and their outcomes, one JSON object a line, after a header.
+    """A file of probes and their outcomes: a header, then one JSON object a line.
 
-    Lengths in metres, times in seconds, everything in the object frame O; numbers survive to the
-    last bit. `Exploration.replay` makes the same contacts out of the outcomes, without a hand.
+    Lengths are in metres, times in seconds, everything in the object frame O. Numbers are kept to
+    the last bit. `Exploration.replay` makes the contacts from the outcomes.
 
     Parameters
     ----------
     path
-        Of the file; need not exist.
+        Path of the file; need not exist.
     facts
-        What the exploration is of: its configuration, as plain values. Written as the header.
+        Configuration of the exploration, as plain values; the header.
     """
 
     path: Path
     facts: Mapping[str, Any]
 
     def resume(self) -> tuple[ProbeOutcome, ...]:
-        """Return what an interrupted exploration of the same facts has left; else begin anew.
+        """Return the outcomes of an interrupted exploration with the same facts.
 
-        An exploration that came to its end, or one of other facts, is not gone on with: its file
-        is removed.
+        A log that has ended or has other facts is removed, and gives no outcomes.
 
         Raises
         ------
         InvalidFileError
-            If the file is there and is no log of touches.
+            If the file exists and is no touch log.
         """
         header, rows = self._read()
         if header != self._header() or _has_ended(rows):
@@ -64,14 +63,12 @@ class TouchLog:
         return _outcomes(self.path, rows)
 
     def differing(self) -> tuple[str, ...]:
-        """Return the facts for which `resume` will not go on with an interrupted exploration.
-
-        Empty if it will, and if there is none.
+        """Return the names of the facts that keep an interrupted exploration from being resumed.
 
         Raises
         ------
         InvalidFileError
-            If the file is there and is no log of touches.
+            If the file exists and is no touch log.
         """
         header, rows = self._read()
         if not rows or _has_ended(rows):
@@ -85,17 +82,18 @@ class TouchLog:
         header, rows = read_lines(self.path)
         if header and "touch_log" not in header:
             raise InvalidFileError(
-                f"{self.path} must be a log of touches, to go on with or to replace; it is"
-                " something else: write to another folder"
+                f"{self.path} must be a touch log, to resume or to replace; it is something else:"
+                " write to another folder",
+                path=self.path,
             )
         return header, rows
 
     def append(self, outcome: ProbeOutcome) -> None:
-        """Add an outcome, on the disk when this returns."""
+        """Add an outcome; it is on the disk when this returns."""
         append_lines(self.path, self._header(), [_row(outcome)])
 
     def end(self, reason: str) -> None:
-        """Say that the exploration has come to its end, and why."""
+        """Mark the exploration as ended, with the reason."""
         append_lines(self.path, self._header(), [{_END: reason}])
 
     def _header(self) -> Row:
@@ -108,13 +106,14 @@ def load_outcomes(path: Path) -> tuple[ProbeOutcome, ...]:
     Raises
     ------
     InvalidFileError
-        If the file is missing, or no log of touches.
+        If the file is missing or no touch log.
     """
     header, rows = read_lines(path)
     if "touch_log" not in header:
         raise InvalidFileError(
-            f"{path} must be a log of touches, as `lis-grasp explore` writes it; it is"
-            f" {'something else' if header else 'missing or empty'}"
+            f"{path} must be a touch log, as `lis-grasp explore` writes it; it is"
+            f" {'something else' if header else 'missing or empty'}",
+            path=path,
         )
     return _outcomes(path, [row for row in rows if _END not in row])
 
@@ -152,7 +151,9 @@ def _outcomes(path: Path, rows: list[Row]) -> tuple[ProbeOutcome, ...]:
         try:
             outcomes.append(_outcome(row))
         except _DAMAGE as error:
-            raise InvalidFileError(f"{path}, line {number}, is no probe: {error}") from None
+            raise InvalidFileError(
+                f"{path}, line {number}, is no probe: {error}", path=path
+            ) from None
     return tuple(outcomes)
 
 
@@ -164,6 +165,7 @@ def _outcome(row: Row) -> ProbeOutcome:
         fingers=tuple(row["fingers"]),
         times=row["times"],
     )
+    X_OH = row.get("X_OH")  # logs of older versions have neither pose nor radii
     return ProbeOutcome(
         Probe(row["target"], row["direction"], row["standoff"], row["overshoot"]),
         row["status"],
@@ -173,19 +175,13 @@ def _outcome(row: Row) -> ProbeOutcome:
         row["reason"],
         row["moved"],
         np.array(row.get("free_radii", [])),
-        _hand_pose(row),
+        None if X_OH is None else HandPose(X_OH, row["joint_positions"]),
     )
 
 
-def _hand_pose(row: Row) -> HandPose | None:
-    """Return the pose that a row records, if any: older logs have none."""
-    X_OH = row.get("X_OH")
-    return None if X_OH is None else HandPose(X_OH, row["joint_positions"])
-
-
-def _rows(values: list[list[float]]) -> npt.NDArray[np.float64]:
+def _rows(values: list[list[float]]) -> FloatArray:
     return np.array(values, dtype=np.float64).reshape(-1, 3)  # an empty list has no columns
 
 
-def _list(values: npt.NDArray[np.float64] | None) -> list[float] | None:
+def _list(values: FloatArray | None) -> list[float] | None:
     return None if values is None else values.tolist()

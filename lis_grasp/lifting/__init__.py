@@ -1,1 +1,1 @@
-"""The lift trial without a simulator: its settings, its outcome, and the wrist's trajectory."""
+"""Lift of an object: setup, options, outcome and wrist trajectory; no Drake."""

@@ -1,4 +1,4 @@
-"""How a grasp trial is run and judged, and what came of it."""
+"""Options and outcome of a simulated lift."""
 
 from __future__ import annotations
 
@@ -12,56 +12,56 @@ from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
 
 Reason = Literal[
-    "held",  # lifted, shaken and still in the hand
-    "unstable",  # the object does not stand on the table by itself
-    "collision_on_approach",  # the opened hand pushed the object, or did not get where it should be
-    "no_contact",  # fewer than two fingers found the object
-    "aborted",  # what the hand felt foretold failure: it let go and came back
-    "ejected",  # closing or squeezing drove the object away
-    "not_lifted",  # the hand rose without it
-    "dropped",  # it was lost after it had been lifted
-    "slipped",  # still in the hand, but it moved too far in it
-    "diverged",  # the simulation failed
+    "held",  # The object was lifted and shaken and is still in the hand.
+    "unstable",  # The object does not rest on the table by itself.
+    "collision_on_approach",  # The open hand pushed the object, or did not arrive at its goal.
+    "no_contact",  # Fewer than two fingers touched the object.
+    "aborted",  # The tactile check rejected the grasp, and the hand opened and retreated.
+    "ejected",  # Closing or squeezing pushed the object out of the hand.
+    "not_lifted",  # The hand rose without the object.
+    "dropped",  # The object was lost after it had been lifted.
+    "slipped",  # The object is still in the hand but moved too far in it.
+    "diverged",  # The simulation failed.
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class LiftOptions:
-    """How a grasp trial is run and judged.
+    """Options of a simulated lift.
 
     Parameters
     ----------
     standoff
         Length of the straight approach [m].
     approach_time, squeeze_time, lift_time, hold_time
-        Durations [s]; closing takes as long as the fingers need, and holding ends before its time
-        once the object has come to rest in the hand.
+        Durations [s]; closing takes as long as the fingers need, and holding ends early once the
+        object rests in the hand.
     lift_height
-        How far the wrist rises [m].
+        Rise of the wrist [m].
     shake_accelerations
-        Largest wrist accelerations of the shakes, one after the other, increasing [m/s^2]; each is
-        applied along x, y and z of W, in both directions, and then as turns about x, y and z.
+        Peak accelerations of the wrist in successive shakes, increasing [m/s^2]; each is applied
+        along x, y and z of W, in both directions, and then as rotations about x, y and z.
     turn_arm
-        Distance from the hand's base, which turns, at which a turn accelerates by as much [m].
+        Distance from the hand's base at which a rotation accelerates by as much [m].
     shake_frequency, shake_cycles
-        Of the shaking along one axis [Hz].
+        Frequency and number of periods of the shaking along one axis [Hz, 1].
     grip_margin
         The fingers' normal forces add up to `grip_margin` times what the largest shake needs by
-        Coulomb's law, ``m (g + a) / friction``: a robot knows the weight from its wrist.
+        Coulomb's law, ``m (g + a) / friction``: a robot measures the weight with its wrist.
     least_grip_force
         Lower bound of that sum [N]; its upper bounds are the hand's efforts and contact force.
     search_distance
-        How far a finger goes beyond its planned contact to find the object [m].
+        Largest motion of a finger beyond its planned contact to find the object [m].
     largest_slip
-        Motion of the object's centre of mass in the palm frame, from the closed grasp on, up to
-        which the object counts as held [m].
+        Largest motion in the palm frame, after the grasp has closed, of the centre of mass of an
+        object that counts as held [m].
     largest_push
-        Motion of the object's centre of mass up to which the approach counts as free [m]; the palm
-        has to arrive within the same distance of where it was sent.
+        Largest motion of the object's centre of mass in a collision-free approach [m]; the palm has
+        to arrive within the same distance of its goal.
     time_step
-        Of the simulation [s].
+        Time step of the simulation [s].
     frame_rate
-        Of the recorded motion [Hz].
+        Frame rate of the recorded motion [Hz].
     """
 
     standoff: float = 0.12
@@ -87,44 +87,43 @@ class LiftOptions:
             value = getattr(self, item.name)
             numbers = value if isinstance(value, tuple) else (value,)
             if not all(0.0 < number < float("inf") for number in numbers):
-                raise InvalidOptionError(f"{item.name} must be positive; it is {value}")
+                raise InvalidOptionError.out_of_range(item.name, value, "positive")
         shakes = self.shake_accelerations
         if any(later <= sooner for sooner, later in pairwise(shakes)):
-            raise InvalidOptionError(f"shake_accelerations must increase; they are {shakes}")
+            raise InvalidOptionError.out_of_range("shake_accelerations", shakes, "increasing")
         if self.shake_cycles < 2:
-            raise InvalidOptionError(f"shake_cycles must be at least 2; it is {self.shake_cycles}")
+            raise InvalidOptionError.out_of_range("shake_cycles", self.shake_cycles, "at least 2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiftOutcome:
-    """What came of a grasp trial.
+    """Outcome of a simulated lift.
 
     Parameters
     ----------
     lifted
-        After the lift the object was off the table by at least half the lift, touched by two links
-        of the hand or more, and had moved less than `LiftOptions.largest_slip` in the hand.
+        Whether the object, after the lift, was off the table by at least half the lift, touched by
+        two links of the hand or more, and had moved less than `LiftOptions.largest_slip` in it.
     held
-        The same after shaking and holding.
+        Whether the same was true after shaking and holding.
     slip
-        Motion of the object's centre of mass in the palm frame from the closed grasp to the end
-        of the trial [m]; 0 if the grasp never closed, or the simulation diverged.
+        Motion of the object's centre of mass in the palm frame, from the closed grasp to the end
+        [m]; 0 if the grasp never closed, or the simulation diverged.
     reason
-        Why it ended as it did.
+        Why the trial ended; see `Reason`.
     acceleration_survived
         The largest shake after which the object was still held [m/s^2]; 0 for none.
     duration
         Simulated time [s].
     motion
-        Poses of the hand's links and the object, in the frame that the grasp was planned in.
+        Poses of the hand's links and the object, in W: the frame in which the grasp was planned.
     closed
-        Whether the fingers closed; if not, the hand did not come so far.
-    felt
-        Where the hand first felt the object, in the same frame: fingers that closed, at most once
-        each by their names; before that, links by theirs.
+        Whether the fingers closed; if not, the trial ended before.
+    measured_contacts
+        First contacts with the object, in W: of the closed fingers, at most one each, tagged with
+        the finger; on an approach that was stopped, of the links, tagged with the link.
     X_WO
-        Shape (4, 4): where the object was in the end, in the same frame; if the simulation
-        diverged, where it was last recorded.
+        Shape (4, 4): final pose of the object; if the simulation diverged, the last recorded one.
     """
 
     lifted: bool
@@ -135,5 +134,5 @@ class LiftOutcome:
     duration: float
     motion: Motion
     closed: bool
-    felt: Contacts
+    measured_contacts: Contacts
     X_WO: FloatArray

@@ -1,4 +1,4 @@
-"""Where the wrist goes during a grasp trial: smooth from rest to rest, and shaken."""
+"""Wrist trajectories of a lift: minimum-jerk lines and shakes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WristPath = Callable[[float], tuple[FloatArray, FloatArray]]
 
 
 def rest_at(place: FloatArray) -> WristPath:
-    """Return a path that stays at a place, shape (6,)."""
+    """Return a path that stays at a displacement, shape (6,)."""
     return lambda time: (place, np.zeros(6))
 
 
@@ -23,26 +23,8 @@ def line(start: FloatArray, end: FloatArray, duration: float) -> WristPath:
     """Return a straight path from rest at `start` to rest at `end`, shapes (6,)."""
 
     def path(time: float) -> tuple[FloatArray, FloatArray]:
-        share, rate = minimum_jerk(time / duration)
-        return start + share * (end - start), rate / duration * (end - start)
-
-    return path
-
-
-def shake_about(
-    place: FloatArray, direction: FloatArray, *, acceleration: float, frequency: float, cycles: int
-) -> WristPath:
-    """Return a path that shakes about a place (6,) along a direction (6,); see `shake`.
-
-    The acceleration is what the direction is multiplied with: [m/s^2] along a unit axis; for a
-    turn, a tangential acceleration if the direction is a unit axis over an arm [1/m].
-    """
-
-    def path(time: float) -> tuple[FloatArray, FloatArray]:
-        displacement, velocity = shake(
-            time, acceleration=acceleration, frequency=frequency, cycles=cycles
-        )
-        return place + displacement * direction, velocity * direction
+        part, rate = minimum_jerk(time / duration)
+        return start + part * (end - start), rate / duration * (end - start)
 
     return path
 
@@ -57,28 +39,26 @@ def minimum_jerk(phase: float) -> tuple[float, float]:
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), 30.0 * u**2 * (1.0 - u) ** 2
 
 
-def shake(
-    time: float, *, acceleration: float, frequency: float, cycles: int
-) -> tuple[float, float]:
-    """Return displacement [m] and velocity [m/s] of a shake along one line.
+def shake_about(
+    place: FloatArray, direction: FloatArray, *, acceleration: float, frequency: float, cycles: int
+) -> WristPath:
+    """Return a path that shakes about a displacement (6,) along a direction (6,).
 
-    A sine of the given frequency, faded in and out over one period each, so that it starts and
-    ends at rest where it began; scaled so that its acceleration reaches `acceleration` exactly.
-
-    Parameters
-    ----------
-    time
-        Time since the shake's start [s]; it is at rest before 0 and after `cycles / frequency`.
-    acceleration
-        Largest acceleration, met in both directions [m/s^2].
-    frequency
-        Frequency of the sine [Hz].
-    cycles
-        Number of periods, at least 2.
+    A sine of the given frequency [Hz], faded in and out over one period each: it is at rest before
+    time 0 and after `cycles / frequency`. Scaled so that its peak acceleration along the direction
+    is `acceleration`: [m/s^2] along a unit axis; for a rotation, a tangential acceleration if the
+    direction is a unit axis over an arm [1/m]. There are at least 2 cycles.
     """
-    displacement, velocity = _unit_shake(time * frequency, cycles)
     amplitude = acceleration / (_unit_shake_acceleration(cycles) * frequency**2)
-    return amplitude * displacement, amplitude * frequency * velocity
+
+    def path(time: float) -> tuple[FloatArray, FloatArray]:
+        displacement, velocity = _unit_shake(time * frequency, cycles)
+        return (
+            place + amplitude * displacement * direction,
+            amplitude * frequency * velocity * direction,
+        )
+
+    return path
 
 
 def _unit_shake(turns: float, cycles: int) -> tuple[float, float]:
@@ -94,7 +74,7 @@ def _unit_shake(turns: float, cycles: int) -> tuple[float, float]:
 
 @lru_cache
 def _unit_shake_acceleration(cycles: int) -> float:
-    """Return the largest acceleration of the unit shake, by differences of its velocity."""
+    """Return the peak acceleration of the unit shake, by differences of its velocity."""
     turns = np.linspace(0.0, cycles, 2000 * cycles + 1)
     velocity = np.array([_unit_shake(float(u), cycles)[1] for u in turns])
     return float(np.abs(np.gradient(velocity, turns)).max())

@@ -109,7 +109,7 @@ def grasp_with_tactile_check(
         yield Attempt(contacts, mesh, search, rank, outcome)
         if outcome.reason != "aborted":
             return
-        contacts = contacts.append(outcome.felt)
+        contacts = contacts.append(outcome.measured_contacts)
         missed = np.vstack([missed, _missed(grasp, outcome)])
         X_WO = outcome.X_WO
 
@@ -149,7 +149,9 @@ def _missed(grasp: Grasp, outcome: LiftOutcome) -> FloatArray:
     """Return the planned contacts of fingers that closed on nothing, shape (K, 3) [m]."""
     if not outcome.closed:
         return np.empty((0, 3))
-    return grasp.contact_points[[f not in outcome.felt.fingers for f in grasp.contact_fingers]]
+    return grasp.contact_points[
+        [f not in outcome.measured_contacts.fingers for f in grasp.contact_fingers]
+    ]
 
 
 def _first_away_from(missed: FloatArray, search: GraspSearch) -> int:

@@ -77,11 +77,16 @@ def _grasp_facts(
 
 def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
     if attempt.outcome is None:
-        return {"grasp": None, "success_probability": None, "felt": 0, "reason": "no_grasp"}
+        return {
+            "grasp": None,
+            "success_probability": None,
+            "measured_contacts": 0,
+            "reason": "no_grasp",
+        }
     return {
         "grasp": attempt.rank + 1,
         "success_probability": attempt.search.grasps[attempt.rank].quality["success_probability"],
-        "felt": len(attempt.outcome.felt),
+        "measured_contacts": len(attempt.outcome.measured_contacts),
         "reason": attempt.outcome.reason,
     }
 

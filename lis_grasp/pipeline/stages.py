@@ -1,4 +1,4 @@
-"""The whole way from touch to a proven grasp: each stage as one call, and all of them in a row."""
+"""Stages of the pipeline, one function each: touch, estimate, plan and lift."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from lis_grasp.simulation.simulate_lift import AcceptGrasp, LiftOptions, LiftOutcome
 
 
-# One independent random stream a stage, so that a stage run alone repeats what it did in a row.
+# Each stage has its own random stream, so that a stage run alone repeats its part of a whole run.
 _TOUCH_STREAM, _GRASP_STREAM = 1, 2
 
 
@@ -51,7 +51,7 @@ class Stopwatch:
 
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:
-        """Add the time that the block takes to `stage`."""
+        """Add the time of a block to `stage`."""
         start = time.perf_counter()
         try:
             yield
@@ -60,7 +60,7 @@ class Stopwatch:
 
 
 def support_height(shape: Shape) -> float:
-    """Return the height of the plane that the object stands on, in O [m]: its lowest point."""
+    """Return the height of the plane under the object, in O [m]: its lowest point."""
     return float(shape.mesh.bounds[0, 2])
 
 
@@ -74,14 +74,11 @@ def touch(
     progress: Callable[[int, int], None] | None = None,
     observe: Callable[[int, ImplicitSurface], None] | None = None,
 ) -> Exploration:
-    """Explore the object by touch, as the configuration says; go on from an interrupted log.
+    """Explore the object by touch as configured; resume an interrupted log.
 
-    Without a log, `recorded` are the outcomes to go on from: those of the same exploration for
-    fewer touches.
-
-    The object is held, or stands free on a table. What the robot is told of it beforehand is where
-    it is and how large: the centre of its bounding box and its largest extent; every contact is
-    felt. `progress` and `observe` are called as by `explore`.
+    Without a log, `recorded` are the outcomes to resume: those of the same exploration for fewer
+    touches. The object is fixed, or free on a table. The prior knowledge is the centre of its
+    bounding box and its largest extent. `progress` and `observe` are those of `explore`.
     """
     space = Workspace(
         STEP_FRACTION * shape.size,
@@ -93,7 +90,7 @@ def touch(
     exploration = explore(
         _make_prober(config, hand, shape),
         make_policy(config, space),
-        _told(config.estimator, config.sensor()),
+        make_estimator(config.estimator, config.sensor()),
         touches=config.touches,
         rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
         space=space,
@@ -112,8 +109,22 @@ def touch(
 def make_policy(config: RunConfig, space: Workspace) -> TargetPolicy:
     """Return the policy that a configuration names, for one workspace."""
     kind = POLICIES[config.policy]
-    guess = _told("gpis", config.sensor()) if kind.guesses else None
-    return TargetPolicy(space, kind.choose, guess)
+    guess = make_estimator("gpis", config.sensor()) if kind.uses_gaussian_process else None
+    return TargetPolicy(space, kind.select, guess)
+
+
+def make_estimator(name: str, sensor: TactileSensor | None = None) -> Estimator:
+    """Return an estimator of `ESTIMATORS` that is given the sensor's noise.
+
+    Without noise an estimator keeps its own small default, which conditions its equations.
+    """
+    if sensor is None or not (sensor.position_noise or sensor.normal_noise):
+        return ESTIMATORS[name]
+    return partial(
+        ESTIMATORS[name],
+        position_noise=sensor.position_noise,
+        normal_noise=sensor.normal_noise,
+    )
 
 
 def _make_prober(config: RunConfig, hand: Hand, shape: Shape) -> Prober:
@@ -130,14 +141,6 @@ def _make_prober(config: RunConfig, hand: Hand, shape: Shape) -> Prober:
     return DynamicProber(hand, shape.mesh, free=free)
 
 
-def _told(estimator: str, sensor: TactileSensor | None) -> Estimator:
-    """Return an estimator that is told the sensor's noise, where there is any."""
-    noise = (sensor.position_noise, sensor.normal_noise) if sensor is not None else (0.0, 0.0)
-    if not any(noise):
-        return ESTIMATORS[estimator]
-    return partial(ESTIMATORS[estimator], position_noise=noise[0], normal_noise=noise[1])
-
-
 def estimate(
     contacts: Contacts,
     estimator: str,
@@ -147,9 +150,9 @@ def estimate(
 ) -> tuple[ImplicitSurface, trimesh.Trimesh]:
     """Estimate the surface from contacts of a sensor, and mesh it.
 
-    With `free_space`, what the contacts know to be free is carved off.
+    With `free_space`, the contacts' free space is carved off.
     """
-    surface = _told(estimator, sensor)(contacts)
+    surface = make_estimator(estimator, sensor)(contacts)
     if free_space:
         margin = 0.0 if sensor is None else sensor.free_margin
         surface = carved(surface, contacts, margin=margin)
@@ -165,7 +168,7 @@ def plan(
     count: int,
     seed: int,
 ) -> GraspSearch:
-    """Plan `count` ranked grasps on a mesh that stands at height `support` of O [m]."""
+    """Plan `count` ranked grasps on a mesh on a plane at height `support` in O [m]."""
     sampler = ForceClosureSampler(hand, friction=friction)
     rng = np.random.default_rng([seed, _GRASP_STREAM])
     return sampler.sample(mesh, rng=rng, support_height=support, count=count)
@@ -210,7 +213,7 @@ def lift_each(
 ) -> Iterator[LiftOutcome]:
     """Simulate the lift of each grasp on an untouched object, in `jobs` processes.
 
-    Outcomes come in the order of the grasps, and are the same for any number of processes.
+    Outcomes are in the order of the grasps, and the same for any number of processes.
     """
     run = partial(lift, shape, hand, mass=mass, friction=friction, options=options)
     if jobs == 1 or len(grasps) < 2:

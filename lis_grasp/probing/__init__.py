@@ -1,1 +1,1 @@
-"""Guarded motions of a hand towards an object, and the kinematic prober; no Drake."""
+"""Approach planning, guarded motion and the kinematic prober; no Drake."""

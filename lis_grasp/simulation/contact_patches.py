@@ -1,4 +1,4 @@
-"""A contact patch as contacts: one for each connected, flat part of it."""
+"""Drake's hydroelastic contact results, decoded: contacts of links, and their flat parts."""
 
 from __future__ import annotations
 
@@ -6,86 +6,97 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
-from pydrake.geometry import GeometryId, PolygonSurfaceMesh, TriangleSurfaceMesh
-from pydrake.multibody.plant import HydroelasticContactInfo
+from pydrake.geometry import (
+    ContactSurface,
+    GeometryId,
+    PolygonSurfaceMesh,
+    TriangleSurfaceMesh,
+)
+from pydrake.multibody.plant import ContactResults
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IntArray
 
 # A fingertip of 12 mm pressed in by 0.3 mm spans 13 deg to either side of its mean normal on a ball
-# of its own size; faces that differ by more than this belong to different sides of an edge.
+# of its own size. Faces that differ by more than this belong to different sides of an edge.
 _SPLIT_ANGLE = np.deg2rad(35.0)
-# A part smaller than this share of the patch says too little of where its face is.
-_LEAST_SHARE = 0.2
-# Corners of neighbouring faces coincide but for rounding.
-_SAME_CORNER = 1e-7  # [m]
+# Parts smaller than this fraction of the patch are dropped: they do not locate their face.
+_LEAST_FRACTION = 0.2
+# Vertices of neighbouring faces coincide up to rounding.
+_SAME_VERTEX = 1e-7  # [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkContact:
+    """Contact of a link of the hand with the object, in W."""
+
+    link: str
+    point: FloatArray  # (3,) [m]: area-weighted centroid of the contact patch
+    normal: FloatArray  # (3,), unit, out of the object: area-weighted mean over the patch
+    force: FloatArray  # (3,) [N], of the hand on the object
+    normal_force: float  # size of the force along the normal [N], without friction
+    surface: ContactSurface  # the patch
+    outward: float  # 1 if the patch's face normals point out of the object, else -1
+
+    @property
+    def strength(self) -> float:
+        """Size of the force [N]."""
+        return float(np.linalg.norm(self.force))
+
+    def flat_parts(self) -> list[Patch]:
+        """Return the flat parts of the patch; see `split_patch`."""
+        surface = self.surface
+        mesh = surface.tri_mesh_W() if surface.is_triangle() else surface.poly_mesh_W()
+        faces = range(surface.num_faces())
+        return split_patch(
+            self.link,
+            np.array([surface.area(i) for i in faces]),
+            np.array([mesh.element_centroid(i) for i in faces]),
+            self.outward * np.array([surface.face_normal(i) for i in faces]),
+            _connected_pieces(mesh),
+            force=self.normal_force,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """One flat part of a contact patch.
-
-    Parameters
-    ----------
-    link
-        The hand's link that touches.
-    point
-        Shape (3,) [m]: area-weighted centroid.
-    normal
-        Shape (3,), unit: area-weighted, out of the object.
-    force
-        [N] The part's share, by area, of the patch's normal force.
-    """
+    """One flat part of a contact patch."""
 
     link: str
-    point: FloatArray
-    normal: FloatArray
-    force: float
+    point: FloatArray  # (3,) [m]: area-weighted centroid
+    normal: FloatArray  # (3,), unit, out of the object: area-weighted mean
+    force: float  # fraction, by area, of the patch's normal force [N]
 
 
-def normal_force(info: HydroelasticContactInfo) -> float:
-    """Return the patch's force along its mean normal [N]: friction does not count as touch."""
-    surface = info.contact_surface()
-    normal = sum(surface.area(i) * surface.face_normal(i) for i in range(surface.num_faces()))
-    length = np.linalg.norm(normal)
-    return float(abs(info.F_Ac_W().translational() @ normal) / length) if length else 0.0
-
-
-def contact_patches(
-    info: HydroelasticContactInfo,
-    *,
-    object_geometry: GeometryId,
-    link_of_geometry: Mapping[GeometryId, str],
-) -> list[Patch]:
-    """Return a contact between object and hand as flat parts, in W; none unless one is the object.
-
-    Parameters
-    ----------
-    info
-        Drake's contact.
-    object_geometry
-        The object's shape.
-    link_of_geometry
-        The hand's shapes, and the links that carry them.
-    """
-    surface = info.contact_surface()
-    first, second = surface.id_M(), surface.id_N()
-    object_is_m = first == object_geometry
-    link = link_of_geometry.get(second if object_is_m else first)
-    if link is None or object_geometry not in (first, second):
-        return []
-    mesh = surface.tri_mesh_W() if surface.is_triangle() else surface.poly_mesh_W()
-    faces = range(surface.num_faces())
-    areas = np.array([surface.area(i) for i in faces])
-    # A face's normal points out of N into M: it is the object's outward one when N is the object.
-    outward = -1.0 if object_is_m else 1.0
-    normals = outward * np.array([surface.face_normal(i) for i in faces])
-    centroids = np.array([mesh.element_centroid(i) for i in faces])
-    pieces = _connected_pieces(mesh)
-    return split_patch(link, areas, centroids, normals, pieces, force=normal_force(info))
+def link_contacts(
+    results: ContactResults, object_geometry: GeometryId, link_of_geometry: Mapping[GeometryId, str]
+) -> list[LinkContact]:
+    """Return the contacts between the hand's links and the object, in a fixed order."""
+    contacts = []
+    for i in range(results.num_hydroelastic_contacts()):
+        info = results.hydroelastic_contact_info(i)
+        surface = info.contact_surface()
+        # Drake's force acts on the body of M; the face normals point out of N, into M.
+        object_is_m = surface.id_M() == object_geometry
+        if not object_is_m and surface.id_N() != object_geometry:
+            continue
+        link = link_of_geometry.get(surface.id_N() if object_is_m else surface.id_M())
+        if link is None:
+            continue
+        outward = -1.0 if object_is_m else 1.0
+        normal = sum(surface.area(f) * surface.face_normal(f) for f in range(surface.num_faces()))
+        length = np.linalg.norm(normal)
+        if length == 0.0:
+            continue
+        force = -outward * info.F_Ac_W().translational()
+        normal_force = float(abs(force @ normal) / length)
+        normal = outward * normal / length
+        contacts.append(
+            LinkContact(link, surface.centroid(), normal, force, normal_force, surface, outward)
+        )
+    return contacts
 
 
 def split_patch(
@@ -93,32 +104,19 @@ def split_patch(
     areas: FloatArray,
     centroids: FloatArray,
     normals: FloatArray,
-    pieces: npt.NDArray[np.int32],
+    pieces: IntArray,
     *,
     force: float,
 ) -> list[Patch]:
-    """Split a contact patch at gaps, and at the edges that it lies across, convex or concave.
+    """Split a contact patch at gaps and at the object's edges, convex or concave.
 
-    A tip in a corner touches two faces at once, and the mean of their normals is the normal of
-    neither; a tip across a groove touches on both sides, and the mean of the two is in the air.
-    Faces of one piece, within 35 degrees of a part's area-weighted mean normal, form that part, the
-    largest first.
+    A tip in a corner touches two faces, and the mean of their normals is the normal of neither; a
+    tip across a groove touches both sides, and their mean is in the air. Faces of one connected
+    piece within 35 degrees of a part's area-weighted mean normal form that part, the largest first.
 
-    Parameters
-    ----------
-    link
-        The hand's link that touches.
-    areas, centroids, normals
-        Of the patch's faces: (F,) [m^2], (F, 3) [m], (F, 3) unit and out of the object.
-    pieces
-        Shape (F,): the connected piece that each face belongs to.
-    force
-        Normal force of the whole patch [N].
-
-    Returns
-    -------
-    list of Patch
-        At least one for a patch with area; points and normals in the frame of the arguments.
+    The faces have areas (F,) [m^2], centroids (F, 3) [m], outward unit normals (F, 3), and pieces
+    (F,). `force` is the normal force of the whole patch [N]. A patch with area has at least one
+    part.
     """
     total = float(areas.sum())
     remaining = areas > 0.0
@@ -126,29 +124,29 @@ def split_patch(
     while remaining.any():
         largest = int(np.argmax(np.where(remaining, areas, -1.0)))
         normal = normals[largest]
-        for _ in range(3):  # the mean settles in two or three rounds
+        for _ in range(3):  # the mean converges in two or three rounds
             alike = (pieces == pieces[largest]) & (normals @ normal > np.cos(_SPLIT_ANGLE))
             members = remaining & alike
             members[largest] = True
             normal = areas[members] @ normals[members]
             normal /= np.linalg.norm(normal)
-        share = float(areas[members].sum()) / total
-        if share >= _LEAST_SHARE or not parts:
+        fraction = float(areas[members].sum()) / total
+        if fraction >= _LEAST_FRACTION or not parts:
             point = areas[members] @ centroids[members] / areas[members].sum()
-            parts.append(Patch(link, point, normal, force * share))
+            parts.append(Patch(link, point, normal, force * fraction))
         remaining &= ~members
     return parts
 
 
-def _connected_pieces(mesh: PolygonSurfaceMesh | TriangleSurfaceMesh) -> npt.NDArray[np.int32]:
-    """Return the connected piece that each face belongs to, shape (F,); faces share corners."""
+def _connected_pieces(mesh: PolygonSurfaceMesh | TriangleSurfaceMesh) -> IntArray:
+    """Return the connected piece that each face belongs to, shape (F,); faces share vertices."""
     faces = [mesh.element(i) for i in range(mesh.num_elements())]
     owners = np.repeat(np.arange(len(faces)), [face.num_vertices() for face in faces])
-    corners = np.array(
+    vertices = np.array(
         [mesh.vertex(face.vertex(k)) for face in faces for k in range(face.num_vertices())]
     )
-    pairs = owners[cKDTree(corners).query_pairs(_SAME_CORNER, output_type="ndarray")]  # (K, 2)
+    pairs = owners[cKDTree(vertices).query_pairs(_SAME_VERTEX, output_type="ndarray")]  # (K, 2)
     shape = (len(faces), len(faces))
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=shape)
     _, pieces = connected_components(graph, directed=False)
-    return np.asarray(pieces, dtype=np.int32)
+    return np.asarray(pieces, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""A hand in a Drake plant: links with compliant hydroelastic skin, joints under PD control."""
+"""Hand in a Drake plant: links with compliant hydroelastic skin, joints under PD control."""
 
 from __future__ import annotations
 
@@ -34,7 +34,6 @@ from pydrake.multibody.tree import (
     PrismaticJoint,
     RevoluteJoint,
     RigidBody,
-    RotationalInertia,
     SpatialInertia,
     UnitInertia,
 )
@@ -42,42 +41,35 @@ from pydrake.multibody.tree import (
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import Inertial, LinkGeometry
 from lis_grasp.hands.hand_parts import Joint as HandJoint
+from lis_grasp.simulation.object_plant import spatial_inertia
 from lis_grasp.typing import FloatArray
 
-# A frame without matter still needs a mass for the solver; a gram on a hand of a kilogram.
+PROBING_SKIN, LIFTING_SKIN = 1e6, 1e7
+"""Hydroelastic moduli of the skin [Pa].
+
+A spherical tip pressed in by d needs F = pi E d^2. While probing, the skin is soft: 0.2 N press it
+in by 0.25 mm, more than the 0.2 mm of a simulation step. While lifting, it is as firm as rubber:
+5 N press it in by 0.4 mm.
+"""
+
+# A link without inertia needs a mass for the solver: a gram on a hand of a kilogram.
 _LEAST_MASS = 1e-3
-_WRIST_AXES = ("x", "y", "z")
+_AXIS_NAMES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandInPlant:
-    """A hand that `add_hand` has put into a plant.
-
-    Parameters
-    ----------
-    hand
-        The hand.
-    instance
-        Its model instance; actuators and desired states are in the order of `Hand.joint_names`.
-    bodies
-        Link name -> body.
-    joints
-        The actuated joints, in the order of `Hand.joint_names`.
-    link_of_geometry
-        Collision geometry -> name of the link that carries it.
-    followers
-        The joints that a transmission couples to actuated ones, and what they are in the hand.
-    """
+    """A hand that `add_hand` has added to a plant."""
 
     hand: Hand
-    instance: ModelInstanceIndex
-    bodies: Mapping[str, RigidBody]
-    joints: tuple[Joint, ...]
+    instance: ModelInstanceIndex  # actuators and desired states in the order of Hand.joint_names
+    bodies: Mapping[str, RigidBody]  # by link
+    joints: tuple[Joint, ...]  # actuated, in the order of Hand.joint_names
     link_of_geometry: Mapping[GeometryId, str]
-    followers: tuple[tuple[Joint, HandJoint], ...] = ()
+    followers: tuple[tuple[Joint, HandJoint], ...] = ()  # coupled to actuated joints
 
     def set_joint_positions(self, plant_context: object, q: FloatArray) -> None:
-        """Put the joints at positions q, shape (J,), and those that follow them, at rest."""
+        """Set the joints and their followers to positions q, shape (J,), at rest."""
         followed = [(joint, float(follower.position(q))) for joint, follower in self.followers]
         for joint, position in [*zip(self.joints, q, strict=True), *followed]:
             if isinstance(joint, RevoluteJoint):
@@ -86,6 +78,19 @@ class HandInPlant:
             else:
                 joint.set_translation(plant_context, position)
                 joint.set_translation_rate(plant_context, 0.0)
+
+    def joint_positions(self, plant_context: object) -> FloatArray:
+        """Return the positions of the actuated joints, shape (J,)."""
+        return np.array([joint.GetOnePosition(plant_context) for joint in self.joints])
+
+    def X_WL(self, plant_context: object, link: str) -> FloatArray:
+        """Return the pose of a link, shape (4, 4)."""
+        pose: FloatArray = self.bodies[link].EvalPoseInWorld(plant_context).GetAsMatrix4()
+        return pose
+
+    def X_WH(self, plant_context: object) -> FloatArray:
+        """Return the pose of the palm, shape (4, 4)."""
+        return self.X_WL(plant_context, self.hand.base_link) @ self.hand.X_LH
 
 
 def add_hand(
@@ -96,27 +101,14 @@ def add_hand(
     damping: npt.ArrayLike,
     friction: float,
     hydroelastic_modulus: float,
-    name: str = "hand",
 ) -> HandInPlant:
-    """Add a hand's links and joints; its base link gets no joint here, and gravity is compensated.
+    """Add a hand's links and joints; its base link gets no joint, and gravity is compensated.
 
-    Parameters
-    ----------
-    plant
-        Registered as a source of geometry, not finalized.
-    hand
-        What to add.
-    stiffness, damping
-        Implicit PD gains of the joints [N m/rad, N m s/rad; or N/m, N s/m], scalar or (J,); efforts
-        are limited by `Hand.effort_limits`.
-    friction
-        Coulomb coefficient of every link.
-    hydroelastic_modulus
-        Of the compliant skin [Pa].
-    name
-        Of the model instance.
+    The joints get implicit PD control with gains [N m/rad, N m s/rad; or N/m, N s/m], scalar or
+    (J,), and efforts limited by `Hand.effort_limits`. `friction` is Coulomb's coefficient of every
+    link, `hydroelastic_modulus` that of its skin [Pa]. The plant is not finalized yet.
     """
-    instance = plant.AddModelInstance(name)
+    instance = plant.AddModelInstance("hand")
     count = len(hand.joint_names)
     stiffness = np.broadcast_to(np.asarray(stiffness, dtype=np.float64), count)
     damping = np.broadcast_to(np.asarray(damping, dtype=np.float64), count)
@@ -175,33 +167,19 @@ def add_hand(
 
 
 def ignore_self_collision(scene_graph: SceneGraph, added: HandInPlant) -> None:
-    """Let no two links of the hand collide."""
+    """Exclude collisions between links of the hand."""
     everything = GeometrySet(list(added.link_of_geometry))
     scene_graph.collision_filter_manager().Apply(
         CollisionFilterDeclaration().ExcludeWithin(everything)
     )
 
 
-def ignore_designed_contacts(scene_graph: SceneGraph, added: HandInPlant) -> None:
-    """Let those links not collide that touch by design (`Hand.self_collision_exclusions`)."""
-    by_link: dict[str, list[GeometryId]] = {}
-    for geometry, link in added.link_of_geometry.items():
-        by_link.setdefault(link, []).append(geometry)
-    declaration = CollisionFilterDeclaration()
-    for geometries in by_link.values():
-        declaration.ExcludeWithin(GeometrySet(geometries))
-    for first, second in sorted(added.hand.self_collision_exclusions):
-        if first in by_link and second in by_link:
-            declaration.ExcludeBetween(GeometrySet(by_link[first]), GeometrySet(by_link[second]))
-    scene_graph.collision_filter_manager().Apply(declaration)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Wrist:
-    """A 6-axis wrist that `add_wrist` has put under a hand.
+    """A 6-axis wrist that carries a hand.
 
-    Its state is ``[x, y, z, roll, pitch, yaw]`` and rates, relative to the pose it was added at, in
-    W's axes; its model instance has one desired-state port in that order.
+    Its state is ``[x, y, z, roll, pitch, yaw]`` and rates, relative to the pose at which it was
+    added, in W's axes. Its model instance has one desired-state port in that order.
     """
 
     instance: ModelInstanceIndex
@@ -217,19 +195,11 @@ def add_wrist(
     damping: tuple[float, float],
     limits: tuple[float, float],
 ) -> Wrist:
-    """Hold the hand's base link by three sliding and three turning joints under PD control.
+    """Hold the hand's base link by three prismatic and three revolute joints under PD control.
 
-    The wrist's zero is `X_WB`, so it is far from its singularity (a quarter turn of pitch) wherever
-    the hand is posed.
-
-    Parameters
-    ----------
-    plant, added
-        The plant, and the hand in it.
-    X_WB
-        Shape (4, 4): pose of the base link with the wrist at zero.
-    stiffness, damping, limits
-        Of the sliding [N/m, N s/m, N] and of the turning joints [N m/rad, N m s/rad, N m].
+    The wrist's zero is X_WB, shape (4, 4), far from its singularity (90 degrees of pitch) for any
+    pose of the hand. Stiffness, damping and limits are those of the prismatic [N/m, N s/m, N] and
+    of the revolute joints [N m/rad, N m s/rad, N m].
     """
     instance = plant.AddModelInstance("wrist")
     # Light against the hand, heavy enough to keep the solver's mass matrix well conditioned.
@@ -239,7 +209,9 @@ def add_wrist(
     )
     joints: list[Joint] = []
     for kind, turning in ((PrismaticJoint, False), (RevoluteJoint, True)):
-        for axis, letter in zip(np.eye(3)[:: -1 if turning else 1], _order(turning), strict=True):
+        # Yaw first, roll last: the usual roll-pitch-yaw about W's axes.
+        order = slice(None, None, -1 if turning else 1)
+        for axis, letter in zip(np.eye(3)[order], _AXIS_NAMES[order], strict=True):
             joint_name = f"wrist_{'turn' if turning else 'slide'}_{letter}"
             body = plant.AddRigidBody(f"{joint_name}_body", instance, carriage)
             joint = plant.AddJoint(kind(joint_name, frame, body.body_frame(), axis))
@@ -258,20 +230,10 @@ def add_wrist(
     return Wrist(instance, in_order)
 
 
-def _order(turning: bool) -> tuple[str, ...]:
-    # Yaw first, roll last: the usual roll-pitch-yaw about W's axes.
-    return _WRIST_AXES[::-1] if turning else _WRIST_AXES
-
-
 def _spatial_inertia(inertial: Inertial | None) -> SpatialInertia:
     if inertial is None or inertial.mass < _LEAST_MASS:
         return SpatialInertia(_LEAST_MASS, np.zeros(3), UnitInertia.SolidSphere(0.01))
-    matrix = inertial.inertia_L
-    return SpatialInertia.MakeFromCentralInertia(
-        inertial.mass,
-        inertial.center_L,
-        RotationalInertia(*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2]),
-    )
+    return spatial_inertia(inertial.mass, inertial.center_L, inertial.inertia_L)
 
 
 def _shape(geometry: LinkGeometry) -> Shape:

@@ -1,146 +1,101 @@
-"""The scene of a grasp trial: a free object on a table, and a hand on a wrist."""
+"""Drake scene of a lift: a free object on a table, and a hand on a wrist."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from pydrake.geometry import CollisionFilterDeclaration, FilterId, GeometrySet
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import (
-    AddMultibodyPlant,
-    HydroelasticContactInfo,
-    MultibodyPlantConfig,
-)
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.simplification import merge_flat_faces
-from lis_grasp.simulation.advancing import advance
-from lis_grasp.simulation.hand_plant import add_hand, add_wrist, ignore_self_collision
-from lis_grasp.simulation.object_plant import add_object
-from lis_grasp.simulation.table import add_table
+from lis_grasp.simulation.advance_simulation import advance
+from lis_grasp.simulation.contact_patches import LinkContact, link_contacts
+from lis_grasp.simulation.hand_plant import (
+    LIFTING_SKIN,
+    add_hand,
+    add_wrist,
+    ignore_self_collision,
+)
+from lis_grasp.simulation.object_plant import add_object, add_table
 from lis_grasp.typing import FloatArray
 
-# Firm rubber: 5 N flatten a spherical fingertip by 0.4 mm, F = pi E d^2.
-_SKIN_MODULUS = 1e7  # [Pa]
-# Of the wrist's sliding and turning joints: a kilogram of hand follows 1 g within a millimetre,
-# and a wrist that meets an obstacle pushes no harder than an arm would.
+# Gains of the wrist's prismatic and revolute joints: a hand of a kilogram follows 1 g within a
+# millimetre, and a wrist that meets an obstacle pushes no harder than an arm would.
 _WRIST_STIFFNESS = (2e4, 3e2)  # [N/m, N m/rad]
 _WRIST_DAMPING = (4e2, 6.0)  # [N s/m, N m s/rad]
 _WRIST_LIMITS = (150.0, 15.0)  # [N, N m]
-_FAR = 0.25  # [m]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Touch:
-    """Where a link of the hand touches the object, all in W.
-
-    Parameters
-    ----------
-    link
-        Name of the link.
-    point
-        Shape (3,) [m], centroid of the contact patch.
-    normal
-        Shape (3,), unit, outward of the object: area-weighted mean over the patch.
-    force
-        Shape (3,) [N], of the hand on the object.
-    """
-
-    link: str
-    point: FloatArray
-    normal: FloatArray
-    force: FloatArray
-
-    @property
-    def strength(self) -> float:
-        """Size of the force [N]."""
-        return float(np.linalg.norm(self.force))
+# A finger's spring gives its whole effort when its joint is this far off: soft enough to yield to
+# an object that is not where the estimate has it, stiff enough to carry it.
+_FULL_EFFORT_ANGLE = 0.1  # [rad]
+_FULL_EFFORT_DISTANCE = 0.01  # [m]
+_DAMPING_TIME = 0.035  # [s], damping by stiffness
+# An object farther than this from the origin gets a body frame of its own [m].
+_FAR = 0.25
 
 
 class LiftScene:
     """A Drake simulation of hand, object and table, advanced one time step at a time.
 
-    The world frame W is the object's frame O as the grasp was planned in it. Contacts are
-    hydroelastic throughout: the object is its exact rigid mesh, never its hull; the hand's links
-    and the table are compliant. The hand's links do not collide with each other.
+    The world frame W is the object's frame O in which the grasp was planned. All contacts are
+    hydroelastic: the object is its exact rigid mesh, never its hull; the hand's links and the table
+    are compliant. The hand's links do not collide with each other.
 
     Parameters
     ----------
-    mesh
-        The true object, watertight [m].
-    hand
-        The hand.
-    X_WH
-        Shape (4, 4), pose of the palm at which the wrist is at zero.
-    support_height
-        Height of the table's top in W [m].
-    mass, friction
-        Of the object [kg], and of all surfaces.
-    stiffness, damping
-        Gains of the finger joints, shape (J,) or scalar.
-    time_step
-        [s].
-    X_WO
-        Shape (4, 4): where the object stands; None for where it was planned on, O = W.
+    setup
+        Object, hand, grasp, table and options. The wrist is at zero where the grasp has the palm.
     """
 
-    def __init__(
-        self,
-        mesh: trimesh.Trimesh,
-        hand: Hand,
-        X_WH: FloatArray,
-        *,
-        support_height: float,
-        mass: float,
-        friction: float,
-        stiffness: npt.ArrayLike,
-        damping: npt.ArrayLike,
-        time_step: float,
-        X_WO: FloatArray | None = None,
-    ) -> None:
+    def __init__(self, setup: LiftSetup) -> None:
+        hand, mesh, friction = setup.hand, setup.mesh, setup.friction
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlant(
             MultibodyPlantConfig(
-                time_step=time_step,
+                time_step=setup.options.time_step,
                 contact_model="hydroelastic_with_fallback",
                 discrete_contact_approximation="lagged",
             ),
             builder,
         )
         self._plant = plant
-        self._time_step = time_step
+        self._time_step = setup.options.time_step
+        stiffness = hand.effort_limits / _full_effort_errors(hand)
         self._hand = add_hand(
             plant,
             hand,
             stiffness=stiffness,
-            damping=damping,
+            damping=_DAMPING_TIME * stiffness,
             friction=friction,
-            hydroelastic_modulus=_SKIN_MODULUS,
+            hydroelastic_modulus=LIFTING_SKIN,
         )
         self._wrist = add_wrist(
             plant,
             self._hand,
-            X_WH @ np.linalg.inv(hand.X_LH),
+            np.asarray(setup.grasp.X_OH, dtype=np.float64) @ np.linalg.inv(hand.X_LH),
             stiffness=_WRIST_STIFFNESS,
             damping=_WRIST_DAMPING,
             limits=_WRIST_LIMITS,
         )
         instance = plant.AddModelInstance(OBJECT)
-        body_mesh, self._p_OB = _about_its_frame(mesh)
+        body_mesh, self._p_OB = _near_its_frame(mesh)
         self._object, self._object_geometry = add_object(
-            plant, merge_flat_faces(body_mesh), mass=mass, friction=friction, instance=instance
+            plant,
+            merge_flat_faces(body_mesh),
+            mass=setup.mass,
+            friction=friction,
+            instance=instance,
         )
         self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
         self._center = np.asarray(mesh.center_mass)
-        self._table = add_table(plant, support_height, friction, under=mesh)
+        self._table = add_table(plant, setup.support_height, friction, under=mesh)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
         # Drake gives a body without a joint this one: six degrees of freedom.
@@ -149,7 +104,7 @@ class LiftScene:
         self._diagram = builder.Build()
         root = self._diagram.CreateDefaultContext()
         self._context = plant.GetMyMutableContextFromRoot(root)
-        X_WB = RigidTransform(np.eye(4) if X_WO is None else X_WO) @ RigidTransform(self._p_OB)
+        X_WB = RigidTransform(setup.X_WO) @ RigidTransform(self._p_OB)
         plant.SetFreeBodyPose(self._context, self._object, X_WB)
         self._simulator = Simulator(self._diagram, root)
         self._filters = scene_graph.collision_filter_manager(
@@ -162,7 +117,6 @@ class LiftScene:
         self._wrist_port = plant.get_desired_state_input_port(self._wrist.instance)
         plant.get_actuation_input_port(self._wrist.instance).FixValue(self._context, np.zeros(6))
         self._velocity_columns = [joint.velocity_start() for joint in self._hand.joints]
-        self._position_rows = [joint.position_start() for joint in self._hand.joints]
 
     @property
     def time(self) -> float:
@@ -175,7 +129,7 @@ class LiftScene:
         return self._steps
 
     def place_hand(self, displacement: FloatArray, q: FloatArray) -> None:
-        """Put the palm at a displacement (3,) [m] from its zero and the joints at q, at rest."""
+        """Set the palm to a displacement (3,) [m] from its zero and the joints to q, at rest."""
         for joint, value in zip(self._wrist.joints[:3], displacement, strict=True):
             joint.set_translation(self._context, value)
         self._hand.set_joint_positions(self._context, q)
@@ -183,21 +137,21 @@ class LiftScene:
         self.command_fingers(q, np.zeros(len(q)))
 
     def command_wrist(self, displacement: FloatArray, velocity: FloatArray) -> None:
-        """Ask the palm for a displacement (6,) from its zero, see `WristPath`, and its rate."""
+        """Command the palm's displacement (6,) from its zero, see `WristPath`, and its rate."""
         self._wrist_port.FixValue(self._context, np.concatenate([displacement, velocity]))
 
     def command_fingers(self, q: FloatArray, efforts: FloatArray) -> None:
-        """Ask the joints to be at q, shape (J,), and add efforts (J,) to what that takes."""
+        """Command joint positions q, shape (J,), and efforts (J,) on top of the springs'."""
         self._fingers_port.FixValue(self._context, np.concatenate([q, np.zeros(len(q))]))
         self._efforts_port.FixValue(self._context, efforts)
 
     def rest_object(self) -> None:
-        """Lock the object where it stands until the hand touches it.
+        """Lock the object until the hand touches it.
 
-        It does not move by itself, and its contact with the table, which is the costliest one,
-        need not be computed until then.
+        It does not move by itself, and its contact with the table, the costliest one, need not be
+        computed until then.
         """
-        # Drake 1.51 crashes on contact between a locked body and the world: filter it meanwhile.
+        # Drake 1.51 crashes on contact between a locked body and the world: exclude it.
         self._resting = self._filters.ApplyTransient(
             CollisionFilterDeclaration().ExcludeBetween(
                 GeometrySet([self._object_geometry]), GeometrySet([self._table])
@@ -214,10 +168,10 @@ class LiftScene:
             If Drake could not take the step, or the object's pose is no longer finite.
         """
         self._steps += 1
-        advance(self._simulator, self.time, of="a grasp trial")
+        advance(self._simulator, self.time, of="a lift")
         if not np.isfinite(self._plant.GetPositions(self._context)).all():
-            raise SimulationError(f"a grasp trial diverged at {self.time:.3f} s")
-        if self._resting is not None and self.touches():
+            raise SimulationError(f"a lift diverged at {self.time:.3f} s")
+        if self._resting is not None and self.contacts():
             self._filters.RemoveDeclaration(self._resting)
             self._object_joint.Unlock(self._context)
             self._resting = None
@@ -225,19 +179,17 @@ class LiftScene:
     @property
     def joint_positions(self) -> FloatArray:
         """Joint positions, shape (J,)."""
-        positions: FloatArray = self._plant.GetPositions(self._context)[self._position_rows]
-        return positions
+        return self._hand.joint_positions(self._context)
 
     @property
     def X_WH(self) -> FloatArray:
         """Pose of the palm, shape (4, 4)."""
-        base = self._hand.bodies[self._hand.hand.base_link]
-        return self._pose(base) @ self._hand.hand.X_LH
+        return self._hand.X_WH(self._context)
 
     @property
     def X_WO(self) -> FloatArray:
         """Pose of the object, shape (4, 4)."""
-        X_WO = self._pose(self._object)
+        X_WO: FloatArray = self._object.EvalPoseInWorld(self._context).GetAsMatrix4()
         X_WO[:3, 3] -= X_WO[:3, :3] @ self._p_OB
         return X_WO
 
@@ -254,22 +206,16 @@ class LiftScene:
 
     def poses(self) -> dict[str, FloatArray]:
         """Return the pose of every hand link and the object, each (4, 4)."""
-        links = {name: self._pose(body) for name, body in self._hand.bodies.items()}
+        links = {name: self.X_WL(name) for name in self._hand.bodies}
         return {**links, OBJECT: self.X_WO}
 
-    def touches(self) -> tuple[Touch, ...]:
-        """Return where the hand touches the object, in a fixed order."""
+    def contacts(self) -> list[LinkContact]:
+        """Return the contacts of the hand with the object, in a fixed order."""
         results = self._plant.get_contact_results_output_port().Eval(self._context)
-        found = []
-        for i in range(results.num_hydroelastic_contacts()):
-            info = results.hydroelastic_contact_info(i)
-            touch = self._touch(info)
-            if touch is not None:
-                found.append(touch)
-        return tuple(found)
+        return link_contacts(results, self._object_geometry, self._hand.link_of_geometry)
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
-        """Return how a point of a link moves in W with the joints, shape (3, J).
+        """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).
 
         Joints that follow another by a transmission move with it.
         """
@@ -289,39 +235,27 @@ class LiftScene:
 
     def X_WL(self, link: str) -> FloatArray:
         """Return the pose of a link, shape (4, 4)."""
-        return self._pose(self._hand.bodies[link])
-
-    def _pose(self, body: object) -> FloatArray:
-        pose: FloatArray = self._plant.EvalBodyPoseInWorld(self._context, body).GetAsMatrix4()
-        return pose
-
-    def _touch(self, info: HydroelasticContactInfo) -> Touch | None:
-        surface = info.contact_surface()
-        # Drake's force acts on the body of M; its face normals point out of N, into M.
-        if surface.id_N() == self._object_geometry:
-            other, force, sign = surface.id_M(), -info.F_Ac_W().translational(), 1.0
-        elif surface.id_M() == self._object_geometry:
-            other, force, sign = surface.id_N(), info.F_Ac_W().translational(), -1.0
-        else:
-            return None
-        link = self._hand.link_of_geometry.get(other)
-        if link is None:
-            return None
-        faces = range(surface.num_faces())
-        normal = sign * sum(surface.area(f) * surface.face_normal(f) for f in faces)
-        length = np.linalg.norm(normal)
-        if length == 0.0:
-            return None
-        return Touch(link, surface.centroid(), normal / length, force)
+        return self._hand.X_WL(self._context, link)
 
 
-def _about_its_frame(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, FloatArray]:
-    """Return the mesh in its body's frame B, and where that is in O: in the middle of a far object.
+def _near_its_frame(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, FloatArray]:
+    """Return the mesh in its body's frame B, and p_OB: the centre of an object far from O.
 
-    Time steps turn a body about its frame: about one that is a metre away they would be off by
-    parts of a millimetre.
+    A time step rotates a body about its frame: about one that is a metre away it would be wrong by
+    tenths of a millimetre.
     """
     middle: FloatArray = mesh.bounds.mean(axis=0)
     if np.linalg.norm(middle) <= _FAR:
         return mesh, np.zeros(3)
     return mesh.copy().apply_translation(-middle), middle
+
+
+def _full_effort_errors(hand: Hand) -> FloatArray:
+    """Return the position error of each joint at which its spring gives the full effort, (J,)."""
+    turning = {joint.index: joint.kind == "revolute" for joint in hand.joints if joint.is_actuated}
+    return np.array(
+        [
+            _FULL_EFFORT_ANGLE if turning[i] else _FULL_EFFORT_DISTANCE
+            for i in range(len(hand.joint_names))
+        ]
+    )

@@ -1,99 +1,59 @@
-"""One grasp trial, phase after phase: settle, approach, close, squeeze, lift, shake, hold."""
+"""Phases of a simulated lift: settle, approach, close, squeeze, lift, shake, hold."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
-import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.hands.hand import Hand
-from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome, Reason
+from lis_grasp.lifting.lift_outcome import LiftOutcome, Reason
+from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.wrist_trajectory import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.simulation.lift_control import FingerControl
 from lis_grasp.simulation.lift_scene import LiftScene
 from lis_grasp.typing import FloatArray
 
-_GRAVITY = 9.81  # [m/s^2]
 # Fingers are commanded at this rate, the wrist in each time step.
 _CONTROL_RATE = 100.0  # [Hz]
 _SETTLE_TIME = 0.1  # [s]
-# What has moved by more than this [m] when it should have settled may be falling: it is given as
-# long as a fall takes [s].
+# An object that has moved by more than this [m] while it settles may be falling: it gets the time
+# of a fall [s].
 _SETTLED, _FALL_TIME = 0.001, 0.5
 _CLOSING_LIMIT = 4.0  # [s], longer than any finger needs
 _LEAST_FORCE = 0.05  # [N] of a link that counts as touching
-_LOST = 0.05  # [m] that an object moves in the hand only when it is lost
-# A finger's spring gives its whole effort when its joint is this far off: soft enough to yield to
-# an object that is not where the estimate has it, stiff enough to carry it.
-_FULL_EFFORT_ANGLE = 0.1  # [rad]
-_FULL_EFFORT_DISTANCE = 0.01  # [m]
-_DAMPING_TIME = 0.035  # [s], damping by stiffness
+_LOST = 0.05  # [m] of slip that only a lost object has
 
-# An object that moves less than this in the hand [m] while this time [s] passes has come to rest.
+# An object that moves less than this in the hand [m] in this time [s] rests.
 _AT_REST = 5e-5
 _REST_TIME = 0.5
-_UNEXPECTED_FORCE = 0.5  # [N] at which a hand that feels its way stops
+_UNEXPECTED_FORCE = 0.5  # [N] at which an approach with a tactile check stops
 _RETREAT_TIME = 0.4  # [s]
 
 # Time since the phase's start [s] -> whether the phase is over.
 _FingerCommand = Callable[[float], bool]
 
-# What the fingers feel when they have closed, before they squeeze -> whether to go on.
+# Contacts of the closed fingers, before they squeeze -> whether to continue.
 AcceptGrasp = Callable[[Contacts], bool]
 
 
 class LiftTrial:
-    """A grasp trial; arguments as `simulate_lift`, which checks them."""
+    """One simulated lift; see `simulate_lift`."""
 
-    def __init__(
-        self,
-        mesh: trimesh.Trimesh,
-        hand: Hand,
-        grasp: Grasp,
-        *,
-        support_height: float,
-        mass: float,
-        friction: float,
-        options: LiftOptions,
-        accept_grasp: AcceptGrasp | None,
-        X_WO: FloatArray | None,
-    ) -> None:
-        self._options = options
+    def __init__(self, setup: LiftSetup, accept_grasp: AcceptGrasp | None) -> None:
+        self._setup, self._options = setup, setup.options
         self._accept_grasp = accept_grasp
-        self._support_height = support_height
-        stiffness = hand.effort_limits / _full_effort_errors(hand)
-        self._scene = LiftScene(
-            mesh,
-            hand,
-            np.asarray(grasp.X_OH, dtype=np.float64),
-            support_height=support_height,
-            mass=mass,
-            friction=friction,
-            stiffness=stiffness,
-            damping=_DAMPING_TIME * stiffness,
-            time_step=options.time_step,
-            X_WO=X_WO,
-        )
-        load = mass * (_GRAVITY + max(options.shake_accelerations, default=0.0))
-        self._control = FingerControl(
-            self._scene,
-            hand,
-            grasp,
-            friction=friction,
-            grip_force=max(options.grip_margin * load / friction, options.least_grip_force),
-            search_distance=options.search_distance,
-        )
-        retreat = -options.standoff * np.asarray(grasp.approach_O, dtype=np.float64)
+        self._scene = LiftScene(setup)
+        self._control = FingerControl(self._scene, setup)
+        grasp = setup.grasp
+        retreat = -self._options.standoff * np.asarray(grasp.approach_O, dtype=np.float64)
         self._retreat = np.append(retreat, np.zeros(3))
-        self._rise = np.array([0.0, 0.0, options.lift_height, 0.0, 0.0, 0.0])
+        self._rise = np.array([0.0, 0.0, self._options.lift_height, 0.0, 0.0, 0.0])
         self._goal = np.asarray(grasp.X_OH, dtype=np.float64)[:3, 3]
         self._scene.place_hand(retreat, np.asarray(grasp.pregrasp_positions))
-        self._closed, self._felt = False, Contacts.empty()
+        self._closed, self._measured = False, Contacts.empty()
         self._start = self._scene.object_center
         self._center_in_hand: FloatArray | None = None  # once the grasp has closed
         self._lifted = False
@@ -102,14 +62,14 @@ class LiftTrial:
         self._poses: dict[str, list[FloatArray]] = {}
 
     def run(self) -> LiftOutcome:
-        """Run the phases until one fails, or all are done."""
+        """Run the phases until one fails or all are done."""
         self._record()
         try:
             reason = self._run_phases()
         except SimulationError:
             reason = "diverged"
         poses = {name: np.array(X) for name, X in self._poses.items()}
-        diverged = reason == "diverged"  # then nothing is where the simulation has it
+        diverged = reason == "diverged"  # then the simulation's state means nothing
         return LiftOutcome(
             lifted=self._lifted,
             held=reason == "held",
@@ -119,7 +79,7 @@ class LiftTrial:
             duration=self._scene.time,
             motion=Motion(np.array(self._times), poses),
             closed=self._closed,
-            felt=self._felt,
+            measured_contacts=self._measured,
             X_WO=poses[OBJECT][-1] if diverged else self._scene.X_WO,
         )
 
@@ -140,10 +100,11 @@ class LiftTrial:
 
     def _approach(self) -> Reason | None:
         duration = self._options.approach_time
-        way = line(self._retreat, np.zeros(6), duration)
-        self._advance(duration, way, self._feel if self._accept_grasp is not None else None)
-        if len(self._felt):
-            return self._decline()
+        path = line(self._retreat, np.zeros(6), duration)
+        stop = self._stop_at_contact if self._accept_grasp is not None else None
+        self._advance(duration, path, stop)
+        if len(self._measured):
+            return self._abort()
         self._advance(_SETTLE_TIME, rest_at(np.zeros(6)))
         error = float(np.linalg.norm(self._scene.X_WH[:3, 3] - self._goal))
         blocked = error > self._options.largest_push or self._pushed()
@@ -153,10 +114,10 @@ class LiftTrial:
         here = rest_at(np.zeros(6))
         interval = 1.0 / _CONTROL_RATE
         self._advance(_CLOSING_LIMIT, here, lambda time: self._control.close(time, interval))
-        self._closed, self._felt = True, self._control.felt()
-        if self._accept_grasp is not None and not self._accept_grasp(self._felt):
-            return self._decline()
-        if len(self._felt) < 2:
+        self._closed, self._measured = True, self._control.measured_contacts()
+        if self._accept_grasp is not None and not self._accept_grasp(self._measured):
+            return self._abort()
+        if len(self._measured) < 2:
             return "no_contact"
         duration = self._options.squeeze_time
 
@@ -170,22 +131,23 @@ class LiftTrial:
 
     def _lift(self) -> Reason | None:
         duration = self._options.lift_time
-        self._advance(duration, line(np.zeros(6), self._rise, duration), self._hold_on)
+        self._advance(duration, line(np.zeros(6), self._rise, duration), self._hold_grip)
         self._lifted = self._in_hand()
         return None if self._lifted else self._failure("not_lifted")
 
     def _shake(self) -> Reason | None:
-        duration = self._options.shake_cycles / self._options.shake_frequency
-        for acceleration in self._options.shake_accelerations:
-            for direction in np.diag(np.repeat([1.0, 1.0 / self._options.turn_arm], 3)):
+        options = self._options
+        duration = options.shake_cycles / options.shake_frequency
+        for acceleration in options.shake_accelerations:
+            for direction in np.diag(np.repeat([1.0, 1.0 / options.turn_arm], 3)):
                 path = shake_about(
                     self._rise,
                     direction,
                     acceleration=acceleration,
-                    frequency=self._options.shake_frequency,
-                    cycles=self._options.shake_cycles,
+                    frequency=options.shake_frequency,
+                    cycles=options.shake_cycles,
                 )
-                self._advance(duration, path, self._hold_on)
+                self._advance(duration, path, self._hold_grip)
                 if not self._in_hand():
                     return self._failure("dropped")
             self._survived = acceleration
@@ -201,38 +163,38 @@ class LiftTrial:
                 checked, before = time, self._object_in_hand()
                 if moved < _AT_REST:
                     return True
-            return self._hold_on(time)
+            return self._hold_grip(time)
 
         self._advance(self._options.hold_time, rest_at(self._rise), hold_until_rest)
         return None if self._in_hand() else self._failure("dropped")
 
-    def _feel(self, time: float) -> bool:
-        """Stop, and remember where, if the hand touches the object on its way."""
-        touches = [t for t in self._scene.touches() if t.strength >= _UNEXPECTED_FORCE]
-        if touches:
-            self._felt = Contacts(
-                np.array([touch.point for touch in touches]),
-                np.array([touch.normal for touch in touches]),
-                fingers=tuple(touch.link for touch in touches),
+    def _stop_at_contact(self, time: float) -> bool:
+        """Record contacts of the hand with the object on the approach; return whether to stop."""
+        contacts = [c for c in self._scene.contacts() if c.strength >= _UNEXPECTED_FORCE]
+        if contacts:
+            self._measured = Contacts(
+                np.array([contact.point for contact in contacts]),
+                np.array([contact.normal for contact in contacts]),
+                fingers=tuple(contact.link for contact in contacts),
             )
-        return bool(touches)
+        return bool(contacts)
 
-    def _decline(self) -> Reason:
-        """Let go, and go back the way that the hand came."""
+    def _abort(self) -> Reason:
+        """Open the hand, and retreat against the approach."""
         self._control.open()
         here = np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
         self._advance(_RETREAT_TIME, rest_at(here))
         self._advance(_RETREAT_TIME, line(here, self._retreat, _RETREAT_TIME))
         return "aborted"
 
-    def _hold_on(self, time: float) -> bool:
+    def _hold_grip(self, time: float) -> bool:
         self._control.hold()
         return self._slip() > _LOST
 
     def _advance(
         self, duration: float, path: WristPath, fingers: _FingerCommand | None = None
     ) -> None:
-        """Step until `duration` [s] has passed or `fingers` says that the phase is over."""
+        """Step until `duration` [s] has passed or `fingers` returns that the phase is over."""
         step = self._options.time_step
         command_every = max(1, round(1.0 / (_CONTROL_RATE * step)))
         record_every = max(1, round(1.0 / (self._options.frame_rate * step)))
@@ -250,7 +212,7 @@ class LiftTrial:
             self._poses.setdefault(name, []).append(X)
 
     def _moved(self) -> float:
-        """Return how far the object's centre of mass is from where it was placed [m]."""
+        """Return the displacement of the object's centre of mass from the start [m]."""
         return float(np.linalg.norm(self._scene.object_center - self._start))
 
     def _pushed(self) -> bool:
@@ -268,27 +230,16 @@ class LiftTrial:
         return float(np.linalg.norm(self._object_in_hand() - self._center_in_hand))
 
     def _touching_links(self) -> int:
-        touches = self._scene.touches()
-        return len({t.link for t in touches if t.strength >= _LEAST_FORCE})
+        return len({c.link for c in self._scene.contacts() if c.strength >= _LEAST_FORCE})
 
     def _carried(self) -> bool:
-        """Tell whether the object is off the table, and the hand touches it."""
-        clearance = self._scene.object_bottom - self._support_height
+        """Return whether the object is off the table and touched by the hand."""
+        clearance = self._scene.object_bottom - self._setup.support_height
         return clearance >= 0.5 * self._options.lift_height and self._touching_links() >= 2
 
     def _in_hand(self) -> bool:
         return self._carried() and self._slip() < self._options.largest_slip
 
     def _failure(self, lost: Reason) -> Reason:
-        """Name the failure of a grasp that is not in hand as it should be."""
+        """Return "slipped" for an object that is still carried, else `lost`."""
         return "slipped" if self._carried() else lost
-
-
-def _full_effort_errors(hand: Hand) -> FloatArray:
-    turning = {joint.index: joint.kind == "revolute" for joint in hand.joints if joint.is_actuated}
-    return np.array(
-        [
-            _FULL_EFFORT_ANGLE if turning[i] else _FULL_EFFORT_DISTANCE
-            for i in range(len(hand.joint_names))
-        ]
-    )

@@ -1,4 +1,4 @@
-"""The scene of a probe in Drake: an object, held or free, and a hand that rides along one line."""
+"""Drake scene of a probe: an object, fixed or free, and a hand that moves along one line."""
 
 from __future__ import annotations
 
@@ -21,30 +21,28 @@ from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.hands.hand import Hand
-from lis_grasp.probing.approach import rotation_to_x
+from lis_grasp.probing.approach_planner import rotation_to_x
 from lis_grasp.shapes.simplification import merge_flat_faces
-from lis_grasp.simulation.advancing import advance
-from lis_grasp.simulation.contact_patches import Patch, contact_patches, normal_force
-from lis_grasp.simulation.hand_plant import add_hand, ignore_self_collision
-from lis_grasp.simulation.object_plant import add_object
-from lis_grasp.simulation.table import add_table
+from lis_grasp.simulation.advance_simulation import advance
+from lis_grasp.simulation.contact_patches import Patch, link_contacts
+from lis_grasp.simulation.hand_plant import PROBING_SKIN, add_hand, ignore_self_collision
+from lis_grasp.simulation.object_plant import add_object, add_table
 from lis_grasp.typing import FloatArray
 
 _TIME_STEP = 0.002  # [s]
-_SKIN_MODULUS = 1e6  # [Pa]: 0.2 N at a quarter of a millimetre for a tip of 12 mm radius
 _FRICTION = 0.8
-# The arm that carries the hand, along the motion: stiff to follow, limited to stop at a touch.
+# The arm that carries the hand: stiff to follow the motion, limited in force to stop at a touch.
 _ARM_STIFFNESS, _ARM_DAMPING, _ARM_FORCE = 20_000.0, 600.0, 60.0  # [N/m], [N s/m], [N]
-# Stiffness and damping of turning [N m/rad, N m s/rad] and of sliding joints [N/m, N s/m].
+# Stiffness and damping of revolute [N m/rad, N m s/rad] and prismatic joints [N/m, N s/m].
 _FINGER_GAINS = {"revolute": (5.0, 0.1), "prismatic": (5_000.0, 50.0)}
 
-# After a touch the hand goes back until the object is slower than this [m/s], within times [s].
+# After a touch the hand retreats until the object is slower than this [m/s], within times [s].
 _STILL, _LEAST_SETTLING, _LONGEST_SETTLING = 5e-4, 0.03, 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class FreeObject:
-    """How an object stands that may be pushed.
+    """An object that is free to move on a table.
 
     Parameters
     ----------
@@ -69,14 +67,14 @@ class FreeObject:
         for name in ("mass", "friction"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
-                raise InvalidOptionError(f"{name} must be a positive number; it is {value}")
+                raise InvalidOptionError.out_of_range(name, value, "a positive number")
 
 
 class ProbingScene:
     """A hand on a rail, and an object, in Drake; the world W is the object's frame O at rest.
 
-    Rail, hand and object can be placed anew at any time: they hang on joints that are locked during
-    the motion, so that one plant serves every probe. Only an object that stands free is not locked.
+    Rail, hand and object can be placed anew at any time: their joints are locked during the motion,
+    so that one plant serves every probe. Only the joint of a free object is not locked.
 
     Parameters
     ----------
@@ -85,7 +83,7 @@ class ProbingScene:
     mesh
         The object in O [m], watertight.
     free
-        How the object stands on a table; None holds it where it is.
+        Makes the object free to move on a table; None fixes it.
     """
 
     time_step = _TIME_STEP
@@ -107,7 +105,7 @@ class ProbingScene:
         self._add_object(mesh, free)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
-        if free is not None:  # it is the plan of the hand's way that keeps clear of the table
+        if free is not None:  # the planned motion avoids the table
             scene_graph.collision_filter_manager().Apply(
                 CollisionFilterDeclaration().ExcludeBetween(
                     GeometrySet(list(self._hand.link_of_geometry)), GeometrySet(self._table)
@@ -131,7 +129,7 @@ class ProbingScene:
             stiffness=gains[:, 0],
             damping=gains[:, 1],
             friction=friction,
-            hydroelastic_modulus=_SKIN_MODULUS,
+            hydroelastic_modulus=PROBING_SKIN,
         )
         self._arm = plant.AddModelInstance("arm")
         rail, carriage = (
@@ -160,7 +158,7 @@ class ProbingScene:
         instance = plant.AddModelInstance("object")
         body, self._object_geometry = add_object(
             plant,
-            # The table's contact with large faces costs by their triangles.
+            # Contact with the table costs by the triangles of the faces on it.
             mesh if free is None else merge_flat_faces(mesh),
             mass=1.0 if free is None else free.mass,
             friction=_FRICTION if free is None else free.friction,
@@ -176,25 +174,21 @@ class ProbingScene:
 
     @property
     def X_WO(self) -> FloatArray:
-        """Pose of the object now, shape (4, 4)."""
+        """Current pose of the object, shape (4, 4)."""
         return np.asarray(self._fixture.GetPose(self._context).GetAsMatrix4())
 
     @property
-    def X_WB(self) -> FloatArray:
-        """Pose of the hand's base link now, shape (4, 4)."""
-        base = self._hand.bodies[self._hand.hand.base_link]
-        return np.asarray(
-            self._plant.EvalBodyPoseInWorld(self._context, base).GetAsMatrix4(), dtype=np.float64
-        )
+    def X_WH(self) -> FloatArray:
+        """Current pose of the palm, shape (4, 4)."""
+        return self._hand.X_WH(self._context)
 
     @property
     def joint_positions(self) -> FloatArray:
-        """Positions of the hand's joints now, shape (J,)."""
-        positions: FloatArray = self._plant.GetPositions(self._context)
-        return positions[[joint.position_start() for joint in self._hand.joints]]
+        """Current positions of the hand's joints, shape (J,)."""
+        return self._hand.joint_positions(self._context)
 
     def place(self, q: FloatArray, X_OB: FloatArray, direction: FloatArray) -> None:
-        """Put joints (J,) and base link (4, 4) at the start of a motion along (3,), at rest."""
+        """Set joints (J,) and base link (4, 4) to the start of a motion along (3,), at rest."""
         plant, context = self._plant, self._context
         for joint in (self._rail, self._mount, self._fixture):
             joint.Unlock(context)
@@ -206,62 +200,53 @@ class ProbingScene:
         self._rail.SetPose(context, _rigid(X_OR))
         self._mount.SetPose(context, _rigid(np.linalg.inv(X_OR) @ X_OB))
         self._fixture.SetPose(context, RigidTransform())
-        for joint in (
-            (self._rail, self._mount)
-            if self._free
-            else (
-                self._rail,
-                self._mount,
-                self._fixture,
-            )
-        ):
-            joint.Lock(context)
+        self._rail.Lock(context)
+        self._mount.Lock(context)
+        if not self._free:
+            self._fixture.Lock(context)
         self._fingers_port.FixValue(context, np.concatenate([q, np.zeros_like(q)]))
 
     def start_motion(self, travelled: float, speed: float) -> None:
-        """Put the hand `travelled` [m] along its way, moving at `speed` [m/s] without lag."""
+        """Set the hand `travelled` [m] along its motion, at a speed [m/s], without lag."""
         self._slider.set_translation(self._context, travelled)
         self._slider.set_translation_rate(self._context, speed)
         self._arm_port.FixValue(self._context, [travelled, speed])
-        # Time starts anew, so that its rounding cannot tell one motion from the next.
+        # Time starts at 0, so that its rounding is the same for every motion.
         self._root_context.SetTime(0.0)
         self._simulator.Initialize()
         self._steps = 0
 
     def step(self, travelled: float, speed: float) -> None:
-        """Simulate one time step towards a commanded place [m] and speed [m/s] on the way."""
+        """Simulate one time step towards a commanded position [m] and speed [m/s]."""
         self._arm_port.FixValue(self._context, [travelled, speed])
         self._steps += 1
         advance(self._simulator, self._steps * _TIME_STEP, of="a touch")
 
     def retreat(self, travelled: float, speed: float) -> None:
-        """Go back from `travelled` [m] at `speed` [m/s] until the object stands still again."""
+        """Retreat from `travelled` [m] at a speed [m/s] until the object rests."""
         for n in range(1, round(_LONGEST_SETTLING / _TIME_STEP) + 1):
             self.step(travelled - n * speed * _TIME_STEP, -speed)
             if n * _TIME_STEP >= _LEAST_SETTLING and self._speed_of_object() < _STILL:
                 return
 
     def _speed_of_object(self) -> float:
-        """Return its speed [m/s], and that of turning at a lever of 0.1 m."""
+        """Return the larger of linear speed and angular speed at a lever of 0.1 m [m/s]."""
         slide = self._fixture.get_translational_velocity(self._context)
         turn = self._fixture.get_angular_velocity(self._context)
         return float(max(np.linalg.norm(slide), 0.1 * np.linalg.norm(turn)))
 
-    def felt(self, threshold: float) -> list[Patch]:
-        """Return what touches with a normal force above `threshold` [N], in W."""
-        results = self._results_port.Eval(self._context)
-        infos = [
-            results.hydroelastic_contact_info(i) for i in range(results.num_hydroelastic_contacts())
-        ]
+    def patches(self, threshold: float) -> list[Patch]:
+        """Return the flat parts, in W, of contacts with a normal force above `threshold` [N]."""
+        contacts = link_contacts(
+            self._results_port.Eval(self._context),
+            self._object_geometry,
+            self._hand.link_of_geometry,
+        )
         return [
-            patch
-            for info in infos
-            if normal_force(info) > threshold
-            for patch in contact_patches(
-                info,
-                object_geometry=self._object_geometry,
-                link_of_geometry=self._hand.link_of_geometry,
-            )
+            part
+            for contact in contacts
+            if contact.normal_force > threshold
+            for part in contact.flat_parts()
         ]
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome, Reason
+from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.simulation.lift_trial import AcceptGrasp, LiftTrial
 from lis_grasp.typing import FloatArray
 
@@ -27,16 +27,16 @@ def simulate_lift(
     accept_grasp: AcceptGrasp | None = None,
     X_WO: FloatArray | None = None,
 ) -> LiftOutcome:
-    """Execute one grasp on the true, free object, and say whether it holds.
+    """Execute one grasp on the true, free object, and return whether it holds.
 
-    The object stands on a table. The hand comes along a straight line in the pregrasp posture,
-    closes each finger until it feels the object (the grasp was planned on an estimate that is off
-    by millimetres), squeezes with forces that balance each other at the felt contacts, lifts,
-    shakes and holds. The trial ends early once the grasp has failed.
+    The object rests on a table. The hand approaches along a straight line in the pregrasp posture.
+    Each finger closes until it touches the object: the grasp was planned on an estimate that is
+    off by millimetres. The fingers squeeze with forces that balance each other at the measured
+    contacts; the hand lifts, shakes and holds. The trial ends early once the grasp has failed.
 
     Contact model: hydroelastic, in Drake's discrete solver with the "lagged" approximation. The
     object is its exact rigid mesh, never its hull; all links of the hand and the table are
-    compliant; links of the hand pass through each other. The same friction coefficient holds
+    compliant; links of the hand do not collide with each other. One friction coefficient applies
     between object and hand and between object and table.
 
     Parameters
@@ -44,22 +44,22 @@ def simulate_lift(
     mesh
         The true object in its frame O, upright [m]; watertight.
     hand
-        The hand that the grasp is for.
+        The hand of the grasp.
     grasp
-        What to execute, in O.
+        The grasp, in O.
     support_height
         Height of the table's top in O [m].
     mass, friction
-        Of the object [kg], and Coulomb's coefficient.
+        Mass of the object [kg], and Coulomb's coefficient.
     options
-        How the trial is run and judged; None for the defaults.
+        Options of the trial; None for the defaults.
     accept_grasp
-        Asked, once the fingers have closed and before they squeeze, whether to go on with the
-        contacts that they feel, at times one or none; if not, the hand opens and goes back. A hand
-        with `accept_grasp` also stops and goes back where it touches the object on its way.
+        Tactile check: called with the contacts of the closed fingers, if any, before they squeeze;
+        if it returns False, the hand opens and retreats. A hand with a tactile check also stops and
+        retreats if it touches the object on its approach.
     X_WO
-        Shape (4, 4): where the object really stands, in the frame that the grasp was planned in;
-        None for just there.
+        Shape (4, 4): true pose of the object in the frame in which the grasp was planned; None for
+        the identity.
 
     Raises
     ------
@@ -68,26 +68,14 @@ def simulate_lift(
     InvalidOptionError
         If mass or friction is not positive, or the grasp is for another hand.
     """
-    if not mesh.is_watertight:
-        raise InvalidMeshError("a grasp trial needs a watertight mesh: load it with `shapes.load`")
-    if not (0.0 < mass < np.inf and 0.0 < friction < np.inf):
-        raise InvalidOptionError(
-            f"mass and friction must be positive; they are {mass:g} kg and {friction:g}"
-        )
-    if tuple(grasp.joint_names) != tuple(hand.joint_names):
-        raise InvalidOptionError(
-            f"the grasp is for the joints of '{grasp.hand}', not for those of '{hand.name}'"
-        )
-    options = options or LiftOptions()
-    trial = LiftTrial(
+    setup = LiftSetup(
         mesh,
         hand,
         grasp,
-        support_height=support_height,
-        mass=mass,
-        friction=friction,
-        options=options,
-        accept_grasp=accept_grasp,
-        X_WO=X_WO,
+        support_height,
+        mass,
+        friction,
+        options or LiftOptions(),
+        np.eye(4) if X_WO is None else X_WO,
     )
-    return trial.run()
+    return LiftTrial(setup, accept_grasp).run()

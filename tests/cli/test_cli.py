@@ -202,7 +202,7 @@ def test_contacts_of_aborted_grasps_are_kept_in_the_results(tmp_path: Path) -> N
     assert {attempt["reason"] for attempt in aborted} == {"aborted"}
     assert report["attempts"][-1]["reason"] == report["lift"]["reason"]
     known = Contacts.load(tmp_path / "contacts.ply")
-    assert len(known) == 6 + sum(attempt["felt"] for attempt in aborted)
+    assert len(known) == 6 + sum(attempt["measured_contacts"] for attempt in aborted)
     # The files are those of the last attempt.
     again = tmp_path / "again"
     assert main(["estimate", str(tmp_path / "contacts.ply"), "--output", str(again)]) == 0

@@ -1,4 +1,4 @@
-"""Which target each policy takes, and on whose surface it is sought."""
+"""Exploration policies: the target that each selects, and the surface that it searches."""
 
 import numpy as np
 import pytest
@@ -13,9 +13,10 @@ from lis_grasp.exploration import (
     ProbeOutcome,
     TargetPolicy,
     Workspace,
-    choices,
     explore,
+    target_selection,
 )
+from lis_grasp.exploration.target_selection import TargetSelector
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.kinematic_prober import KinematicProber
@@ -43,41 +44,45 @@ class Ball:
         return 0.1 + points[..., 2]
 
 
-def targets(new: list[bool]) -> Targets:
+def targets(eligible: list[bool]) -> Targets:
     points = np.array([[0.0, 0.0, z] for z in (0.05, 0.01, 0.02, 0.04, 0.03)])
-    return Targets(points, points / 0.05, NEAREST, NEAREST, NEAREST, np.array(new), 0.02, SECONDS)
+    return Targets(
+        points, points / 0.05, NEAREST, NEAREST, NEAREST, np.array(eligible), 0.02, SECONDS
+    )
 
 
-def chosen(choice: choices.Choice, new: list[bool], seed: int = 0) -> int | None:
-    return choice(targets(new), Ball(), rng=np.random.default_rng(seed))
+def selected(select: TargetSelector, eligible: list[bool], seed: int = 0) -> int | None:
+    return select(targets(eligible), Ball(), rng=np.random.default_rng(seed))
 
 
-def test_spreading_takes_the_largest_gap_that_is_new() -> None:
-    assert chosen(choices.spread, [True] * 5) == 2
-    assert chosen(choices.spread, [True, True, False, True, True]) == 4
+def test_farthest_selects_the_eligible_target_with_the_largest_gap() -> None:
+    assert selected(target_selection.farthest, [True] * 5) == 2
+    assert selected(target_selection.farthest, [True, True, False, True, True]) == 4
 
 
-def test_being_swift_takes_the_largest_gap_squared_per_second() -> None:
-    assert chosen(choices.swift, [True] * 5) == 4  # 11 cm^2 / s, of 1, 9, 8 and 4
-    assert chosen(choices.swift, [True, True, True, True, False]) == 1
+def test_fastest_selects_the_largest_squared_gap_per_second() -> None:
+    assert selected(target_selection.fastest, [True] * 5) == 4  # 11 cm^2 / s, of 1, 9, 8 and 4
+    assert selected(target_selection.fastest, [True, True, True, True, False]) == 1
 
 
-def test_uncertainty_takes_what_is_least_known() -> None:
-    assert chosen(choices.most_uncertain, [True] * 5) == 0
-    assert chosen(choices.most_uncertain, [False, True, True, True, True]) == 3
+def test_most_uncertain_selects_the_largest_deviation() -> None:
+    assert selected(target_selection.most_uncertain, [True] * 5) == 0
+    assert selected(target_selection.most_uncertain, [False, True, True, True, True]) == 3
 
 
-def test_chance_takes_every_new_target_alike() -> None:
-    new = [True, False, True, True, True]
-    counts = np.bincount([chosen(choices.anywhere, new, seed) for seed in range(800)], minlength=5)
+def test_uniform_selects_every_eligible_target_equally_often() -> None:
+    eligible = [True, False, True, True, True]
+    counts = np.bincount(
+        [selected(target_selection.uniform, eligible, seed) for seed in range(800)], minlength=5
+    )
     assert counts[1] == 0
-    # A share of a quarter of 800 has a deviation of 12; four of them.
+    # A quarter of 800 has a standard deviation of 12; four of them.
     np.testing.assert_allclose(counts[[0, 2, 3, 4]], 200, atol=49)
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_where_nothing_is_new_there_is_no_target(name: str) -> None:
-    assert chosen(POLICIES[name].choose, [False] * 5) is None
+def test_without_eligible_targets_none_is_selected(name: str) -> None:
+    assert selected(POLICIES[name].select, [False] * 5) is None
 
 
 def six_touches() -> tuple[Contacts, list[ProbeOutcome]]:
@@ -90,18 +95,16 @@ def six_touches() -> tuple[Contacts, list[ProbeOutcome]]:
 
 
 @pytest.mark.parametrize(("step", "radius"), [(0.02, RADIUS), (0.05, 0.055)])
-def test_a_guess_is_covered_before_the_estimate_in_use_is_tested(
-    step: float, radius: float
-) -> None:
+def test_the_guess_is_searched_before_the_estimate(step: float, radius: float) -> None:
     # Six touches of a ball of 50 mm leave gaps of 46 mm. With steps of 20 mm the guess, which is
-    # that ball, comes first; with steps of 50 mm it is covered, and the estimate, a ball of 55 mm
-    # and farther from the contacts, is put to the test.
+    # that ball, comes first. With steps of 50 mm it is covered, and the estimate, a ball of 55 mm
+    # and farther from the contacts, is searched.
     contacts, outcomes = six_touches()
     space = Workspace(step, np.zeros(3), 0.12)
-    policy = TargetPolicy(space, choices.spread, guess=lambda _: Ball(RADIUS))
+    policy = TargetPolicy(space, target_selection.farthest, guess=lambda _: Ball(RADIUS))
     rng = np.random.default_rng(0)
     probe = policy.next_probe(contacts, Ball(0.055), outcomes=outcomes, rng=rng)
-    # Points of a surface are found to a part of a percent of a cell.
+    # Samples are on the surface within a percent of a cell of 5 mm and more.
     assert np.linalg.norm(probe.target) == pytest.approx(radius, abs=2e-4)
 
 
@@ -111,7 +114,9 @@ def explored(name: str, policy: str) -> tuple[trimesh.Trimesh, Exploration]:
     kind = POLICIES[policy]
     exploration = explore(
         KinematicProber(Hand.load("allegro"), shape.mesh),
-        TargetPolicy(space, kind.choose, ESTIMATORS["gpis"] if kind.guesses else None),
+        TargetPolicy(
+            space, kind.select, ESTIMATORS["gpis"] if kind.uses_gaussian_process else None
+        ),
         ESTIMATORS["gpis"],
         touches=16,
         space=space,
@@ -120,11 +125,11 @@ def explored(name: str, policy: str) -> tuple[trimesh.Trimesh, Exploration]:
     return shape.mesh, exploration
 
 
-def test_spreading_covers_more_than_chance_with_as_many_touches() -> None:
-    shares = {}
+def test_spread_covers_more_than_random_with_as_many_touches() -> None:
+    covered = {}
     for policy in ("spread", "random"):
         mesh, exploration = explored("box", policy)
         samples, _ = trimesh.sample.sample_surface(mesh, 2000, seed=0)
         apart = np.linalg.norm(samples[:, None] - exploration.contacts.points, axis=-1)
-        shares[policy] = np.mean(apart.min(axis=1) < 0.05)
-    assert shares["spread"] > shares["random"] + 0.05
+        covered[policy] = np.mean(apart.min(axis=1) < 0.05)
+    assert covered["spread"] > covered["random"] + 0.05

@@ -43,9 +43,9 @@ def test_taxels_move_contacts_along_the_surface_within_half_a_pitch() -> None:
 
 def test_weak_touches_are_not_felt_and_some_are_missed() -> None:
     assert len(sense(TactileSensor(force_threshold=0.25))) == COUNT * 3 // 4
-    share = len(sense(TactileSensor(miss_rate=0.3))) / COUNT
-    # A share of 0.7 of 20 000 is known to 0.3 %.
-    assert share == pytest.approx(0.7, abs=0.01)
+    rate = len(sense(TactileSensor(miss_rate=0.3))) / COUNT
+    # A rate of 0.7 in 20 000 draws has a standard deviation of 0.3 %.
+    assert rate == pytest.approx(0.7, abs=0.01)
     unknown = Contacts(PLANE.points, PLANE.normals)
     sensor = TactileSensor(force_threshold=10.0)
     assert len(sensor.sense(unknown, rng=np.random.default_rng(0))) == COUNT
@@ -67,11 +67,11 @@ def report(outcome: ProbeOutcome, sensor: TactileSensor) -> ProbeOutcome:
     return sensor.report(outcome, rng=np.random.default_rng(0))
 
 
-def test_a_touch_that_is_not_felt_is_no_free_way() -> None:
+def test_an_undetected_touch_blocks_the_probe() -> None:
     outcome = report(TOUCHED, TactileSensor(miss_rate=1.0))
     assert outcome.status == "blocked"
     assert not len(outcome.contacts)
-    np.testing.assert_array_equal(outcome.free_points, FREE)  # up to there it was free
+    np.testing.assert_array_equal(outcome.free_points, FREE)  # free up to the touch
 
 
 def test_a_reported_touch_keeps_the_hand_pose() -> None:
@@ -81,7 +81,7 @@ def test_a_reported_touch_keeps_the_hand_pose() -> None:
     assert report(MISSED, TactileSensor(false_rate=1.0)).hand_pose is None
 
 
-def test_a_false_touch_lies_on_the_way_and_faces_the_finger() -> None:
+def test_a_false_touch_is_on_the_path_and_faces_the_finger() -> None:
     outcome = report(MISSED, TactileSensor(false_rate=1.0))
     assert outcome.status == "touched"
     np.testing.assert_array_equal(outcome.contacts.normals, [UP])
@@ -91,7 +91,7 @@ def test_a_false_touch_lies_on_the_way_and_faces_the_finger() -> None:
     assert report(MISSED, TactileSensor()).status == "missed"
 
 
-def test_a_false_touch_leaves_what_is_known_of_true_ones() -> None:
+def test_a_false_touch_keeps_the_columns_of_true_ones() -> None:
     false = report(MISSED, TactileSensor(false_rate=1.0, force_threshold=0.2))
     known = Contacts([[0.0, 0.0, 0.0]], [UP], forces=[0.3], fingers=("tip",), times=[0.5])
     true = ProbeOutcome(PROBE, "touched", contacts=known, duration=2.0)
@@ -100,25 +100,22 @@ def test_a_false_touch_leaves_what_is_known_of_true_ones() -> None:
     np.testing.assert_array_equal(contacts.forces, [0.3, 0.2, 0.3])
     assert contacts.fingers == ("tip", UNKNOWN, "tip")
     assert np.all(np.diff(contacts.times) >= 0.0)
-    # A hand that stops there did not pass what is beyond.
-    way = (false.contacts.points[0] - PROBE.target) @ PROBE.direction
-    beyond = (FREE - PROBE.target) @ PROBE.direction > way
+    # The hand stops there, so free space ends there.
+    stop = (false.contacts.points[0] - PROBE.target) @ PROBE.direction
+    beyond = (FREE - PROBE.target) @ PROBE.direction > stop
     np.testing.assert_array_equal(false.free_points, FREE[~beyond])
 
 
-def test_what_cannot_be_reached_is_not_sensed() -> None:
+def test_a_blocked_probe_is_reported_as_it_is() -> None:
     blocked = ProbeOutcome(PROBE, "blocked")
     assert report(blocked, TactileSensor(false_rate=1.0)) is blocked
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"position_noise": -1e-3}, "position_noise must be at least 0"),
-        ({"taxel_pitch": float("nan")}, "taxel_pitch must be at least 0"),
-        ({"miss_rate": 1.5}, "miss_rate must be from 0 to 1"),
-    ],
+    ("option", "value"),
+    [("position_noise", -1e-3), ("taxel_pitch", float("nan")), ("miss_rate", 1.5)],
 )
-def test_what_no_sensor_has_is_refused(options: dict[str, float], message: str) -> None:
-    with pytest.raises(InvalidOptionError, match=message):
-        TactileSensor(**options)
+def test_an_invalid_sensor_is_refused(option: str, value: float) -> None:
+    with pytest.raises(InvalidOptionError) as error:
+        TactileSensor(**{option: value})
+    assert error.value.option == option

@@ -67,7 +67,7 @@ def test_an_aborted_grasp_adds_its_contacts_and_starts_at_the_pushed_object() ->
     made, calls = _scripted(outcomes, (scenes.grasp(),), 3)
     assert [attempt.outcome for attempt in made] == outcomes
     assert [len(attempt.contacts) for attempt in made] == [6, 7]
-    assert_array_equal(made[1].contacts.points[6], outcomes[0].felt.points[0])
+    assert_array_equal(made[1].contacts.points[6], outcomes[0].measured_contacts.points[0])
     assert_array_equal(calls[1]["X_WO"], outcomes[0].X_WO)
 
 
@@ -154,7 +154,7 @@ def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
     for before, after in pairwise(made):
         assert before.outcome is not None
         assert before.outcome.reason == "aborted"
-        assert len(after.contacts) == len(before.contacts) + len(before.outcome.felt)
+        assert len(after.contacts) == len(before.contacts) + len(before.outcome.measured_contacts)
     assert _holds(made)
     # The new contacts are on the true object, which was pushed by less than a centimetre.
     measured = made[-1].contacts.points[12:]

@@ -1,4 +1,4 @@
-"""Touching by geometry: exact on shapes with a formula, and in agreement with Drake."""
+"""Kinematic prober: exact on shapes with a formula, and in agreement with Drake."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,11 @@ from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration import Workspace
-from lis_grasp.exploration.known_shape import KnownShape
+from lis_grasp.exploration.obstacle_model import ObstacleModel
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
+from lis_grasp.probing.approach_planner import NO_FREE_APPROACH
 from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
@@ -36,7 +37,7 @@ def random_probes(shape: Shape, count: int, rng: np.random.Generator) -> list[Pr
     return probes
 
 
-def test_a_box_is_touched_exactly_where_it_was_aimed(hand: Hand) -> None:
+def test_a_box_is_touched_exactly_at_the_target(hand: Hand) -> None:
     prober = KinematicProber(hand, trimesh.creation.box(extents=[0.1, 0.08, 0.06]))
     outcome = prober.probe(Probe([0.01, -0.02, 0.03], [0.0, 0.0, -1.0], 0.03, 0.02))
     assert outcome.status == "touched"
@@ -47,7 +48,7 @@ def test_a_box_is_touched_exactly_where_it_was_aimed(hand: Hand) -> None:
     assert outcome.duration == pytest.approx(0.3 + 0.12, abs=1e-3)
 
 
-def test_the_tip_s_sphere_meets_a_slope_beside_where_it_was_aimed() -> None:
+def test_a_spherical_tip_touches_a_slope_beside_the_target() -> None:
     # A sphere of radius r that moves down on a slope at 30 degrees, its lowest point along a line,
     # meets it r sin 30 beside that line.
     slope = trimesh.creation.box(extents=[0.2, 0.2, 0.1])
@@ -70,19 +71,19 @@ def test_both_probers_agree(name: str, hand: Hand) -> None:
     kinematic, dynamic = KinematicProber(hand, shape.mesh), DynamicProber(hand, shape.mesh)
     gaps, angles, links, alike = [], [], [], []
     for probe in random_probes(shape, 25, np.random.default_rng(7)):
-        met, felt = kinematic.probe(probe), dynamic.probe(probe)
-        alike.append(met.status == felt.status)
-        if met.status == felt.status == "touched":
-            apart = np.linalg.norm(felt.contacts.points - met.contacts.points[0], axis=1)
+        quick, full = kinematic.probe(probe), dynamic.probe(probe)
+        alike.append(quick.status == full.status)
+        if quick.status == full.status == "touched":
+            apart = np.linalg.norm(full.contacts.points - quick.contacts.points[0], axis=1)
             nearest = int(np.argmin(apart))
             gaps.append(apart[nearest])
-            cosine = felt.contacts.normals[nearest] @ met.contacts.normals[0]
+            cosine = full.contacts.normals[nearest] @ quick.contacts.normals[0]
             angles.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-            links.append(met.contacts.fingers[0] in felt.contacts.fingers)
+            links.append(quick.contacts.fingers[0] in full.contacts.fingers)
     # A grazing tip or link may or may not press 0.2 N before it passes.
     assert np.mean(alike) >= 0.9
     assert np.mean(links) >= 0.9
-    # Until it feels 0.2 N a tip goes on by a third of a millimetre, oblique ones along the surface.
+    # Up to 0.2 N a tip moves on by a third of a millimetre, oblique ones along the surface.
     assert np.median(gaps) < 1e-3
     assert np.quantile(gaps, 0.9) < 3e-3
     # Facets meet at up to 4 degrees; an edge gives either side's normal.
@@ -107,62 +108,58 @@ def test_a_start_inside_the_object_is_blocked(hand: Hand, side: float) -> None:
     assert outcome.status == "blocked"
 
 
-def known_before(shape: Shape) -> KnownShape:
+def prior_knowledge(shape: Shape) -> ObstacleModel:
     space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
-    return KnownShape(space, Contacts.empty(), None)
+    return ObstacleModel(space, Contacts.empty(), None)
 
 
 @pytest.mark.parametrize("from_outside", [False, True])
-def test_the_whole_hand_is_free_until_the_touch_and_not_beyond(
-    hand: Hand, from_outside: bool
-) -> None:
+def test_the_whole_hand_is_collision_free_up_to_the_touch(hand: Hand, from_outside: bool) -> None:
     shape = shapes.build("mallet", 0.2)
-    motion = GuardedMotion(hand, shape.mesh, None)
+    motion = GuardedMotion(hand, shape.mesh)
     oracle = HandCollisionChecker(hand, shape.mesh)
-    known = known_before(shape) if from_outside else None
-    met = on_the_way = 0
+    obstacles = prior_knowledge(shape) if from_outside else None
+    touched = on_approach = 0
     for probe in random_probes(shape, 30, np.random.default_rng(3)):
-        course = motion.run(probe, known)
+        course = motion.run(probe, obstacles)
         if isinstance(course, str):
             continue
         q, moved = course.approach.posture.joint_positions, np.eye(4)
         for part in np.linspace(0.0, 0.999, 7):
             moved[:3, 3] = part * course.travelled * course.direction
             assert not oracle.touches_object(moved @ course.X_OH, q)
-        if (
-            course.came == course.approach.run_in
-        ):  # it is where the probe starts: all free till here
+        if course.arrived:  # the whole approach is free
             for part in np.linspace(0.0, 0.999, 7):
-                moved[:3, 3] = (part - 1.0) * course.came * course.approach.axis
+                moved[:3, 3] = (part - 1.0) * course.approach.distance * course.approach.axis
                 assert not oracle.touches_object(moved @ course.approach.X_OH, q)
         else:
-            on_the_way += 1
-        if course.met is not None:
-            met += 1
+            on_approach += 1
+        if course.touched is not None:
+            touched += 1
             # Beyond the 0.02 mm at which it counts as touching; a graze at 40 degrees needs more.
             moved[:3, 3] = (course.travelled + 2e-4) * course.direction
             assert oracle.touches_object(moved @ course.X_OH, q)
-    assert met > 15
-    assert on_the_way < 10
+    assert touched > 15
+    assert on_approach < 10
 
 
-def test_what_is_in_the_way_in_is_touched_by_whatever_link_meets_it(hand: Hand) -> None:
-    # A plate lies over the target, and nobody knows.
+def test_an_unknown_obstacle_is_touched_on_the_approach(hand: Hand) -> None:
+    # An unknown plate covers the target.
     plate = trimesh.creation.box(extents=[0.3, 0.3, 0.01])
     plate.apply_translation([0.0, 0.0, 0.08])
     space = Workspace(0.05, np.zeros(3), 0.2)
     prober = KinematicProber(hand, plate)
     probe = Probe([0.0, 0.0, 0.03], [0.0, 0.0, -1.0], 0.02, 0.01)
-    outcome = prober.probe(probe, KnownShape(space, Contacts.empty(), None))
+    outcome = prober.probe(probe, ObstacleModel(space, Contacts.empty(), None))
     assert outcome.status == "touched"
     assert outcome.contacts.points[0, 2] == pytest.approx(0.085, abs=1e-4)
-    # It came from outside of the ball, felt at 0.25 m/s, and went back.
-    way = float(np.sqrt(3.0)) * 0.1 - 0.085
+    # Approach from outside of the ball at 0.25 m/s, and back.
+    length = float(np.sqrt(3.0)) * 0.1 - 0.085
     radius = next(iter(hand.probe_postures.values())).radius
-    assert outcome.duration == pytest.approx(2.0 * (way - radius) / 0.25, abs=0.1)
+    assert outcome.duration == pytest.approx(2.0 * (length - radius) / 0.25, abs=0.1)
 
 
-def test_a_hand_does_not_come_in_through_what_is_known(hand: Hand) -> None:
+def test_a_hand_does_not_approach_through_the_known_object(hand: Hand) -> None:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.1)
     normals = np.vstack([np.eye(3), -np.eye(3)])
     contacts = Contacts(0.1 * normals, normals)
@@ -170,24 +167,26 @@ def test_a_hand_does_not_come_in_through_what_is_known(hand: Hand) -> None:
     surface = ESTIMATORS["gpis"](contacts)
     prober = KinematicProber(hand, ball)
     inside_out = Probe([0.0, 0.0, 0.1], [0.0, 0.0, 1.0], 0.02, 0.02)
-    outcome = prober.probe(inside_out, KnownShape(space, contacts, surface))
+    outcome = prober.probe(inside_out, ObstacleModel(space, contacts, surface))
     assert outcome.status == "blocked"
-    assert "past what is known" in outcome.reason
-    # As nobody knows of the ball, the hand comes along and feels its other side.
-    assert prober.probe(inside_out, KnownShape(space, Contacts.empty(), None)).status == "touched"
+    assert outcome.reason == NO_FREE_APPROACH
+    # The unknown ball is touched on the approach, on its other side.
+    assert (
+        prober.probe(inside_out, ObstacleModel(space, Contacts.empty(), None)).status == "touched"
+    )
 
 
-def test_the_wall_of_a_bore_is_touched_from_within_with_the_finger_along_the_bore() -> None:
+def test_the_wall_of_a_bore_is_touched_by_a_finger_along_the_bore() -> None:
     shape = shapes.build("hollow_cylinder", 0.2)
     prober = KinematicProber(Hand.load("allegro"), shape.mesh)
     direction = np.array([1.0, 0.0, 0.0])
     probe = Probe([0.1, 0.0, 0.05], direction, 0.1, 0.0)
-    # All of the outside is known, so that the hand cannot come in through the other wall.
-    points, faces = trimesh.sample.sample_surface(shape.mesh, 300, seed=0)
+    # All of the outside is known, so that the hand cannot approach through the other wall.
+    points, faces = trimesh.sample.sample_surface(shape.mesh, 150, seed=0)
     contacts = Contacts(points, shape.mesh.face_normals[faces])
     space = Workspace(0.05, np.zeros(3), 0.2)
-    known = KnownShape(space, contacts, ESTIMATORS["gpis"](contacts))
-    outcome = prober.probe(probe, known)
+    obstacles = ObstacleModel(space, contacts, ESTIMATORS["gpis"](contacts))
+    outcome = prober.probe(probe, obstacles)
     assert outcome.status == "touched"
     inner = np.linalg.norm(outcome.contacts.points[0, :2])
     assert outcome.contacts.normals[0] @ direction < -0.9

@@ -1,4 +1,6 @@
-"""Touching in Drake: contacts lie on the true surface with its normal, holes are holes."""
+"""Dynamic prober: contacts are on the true surface with its normal, in holes too."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,12 +87,12 @@ def test_a_box_is_touched_exactly(hand: Hand) -> None:
             # A flat face of the mesh is flat in the contact: rounding alone.
             np.testing.assert_allclose(contacts.points[:, axis], target[axis], atol=1e-9)
             np.testing.assert_allclose(contacts.normals, [normal] * len(contacts), atol=1e-9)
-            # The tip is deeper than it felt at 0.2 N by less than a step, and pushes a newton.
+            # The tip is deeper than at 0.2 N by less than a step, which adds a newton.
             assert np.all(contacts.forces > 0.0)
             assert 0.2 < contacts.forces.sum() < 2.0
 
 
-def test_a_touch_is_where_the_leading_point_was_aimed_when_it_is_square() -> None:
+def test_a_perpendicular_touch_is_at_the_target() -> None:
     prober = DynamicProber(Hand.load("allegro"), trimesh.creation.box(extents=[0.1, 0.1, 0.1]))
     outcome = prober.probe(Probe([0.01, -0.02, 0.05], [0.0, 0.0, -1.0], 0.03, 0.01))
     # The finger gives way by 0.2 N x 0.14 m / 5 N m/rad x 0.14 m: less than a millimetre.
@@ -146,7 +148,7 @@ def test_contacts_in_a_concave_corner_have_the_normals_of_its_sides() -> None:
     outcome = prober.probe(Probe([-0.03, 0.0, 0.01], [-1.0, 0.0, -1.0], 0.04, 0.02))
     assert outcome.status == "touched"
     found = sorted(outcome.contacts.normals.round(6).tolist())
-    # Whichever side is felt first stops the motion: one normal is certain, none is a mixture.
+    # The side touched first stops the motion: one normal is certain, none is a mixture.
     assert all(normal in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]) for normal in found)
     np.testing.assert_allclose(np.linalg.norm(outcome.contacts.normals, axis=1), 1.0)
 
@@ -184,7 +186,7 @@ def test_a_tip_across_a_groove_touches_both_of_its_rims() -> None:
     assert np.all(np.abs(offsets) > 0.0045)
 
 
-def test_a_miss_is_a_miss_and_leaves_its_path_free(ball_prober: DynamicProber, hand: Hand) -> None:
+def test_the_path_of_a_miss_is_free_space(ball_prober: DynamicProber, hand: Hand) -> None:
     radius = next(iter(hand.probe_postures.values())).radius
     direction = np.array([1.0, 0.0, 0.0])
     outcome = ball_prober.probe(Probe([-0.1, 0.0, 0.0], direction, 0.03, 0.02))
@@ -211,7 +213,7 @@ def test_a_start_inside_the_object_is_blocked(ball_prober: DynamicProber) -> Non
     assert len(outcome.contacts) == 0
 
 
-def test_a_start_with_the_whole_hand_inside_the_object_is_blocked(hand: Hand) -> None:
+def test_a_hand_wholly_inside_the_object_is_blocked(hand: Hand) -> None:
     prober = DynamicProber(hand, trimesh.creation.box(extents=[0.8, 0.8, 0.8]))
     outcome = prober.probe(Probe([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], 0.01, 0.01))
     assert outcome.status == "blocked"
@@ -229,12 +231,12 @@ def test_skipping_free_flight_changes_nothing(
     for probe, expected in zip(probes, skipping, strict=True):
         whole = prober.probe(probe)
         assert whole.duration == expected.duration
-        # Steps of 0.2 mm fall elsewhere, and the touch is felt at one of them, of up to 1 N more.
+        # The touch is detected at another of the steps of 0.2 mm, with up to 1 N more.
         np.testing.assert_allclose(whole.contacts.points, expected.contacts.points, atol=2e-4)
         np.testing.assert_allclose(whole.contacts.forces, expected.contacts.forces, atol=1.0)
 
 
-def test_an_outcome_does_not_depend_on_what_was_probed_before(
+def test_an_outcome_does_not_depend_on_earlier_probes(
     hand: Hand, coarse_ball: trimesh.Trimesh
 ) -> None:
     first, second = [
@@ -262,14 +264,19 @@ def test_two_runs_give_the_same_bytes(hand: Hand, coarse_ball: trimesh.Trimesh) 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "ring", "thumb"])
 def test_every_finger_of_the_allegro_can_lead(finger: str, coarse_ball: trimesh.Trimesh) -> None:
-    prober = DynamicProber(Hand.load("allegro"), coarse_ball, finger=finger)
+    hand = Hand.load("allegro")
+    alone = replace(hand, probe_postures={finger: hand.probe_postures[finger]})
+    prober = DynamicProber(alone, coarse_ball)
     outcome = prober.probe(Probe([RADIUS, 0.0, 0.0], [-1.0, 0.0, 0.0], 0.03, 0.01))
     assert outcome.contacts.fingers == (f"{finger}_tip",)
 
 
-def test_what_cannot_be_probed_with_is_refused(hand: Hand, coarse_ball: trimesh.Trimesh) -> None:
-    with pytest.raises(InvalidHandError, match="add nose to its YAML"):
-        DynamicProber(hand, coarse_ball, finger="nose")
+def test_a_hand_without_probe_posture_and_an_open_mesh_are_refused(
+    hand: Hand, coarse_ball: trimesh.Trimesh
+) -> None:
+    with pytest.raises(InvalidHandError) as error:
+        DynamicProber(replace(hand, probe_postures={}), coarse_ball)
+    assert error.value.key == "probe_postures"
     open_ball = trimesh.Trimesh(coarse_ball.vertices, coarse_ball.faces[:-1])
     with pytest.raises(InvalidMeshError, match="watertight"):
         DynamicProber(hand, open_ball)

@@ -1,4 +1,4 @@
-"""Touching an object that stands free: where it stays, where it slides, where it falls."""
+"""Touches of a free object: it stays, slides or topples."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe, Workspace
-from lis_grasp.exploration.known_shape import KnownShape
+from lis_grasp.exploration.obstacle_model import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.probing.guarded_motion import AT_TABLE
@@ -29,27 +29,27 @@ def cube() -> trimesh.Trimesh:
 
 
 def test_a_touch_weaker_than_friction_moves_nothing() -> None:
-    # 0.5 x 0.5 kg x g = 2.5 N of friction, and a touch of 0.2 N, felt 0.06 mm too late at the most.
+    # 0.5 x 0.5 kg x g = 2.5 N of friction, and a touch of 0.2 N detected 0.06 mm late at most.
     outcome, _ = touched(cube(), mass=0.5, friction=0.5)
     assert outcome.status == "touched"
     assert outcome.moved < 2e-4
     np.testing.assert_allclose(outcome.contacts.points[0], [-0.03, 0.0, 0.0], atol=1e-3)
 
 
-def test_an_object_that_slides_is_followed_and_its_contacts_stay_true() -> None:
+def test_contacts_of_a_sliding_object_are_in_its_frame() -> None:
     # 0.02 x 0.05 kg x g = 0.01 N of friction: it slides away from the finger.
     outcome, prober = touched(cube(), mass=0.05, friction=0.02)
     assert outcome.moved > 1e-3
     if outcome.status == "touched":
         np.testing.assert_allclose(outcome.contacts.points[0, 0], -0.03, atol=2e-4)
-    # The next probe finds it where it was aimed, whatever the one before did to it.
+    # The next probe finds it at its first pose.
     again = prober.probe(Probe([0.0, 0.0, 0.03], [0.0, 0.0, -1.0], 0.02, 0.02))
     np.testing.assert_allclose(again.contacts.points[0], [0.0, 0.0, 0.03], atol=1e-3)
 
 
 def test_a_touch_that_topples_the_object_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    # It gives way at 0.01 N and comes back when the finger does, which gives up after 10 mm; pushed
-    # by 50 mm at a height of 180 mm it leans beyond its foot of 20 mm.
+    # It yields at 0.01 N and returns with the finger, which stops after 10 mm. Pushed by 50 mm at a
+    # height of 180 mm it tilts beyond its foot of 20 mm.
     monkeypatch.setattr(dynamic_prober, "_BEYOND", 0.05)
     stick = trimesh.creation.box(extents=[0.02, 0.02, 0.2])
     probe = Probe([-0.01, 0.0, 0.08], [1.0, 0.0, 0.0], 0.02, 0.06)
@@ -59,30 +59,30 @@ def test_a_touch_that_topples_the_object_is_not_used(monkeypatch: pytest.MonkeyP
     assert len(outcome.contacts) == 0
 
 
-def test_nothing_comes_in_through_the_table() -> None:
+def test_no_approach_goes_through_the_table() -> None:
     mesh = cube()
     space = Workspace(0.015, np.zeros(3), 0.06, float(mesh.bounds[0, 2]))
     prober = DynamicProber(Hand.load("allegro"), mesh, free=FreeObject(space.support_height))
-    known = KnownShape(space, Contacts.empty(), None)
-    from_below = prober.probe(Probe([0.0, 0.0, -0.03], [0.0, 0.0, 1.0], 0.02, 0.02), known)
+    obstacles = ObstacleModel(space, Contacts.empty(), None)
+    from_below = prober.probe(Probe([0.0, 0.0, -0.03], [0.0, 0.0, 1.0], 0.02, 0.02), obstacles)
     assert from_below.status == "blocked"
-    assert prober.probe(FROM_THE_SIDE, known).status == "touched"
+    assert prober.probe(FROM_THE_SIDE, obstacles).status == "touched"
 
 
 @pytest.mark.parametrize(
     ("beside", "depth", "status"),
     [(0.05, 0.0, "missed"), (0.05, 0.08, "blocked"), (0.0, 0.0, "touched")],
 )
-def test_a_hand_stops_at_the_table_and_does_not_know_what_is_below(
+def test_a_hand_stops_at_the_table_and_clears_no_space_below(
     beside: float, depth: float, status: str
 ) -> None:
-    # Beside a cube of 6 cm, and on it: down by 10 cm from 2 cm above its top, past a target that is
-    # as high as the top, or to one below the table.
+    # Down by 10 cm from 2 cm above the top of a cube of 6 cm, beside it or on it. The target is at
+    # the height of the top, or below the table.
     mesh = cube()
     space = Workspace(0.015, np.zeros(3), 0.06, -0.03)
     prober = DynamicProber(Hand.load("allegro"), mesh, free=FreeObject(space.support_height))
     down = Probe([beside, 0.0, 0.03 - depth], [0.0, 0.0, -1.0], 0.02 + depth, 0.08 - depth)
-    outcome = prober.probe(down, KnownShape(space, Contacts.empty(), None))
+    outcome = prober.probe(down, ObstacleModel(space, Contacts.empty(), None))
     assert outcome.status == status
     assert outcome.reason == (AT_TABLE if status == "blocked" else "")
     if status != "touched":
@@ -91,15 +91,13 @@ def test_a_hand_stops_at_the_table_and_does_not_know_what_is_below(
         assert lowest == pytest.approx(space.support_height, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [({"mass": 0.0}, "mass must be a positive"), ({"friction": np.nan}, "friction must be a pos")],
-)
-def test_an_object_without_weight_or_grip_is_refused(change: dict, message: str) -> None:
-    with pytest.raises(InvalidOptionError, match=message):
-        FreeObject(**({"support_height": 0.0} | change))
+@pytest.mark.parametrize(("option", "value"), [("mass", 0.0), ("friction", np.nan)])
+def test_an_invalid_free_object_is_refused(option: str, value: float) -> None:
+    with pytest.raises(InvalidOptionError) as error:
+        FreeObject(**({"support_height": 0.0} | {option: value}))
+    assert error.value.option == option
 
 
 def test_a_free_object_needs_dynamics() -> None:
-    with pytest.raises(InvalidOptionError, match="needs the dynamic prober"):
+    with pytest.raises(InvalidOptionError, match="prober"):
         RunConfig(free=True, prober="kinematic")

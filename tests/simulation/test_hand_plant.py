@@ -1,4 +1,4 @@
-"""A hand in Drake: the same tree as the URDF, under control, with the contacts that are wanted."""
+"""Hand in a Drake plant: inertia and kinematics of the URDF, PD control, contacts."""
 
 from typing import Any
 
@@ -18,7 +18,6 @@ from lis_grasp.simulation.hand_plant import (
     HandInPlant,
     add_hand,
     add_wrist,
-    ignore_designed_contacts,
     ignore_self_collision,
 )
 from lis_grasp.simulation.object_plant import add_object
@@ -74,17 +73,18 @@ def test_the_mass_matrix_is_that_of_the_urdf_parsed_by_drake(hand: Hand) -> None
     np.testing.assert_allclose(ours_M, their_M, atol=1e-12)  # kg m^2, of order 1e-3
 
 
-def test_links_are_where_the_hands_own_kinematics_have_them(hand: Hand) -> None:
+def test_link_poses_are_those_of_the_hands_kinematics(hand: Hand) -> None:
     _, plant, _, added = fixed_hand(hand)
     context = plant.CreateDefaultContext()
     q = np.random.default_rng(0).uniform(hand.lower, hand.upper)
     added.set_joint_positions(context, q)
     for link, X in hand.forward_kinematics(hand.X_LH, q).items():
-        X_WL = plant.EvalBodyPoseInWorld(context, added.bodies[link])
-        np.testing.assert_allclose(X_WL.GetAsMatrix4(), X, atol=1e-13)
+        np.testing.assert_allclose(added.X_WL(context, link), X, atol=1e-13)
+    np.testing.assert_allclose(added.X_WH(context), hand.X_LH, atol=1e-13)
+    np.testing.assert_array_equal(added.joint_positions(context), q)
 
 
-def test_joints_go_where_they_are_told_in_the_hands_order(hand: Hand) -> None:
+def test_joints_follow_commands_in_the_hands_order(hand: Hand) -> None:
     diagram, plant, scene_graph, added = fixed_hand(hand)
     ignore_self_collision(scene_graph, added)
     simulator = Simulator(diagram)
@@ -105,17 +105,6 @@ def test_efforts_are_limited_as_the_urdf_says(hand: Hand) -> None:
     limits = [plant.GetJointActuatorByName(name).effort_limit() for name in hand.joint_names]
     np.testing.assert_array_equal(limits, hand.effort_limits)
     assert all(plant.GetJointActuatorByName(n).has_controller() for n in hand.joint_names)
-
-
-def test_links_that_may_touch_by_design_do_not_collide(hand: Hand) -> None:
-    diagram, plant, scene_graph, added = fixed_hand(hand)
-    ignore_designed_contacts(scene_graph, added)
-    root = diagram.CreateDefaultContext()
-    context = plant.GetMyMutableContextFromRoot(root)
-    for q in hand.pregrasps.values():
-        added.set_joint_positions(context, q)
-        query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(root))
-        assert not query.HasCollisions()
 
 
 def test_the_wrist_starts_at_its_pose_and_takes_roll_pitch_yaw_in_the_world() -> None:

@@ -94,7 +94,7 @@ class Setup:
             friction=self.friction,
             grasps=self.grasps,
         )
-        if self.explorer == OWN and POLICIES[self.policy].guesses:
+        if self.explorer == OWN and POLICIES[self.policy].uses_gaussian_process:
             raise InvalidOptionError(
                 "estimators drive explorations of their own by a policy that follows them, as"
                 f" frontier or uncertainty does; the policy is '{self.policy}'"

@@ -1,4 +1,4 @@
-"""More touches of one approach: the fingers that did not lead stretch out until they touch."""
+"""Extension of the other fingers until they touch, after the leading one has."""
 
 import numpy as np
 import pytest
@@ -10,9 +10,9 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.probing.finger_extension import FingerExtender
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
 from lis_grasp.probing.kinematic_prober import KinematicProber
-from lis_grasp.probing.other_fingers import OtherFingers
 
 DOWN = Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.02)
 
@@ -24,8 +24,8 @@ def plate() -> trimesh.Trimesh:
     return box
 
 
-def test_on_a_slope_several_fingers_touch_and_each_counts(plate: trimesh.Trimesh) -> None:
-    # The fingers beside the leading one are a little behind it: they meet a slope towards them.
+def test_several_fingers_touch_a_slope_once_each(plate: trimesh.Trimesh) -> None:
+    # The fingers beside the leading one are behind it: they touch a slope towards them.
     hand = Hand.load("allegro")
     most = 0
     for axis in np.vstack([np.eye(3)[:2], -np.eye(3)[:2]]):
@@ -40,7 +40,7 @@ def test_on_a_slope_several_fingers_touch_and_each_counts(plate: trimesh.Trimesh
         assert len(set(owners)) == len(owners)
         np.testing.assert_allclose(every.contacts.points @ normal, 0.0, atol=1e-12)
         np.testing.assert_allclose(every.contacts.normals, [normal] * len(owners), atol=1e-12)
-        # What the leader felt is the same, and comes first; the rest takes its time.
+        # The leader's contact is the same and first; the others take longer.
         np.testing.assert_array_equal(every.contacts.points[0], one.contacts.points[0])
         assert every.contacts.times is not None
         assert np.all(np.diff(every.contacts.times) >= 0.0)
@@ -48,33 +48,31 @@ def test_on_a_slope_several_fingers_touch_and_each_counts(plate: trimesh.Trimesh
     assert most >= 3
 
 
-def test_fingers_stop_where_they_meet_the_surface() -> None:
+def test_extended_fingers_stop_at_the_surface() -> None:
     shape = shapes.build("mallet", 0.2)
     hand = Hand.load("allegro")
-    motion, others = GuardedMotion(hand, shape.mesh, None), OtherFingers(hand, shape.mesh)
+    motion, extender = GuardedMotion(hand, shape.mesh), FingerExtender(hand, shape.mesh)
     rng = np.random.default_rng(1)
     points, faces = trimesh.sample.sample_surface(shape.mesh, 20, seed=rng)
-    met = 0
+    touches = 0
     for point, normal in zip(points, shape.mesh.face_normals[faces], strict=True):
-        aslant = np.cross(normal, rng.normal(size=3)) - normal  # fingers ahead of the leading one
-        course = motion.run(Probe(point, aslant, 0.03, 0.02), None)
-        if not isinstance(course, Course) or course.met is None:
+        oblique = np.cross(normal, rng.normal(size=3)) - normal  # other fingers ahead
+        course = motion.run(Probe(point, oblique, 0.03, 0.02))
+        if not isinstance(course, Course) or course.touched is None:
             continue
-        X_OH = course.X_OH.copy()
-        X_OH[:3, 3] += course.travelled * course.direction
         q = course.approach.posture.joint_positions
-        but = hand.link_fingers.get(course.met.link)
-        for stretching in others.stretch(X_OH, q, but=but):
-            if stretching.met is not None:
-                met += 1
-                apart, _ = distances_to_mesh(stretching.met.point[None], shape.mesh)
+        but = hand.link_fingers.get(course.touched.link)
+        for extension in extender.extend(course.X_OH_end, q, but=but):
+            if extension.touched is not None:
+                touches += 1
+                apart, _ = distances_to_mesh(extension.touched.point[None], shape.mesh)
                 assert apart[0] < 1e-9
-                assert 0.0 <= stretching.met.distance < 2e-5
-                assert hand.link_fingers[stretching.met.link] != but
-    assert met >= 3
+                assert 0.0 <= extension.touched.distance < 2e-5
+                assert hand.link_fingers[extension.touched.link] != but
+    assert touches >= 3
 
 
-def test_fingers_of_a_jaw_that_do_not_move_by_themselves_add_nothing(
+def test_coupled_fingers_of_a_parallel_jaw_gripper_add_no_contact(
     plate: trimesh.Trimesh,
 ) -> None:
     outcome = KinematicProber(Hand.load("wsg50"), plate, fingers="all").probe(DOWN)
@@ -85,5 +83,5 @@ def test_all_fingers_need_the_kinematic_prober() -> None:
     assert RunConfig(fingers="all", prober="kinematic").fingers == "all"
     with pytest.raises(InvalidOptionError, match="kinematic"):
         RunConfig(fingers="all")
-    with pytest.raises(InvalidOptionError, match="fingers must be one of"):
+    with pytest.raises(InvalidOptionError, match="fingers"):
         RunConfig(fingers="two")

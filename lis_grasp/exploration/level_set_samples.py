@@ -1,4 +1,4 @@
-"""Points of an estimated surface, quickly and roughly: enough to choose targets by, no mesh."""
+"""Samples of the zero level set of an implicit surface, without a mesh."""
 
 from __future__ import annotations
 
@@ -7,32 +7,21 @@ import numpy as np
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
-# Each round, a secant and a halving step, at least halves the bracket.
+# Each round, a secant and a bisection step, at least halves the bracket.
 _ROUNDS = 2
 
 
-def sample_zero_set(
+def sample_zero_level_set(
     surface: ImplicitSurface, bounds: FloatArray, cell: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return points of the zero set in a box, and its outward normals there.
+    """Return points of the zero level set in a box, and its outward normals there.
 
-    One point on every edge of a grid across which f changes sign. Where f jumps over zero instead
-    of passing through it (estimators that are pieced together do), there is a point only if the
-    gradient says outward the same way that the jump does.
+    There is one point on every grid edge across which f changes sign. Where f jumps over zero (as
+    piecewise estimates do), there is a point only if the gradient and the jump agree on the outward
+    side.
 
-    Parameters
-    ----------
-    surface
-        What was estimated.
-    bounds
-        Shape (2, 3) [m], lowest and highest corner of the box.
-    cell
-        Spacing of the grid [m].
-
-    Returns
-    -------
-    points, normals
-        Shapes (P, 3) [m] and (P, 3), unit.
+    Returns points and normals, shapes (P, 3) [m] and (P, 3), unit. `bounds`, shape (2, 3) [m], are
+    the lowest and highest corner of the box, `cell` is the spacing of the grid [m].
     """
     counts = np.maximum(np.ceil((bounds[1] - bounds[0]) / cell).astype(int), 1) + 1
     axes = [bounds[0, k] + cell * np.arange(counts[k]) for k in range(3)]
@@ -51,23 +40,23 @@ def sample_zero_set(
     if not len(low):
         return np.empty((0, 3)), np.empty((0, 3))
     f_low, f_high = np.concatenate(at_low), np.concatenate(at_high)
-    points = _narrow(surface, low, high, f_low, f_high)
+    points = _roots(surface, low, high, f_low, f_high)
     gradients = surface.gradient(points)
     steepness = np.linalg.norm(gradients, axis=1)
     rising = np.einsum("pk,pk->p", gradients, high - low) * np.where(f_high < f_low, -1.0, 1.0)
-    sound = (steepness > 0.0) & (rising > 0.0)
-    return points[sound], gradients[sound] / steepness[sound, None]
+    consistent = (steepness > 0.0) & (rising > 0.0)
+    return points[consistent], gradients[consistent] / steepness[consistent, None]
 
 
-def _narrow(
+def _roots(
     surface: ImplicitSurface,
     low: FloatArray,
     high: FloatArray,
     f_low: FloatArray,
     f_high: FloatArray,
 ) -> FloatArray:
-    """Return where f changes sign between `low` and `high`, shape (P, 3)."""
-    a, b = np.zeros(len(low)), np.ones(len(low))  # positions of the bracket along each edge
+    """Return the sign changes of f between `low` and `high`, shape (P, 3)."""
+    a, b = np.zeros(len(low)), np.ones(len(low))  # the bracket along each edge
     f_a, f_b = f_low.copy(), f_high.copy()
     for round_ in range(2 * _ROUNDS):
         secant = a - f_a * (b - a) / np.where(f_b == f_a, 1.0, f_b - f_a)

@@ -1,4 +1,4 @@
-"""Advance a simulation, and name its failure."""
+"""Advance a Drake simulation; a failure of the solver becomes a SimulationError."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ def advance(simulator: Simulator, time: float, *, of: str) -> None:
     Raises
     ------
     SimulationError
-        If Drake cannot; it says what the simulation was `of`.
+        If Drake fails; its message names what the simulation is `of`.
     """
     try:
         simulator.AdvanceTo(time)
-    except (RuntimeError, SystemExit) as error:  # the latter where an assertion of Drake's fails
+    except (RuntimeError, SystemExit) as error:  # SystemExit: an assertion of Drake's failed
         reason = str(error).splitlines()[0]
         raise SimulationError(f"the simulation of {of} failed at {time:.3f} s: {reason}") from None

@@ -1,0 +1,103 @@
+"""Probes that touch a target: along the axes, against the normal, and inside concavities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.concavities import bridged_points
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.typing import FloatArray
+
+AXES = np.vstack([np.eye(3), -np.eye(3)])
+"""Directions of the first probes, shape (6, 3)."""
+
+SAME_DIRECTION = float(np.cos(np.radians(50.0)))
+"""Two directions count as one if their cosine is above this."""
+
+# Random offset of the first probes from the centre, in sizes of the object.
+_AXIS_SPREAD = 0.1
+# Length of the motion beyond the target, in steps.
+_OVERSHOOT = 1.5
+# Angle of a probe after a miss: from beyond the edge back towards the nearest contact.
+_OBLIQUE_ANGLE = np.radians(40.0)
+# Least height of a probe's start above the table, in steps.
+_START_ABOVE_TABLE = 1.0
+
+
+def axis_probe(
+    space: Workspace, outcomes: Sequence[ProbeOutcome], rng: np.random.Generator
+) -> Probe:
+    """Return a probe along an axis to the centre, from a side that has not been probed."""
+    probed = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
+    left = np.flatnonzero(~np.any(AXES @ probed.T > SAME_DIRECTION, axis=1))
+    direction = AXES[rng.choice(left)]
+    target = space.center + _AXIS_SPREAD * space.size * rng.uniform(-1.0, 1.0, size=3)
+    return Probe(target, direction, 0.6 * space.size + 0.5 * space.step, 0.0)
+
+
+def random_pass(space: Workspace, rng: np.random.Generator) -> Probe:
+    """Return a probe along a random line through the whole workspace."""
+    direction = rng.normal(size=3)
+    target = space.center + space.size * rng.uniform(-0.4, 0.4, size=3)
+    return Probe(target, direction, 1.2 * space.size, 1.2 * space.size)
+
+
+def concavity_probe(
+    space: Workspace,
+    contacts: Contacts,
+    surface: ImplicitSurface,
+    outcomes: Sequence[ProbeOutcome],
+    rng: np.random.Generator,
+) -> Probe | None:
+    """Return a probe to the wall of a concavity that the estimate bridges, or None."""
+    points, directions = bridged_points(contacts, surface, outcomes, space.step)
+    starts = np.array([outcome.probe.start for outcome in outcomes])
+    probed = np.array([outcome.probe.direction for outcome in outcomes])
+    # Perpendicular to the tip's motion, to a side drawn once for all points.
+    sideways = np.cross(directions, rng.normal(size=3))
+    sideways /= np.maximum(np.linalg.norm(sideways, axis=1, keepdims=True), 1e-12)
+    near = np.linalg.norm(points[:, None] - starts, axis=-1) < space.step  # (K, outcomes)
+    new = ~np.any(near & (sideways @ probed.T > SAME_DIRECTION), axis=1)
+    if not new.any():
+        return None
+    chosen = rng.choice(np.flatnonzero(new))
+    half = 0.5 * space.size
+    return Probe(points[chosen] + half * sideways[chosen], sideways[chosen], half, half)
+
+
+def surface_probe(
+    target: FloatArray,
+    normal: FloatArray,
+    space: Workspace,
+    contacts: Contacts,
+    surface: ImplicitSurface,
+    outcomes: Sequence[ProbeOutcome],
+) -> Probe:
+    """Return a probe to a target against its outward normal, oblique after a miss.
+
+    The oblique motion comes from beyond the edge that the missed probe must have crossed, back
+    towards the nearest contact.
+    """
+    angle = _OBLIQUE_ANGLE if outcomes[-1].status == "missed" else 0.0
+    nearest = np.argmin(np.linalg.norm(contacts.points - target, axis=1))
+    away = target - contacts.points[nearest]
+    away = away - (away @ normal) * normal
+    length = float(np.linalg.norm(away))
+    retreat = np.cos(angle) * normal
+    if length > 0.0:
+        retreat = retreat + np.sin(angle) * away / length
+    if space.support_height is not None:  # neither along the table nor out of it
+        retreat = retreat / np.linalg.norm(retreat)
+        above = (target[2] - space.support_height) / space.step
+        retreat[2] = max(retreat[2], _START_ABOVE_TABLE - above)
+        retreat /= np.linalg.norm(retreat)
+    # Start a step away, or halfway to where the line meets the estimate again.
+    distances = space.step * np.arange(0.2, 1.01, 0.1)
+    inside = surface.evaluate(target + distances[:, None] * retreat) < 0.0
+    standoff = 0.5 * float(distances[np.argmax(inside)]) if inside.any() else space.step
+    return Probe(target, -retreat, standoff, _OVERSHOOT * space.step)

@@ -1,0 +1,147 @@
+"""Approach planning: hand posture, wrist pose and a straight collision-free approach to a probe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.exploration.obstacle_model import ObstacleModel
+from lis_grasp.exploration.probe import Probe
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_parts import ProbePosture
+from lis_grasp.typing import BoolArray, FloatArray
+
+# Rotations about the finger, +x, shape (8, 3, 3).
+_ROLLS = Rotation.from_rotvec(np.pi / 4.0 * np.arange(8)[:, None] * np.eye(3)[0]).as_matrix()
+# Spacing of the points that represent the hand, and of its poses along the approach; links are
+# thicker than either [m].
+_POINT_SPACING, _POSE_SPACING = 0.015, 0.01
+# Finger directions oblique and perpendicular to the motion, +x: 45 and 90 degrees, all around.
+_AROUND = np.pi / 3.0 * np.arange(6)
+_OBLIQUE = np.array(
+    [
+        [np.cos(off), np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)]
+        for off in (np.pi / 4.0, np.pi / 2.0)
+        for around in _AROUND
+    ]
+)
+
+NO_FREE_START = "no finger and roll of the hand is collision-free at the start"
+NO_FREE_APPROACH = "no finger and roll of the hand has a collision-free straight approach"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Approach:
+    """A hand at the start of a probe, and the straight approach to it."""
+
+    posture: ProbePosture  # the leading finger, and the positions of all joints
+    X_OH: FloatArray  # (4, 4): pose of the palm at the start of the probe
+    axis: FloatArray  # (3,), unit, in O: direction of the finger and of the approach
+    distance: float  # length of the approach [m]
+
+    @property
+    def X_OH_outside(self) -> FloatArray:
+        """Pose (4, 4) of the palm where the approach begins."""
+        outside = self.X_OH.copy()
+        outside[:3, 3] -= self.distance * self.axis
+        return outside
+
+
+class ApproachPlanner:
+    """Plans approaches of a hand to probes.
+
+    A hand in a probe posture is one rigid body with a leading finger. So its pose at a start
+    follows in closed form from the direction of the finger and the roll about it. The finger
+    points along the probe's motion; if that collides, as in a bore, it is oblique or perpendicular
+    to the motion, and touches with its side.
+
+    Parameters
+    ----------
+    hand
+        The hand; it needs a probe posture.
+
+    Raises
+    ------
+    InvalidHandError
+        If the hand has no probe posture.
+    """
+
+    def __init__(self, hand: Hand) -> None:
+        if not hand.probe_postures:
+            raise InvalidHandError(
+                f"touching needs a probe posture; hand '{hand.name}' has none: add one to its YAML",
+                key="probe_postures",
+            )
+        self._bodies = [
+            (posture, *_in_palm(hand, posture)) for posture in hand.probe_postures.values()
+        ]
+
+    def plan(self, probe: Probe, obstacles: ObstacleModel) -> Approach | None:
+        """Return the first collision-free approach, or None."""
+        centers = [probe.start - posture.radius * probe.direction for posture, _, _ in self._bodies]
+        if obstacles.occupies(np.array(centers)).all():
+            return None
+        for axis in np.vstack([probe.direction, _OBLIQUE @ rotation_to_x(probe.direction)]):
+            for posture, center_H, points_H in self._bodies:
+                center = probe.start - posture.radius * probe.direction
+                distance = float(obstacles.space.approach_distance(center, axis))
+                rolled = list(_rolled(posture, center_H, probe, axis, distance))
+                X_OH = np.array([approach.X_OH for approach in rolled])  # (R, 4, 4)
+                points = points_H @ X_OH[:, :3, :3].transpose(0, 2, 1) + X_OH[:, None, :3, 3]
+                for k in np.flatnonzero(~_collides(points, obstacles)):
+                    back = np.arange(_POSE_SPACING, distance + _POSE_SPACING, _POSE_SPACING)
+                    offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
+                    if not _collides(points[k] - offsets, obstacles).any():
+                        return rolled[k]
+        return None
+
+    def starts(self, probe: Probe) -> Iterator[Approach]:
+        """Yield every hand at the start of a probe, without an approach and without a check."""
+        for posture, center_H, _ in self._bodies:
+            yield from _rolled(posture, center_H, probe, probe.direction, 0.0)
+
+
+def _collides(points: FloatArray, obstacles: ObstacleModel) -> BoolArray:
+    """Return which of the hand's poses, with points (R, P, 3), collide, shape (R,)."""
+    occupied = obstacles.occupies(points.reshape(-1, 3))
+    return np.asarray(occupied.reshape(points.shape[:2]).any(axis=1))
+
+
+def _rolled(
+    posture: ProbePosture, center_H: FloatArray, probe: Probe, axis: FloatArray, distance: float
+) -> Iterator[Approach]:
+    """Yield the approaches of all rolls about the axis, leading point at the probe's start."""
+    center_O = probe.start - posture.radius * probe.direction
+    R_OX, R_XH = rotation_to_x(axis).T, rotation_to_x(posture.direction_H)
+    for roll in _ROLLS:
+        X_OH = np.eye(4)
+        X_OH[:3, :3] = R_OX @ roll @ R_XH
+        X_OH[:3, 3] = center_O - X_OH[:3, :3] @ center_H
+        yield Approach(posture, X_OH, axis, distance)
+
+
+def _in_palm(hand: Hand, posture: ProbePosture) -> tuple[FloatArray, FloatArray]:
+    """Return the leading sphere's centre (3,) and points all over the hand (P, 3), in H [m]."""
+    links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
+    X_HL = links[posture.link]
+    points = []
+    for geometry in hand.link_geometries:
+        X_HG = links[geometry.link] @ geometry.X_LG
+        fine = geometry.mesh.subdivide_to_size(_POINT_SPACING)
+        points.append(np.asarray(fine.vertices) @ X_HG[:3, :3].T + X_HG[:3, 3])
+    # One point in each cell of the spacing is enough.
+    every = np.concatenate(points)
+    _, first = np.unique(np.round(2.0 * every / _POINT_SPACING), axis=0, return_index=True)
+    return X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3], every[np.sort(first)]
+
+
+def rotation_to_x(direction: FloatArray) -> FloatArray:
+    """Return a rotation, shape (3, 3), that takes the unit `direction` to +x."""
+    helper = np.eye(3)[np.argmin(np.abs(direction))]
+    y = np.cross(direction, helper)
+    y /= np.linalg.norm(y)
+    return np.vstack([direction, y, np.cross(direction, y)])
