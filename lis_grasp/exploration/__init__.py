@@ -3,7 +3,12 @@
 from lis_grasp.exploration.exploration_loop import Exploration, explore
 from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, Prober, ProbeStatus
-from lis_grasp.exploration.stopping import Certain, Covered, StopRule, TimeSpent
+from lis_grasp.exploration.stopping import (
+    StopRule,
+    stop_after,
+    stop_when_certain,
+    stop_when_covered,
+)
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.touch_log import TouchLog, load_outcomes
 from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
@@ -11,8 +16,6 @@ from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
 __all__ = [
     "POLICIES",
     "STEP_FRACTION",
-    "Certain",
-    "Covered",
     "Exploration",
     "HandPose",
     "Policy",
@@ -23,9 +26,11 @@ __all__ = [
     "StopRule",
     "TactileSensor",
     "TargetPolicy",
-    "TimeSpent",
     "TouchLog",
     "Workspace",
     "explore",
     "load_outcomes",
+    "stop_after",
+    "stop_when_certain",
+    "stop_when_covered",
 ]

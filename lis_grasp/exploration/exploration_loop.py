@@ -211,7 +211,7 @@ def _reason_to_end(
         return f"{_count(len(outcomes), 'probe')} made"
     if surface is not None:
         for rule in stop:
-            reason = rule.reason_to_stop(contacts, surface, outcomes)
+            reason = rule(contacts, surface, outcomes)
             if reason:
                 return reason
     return None

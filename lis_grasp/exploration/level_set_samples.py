@@ -27,19 +27,16 @@ def sample_zero_level_set(
     axes = [bounds[0, k] + cell * np.arange(counts[k]) for k in range(3)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)  # (X, Y, Z, 3)
     values = surface.evaluate(grid)  # (X, Y, Z)
-    lows, highs, at_low, at_high = [], [], [], []
+    edges = []
     for axis in range(3):
         first = tuple(slice(0, -1) if k == axis else slice(None) for k in range(3))
         second = tuple(slice(1, None) if k == axis else slice(None) for k in range(3))
         crossing = (values[first] < 0.0) != (values[second] < 0.0)
-        lows.append(grid[first][crossing])
-        highs.append(grid[second][crossing])
-        at_low.append(values[first][crossing])
-        at_high.append(values[second][crossing])
-    low, high = np.concatenate(lows), np.concatenate(highs)
+        ends = grid[first], grid[second], values[first], values[second]
+        edges.append([end[crossing] for end in ends])
+    low, high, f_low, f_high = (np.concatenate(ends) for ends in zip(*edges, strict=True))
     if not len(low):
         return np.empty((0, 3)), np.empty((0, 3))
-    f_low, f_high = np.concatenate(at_low), np.concatenate(at_high)
     points = _roots(surface, low, high, f_low, f_high)
     gradients = surface.gradient(points)
     steepness = np.linalg.norm(gradients, axis=1)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -15,107 +13,83 @@ from lis_grasp.exploration.targets import gaps
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 
+StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | None"]
+"""Returns why to stop, or None to continue, from contacts, estimate and outcomes."""
+
 # Quantile of the surface that has to be certain: the rest is where the estimate leaves the
 # workspace.
 _CERTAIN_QUANTILE = 0.95
 
 
-class StopRule(Protocol):
-    """Decides whether an exploration ends, from what it knows; never from the true object."""
+def stop_when_covered(fraction: float, space: Workspace) -> StopRule:
+    """Stop when a fraction, from 0 to 1, of the estimate is within a step of a contact.
 
-    def reason_to_stop(
-        self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
-    ) -> str | None:
-        """Return why to stop, or None to continue."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Covered:
-    """Stop when a fraction of the estimated surface is within a step of a contact.
-
-    Parameters
-    ----------
-    fraction
-        From 0 to 1.
-    space
-        Region in which the estimate is sampled.
+    Raises
+    ------
+    InvalidOptionError
+        If the fraction is out of range.
     """
+    if not 0.0 < fraction <= 1.0:
+        raise InvalidOptionError.out_of_range("coverage", fraction, "above 0 and at most 1")
 
-    fraction: float
-    space: Workspace
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.fraction <= 1.0:
-            raise InvalidOptionError.out_of_range(
-                "coverage", self.fraction, "above 0 and at most 1"
-            )
-
-    def reason_to_stop(
-        self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
+    def rule(
+        contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        """Return why to stop, or None to continue; see `StopRule`."""
-        points, normals = self.space.sample(surface)
+        points, normals = space.sample(surface)
         if not len(points):
             return None
         nearest, _ = gaps(points, normals, contacts)
-        covered = float(np.mean(nearest <= self.space.step))
-        if covered < self.fraction:
+        covered = float(np.mean(nearest <= space.step))
+        if covered < fraction:
             return None
         return f"{100.0 * covered:.0f} % of the estimate is within a step of a contact"
 
+    return rule
 
-@dataclass(frozen=True, slots=True)
-class Certain:
-    """Stop when 95 % of the estimated surface has at most a given standard deviation.
 
-    Parameters
-    ----------
-    deviation
-        One standard deviation of the surface along its normal [m].
-    space
-        Region in which the estimate is sampled.
+def stop_when_certain(deviation: float, space: Workspace) -> StopRule:
+    """Stop when 95 % of the estimate has at most a standard deviation along its normal [m].
+
+    Raises
+    ------
+    InvalidOptionError
+        If the deviation is not positive.
     """
+    _require_positive("uncertainty", deviation, "m")
 
-    deviation: float
-    space: Workspace
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.deviation) and self.deviation > 0.0):
-            raise InvalidOptionError.out_of_range("uncertainty", self.deviation, "above 0 m")
-
-    def reason_to_stop(
-        self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
+    def rule(
+        contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        """Return why to stop, or None to continue; see `StopRule`."""
-        points, _ = self.space.sample(surface)
+        points, _ = space.sample(surface)
         if not len(points):
             return None
-        deviation = float(np.quantile(surface.uncertainty(points), _CERTAIN_QUANTILE))
-        if deviation > self.deviation:
+        reached = float(np.quantile(surface.uncertainty(points), _CERTAIN_QUANTILE))
+        if reached > deviation:
             return None
-        return f"95 % of the estimate is certain to {1e3 * deviation:.2g} mm"
+        return f"95 % of the estimate is certain to {1e3 * reached:.2g} mm"
+
+    return rule
 
 
-@dataclass(frozen=True, slots=True)
-class TimeSpent:
-    """Stop when the probes have taken a given time.
+def stop_after(seconds: float) -> StopRule:
+    """Stop when the probes have taken a time of the robot [s].
 
-    Parameters
-    ----------
-    seconds
-        Time of the robot [s].
+    Raises
+    ------
+    InvalidOptionError
+        If the time is not positive.
     """
+    _require_positive("max_seconds", seconds, "s")
 
-    seconds: float
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.seconds) and self.seconds > 0.0):
-            raise InvalidOptionError.out_of_range("max_seconds", self.seconds, "above 0 s")
-
-    def reason_to_stop(
-        self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
+    def rule(
+        contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        """Return why to stop, or None to continue; see `StopRule`."""
         spent = sum(outcome.duration for outcome in outcomes)
-        return f"{spent:.0f} s are spent" if spent >= self.seconds else None
+        return f"{spent:.0f} s are spent" if spent >= seconds else None
+
+    return rule
+
+
+def _require_positive(option: str, value: float, unit: str) -> None:
+    if not (np.isfinite(value) and value > 0.0):
+        raise InvalidOptionError.out_of_range(option, value, f"above 0 {unit}")

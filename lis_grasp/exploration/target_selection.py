@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 
@@ -18,14 +18,8 @@ _SECOND_WEIGHT, _FREE_WEIGHT = 0.25, 0.5
 _RANDOM_WEIGHT = 0.1
 
 
-class TargetSelector(Protocol):
-    """Selects one of the targets by its index, or None if none is worth a touch."""
-
-    def __call__(
-        self, targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator
-    ) -> int | None:
-        """Return the index of the next target, or None."""
-        ...
+TargetSelector = Callable[..., "int | None"]
+"""Returns the index of the next target, or None to select none; called as `frontier`."""
 
 
 def frontier(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:

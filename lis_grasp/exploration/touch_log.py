@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidContactsError, InvalidFileError, InvalidOptionError
+from lis_grasp.exceptions import InvalidFileError, InvalidInputError
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
 from lis_grasp.typing import FloatArray
@@ -18,14 +18,7 @@ from lis_grasp.typing import FloatArray
 _END = "ended"
 
 # Errors of values that are no probe.
-_DAMAGE = (
-    KeyError,
-    OverflowError,
-    TypeError,
-    ValueError,
-    InvalidContactsError,
-    InvalidOptionError,
-)
+_DAMAGE = (KeyError, OverflowError, TypeError, ValueError, InvalidInputError)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,12 @@ import numpy as np
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
     POLICIES,
-    Certain,
-    Covered,
     StopRule,
     TactileSensor,
-    TimeSpent,
     Workspace,
+    stop_after,
+    stop_when_certain,
+    stop_when_covered,
 )
 from lis_grasp.surfaces import ESTIMATORS
 
@@ -137,11 +137,11 @@ class RunConfig:
         """Return the rules that stop the exploration of a workspace early."""
         rules: list[StopRule] = []
         if self.until_coverage is not None:
-            rules.append(Covered(self.until_coverage, space))
+            rules.append(stop_when_covered(self.until_coverage, space))
         if self.until_uncertainty is not None:
-            rules.append(Certain(self.until_uncertainty, space))
+            rules.append(stop_when_certain(self.until_uncertainty, space))
         if self.max_seconds is not None:
-            rules.append(TimeSpent(self.max_seconds))
+            rules.append(stop_after(self.max_seconds))
         return rules
 
     def facts(self) -> dict[str, Any]:

@@ -93,6 +93,13 @@ class HandInPlant:
         return self.X_WL(plant_context, self.hand.base_link) @ self.hand.X_LH
 
 
+def by_joint_kind(hand: Hand, *, revolute: float, prismatic: float) -> FloatArray:
+    """Return one of two values for each actuated joint, shape (J,)."""
+    values = {"revolute": revolute, "prismatic": prismatic}
+    kinds = {joint.index: joint.kind for joint in hand.joints if joint.is_actuated}
+    return np.array([values[kinds[i]] for i in range(len(hand.joint_names))])
+
+
 def add_hand(
     plant: MultibodyPlant,
     hand: Hand,
@@ -134,16 +141,9 @@ def add_hand(
             followers.append((plant.AddJoint(follower), joint))
             continue
         i = joint.index
+        limits = hand.lower[i], hand.upper[i], 0.0  # and damping
         joints[i] = plant.AddJoint(
-            kind(
-                joint.name,
-                frame,
-                child.body_frame(),
-                joint.axis_J,
-                hand.lower[i],
-                hand.upper[i],
-                0.0,
-            )
+            kind(joint.name, frame, child.body_frame(), joint.axis_J, *limits)
         )
     for i in range(count):
         actuator = plant.AddJointActuator(joints[i].name(), joints[i], hand.effort_limits[i])
@@ -152,13 +152,13 @@ def add_hand(
         plant.AddCouplerConstraint(follower, joints[joint.index], joint.multiplier, joint.offset)
     link_of_geometry = {}
     for number, geometry in enumerate(hand.link_geometries):
-        properties = _skin(geometry, friction, hydroelastic_modulus)
+        name = f"{geometry.link}_{number}"
         identity = plant.RegisterCollisionGeometry(
             bodies[geometry.link],
             RigidTransform(geometry.X_LG),
             _shape(geometry),
-            f"{geometry.link}_{number}",
-            properties,
+            name,
+            _skin(geometry, friction, hydroelastic_modulus),
         )
         link_of_geometry[identity] = geometry.link
     plant.set_gravity_enabled(instance, False)

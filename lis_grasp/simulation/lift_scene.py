@@ -12,7 +12,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.simplification import merge_flat_faces
@@ -22,6 +21,7 @@ from lis_grasp.simulation.hand_plant import (
     LIFTING_SKIN,
     add_hand,
     add_wrist,
+    by_joint_kind,
     ignore_self_collision,
 )
 from lis_grasp.simulation.object_plant import add_object, add_table
@@ -34,8 +34,7 @@ _WRIST_DAMPING = (4e2, 6.0)  # [N s/m, N m s/rad]
 _WRIST_LIMITS = (150.0, 15.0)  # [N, N m]
 # A finger's spring gives its whole effort when its joint is this far off: soft enough to yield to
 # an object that is not where the estimate has it, stiff enough to carry it.
-_FULL_EFFORT_ANGLE = 0.1  # [rad]
-_FULL_EFFORT_DISTANCE = 0.01  # [m]
+_FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
 _DAMPING_TIME = 0.035  # [s], damping by stiffness
 # An object farther than this from the origin gets a body frame of its own [m].
 _FAR = 0.25
@@ -67,7 +66,7 @@ class LiftScene:
         )
         self._plant = plant
         self._time_step = setup.options.time_step
-        stiffness = hand.effort_limits / _full_effort_errors(hand)
+        stiffness = hand.effort_limits / by_joint_kind(hand, **_FULL_EFFORT_ERROR)
         self._hand = add_hand(
             plant,
             hand,
@@ -248,14 +247,3 @@ def _near_its_frame(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, FloatArray]
     if np.linalg.norm(middle) <= _FAR:
         return mesh, np.zeros(3)
     return mesh.copy().apply_translation(-middle), middle
-
-
-def _full_effort_errors(hand: Hand) -> FloatArray:
-    """Return the position error of each joint at which its spring gives the full effort, (J,)."""
-    turning = {joint.index: joint.kind == "revolute" for joint in hand.joints if joint.is_actuated}
-    return np.array(
-        [
-            _FULL_EFFORT_ANGLE if turning[i] else _FULL_EFFORT_DISTANCE
-            for i in range(len(hand.joint_names))
-        ]
-    )

@@ -25,7 +25,12 @@ from lis_grasp.probing.approach_planner import rotation_to_x
 from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.advance_simulation import advance
 from lis_grasp.simulation.contact_patches import Patch, link_contacts
-from lis_grasp.simulation.hand_plant import PROBING_SKIN, add_hand, ignore_self_collision
+from lis_grasp.simulation.hand_plant import (
+    PROBING_SKIN,
+    add_hand,
+    by_joint_kind,
+    ignore_self_collision,
+)
 from lis_grasp.simulation.object_plant import add_object, add_table
 from lis_grasp.typing import FloatArray
 
@@ -33,8 +38,8 @@ _TIME_STEP = 0.002  # [s]
 _FRICTION = 0.8
 # The arm that carries the hand: stiff to follow the motion, limited in force to stop at a touch.
 _ARM_STIFFNESS, _ARM_DAMPING, _ARM_FORCE = 20_000.0, 600.0, 60.0  # [N/m], [N s/m], [N]
-# Stiffness and damping of revolute [N m/rad, N m s/rad] and prismatic joints [N/m, N s/m].
-_FINGER_GAINS = {"revolute": (5.0, 0.1), "prismatic": (5_000.0, 50.0)}
+_STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
+_DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
 
 # After a touch the hand retreats until the object is slower than this [m/s], within times [s].
 _STILL, _LEAST_SETTLING, _LONGEST_SETTLING = 5e-4, 0.03, 0.5
@@ -121,13 +126,11 @@ class ProbingScene:
 
     def _add_hand(self, hand: Hand, friction: float) -> None:
         plant = self._plant
-        moving = sorted((j for j in hand.joints if j.is_actuated), key=lambda joint: joint.index)
-        gains = np.array([_FINGER_GAINS[joint.kind] for joint in moving])  # (J, 2)
         self._hand = add_hand(
             plant,
             hand,
-            stiffness=gains[:, 0],
-            damping=gains[:, 1],
+            stiffness=by_joint_kind(hand, **_STIFFNESS),
+            damping=by_joint_kind(hand, **_DAMPING),
             friction=friction,
             hydroelastic_modulus=PROBING_SKIN,
         )

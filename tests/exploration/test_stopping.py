@@ -5,7 +5,14 @@ import pytest
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Certain, Covered, Probe, ProbeOutcome, TimeSpent, Workspace
+from lis_grasp.exploration import (
+    Probe,
+    ProbeOutcome,
+    Workspace,
+    stop_after,
+    stop_when_certain,
+    stop_when_covered,
+)
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
 
@@ -42,26 +49,26 @@ def test_coverage_is_the_fraction_of_the_estimate_within_a_step() -> None:
     contacts = cap(0.5)
     covered = 0.5 * (1.0 + np.sin(2.0 * np.arcsin(0.25)))
     for fraction, ends in ((covered - 0.03, True), (covered + 0.03, False)):
-        reason = Covered(fraction, SPACE).reason_to_stop(contacts, Ball(), ())
+        reason = stop_when_covered(fraction, SPACE)(contacts, Ball(), ())
         assert (reason is not None) == ends
 
 
 def test_nearly_all_of_the_surface_must_be_certain() -> None:
-    assert Certain(0.0035, SPACE).reason_to_stop(cap(0.5), Ball(), ()) is not None
-    assert Certain(0.0025, SPACE).reason_to_stop(cap(0.5), Ball(), ()) is None
+    assert stop_when_certain(0.0035, SPACE)(cap(0.5), Ball(), ()) is not None
+    assert stop_when_certain(0.0025, SPACE)(cap(0.5), Ball(), ()) is None
 
 
 def test_time_is_that_of_the_probes() -> None:
     outcome = ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "missed", duration=2.0)
-    assert TimeSpent(4.0).reason_to_stop(cap(0.5), Ball(), [outcome]) is None
-    assert "4 s" in str(TimeSpent(4.0).reason_to_stop(cap(0.5), Ball(), [outcome] * 2))
+    assert stop_after(4.0)(cap(0.5), Ball(), [outcome]) is None
+    assert "4 s" in str(stop_after(4.0)(cap(0.5), Ball(), [outcome] * 2))
 
 
 def test_an_estimate_without_surface_is_no_reason_to_stop() -> None:
     far = Contacts([[1.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]])
     surface = GaussianProcessImplicitSurface.from_contacts(far)
-    assert Covered(0.5, SPACE).reason_to_stop(far, surface, ()) is None
-    assert Certain(0.1, SPACE).reason_to_stop(far, surface, ()) is None
+    assert stop_when_covered(0.5, SPACE)(far, surface, ()) is None
+    assert stop_when_certain(0.1, SPACE)(far, surface, ()) is None
 
 
 @pytest.mark.parametrize(
