@@ -71,9 +71,9 @@ def touch_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) ->
     header = explored_header(config, shape)
     log = TouchLog(output / LOG, provenance.parse(header) | {"source": provenance.source_digest()})
     differing = log.differing()
-    known = len(log.resume())
+    known = log.resume()
     if known:
-        say(f"resuming after {known} probes in {log.path}")
+        say(f"resuming after {len(known)} probes in {log.path}")
     elif differing:
         names = ", ".join(_MEANING.get(name, name) for name in differing)
         say(f"starting anew: {log.path} has another {names}")
@@ -81,12 +81,12 @@ def touch_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) ->
         remove_growth(output)
         remove_made_from(output / "contacts.ply", with_itself=True)
     counts = counts_on_the_way(config.touches)
-    last = 0
+    last = len(Exploration.replay(known[:-1], touches=config.touches).contacts)
 
     def keep_growth(contacts: int, surface: ImplicitSurface) -> None:
         nonlocal last
         # One touch can make several contacts and so pass a count.
-        before, last = last or contacts - 1, contacts
+        before, last = last, contacts
         if contacts < config.touches and any(before < count <= contacts for count in counts):
             with suppress(EstimationError, InvalidMeshError):  # too few contacts for a surface
                 save_growth(output, contacts, extract_mesh(surface), header)

@@ -1,4 +1,4 @@
-"""The `lis-grasp` command: one verb a stage, and `run` for all of them."""
+"""The `lis-grasp` command: its verbs and exit codes."""
 
 from __future__ import annotations
 
