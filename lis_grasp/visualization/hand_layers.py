@@ -25,9 +25,6 @@ PALM_COLOUR, LINK_COLOUR, PAD_COLOUR = "#3a3f47", "#565d68", "#e4e2dc"
 # The best grasp has the colours of the hand; the others are tinted.
 GRASP_COLOURS = (LINK_COLOUR, "#c9792f", "#8a5fbf", "#b8577f", "#7d6a4c")
 
-# More than a screen shows; more would only make the page larger.
-_FRAMES_PER_SECOND = 50.0
-
 # Moments of a lift that frame the camera; bodies move little between two of them.
 _MOMENTS = 25
 
@@ -69,15 +66,13 @@ def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
 def draw_motion(canvas: Canvas, motion: Motion, hand: Hand) -> None:
     """Load the motion of the object and of the hand's links, at rest."""
     times = motion.times - motion.times[0]
-    slots = np.floor(times * _FRAMES_PER_SECOND + 1e-9)
-    keep = np.unique(np.append(np.unique(slots, return_index=True)[1], len(times) - 1))
-    tracks = [(OBJECT_NODE, motion.poses[OBJECT][keep])]
+    tracks = [(OBJECT_NODE, motion.poses[OBJECT])]
     tracks += [
-        (f"{ROOT}/hand/{number}", motion.poses[link][keep])
+        (f"{ROOT}/hand/{number}", motion.poses[link])
         for number, link in enumerate(hand.links)
         if link in motion.poses
     ]
-    canvas.commands.append(drawing.animate(times[keep], tracks))
+    canvas.commands.append(drawing.animate(times, tracks))
     canvas.layers.append(Layer("lift", "Lift", True, LINK_COLOUR, "of the true object, simulated"))
 
 
@@ -94,32 +89,21 @@ def link_poses(hand: Hand, grasp: Grasp) -> list[FloatArray]:
     return [poses[link] for link in hand.links]
 
 
-def touch_facts(hand: Hand, touches: Sequence[ProbeOutcome | None]) -> dict[str, Any] | None:
-    """Return the hand at each touch, as JSON; None if no pose is known.
-
-    A posture is the pose of every link in the palm's frame H. A touch has the number of its
-    posture, the palm's pose X_OH and the direction of its approach; it is None if not known.
-    """
-    postures: dict[bytes, int] = {}
-    links: list[list[list[float]]] = []
+def touch_facts(hand: Hand, touches: Sequence[ProbeOutcome | None]) -> list[dict[str, Any] | None]:
+    """Return the link poses in O and the approach direction at each touch, as JSON."""
     facts: list[dict[str, Any] | None] = []
     for touch in touches:
         if touch is None or touch.hand_pose is None:
             facts.append(None)
             continue
-        q = touch.hand_pose.joint_positions
-        if q.tobytes() not in postures:
-            postures[q.tobytes()] = len(postures)
-            in_palm = hand.forward_kinematics(np.eye(4), q)
-            links.append([column_major(in_palm[link]) for link in hand.links])
+        poses = hand.forward_kinematics(touch.hand_pose.X_OH, touch.hand_pose.joint_positions)
         facts.append(
             {
-                "posture": postures[q.tobytes()],
-                "pose": column_major(touch.hand_pose.X_OH),
+                "links": [column_major(poses[link]) for link in hand.links],
                 "direction": [round(float(v), 5) for v in touch.probe.direction],
             }
         )
-    return {"postures": links, "touches": facts} if links else None
+    return facts
 
 
 def column_major(X: FloatArray) -> list[float]:

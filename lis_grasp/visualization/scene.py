@@ -183,7 +183,7 @@ class Scene:
                 for layer in canvas.layers
             ],
             "grasps": [[column_major(X) for X in posture] for posture in postures],
-            "touching": touch_facts(self.hand, self.touches) if self.hand else None,
+            "touches": touch_facts(self.hand, self.touches) if self.hand else [],
             "story": story.facts(),
             "camera": {
                 "azimuth": round(float(np.rad2deg(choose_azimuth(object_points, best))), 3),

@@ -88,10 +88,8 @@
       if (rank > 0) for (const mesh of meshes(group)) mesh.material.color.lerp(tint, 0.75); // distinguishes several hands
       return group;
     });
-    if (scene.touching) {
-      toucher = posed(scene.touching.postures[0]);
-      toucher.matrixAutoUpdate = false;
-    }
+    const touch = scene.touches.find((one) => one);
+    if (touch) toucher = posed(touch.links);
     layers.hand = hand;
   }
 
@@ -136,13 +134,12 @@
       put(`grasp-${k + 1}`, group, turn && !lifting && on("hand") ? on(`grasp-${k + 1}`) : 0);
     });
     eye.place(time);
-    const touch = scene.touching && now.next ? scene.touching.touches[now.next - 1] : null;
+    const touch = scene.touches[now.next - 1];
     if (touch) {
-      const back = new THREE.Vector3(...touch.direction).multiplyScalar(-now.away * APPROACH * eye.reach);
-      toucher.matrix.fromArray(touch.pose).premultiply(new THREE.Matrix4().setPosition(back));
-      const posture = scene.touching.postures[touch.posture];
-      toucher.children.forEach((part, link) => part.matrix.fromArray(posture[link]));
-      fade(toucher, on("hand") * eye.clearness(new THREE.Vector3().setFromMatrixPosition(toucher.matrix)));
+      toucher.position.fromArray(touch.direction).multiplyScalar(-now.away * APPROACH * eye.reach);
+      toucher.children.forEach((part, link) => part.matrix.fromArray(touch.links[link]));
+      const palm = new THREE.Vector3().setFromMatrixPosition(toucher.children[0].matrix).add(toucher.position);
+      fade(toucher, on("hand") * eye.clearness(palm));
     } else if (toucher) fade(toucher, 0);
     fade(layers.hand, lifting ? on("hand") : 0); // only one of the hands is visible
     seen.set("hand", on("hand") && (lifting || [...grasps, toucher].some((group) => group?.visible)));
