@@ -54,21 +54,22 @@ def execute(options: argparse.Namespace) -> None:
     output = options.output or opt.default_output(config)
     shape = opt.load_object(config)
     hand = Hand.load(config.hand)
-    exploration = touch_with_log(config, shape, hand, output)
+    exploration = explore_with_log(config, shape, hand, output)
     path = output / "contacts.ply"
-    exploration.contacts.save(path, header=explored_header(config, shape))
     say(f"ended: {exploration.ended}")
     say(f"wrote {path} ({len(exploration.contacts)} contacts), {output / LOG}")
     say(f"next: lis-grasp estimate {path}")
 
 
-def touch_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) -> Exploration:
-    """Explore with a log in the folder of results; resume the log of an interrupted exploration.
+def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) -> Exploration:
+    """Explore, and write touches.jsonl, contacts.ply and some estimates on the way (growth/).
 
-    The log of another configuration or of another state of the package is started anew, and the
-    results of the earlier exploration are removed. Some estimates on the way are kept in growth/.
+    An interrupted exploration is resumed from its log. With another configuration or another state
+    of the package it is started anew, and the earlier results are removed.
     """
-    header = explored_header(config, shape)
+    later = ("grasps", "attempts", *(() if config.free else ("mass", "friction")))
+    facts = {name: value for name, value in config.facts().items() if name not in later}
+    header = provenance.describe(**facts, support_height=pipeline.support_height(shape))
     log = TouchLog(output / LOG, provenance.parse(header) | {"source": provenance.source_digest()})
     differing = log.differing()
     known = log.resume()
@@ -96,6 +97,7 @@ def touch_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) ->
             shape, hand, config, log=log, progress=stage.count, observe=keep_growth
         )
         stage.result = exploration.summary()
+    exploration.contacts.save(output / "contacts.ply", header=header)
     return exploration
 
 
@@ -106,10 +108,3 @@ def counts_on_the_way(contacts: int) -> list[int]:
         for count in {_FIRST, *(round(k * contacts / _STEPS) for k in range(1, _STEPS))}
         if 2 <= count < contacts
     )
-
-
-def explored_header(config: RunConfig, shape: Shape) -> str:
-    """Return the header of contacts: the configuration, and the height of the support plane."""
-    later = ("grasps", "attempts", *(() if config.free else ("mass", "friction")))
-    facts = {name: value for name, value in config.facts().items() if name not in later}
-    return provenance.describe(**facts, support_height=pipeline.support_height(shape))

@@ -11,7 +11,7 @@ import trimesh
 from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.estimate import write_surface
-from lis_grasp.cli.explore import TOUCH_OPTIONS, explored_header, touch_with_log
+from lis_grasp.cli.explore import TOUCH_OPTIONS, explore_with_log
 from lis_grasp.cli.grasp import say_search, write_grasps
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.contacts import Contacts
@@ -50,9 +50,8 @@ def execute(options: argparse.Namespace) -> None:
     hand = Hand.load(config.hand)
 
     with watch.measure("touch"):
-        exploration = touch_with_log(config, shape, hand, output)
+        explore_with_log(config, shape, hand, output)
         # Later stages read the files, so that each repeats exactly when run alone.
-        exploration.contacts.save(output / "contacts.ply", header=explored_header(config, shape))
         contacts = Contacts.load(output / "contacts.ply")
 
     attempts = _attempts(shape, hand, config, contacts, output, watch)

@@ -16,9 +16,7 @@ _CELLS = 40
 _OUTWARD = 150
 
 
-def choose_azimuth(
-    subject: FloatArray, obstacle: FloatArray, *, elevation: float = ELEVATION
-) -> float:
+def choose_azimuth(subject: FloatArray, obstacle: FloatArray) -> float:
     """Return the camera azimuth [rad] at which the obstacle occludes the subject least.
 
     Draws both point sets (N, 3) and (M, 3) [m] into coarse depth images from 36 directions, and
@@ -28,7 +26,7 @@ def choose_azimuth(
     azimuths = np.deg2rad(-55.0) + np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
     if not len(subject) or not len(obstacle):
         return float(azimuths[0])
-    scores = [_score(subject, obstacle, azimuth, elevation) for azimuth in azimuths]
+    scores = [_score(subject, obstacle, azimuth) for azimuth in azimuths]
     return float(azimuths[int(np.argmax(scores))])
 
 
@@ -60,8 +58,8 @@ def outermost(points: FloatArray) -> FloatArray:
     return points[np.unique(np.argmax(points @ directions.T, axis=0))]
 
 
-def _score(subject: FloatArray, obstacle: FloatArray, azimuth: float, elevation: float) -> float:
-    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+def _score(subject: FloatArray, obstacle: FloatArray, azimuth: float) -> float:
+    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(ELEVATION), np.sin(ELEVATION)
     axes = np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
     both = np.vstack([subject, obstacle]) @ axes.T  # (N + M, 3) right, up, towards the camera
     low = both[:, :2].min(axis=0)

@@ -69,7 +69,6 @@ def material(
     colour: str = "#ffffff",
     *,
     roughness: float = 0.6,
-    metalness: float = 0.0,
     opacity: float = 1.0,
     vertex_colours: bool = False,
 ) -> Any:
@@ -77,7 +76,7 @@ def material(
     return _Standard(
         color=int(colour[1:], 16),
         roughness=roughness,
-        metalness=metalness,
+        metalness=0.0,
         opacity=opacity,
         vertexColors=vertex_colours,
     )
@@ -95,10 +94,10 @@ def draw_copies(path: str, mesh: trimesh.Trimesh, surface: Any, poses: FloatArra
     return _draw(path, _Copies(_ShadedMesh(mesh), surface, poses))
 
 
-def draw_segments(path: str, segments: FloatArray, colour: str, opacity: float = 1.0) -> bytes:
+def draw_segments(path: str, segments: FloatArray, colour: str) -> bytes:
     """Return the command that draws line `segments` (E, 2, 3) [m], one pixel wide."""
     points = geometry.PointsGeometry(segments.reshape(-1, 3).T)
-    material = geometry.LineBasicMaterial(color=int(colour[1:], 16), opacity=opacity)
+    material = geometry.LineBasicMaterial(color=int(colour[1:], 16))
     return _draw(path, geometry.LineSegments(points, material))
 
 

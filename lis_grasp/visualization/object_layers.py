@@ -31,17 +31,9 @@ _MOST_FREE_POINTS = 5000
 def draw_estimates(
     canvas: Canvas, surfaces: Sequence[tuple[int, trimesh.Trimesh]]
 ) -> ColourScale | None:
-    """Draw estimated surfaces, each at its own node, in the colour scale of the last one.
+    """Draw the estimates from increasing numbers of contacts, and return their colour scale.
 
-    Parameters
-    ----------
-    surfaces
-        Numbers of contacts, increasing, and the estimates from them.
-
-    Returns
-    -------
-    ColourScale or None
-        The common colour scale; None if the last one has no finite uncertainty.
+    It is that of the last estimate; None if that has no finite uncertainty.
     """
     surfaces = [(count, mesh) for count, mesh in surfaces if len(mesh.faces)]
     if not surfaces:
@@ -101,14 +93,9 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
 def draw_table(
     canvas: Canvas, object_points: FloatArray, outline: FloatArray, support_height: float
 ) -> float:
-    """Draw a round table with a grid below the object and return the grid's spacing [m].
+    """Draw a round table with a grid at `support_height` in O, and return the grid's spacing [m].
 
-    Parameters
-    ----------
-    object_points, outline
-        Shapes (N, 3), (K, 3) [m], in O: points of the object, and of all that is drawn.
-    support_height
-        Height of the table in O [m].
+    `object_points` (N, 3) and `outline` (K, 3) [m] are of the object and of all that is drawn.
     """
     size = max(float(np.ptp(object_points, axis=0).max()), 1e-3)
     middle = box_corners(object_points)[:, :2].mean(axis=0)

@@ -24,13 +24,7 @@ _SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
 
 
 def write_scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Path:
-    """Write scene.html from the results in a folder, and return its path.
-
-    Raises
-    ------
-    InvalidFileError
-        If the folder has neither contacts nor a surface nor grasps.
-    """
+    """Write scene.html from the results in a folder, and return its path; see `scene_of`."""
     path = directory / "scene.html"
     scene_of(directory, summary=summary).save(path)
     return path

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 
 _NOTHING = np.empty((0, 3))
+_SHOWN_GRASPS = 5
 _LEAST_SIZE = 0.01  # [m] of a scene with a single contact
 
 
@@ -75,7 +76,7 @@ class Scene:
         The probe outcome that made each contact, None where it is unknown; or empty. The hand is
         drawn at its `hand_pose`, and approaches along the probe's direction.
     grasps
-        Candidate grasps, the best first.
+        Candidate grasps, the best first; five are shown.
     hand
         The hand of `touches`, `grasps` and `motion`; required if there are any.
     motion
@@ -84,8 +85,6 @@ class Scene:
         Height of the table in O [m]; None for the lowest point of the object.
     title, summary
         Plain text: a heading and the lines below it.
-    shown_grasps
-        Number of grasps on the page.
 
     Raises
     ------
@@ -105,7 +104,6 @@ class Scene:
     support_height: float | None = None
     title: str = "lis_grasp"
     summary: Sequence[str] = ()
-    shown_grasps: int = 5
 
     def __post_init__(self) -> None:
         contacts = len(self.contacts)
@@ -216,7 +214,7 @@ class Scene:
         self, canvas: Canvas, object_points: FloatArray
     ) -> tuple[float, list[list[FloatArray]], FloatArray]:
         """Draw the hand; return the lift's duration [s], the grasps' link poses, swept points."""
-        shown = tuple(self.grasps)[: self.shown_grasps]
+        shown = tuple(self.grasps)[:_SHOWN_GRASPS]
         motion = self.motion if self.motion is not None and self.motion.duration > 0.0 else None
         if self.hand is None or not (shown or self.touches or motion is not None):
             return 0.0, [], _NOTHING

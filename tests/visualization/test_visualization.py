@@ -62,9 +62,9 @@ def test_page_draws_every_layer_it_offers() -> None:
         assert f"/lis_grasp/{path}" in drawn
 
 
-def test_grasps_beyond_the_shown_ones_stay_out_of_the_page() -> None:
-    page = scenes.scene(grasps=(scenes.grasp(),) * 7, shown_grasps=3).html()
-    assert len(_facts(page)["grasps"]) == 3
+def test_the_page_has_the_five_best_grasps() -> None:
+    page = scenes.scene(grasps=(scenes.grasp(),) * 7).html()
+    assert len(_facts(page)["grasps"]) == 5
 
 
 def test_links_are_drawn_at_their_forward_kinematics() -> None:
