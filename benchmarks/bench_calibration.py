@@ -1,23 +1,24 @@
-"""Does a grasp hold as often as foretold? Lifts planned on few touches.
+"""Calibration of the predicted success probability of grasps planned on few touches.
 
     python benchmarks/bench_calibration.py box torus 004_sugar_box.ply --seeds 0 1
 
-Each object is touched 15 times by geometry alone. Surfaces of the first 5, 8 and 15 contacts
-(`blend`), 5 and 10 (`gpis`), and 8 (`lis`) are grasped; the best grasp and the last of ten are
-lifted. Prints the expected calibration error (ten bins of equal width, weighted by what is in
-them) of `success_probability`, what was foretold and what held for each estimator, how well it
-orders (area under the ROC curve), and a logistic fit to the lifts of `blend`. The constants in use
-and the lifts that they were fitted to are in `lis_grasp/grasping/success_model.json`: evaluate with
-other seeds. Also: how often grasps held that fingers felt to be in force closure at half the
-friction, and others.
+Each object is touched 15 times by geometry alone. Grasps are planned on surfaces of the first 5, 8
+and 15 contacts (`blend`), 5 and 10 (`gpis`), and 8 (`lis`); the best grasp and the last of ten are
+lifted. Prints the expected calibration error of `success_probability` (ten equal bins), the
+predicted and observed success rates of each estimator, the area under the ROC curve, and a logistic
+fit to the lifts of `blend`. Also prints how often grasps held whose measured contacts were in force
+closure at half the friction, and the others.
 
-Goes on where it was when run again with the same folder.
+The constants in use and the lifts that they were fitted to are in
+`lis_grasp/grasping/success_model.json`: evaluate with other seeds, and on other objects.
+
+Continues where it stopped when run again with the same folder.
 """
 
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import as_completed
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,16 +28,21 @@ from scipy.stats import rankdata
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.evaluation.calibration import calibration_bins, expected_calibration_error
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
+from lis_grasp.experiments.runner import local_scheduler, run_trials
+from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.grasping.grasp_ranking import SUCCESS_MODEL, robust_epsilon_on
-from lis_grasp.io.json_lines import append_lines, read_lines
+from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline import estimate, lift, plan, support_height, touch
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.worker_pool import worker_pool
 
 BUDGETS = (("blend", 5), ("blend", 8), ("blend", 15), ("gpis", 5), ("gpis", 10), ("lis", 8))
-HEADER = {"benchmark": "calibration", "format": 1}
 
-Row = dict
+
+@dataclass(frozen=True)
+class CalibrationTrial:
+    object: str
+    seed: int
+    hand: str
 
 
 def main() -> None:
@@ -47,26 +53,29 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--output", type=Path, default=Path("results/calibration"))
     options = parser.parse_args()
-    path = options.output / "rows.jsonl"
-    wanted = [(name, seed, options.hand) for seed in options.seeds for name in options.objects]
-    known = {(row["object"], row["seed"], row["hand"]) for row in read_lines(path)[1]}
-    with worker_pool(options.jobs) as pool:
-        pending = [pool.submit(lifts, *job) for job in wanted if job not in known]
-        for done, future in enumerate(as_completed(pending), start=1):
-            append_lines(path, HEADER, future.result())
-            print(f"\r{done} of {len(pending)} objects", end="", flush=True)
+    trials = [CalibrationTrial(n, s, options.hand) for s in options.seeds for n in options.objects]
+    results = TrialResults(options.output / "rows.jsonl", "calibration")
+    known = {key_of(row) for row in results.read()}
+    jobs = missing_jobs(trials, ["lifts"], known, lambda trial, _: trial)
+    for done, total in run_trials(jobs, len(jobs), results, local_scheduler(options.jobs), lifts):
+        print(f"\r{done} of {total} objects", end="", flush=True)
     print()
-    rows = [r for r in read_lines(path)[1] if (r["object"], r["seed"], r["hand"]) in set(wanted)]
+    rows = [row for row in results.read() if key_of(row) in set(trials)]
     report([row for row in rows if row["reason"] is not None])
 
 
-def lifts(name: str, seed: int, hand_name: str) -> list[Row]:
-    """Return one row a lift, or one that says that there was none."""
+def key_of(row: Row) -> CalibrationTrial:
+    return CalibrationTrial(row["object"], row["seed"], row["hand"])
+
+
+def lifts(job: Job) -> list[Row]:
+    """Return one row for each lift, after one without a reason that marks the trial as done."""
+    name, seed = job.trial.object, job.trial.seed
     shape = shapes.build(name) if name in shapes.NAMES else shapes.load(name)
-    hand = Hand.load(hand_name)
-    config = RunConfig(object=name, hand=hand_name, touches=15, seed=seed, prober="kinematic")
+    hand = Hand.load(job.trial.hand)
+    config = RunConfig(object=name, hand=job.trial.hand, touches=15, seed=seed, prober="kinematic")
     exploration = touch(shape, hand, config)
-    rows: list[Row] = [{"object": name, "seed": seed, "hand": hand_name, "reason": None}]
+    rows: list[Row] = [{"object": name, "seed": seed, "hand": job.trial.hand, "reason": None}]
     for estimator, count in BUDGETS:
         rows += [
             {**rows[0], "estimator": estimator, "touches": count, **row}
@@ -93,7 +102,7 @@ def _lifts_on(
                 **grasp.quality,
                 "held": outcome.held,
                 "reason": outcome.reason,
-                "felt": robust_epsilon_on(mesh, hand, felt.points, felt.normals, friction=0.8)
+                "measured": robust_epsilon_on(mesh, hand, felt.points, felt.normals, friction=0.8)
                 if len(felt) >= 2
                 else None,
             }
@@ -103,13 +112,13 @@ def _lifts_on(
 
 def report(rows: list[Row]) -> None:
     held = np.array([row["held"] for row in rows])
-    foretold = np.array([row["success_probability"] for row in rows])
+    predicted = np.array([row["success_probability"] for row in rows])
     print(f"{len(rows)} lifts, {held.mean():.0%} held")
-    tell_calibration(foretold, held)
+    print_calibration(predicted, held)
     for estimator in dict.fromkeys(row["estimator"] for row in rows):
         mine = np.array([row["estimator"] == estimator for row in rows])
         print(
-            f"{estimator}: {foretold[mine].mean():.2f} foretold, {held[mine].mean():.2f} of"
+            f"{estimator}: {predicted[mine].mean():.2f} predicted, {held[mine].mean():.2f} of"
             f" {mine.sum()} held"
         )
     for name in ("success_probability", "epsilon_robust", "closure_probability"):
@@ -117,30 +126,30 @@ def report(rows: list[Row]) -> None:
     default = np.array([row["estimator"] == "blend" for row in rows])
     fit = _fit([row for row, chosen in zip(rows, default, strict=True) if chosen], held[default])
     print("logistic fit to the lifts of blend:", np.round(fit, 2))
-    felt = np.array([np.nan if row["felt"] is None else row["felt"] for row in rows])
+    measured = np.array([np.nan if r["measured"] is None else r["measured"] for r in rows])
     for name, chosen in (
-        ("fewer than two fingers felt it", np.isnan(felt)),
-        ("felt, no robust force closure", felt == 0.0),
-        ("felt in robust force closure", felt > 0.0),
+        ("fewer than two fingers in contact", np.isnan(measured)),
+        ("measured contacts not in robust force closure", measured == 0.0),
+        ("measured contacts in robust force closure", measured > 0.0),
     ):
         print(f"{name}: {held[chosen].sum()} of {chosen.sum()} held")
 
 
-def tell_calibration(foretold: np.ndarray, held: np.ndarray) -> None:
-    """Print how often grasps held, by what was foretold, and the expected calibration error."""
-    for count, probability, share in calibration_bins(foretold, held):
-        print(f"foretold {probability:.2f}: {share:.2f} of {count} held")
-    print(f"expected calibration error {expected_calibration_error(foretold, held):.3f}")
+def print_calibration(predicted: np.ndarray, held: np.ndarray) -> None:
+    """Print observed rates by predicted probability, and the expected calibration error."""
+    for count, probability, rate in calibration_bins(predicted, held):
+        print(f"predicted {probability:.2f}: {rate:.2f} of {count} held")
+    print(f"expected calibration error {expected_calibration_error(predicted, held):.3f}")
 
 
 def _area(values: list[float], held: np.ndarray) -> float:
-    """Return how often a grasp that held is above one that did not (Mann and Whitney)."""
+    """Return the area under the ROC curve, from ranks (Mann and Whitney)."""
     ranks, good = rankdata(values), held.sum()
     return float((ranks[held].sum() - good * (good + 1) / 2) / (good * (len(held) - good)))
 
 
 def _fit(rows: list[Row], held: np.ndarray) -> np.ndarray:
-    """Return the likeliest constants of the success probability, with a weak prior about 0."""
+    """Return the logistic regression of held on the measures, with a weak prior about 0."""
     columns = np.column_stack(
         [
             np.ones(len(rows)),

@@ -1,36 +1,37 @@
-"""Coverage and edge error against touches, probes and time, for every policy: objects x seeds.
+"""Coverage and edge error by policy, against touches, probes and time: objects x seeds.
 
     python benchmarks/bench_policies.py --seeds 10
 
 The Allegro-size hand touches each object of 0.20 m by geometry alone (the kinematic prober). The
 reachable surface is what a ball of the fingertip's radius can touch; it counts as covered within a
 step (50 mm) of a contact. Edge errors are those of the `blend` surface of the first contacts, over
-all sharp edges of the object, touched or not, so that policies are judged by where they touch and
-by nothing else. `uncertainty` follows a Gaussian process, the usual rule; `spread` and `frontier`
-serve `blend`. Time is that of the hand's motion: in from outside of the object, to the touch, back
-out, and round the object to the next.
+all sharp edges of the object, touched or not, so that they depend on the places of touches alone.
+`uncertainty` follows a Gaussian process, the usual rule; `spread` and `frontier` use `blend`. Time
+is that of the hand's motion: approach, touch, retreat, and the way round the object to the next.
 
-Goes on where it was when run again with the same folder. Intervals: 95 %, bootstrap over seeds.
+Continues where it stopped when run again with the same folder. Intervals: 95 %, bootstrap over
+seeds.
 """
 
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import matplotlib
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from lis_grasp import Hand, extract_mesh, shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
+from lis_grasp.experiments.runner import local_scheduler, run_trials, single_thread
+from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.exploration import Exploration, Workspace, explore
 from lis_grasp.exploration.motion_time import transfer_seconds
-from lis_grasp.io.json_lines import append_lines, read_lines
+from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
@@ -51,7 +52,20 @@ POLICIES = {
 EDGE_COUNTS = (*range(6, 25, 2), 28, 32, 40)
 COVERED, EDGE_GOAL = 0.9, 0.002
 
-Row = dict
+
+@dataclass(frozen=True)
+class PolicyTrial:
+    object: str
+    seed: int
+    touches: int
+
+
+def key(trial: PolicyTrial, policy: str) -> tuple:
+    return trial.object, trial.seed, trial.touches, policy
+
+
+def key_of(row: Row) -> tuple:
+    return row["object"], row["seed"], row["touches"], row["policy"]
 
 
 def reachable_points(shape: Shape) -> np.ndarray:
@@ -67,11 +81,17 @@ def edge_error(shape: Shape, contacts: Contacts) -> float:
     return float(np.sqrt(np.mean(off**2)))
 
 
-def run(name: str, policy: str, seed: int, touches: int) -> Row:
+def run(job: Job) -> list[Row]:
+    """Return one row for each policy."""
+    return [explore_with(policy, job.trial) for policy in job.variants]
+
+
+def explore_with(policy: str, trial: PolicyTrial) -> Row:
+    name, seed, touches = trial.object, trial.seed, trial.touches
     shape = shapes.build(name, shapes.PAPER_SIZE)
     config = RunConfig(object=name, policy=policy, estimator=POLICIES[policy])
     space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
-    with threadpool_limits(1):
+    with single_thread():
         exploration = explore(
             KinematicProber(Hand.load("allegro"), shape.mesh),
             make_policy(config, space),
@@ -190,7 +210,7 @@ def touches_to_mean(errors: np.ndarray) -> float:
     return float(np.interp(0.0, [-mean[k], -mean[k + 1]], EDGE_COUNTS[k : k + 2]))
 
 
-def tell_mean(rows: list[Row]) -> None:
+def print_means(rows: list[Row]) -> None:
     """Print the touches to a mean error of 2 mm, and `spread` against the others."""
     of = {policy: edge_errors(rows, policy) for policy in POLICIES}
     rng = np.random.default_rng(0)
@@ -201,12 +221,12 @@ def tell_mean(rows: list[Row]) -> None:
     for policy, errors in of.items():
         low, high = np.quantile(draws[policy], [0.025, 0.975], method="nearest")
         print(f"{policy:12s} {touches_to_mean(errors):5.1f} ({low:.1f} to {high:.1f})")
-    share = 1.0 - touches_to_mean(of["spread"]) / touches_to_mean(of["uncertainty"])
+    reduction = 1.0 - touches_to_mean(of["spread"]) / touches_to_mean(of["uncertainty"])
     low, high = np.quantile(1.0 - draws["spread"] / draws["uncertainty"], [0.025, 0.975])
-    print(f"spread below uncertainty: {share:.0%} ({low:.0%} to {high:.0%})")
+    print(f"spread below uncertainty: {reduction:.0%} ({low:.0%} to {high:.0%})")
 
 
-def tell(rows: list[Row]) -> None:
+def print_table(rows: list[Row]) -> None:
     edged = [row for row in rows if row["edges"]]
     print("policy      " + "".join(f"{name:>23s}" for name in MEASURES))
     for policy in POLICIES:
@@ -217,14 +237,14 @@ def tell(rows: list[Row]) -> None:
         cells = ["{:.1f} ({:.1f} to {:.1f})".format(*interval(v)) for v in values]
         print(f"{policy:12s}" + "".join(f"{cell:>23s}" for cell in cells))
     for mine, reference in (("spread", "random"), ("spread", "uncertainty"), ("swift", "spread")):
-        shares = []
+        reductions = []
         for name, measure in MEASURES.items():
             one, other = (
                 by_object(edged if name in OF_EDGES else rows, policy, measure).mean()
                 for policy in (mine, reference)
             )
-            shares.append(f"{name} {100.0 * (1.0 - one / other):.0f} %")
-        print(f"{mine} below {reference}: " + ", ".join(shares))
+            reductions.append(f"{name} {100.0 * (1.0 - one / other):.0f} %")
+        print(f"{mine} below {reference}: " + ", ".join(reductions))
     print("\nper object, touches to 90 % | touches to 2 mm (mean over seeds)")
     for name in dict.fromkeys(row["object"] for row in rows):
         cells = []
@@ -268,22 +288,20 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--output", type=Path, default=Path("results/policies"))
     arguments = parser.parse_args()
-    file, header = arguments.output / "rows.jsonl", {"policies": arguments.touches}
-    _, rows = read_lines(file)
-    done = {(row["object"], row["policy"], row["seed"]) for row in rows}
+    results = TrialResults(arguments.output / "rows.jsonl", "policies")
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    jobs = [(n, p, s) for s in seeds for n in shapes.NAMES for p in POLICIES]
-    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(run, *job, arguments.touches) for job in jobs if job not in done]
-        for future in futures:
-            rows.append(future.result())
-            append_lines(file, header, [rows[-1]])
-    order = {job: k for k, job in enumerate(jobs)}
-    rows.sort(key=lambda row: order[row["object"], row["policy"], row["seed"]])
-    tell(rows)
-    tell_mean(rows)
+    trials = [PolicyTrial(name, seed, arguments.touches) for seed in seeds for name in shapes.NAMES]
+    jobs = missing_jobs(trials, list(POLICIES), {key_of(row) for row in results.read()}, key)
+    for done, total in run_trials(jobs, len(jobs), results, local_scheduler(arguments.jobs), run):
+        print(f"\r{done} of {total}", end="", flush=True)
+    print()
+    order = {key(t, policy): k for k, (t, policy) in enumerate(product(trials, POLICIES))}
+    rows = [row for row in results.read() if key_of(row) in order]
+    rows.sort(key=lambda row: order[key_of(row)])
+    print_table(rows)
+    print_means(rows)
     plot(rows, arguments.output / "policies.png")
-    print(f"\nwrote {file}, {arguments.output / 'policies.png'}")
+    print(f"\nwrote {results.path}, {arguments.output / 'policies.png'}")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
-"""How many rows of a study workers of a cluster make a minute, and what a large study takes.
+"""Rows of a study per minute on a Dask cluster of this machine, by number of workers.
 
-Starts a cluster of Dask on this machine with each number of workers in turn, lets every worker do
-one trial beforehand (imports, caches of files), and times the same trials on each. Ratios mean
-something where no other work takes the machine's cores.
+Each worker does one trial beforehand (imports, file caches); then the same trials are timed on each
+cluster. Ratios are meaningful only on an otherwise idle machine.
 
     python benchmarks/bench_study.py                # 1 and 2 workers
     python benchmarks/bench_study.py --workers 1 8 --seeds 4
@@ -18,19 +17,25 @@ from pathlib import Path
 
 from distributed import Client, LocalCluster
 
-from lis_grasp.experiments.study.scheduling import DaskCluster, run_study
+from lis_grasp.experiments.runner import DaskCluster, run_trials
 from lis_grasp.experiments.study.study import Study
 from lis_grasp.experiments.study.study_results import StudyResults
-from lis_grasp.experiments.study.study_trial import run_job
+from lis_grasp.experiments.study.study_trial import run_trial
 
 OBJECTS = ("box", "mallet", "sphere", "hollow_cylinder")
 ESTIMATORS = ("gpis", "blend")
 
 
+def study_of(objects: tuple[str, ...], touches: int, seeds: tuple[int, ...]) -> Study:
+    return Study(
+        objects=objects, estimators=ESTIMATORS, touches=(touches,), noise=("none",), seeds=seeds
+    )
+
+
 def rate(workers: int, seeds: int) -> tuple[float, float]:
     """Return rows a minute, and processor seconds of the workers a row."""
-    study = Study(OBJECTS, ESTIMATORS, (10,), ("none",), seeds=tuple(range(seeds)))
-    warm = Study(("cylinder",), ESTIMATORS, (5,), ("none",), seeds=(0,))
+    study = study_of(OBJECTS, 10, tuple(range(seeds)))
+    warm = study_of(("cylinder",), 5, (0,))
     with (
         tempfile.TemporaryDirectory() as folder,
         LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0") as cluster,
@@ -38,14 +43,16 @@ def rate(workers: int, seeds: int) -> tuple[float, float]:
         address = cluster.scheduler_address
         with Client(address) as client:
             (job,) = StudyResults(Path(folder)).missing(warm)
-            client.run(run_job, job)
+            client.run(run_trial, job)
             before = client.run(time.process_time)
             start = time.perf_counter()
-            for _ in run_study(study, StudyResults(Path(folder)), DaskCluster(address)):
+            results, total = StudyResults(Path(folder)), len(study.trials())
+            jobs = results.missing(study)
+            for _ in run_trials(jobs, total, results.lines, DaskCluster(address), run_trial):
                 pass
             seconds = time.perf_counter() - start
             after = client.run(time.process_time)
-        rows = len(StudyResults(Path(folder)).of(study))
+        rows = len(results.of(study))
     spent = sum(after[worker] - before[worker] for worker in after)
     return 60.0 * rows / seconds, spent / rows
 

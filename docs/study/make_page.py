@@ -6,25 +6,42 @@ python docs/study/make_page.py          # from docs/study/rows.parquet
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from string import Template
 
+import numpy as np
+
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.figures.palette import estimator_label
-from lis_grasp.experiments.study import Study, StudyResults, compare, load_study
-from lis_grasp.experiments.study.answer import answer
-from lis_grasp.experiments.study.comparison import compare_held, kinds_of, names, pair_of
+from lis_grasp.experiments.report_page import TextTable
+from lis_grasp.experiments.statistics import (
+    cluster_sums,
+    interval_over_seeds,
+    numbered,
+    sign_flip_p_value,
+)
+from lis_grasp.experiments.study import Study, StudyResults, load_study
+from lis_grasp.experiments.study.comparison import (
+    Measure,
+    compare_held,
+    kind_of,
+    names,
+    pairs_of,
+    value_of,
+)
 from lis_grasp.experiments.study.keys import label
 from lis_grasp.experiments.study.study_figures import draw_pictures
 from lis_grasp.experiments.study.study_tables import (
-    agreements_table,
+    MEASURE_LABELS,
+    calibration_table,
     difference_text,
     differences_table,
-    foretold_table,
     held_table,
+    interval_text,
     nearer_table,
     p_phrase,
+    printed,
     reasons_table,
     summary_table,
 )
@@ -33,8 +50,13 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 
 _HERE = Path(__file__).parent
-# The first of the seeds that were run after the planner had learnt of edges.
+_OURS = "blend"
+# The first of the seeds that were run after the planner had changed.
 _LATER = 4
+
+_CUBOIDS = ("box", "004_sugar_box", "010_potted_meat_can", "061_foam_brick", "077_rubiks_cube")
+_CYLINDERS = ("cylinder", "half_cylinder", "005_tomato_soup_can")
+_SIMPLE = (*_CUBOIDS, *_CYLINDERS, "pentagon")
 
 
 def make_page(study_file: Path, rows_folder: Path, docs: Path) -> Path:
@@ -42,81 +64,231 @@ def make_page(study_file: Path, rows_folder: Path, docs: Path) -> Path:
     study = Study.from_facts(load_study(study_file))
     rows = StudyResults(rows_folder).alike(study)
     if not rows:
-        raise InvalidFileError(f"no row of {rows_folder} is of the study {study_file}")
+        raise InvalidFileError(
+            f"no row of {rows_folder} is of the study {study_file}", path=rows_folder
+        )
     template = Template((_HERE / "study.md.in").read_text(encoding="utf-8"))
     words = _facts(study, rows)
-    pictures = dict(zip(("figure", "noisy", "promise", "edge"), draw_pictures(rows), strict=True))
+    pictures = dict(zip(("figure", "noisy", "epsilon", "edge"), draw_pictures(rows), strict=True))
     for name, picture in pictures.items():
         file = f"images/study_{name}.png"
         (docs / "images").mkdir(parents=True, exist_ok=True)
         (docs / file).write_bytes(picture.png)
-        words["figure" if name == "figure" else f"{name}_figure"] = file
-        words[f"{name}_title"], words[f"{name}_caption"] = picture.title, picture.caption
+        words[f"{name}_picture"] = (
+            f"![{picture.title}]({file})\n\n*{picture.title}. {picture.caption}*"
+        )
     write_text(docs / "study.md", template.substitute(words))
     return docs / "study.md"
 
 
 def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
-    comparisons = compare(rows, study.reference)
-    held = [held_table(rows, kind) for kind in kinds_of(rows)]
-    seconds = sum(row[name] or 0.0 for row in rows for name in TIMES)
-    objects = ", ".join(label(name) for name in study.objects)
-    estimators = " / ".join(estimator_label(name) for name in study.estimators)
-    count = len(study.trials())
-    seeds = len(names(rows, "seed"))
-    done = len({pair_of(row) for row in rows})
-    so_far = str(done) if done == count else f"{done} of {count}"
+    reference = study.reference
+    pairs = pairs_of(rows, [_OURS], reference)
+    (found,) = [c for c in compare_held(rows, reference) if c.estimator == _OURS]
+    simple = [pair for pair in pairs if _stem(pair[0]) in _SIMPLE]
+    others = [pair for pair in pairs if _stem(pair[0]) not in _SIMPLE]
+    trials, seeds = len(study.trials()), len(names(rows, "seed"))
+    done = len({(r["object"], r["hand"], r["touches"], r["noise"], r["seed"]) for r in rows})
+    seconds = sum(row.get(name) or 0.0 for row in rows for name in TIMES)
+    later = [row for row in rows if row["seed"] >= _LATER]
+    (of_later,) = [c for c in compare_held(later, reference) if c.estimator == _OURS]
     return {
-        "summary": summary_table(rows, study.reference).markdown(),
-        "answer": "\n\n".join(answer(rows, comparisons, study.reference)),
-        "what": (
-            f"{len(study.objects)} objects ({objects}); estimators {estimators};"
-            f" {', '.join(map(str, study.touches))} touches; noise {', '.join(study.noise)};"
-            f" hands {' and '.join(study.hands)}; {seeds} seed{'s' if seeds > 1 else ''}."
-        ),
-        "trials_text": f"{so_far} trials, {len(rows)} rows.",
-        "trials": str(count),
-        "grasps": str(study.setup.grasps),
-        "mass": f"{study.setup.mass:g}",
-        "friction": f"{study.setup.friction:g}",
-        "held": "\n".join(f"{table.title}:\n\n{table.markdown()}" for table in held),
-        "reference": estimator_label(study.reference),
-        "differences": differences_table(rows, study.reference).markdown(),
-        "mean_edges": _means(rows, (study.reference, "lis"), "edge_rmsd"),
-        "mean_rmsd": _means(rows, (study.reference, "lis"), "rmsd"),
-        "nearer": nearer_table(rows, study.reference, without=["lis"]).markdown(),
-        "agreements": agreements_table(rows, study.reference).markdown(),
-        "foretold": foretold_table(rows).markdown(),
-        "by_seed": _by_seed(rows, (study.reference, "blend", "lis")),
-        "later_seeds": _of_later_seeds(rows, study.reference),
-        "reasons": reasons_table(rows).markdown(),
+        "reference": estimator_label(reference),
+        "held_ours": f"{100.0 * found.mean:.0f}",
+        "held_reference": f"{100.0 * found.mean_reference:.0f}",
+        "effect": difference_text(found),
+        "simple": _difference(simple),
+        "others": _difference(others),
+        "objects": ", ".join(label(name) for name in study.objects),
+        "object_count": str(len(study.objects)),
+        "estimators": ", ".join(estimator_label(name) for name in study.estimators),
+        "touches": ", ".join(map(str, study.touches)),
+        "noise": " and ".join(study.noise),
+        "hands": " and ".join(study.hands),
+        "seeds": str(seeds),
+        "done": str(done) if done == trials else f"{done} of {trials}",
+        "rows": str(len(rows)),
+        "trials": str(trials),
+        "grasps": str(study.grasps),
+        "mass": f"{study.mass:g}",
+        "friction": f"{study.friction:g}",
         "hours": f"{seconds / 3600.0:.1f}",
+        "summary": summary_table(rows, reference).markdown(),
+        "held": held_table(rows, "all").markdown(),
+        "differences": differences_table(rows, reference).markdown(),
+        "families": _families(pairs).markdown(),
+        "units": _units(pairs).markdown(),
+        "losses": _losses(pairs).markdown(),
+        "held_by_object": _by_object(pairs, "held").markdown(),
+        "groups": _groups(pairs).markdown(),
+        **{
+            f"{measure}_by_object": _by_object(pairs, measure).markdown()
+            for measure in ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
+        },
+        "bottle": _ratios(pairs, "006_mustard_bottle"),
+        "nearer": nearer_table(rows, reference).markdown(),
+        "calibration": calibration_table(rows).markdown(),
+        "reasons": reasons_table(rows).markdown(),
+        "by_seed": _by_seed(rows, (reference, _OURS)),
+        "later_seeds": f"{difference_text(of_later)} points, p {p_phrase(of_later.p)}",
     }
 
 
-def _means(rows: Sequence[Row], estimators: Sequence[str], measure: str) -> str:
-    """Return the mean error [mm] of each estimator over all rows that have one."""
-    of = [[r[measure] for r in rows if r["estimator"] == name] for name in estimators]
-    known = [[value for value in values if value is not None] for values in of]
-    return " and ".join(f"{1e3 * sum(values) / len(values):.1f}" for values in known)
+Pairs = Sequence[tuple[Row, Row]]
 
 
-def _of_later_seeds(rows: Sequence[Row], reference: str) -> str:
-    """Return what `blend` came to on the seeds that were run later."""
-    later = [row for row in rows if row["seed"] >= _LATER]
-    (found,) = [c for c in compare_held(later, reference) if c.estimator == "blend"]
-    return f"{difference_text(found)} points, p {p_phrase(found.p)}, not adjusted"
+def _stem(row: Row) -> str:
+    return Path(row["object"]).stem
+
+
+def _family(row: Row) -> str:
+    if _stem(row) in _CUBOIDS:
+        return "cuboids"
+    return "cylinders" if _stem(row) in _CYLINDERS else _stem(row)
+
+
+def _gains(pairs: Pairs) -> np.ndarray:
+    return np.array([float(mine["held"]) - float(its["held"]) for mine, its in pairs])
+
+
+def _difference(pairs: Pairs) -> str:
+    """Return the difference of success rates in points, with its interval over seeds."""
+    if not pairs:
+        return "–"
+    gains = _gains(pairs)
+    low, high = interval_over_seeds([mine for mine, _ in pairs], gains)
+    text = printed("held", float(gains.mean()), signed=True)
+    return text if low is None else f"{text} ({interval_text('held', low, high)})"
+
+
+def _families(pairs: Pairs) -> TextTable:
+    body = []
+    groups: list[tuple[str, Callable[[Row], bool]]] = [
+        (name, lambda row, name=name: _family(row) == name)
+        for name in dict.fromkeys(_family(mine) for mine, _ in pairs)
+    ]
+    groups += [
+        ("prisms and cylinders together", lambda row: _stem(row) in _SIMPLE),
+        ("all others together", lambda row: _stem(row) not in _SIMPLE),
+    ]
+    for name, belongs in groups:
+        of = [pair for pair in pairs if belongs(pair[0])]
+        if of:
+            objects = len({mine["object"] for mine, _ in of})
+            rates = [f"{100.0 * np.mean([pair[k]['held'] for pair in of]):.0f}" for k in (1, 0)]
+            body.append((name, str(objects), *rates, _difference(of)))
+    head = ("family", "objects", "GPIS [%]", "blend [%]", "difference in points (95 %)")
+    return TextTable("families", "By shape family", head, tuple(body))
+
+
+def _units(pairs: Pairs) -> TextTable:
+    """Return the p-value of the exact sign-flip test with different independent units."""
+    mine = [pair[0] for pair in pairs]
+    body = []
+    for name, keys in (
+        ("object and seed", [(row["object"], row["seed"]) for row in mine]),
+        ("object", [row["object"] for row in mine]),
+        ("seed", [row["seed"] for row in mine]),
+        ("shape family", [_family(row) for row in mine]),
+    ):
+        p = sign_flip_p_value(cluster_sums(_gains(pairs), numbered(keys)))
+        body.append((name, str(len(set(keys))), "< 0.001" if p < 0.001 else f"{p:.3f}"))
+    return TextTable("units", "p by unit", ("unit that flips", "units", "p"), tuple(body))
+
+
+def _cells(pairs: Pairs, *columns: str) -> dict[tuple, list[tuple[Row, Row]]]:
+    found: dict[tuple, list[tuple[Row, Row]]] = {}
+    for pair in pairs:
+        found.setdefault(tuple(pair[0][name] for name in columns), []).append(pair)
+    return found
+
+
+def _losses(pairs: Pairs) -> TextTable:
+    """Return every object and number of touches at which ours held less often, worst first."""
+    noises = sorted({mine["noise"] for mine, _ in pairs}, reverse=True)
+    body = []
+    for (name, touches), of in _cells(pairs, "object", "touches").items():
+        if _gains(of).mean() < 0.0:
+            parts = [[pair for pair in of if pair[0]["noise"] == noise] for noise in noises]
+            gains = [float(_gains(part).mean()) for part in (of, *parts)]
+            body.append((gains[0], (name, str(touches), *(_points(g) for g in gains))))
+    head = ("object", "touches", "difference in points", *(f"noise {noise}" for noise in noises))
+    return TextTable("losses", "Losses", head, tuple(row for _, row in sorted(body)))
+
+
+def _points(gain: float) -> str:
+    return printed("held", gain, signed=True)
+
+
+def _by_object(pairs: Pairs, measure: Measure) -> TextTable:
+    """Return ours / reference by object, noise and touches; bold where ours is worse."""
+    budgets = sorted({mine["touches"] for mine, _ in pairs})
+    cells = _cells(pairs, "object", "noise", "touches")
+    body = []
+    for name, noise in dict.fromkeys(key[:2] for key in cells):
+        texts = [_beside(cells.get((name, noise, n), []), measure) for n in budgets]
+        if any(text != "–" for text in texts):
+            body.append((name, noise, *texts))
+    head = ("object", "noise", *(f"{n} touches" for n in budgets))
+    return TextTable(measure, MEASURE_LABELS[measure], head, tuple(body))
+
+
+def _means(pairs: Pairs, measure: Measure) -> tuple[float, float] | None:
+    values = [(value_of(mine, measure), value_of(its, measure)) for mine, its in pairs]
+    known = [value for value in values if None not in value]
+    if not known:
+        return None
+    ours, theirs = np.mean(np.array(known, dtype=float), axis=0)
+    return float(ours), float(theirs)
+
+
+def _beside(pairs: Pairs, measure: Measure) -> str:
+    means = _means(pairs, measure)
+    if means is None:
+        return "–"
+    ours, theirs = means
+    digits, factor = (0, 1e2) if measure == "held" else (1, 1e3)
+    text = f"{factor * ours:.{digits}f} / {factor * theirs:.{digits}f}"
+    worse = ours < theirs if measure == "held" else ours > theirs
+    return f"**{text}**" if worse else text
+
+
+def _groups(pairs: Pairs) -> TextTable:
+    """Return mean surface errors of scans and of built-in shapes, ours / reference."""
+    budgets = sorted({mine["touches"] for mine, _ in pairs})
+    body = []
+    for measure in ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd"):
+        for title, scans in (("built-in shapes", False), ("scans", True)):
+            for noise in dict.fromkeys(mine["noise"] for mine, _ in pairs):
+                of = [
+                    pair
+                    for pair in pairs
+                    if pair[0]["noise"] == noise and (kind_of(pair[0]) == "files") == scans
+                ]
+                parts = [[pair for pair in of if pair[0]["touches"] == n] for n in budgets]
+                cells = [_beside(part, measure) for part in parts]
+                body.append((MEASURE_LABELS[measure], title, noise, *cells))
+    head = ("error", "objects", "noise", *(f"{n} touches" for n in budgets))
+    return TextTable("groups", "Mean errors", head, tuple(body))
+
+
+def _ratios(pairs: Pairs, stem: str) -> str:
+    """Return the range of the ratio of an object's estimate-to-truth errors, ours to reference."""
+    of = [pair for pair in pairs if _stem(pair[0]) == stem]
+    means = [_means(part, "rmsd") for part in _cells(of, "touches").values()]
+    ratios = [mean[0] / mean[1] for mean in means if mean is not None]
+    return f"{min(ratios):.1f} to {max(ratios):.1f}" if ratios else "–"
 
 
 def _by_seed(rows: Sequence[Row], estimators: Sequence[str]) -> str:
-    """Return what each estimator held of each seed, in percent."""
-    told = []
+    """Return the success rate of each estimator with each seed, in percent."""
+    parts = []
     for name in estimators:
         of = [r for r in rows if r["estimator"] == name]
         held = [[bool(r["held"]) for r in of if r["seed"] == seed] for seed in names(of, "seed")]
-        shares = ", ".join(f"{100.0 * sum(each) / len(each):.0f}" for each in held)
-        told.append(f"{estimator_label(name)} held {shares} %")
-    return "; ".join(told)
+        rates = ", ".join(f"{100.0 * sum(each) / len(each):.0f}" for each in held)
+        parts.append(f"{estimator_label(name)} {rates} %")
+    return "; ".join(parts)
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
 import sys
 from pathlib import Path
@@ -14,10 +15,9 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.pipeline.worker_pool import process_count
 
 if TYPE_CHECKING:
-    from lis_grasp.experiments.study.scheduling import Scheduler
+    from lis_grasp.experiments.runner import Scheduler
     from lis_grasp.experiments.study.study import Study
     from lis_grasp.experiments.study.study_results import StudyResults
     from lis_grasp.io.json_lines import Row
@@ -83,16 +83,23 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "--rerun", metavar="KEY", help="run one row of --output again and compare; write nothing"
     )
+    parser.add_argument(
+        "--schema", action="store_true", help="print the JSON schema of a study file, and end"
+    )
     opt.add_output(parser, str(_OUTPUT))
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run the missing trials and write tables and report; or run one row again."""
-    from lis_grasp.experiments.study.scheduling import run_study
+    """Run what trials are missing, and write tables and report; or repeat one row."""
+    from lis_grasp.experiments.runner import run_trials
     from lis_grasp.experiments.study.study import Study
     from lis_grasp.experiments.study.study_results import StudyResults
+    from lis_grasp.experiments.study.study_trial import run_trial
 
+    if options.schema:
+        say(json.dumps(Study.schema(), indent=2))
+        return
     output: Path = options.output or _OUTPUT
     results = StudyResults(output)
     if options.rerun is not None:
@@ -111,18 +118,19 @@ def execute(options: argparse.Namespace) -> None:
         return
     study.require_files()
     _describe(study, output, options)
-    with Stage(f"Running {len(study.trials())} trials") as stage:
-        for done, total in run_study(study, results, scheduler):
-            stage.count(done, total)
+    total = len(study.trials())
+    with Stage(f"Running {total} trials") as stage:
+        jobs = results.missing(study)
+        for done, of in run_trials(jobs, total, results.lines, scheduler, run_trial):
+            stage.count(done, of)
         stage.result = f"{len(study.estimators)} estimators each"
     results.write_merged()
     _report(study, results.of(study), output)
 
 
 def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
-    """Write the study file into the folder; keep an equal one, with its comments."""
-    from lis_grasp.experiments.study.study import Study
-    from lis_grasp.experiments.study.study_file import load_study
+    """Write the study's file into the folder; keep an equal one, with its comments."""
+    from lis_grasp.experiments.study.study import Study, load_study
 
     described = output / "study.yaml"
     known = load_study(described, options.meshes) if _study_file(options) == described else None
@@ -146,9 +154,7 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
         command = f"lis-grasp compare --study {described} --output {folder}"
         files = (*study.objects, *study.hands)
         pictures = [*draw_pictures(rows), *draw_cases(output, rows, study.reference, files)]
-        write_report(
-            output / "report.html", study, rows, comparisons, tables, pictures, command=command
-        )
+        write_report(output / "report.html", study, rows, tables, pictures, command=command)
         stage.result = f"{len(rows)} rows, {len(comparisons)} comparisons"
     say(f"wrote {output}/report.html, rows.csv, and each table as")
     say(f"      {', '.join(table.name for table in tables)} in .csv and .tex")
@@ -156,8 +162,8 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
 
 
 def _facts(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the facts of a study: those of its file or of --quick, then those of options."""
-    from lis_grasp.experiments.study.study_file import load_study, with_places
+    """Return the facts of a study: those of the file or --quick, overridden by options."""
+    from lis_grasp.experiments.study.study import load_study, with_absolute_paths
 
     if options.study is not None and options.quick:
         raise InvalidOptionError("--quick excludes --study", option="--quick")
@@ -170,11 +176,11 @@ def _facts(options: argparse.Namespace) -> dict[str, Any]:
         for name in (*_FLAGS, "seeds", *_SETUP)
         if getattr(options, name) is not None
     }
-    return facts | with_places(given, Path.cwd(), options.meshes)
+    return facts | with_absolute_paths(given, Path.cwd(), options.meshes)
 
 
 def _study_file(options: argparse.Namespace) -> Path | None:
-    """Return the study file: the named one, or that of the rows to report on."""
+    """Return the file of the study: the one that is named, or that of the rows to report on."""
     own = (options.output or _OUTPUT) / "study.yaml"
     if options.study is not None:
         return own if own.resolve() == options.study.resolve() else options.study
@@ -184,20 +190,19 @@ def _study_file(options: argparse.Namespace) -> Path | None:
 
 
 def _scheduler(options: argparse.Namespace) -> Scheduler:
-    from lis_grasp.experiments.study.scheduling import DaskCluster, InProcess, LocalPool
+    from lis_grasp.experiments.runner import DaskCluster, local_scheduler
 
-    if options.scheduler is not None:
-        if options.jobs is not None:
-            raise InvalidOptionError("--scheduler excludes --jobs", option="--scheduler")
-        return DaskCluster(options.scheduler)
-    jobs = process_count(options.jobs)
-    return InProcess() if jobs == 1 else LocalPool(jobs)
+    if options.scheduler is None:
+        return local_scheduler(options.jobs)
+    if options.jobs is not None:
+        raise InvalidOptionError("--scheduler excludes --jobs", option="--scheduler")
+    return DaskCluster(options.scheduler)
 
 
 def _rerun(results: StudyResults, options: argparse.Namespace) -> None:
     from lis_grasp.experiments.study.study import Study
     from lis_grasp.experiments.study.study_results import job_of, without_times
-    from lis_grasp.experiments.study.study_trial import run_job
+    from lis_grasp.experiments.study.study_trial import run_trial
 
     recorded = results.row(options.rerun)
     study = Study.from_facts(_facts(options))
@@ -205,8 +210,8 @@ def _rerun(results: StudyResults, options: argparse.Namespace) -> None:
     if options.meshes is not None:  # files of a recorded study.yaml have absolute paths
         files.append(str((options.meshes / recorded["object"]).absolute()))
     job = job_of(recorded, files)
-    with Stage(f"Running {recorded['key']} again") as stage:
-        (row,) = run_job(job)
+    with Stage(f"Repeating {recorded['key']}") as stage:
+        (row,) = run_trial(job)
         stage.result = row["reason"]
     for name, value in row.items():
         say(f"{name:24s} {'' if value is None else value}")

@@ -11,16 +11,22 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.experiments.baselines import BASELINES
 from lis_grasp.experiments.compared_estimators import OURS
-from lis_grasp.experiments.paper.paper_results import ResultsFile, run_trials
-from lis_grasp.experiments.paper.paper_trials import Experiment, trials
+from lis_grasp.experiments.paper.paper_trials import (
+    Experiment,
+    key_of,
+    paper_trials,
+    run_paper_trial,
+    trial_key,
+)
+from lis_grasp.experiments.runner import local_scheduler, run_trials
+from lis_grasp.experiments.trial_results import TrialResults, missing_jobs
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.worker_pool import process_count
 
 _OUTPUT = Path("results/paper")
 _SEEDS, _QUICK_SEEDS = 10, 2
-_QUICK_CONTENDERS = ("lis", "lis_as_published", "gpis", "blend")
-_CONTENDERS = (*OURS, "hermite_rbf", "offset_rbf")
+_QUICK_ESTIMATORS = ("lis", "lis_as_published", "gpis", "blend")
+_ESTIMATORS = (*OURS, "hermite_rbf", "offset_rbf")
 
 
 def add_parser(verbs: Any) -> None:
@@ -31,7 +37,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help=f"{_QUICK_SEEDS} seeds and {len(_QUICK_CONTENDERS)} estimators: about two minutes",
+        help=f"{_QUICK_SEEDS} seeds and {len(_QUICK_ESTIMATORS)} estimators: about two minutes",
     )
     parser.add_argument(
         "--seeds", type=int, metavar="N", help=f"seeds of every experiment (default: {_SEEDS})"
@@ -41,8 +47,8 @@ def add_parser(verbs: Any) -> None:
         nargs="+",
         choices=(*OURS, *BASELINES),
         metavar="NAME",
-        help=f"estimators to compare (default: {', '.join(_CONTENDERS)}; also"
-        f" {', '.join(name for name in BASELINES if name not in _CONTENDERS)}, which need"
+        help=f"estimators to compare (default: {', '.join(_ESTIMATORS)}; also"
+        f" {', '.join(name for name in BASELINES if name not in _ESTIMATORS)}, which need"
         " lis-grasp[baselines])",
     )
     opt.add_jobs(parser)
@@ -51,18 +57,18 @@ def add_parser(verbs: Any) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run the missing trials, draw the figures, write the report."""
+    """Run what trials are missing, draw the figures, write the report."""
     from lis_grasp.experiments.paper.paper_figures import draw_pictures
     from lis_grasp.experiments.paper.paper_page import write_report
     from lis_grasp.experiments.paper.paper_tables import rows_as_csv
 
     default = _QUICK_SEEDS if options.quick else _SEEDS
     seeds = default if options.seeds is None else options.seeds
-    jobs = process_count(options.jobs)
+    scheduler = local_scheduler(options.jobs)
     if seeds < 1:
         raise InvalidOptionError.out_of_range("--seeds", seeds, "at least 1")
     output = options.output or _OUTPUT
-    names = tuple(options.estimators or (_QUICK_CONTENDERS if options.quick else _CONTENDERS))
+    names = tuple(options.estimators or (_QUICK_ESTIMATORS if options.quick else _ESTIMATORS))
     for needed in ("lis", "gpis", RunConfig().estimator):
         if needed not in names:
             raise InvalidOptionError(
@@ -70,19 +76,17 @@ def execute(options: argparse.Namespace) -> None:
                 option="--estimators",
                 value=names,
             )
-    file = ResultsFile(output / "results.jsonl")
-    wanted = trials(get_args(Experiment), seeds)
+    results = TrialResults(output / "results.jsonl", "paper")
+    trials = paper_trials(get_args(Experiment), seeds)
+    wanted = {trial_key(trial, name) for trial in trials for name in names}
     with Stage("Running the experiments") as stage:
-        for done, total in run_trials(file, wanted, names, jobs=jobs):
+        known = {key_of(row) for row in results.read()}
+        jobs = missing_jobs(trials, names, known, trial_key)
+        for done, total in run_trials(jobs, len(trials), results, scheduler, run_paper_trial):
             stage.count(done, total)
-        stage.result = f"{len(wanted)} trials of {len(names)} estimators"
-    keys = {(t.experiment, t.object, t.seed) for t in wanted}
-    rows = [
-        row
-        for row in file.read()
-        if (row["experiment"], row["object"], row["seed"]) in keys and row["estimator"] in names
-    ]
-    rows.sort(key=lambda r: (r["experiment"], r["object"], r["seed"], names.index(r["estimator"])))
+        stage.result = f"{len(trials)} trials of {len(names)} estimators"
+    rows = [row for row in results.read() if key_of(row) in wanted]
+    rows.sort(key=lambda row: (*key_of(row)[:3], names.index(row["estimator"])))
     command = "lis-grasp paper" + (" --quick" if options.quick else "")
     if options.seeds:
         command += f" --seeds {seeds}"

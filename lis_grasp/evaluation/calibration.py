@@ -1,4 +1,4 @@
-"""Whether what was foretold with some probability came as often."""
+"""Calibration of predicted probabilities: binned predicted against observed rates, and ECE."""
 
 from __future__ import annotations
 
@@ -7,35 +7,34 @@ import numpy.typing as npt
 
 
 def calibration_bins(
-    foretold: npt.ArrayLike, happened: npt.ArrayLike, *, bins: int = 10
+    predicted: npt.ArrayLike, observed: npt.ArrayLike, *, bins: int = 10
 ) -> list[tuple[int, float, float]]:
-    """Return, of each bin with anything in it: how much, mean probability, share that happened.
+    """Return the count, mean predicted probability and observed rate of each bin that is not empty.
 
     Arguments as of `expected_calibration_error`.
     """
-    probability, came = np.asarray(foretold, np.float64), np.asarray(happened, np.float64)
+    probability, outcome = np.asarray(predicted, np.float64), np.asarray(observed, np.float64)
     index = np.minimum((bins * probability).astype(int), bins - 1)
     members = [index == b for b in np.unique(index)]
-    return [(int(m.sum()), float(probability[m].mean()), float(came[m].mean())) for m in members]
+    return [(int(m.sum()), float(probability[m].mean()), float(outcome[m].mean())) for m in members]
 
 
 def expected_calibration_error(
-    foretold: npt.ArrayLike, happened: npt.ArrayLike, *, bins: int = 10
+    predicted: npt.ArrayLike, observed: npt.ArrayLike, *, bins: int = 10
 ) -> float:
-    """Return by how much probabilities are off, on average.
+    """Return the expected calibration error of probabilities (Naeini et al., AAAI 2015).
 
-    ``sum_b |share of b that happened - mean probability in b| n_b / N`` over bins of equal width
-    (Naeini, Cooper and Hauskrecht, AAAI 2015).
+    ``sum_b |observed rate in b - mean probability in b| n_b / N`` over bins of equal width.
 
     Parameters
     ----------
-    foretold
+    predicted
         Shape (N,): probabilities.
-    happened
-        Shape (N,): whether each came true.
+    observed
+        Shape (N,): whether each event occurred.
     bins
-        How many.
+        Number of bins.
     """
-    found = calibration_bins(foretold, happened, bins=bins)
-    off = sum(count * abs(share - probability) for count, probability, share in found)
-    return off / sum(count for count, _, _ in found)
+    found = calibration_bins(predicted, observed, bins=bins)
+    total = sum(count * abs(rate - probability) for count, probability, rate in found)
+    return total / sum(count for count, _, _ in found)

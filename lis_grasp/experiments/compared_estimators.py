@@ -1,9 +1,10 @@
-"""The estimators that the experiments compare, each told the sensor's noise in its own way."""
+"""Estimators and sensor noise levels that the experiments compare."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -18,13 +19,11 @@ from lis_grasp.surfaces import (
     LocalImplicitSurface,
     PatchImplicitSurface,
 )
-from lis_grasp.surfaces.kernels import KernelName
-from lis_grasp.surfaces.local_implicit_surface import Beta
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """One standard deviation of contacts' positions [m] and of their normals [rad], each way."""
+    """Standard deviation of contact positions [m] and normals [rad], along each axis."""
 
     position: float = 0.0
     normal: float = 0.0
@@ -43,8 +42,8 @@ class Noise:
         """Whether there is noise."""
         return self.position > 0.0 or self.normal > 0.0
 
-    def told(self) -> dict[str, Any]:
-        """Return the options that tell an estimator of noise; none where there is none.
+    def options(self) -> dict[str, Any]:
+        """Return an estimator's options for this noise; none without noise.
 
         Without noise every estimator keeps its own small default, which conditions its equations.
         """
@@ -53,47 +52,37 @@ class Noise:
         return {"position_noise": self.position, "normal_noise": self.normal}
 
 
-Contender = Callable[[Contacts, Noise], ImplicitSurface]
+Estimator = Callable[[Contacts, Noise], ImplicitSurface]
+
+_FROM_CONTACTS: Mapping[str, Callable[..., ImplicitSurface]] = {
+    "lis": partial(LocalImplicitSurface.from_contacts, beta="corrected"),
+    "lis_as_published": partial(LocalImplicitSurface.from_contacts, beta="as_published"),
+    "lis_no_beta": partial(LocalImplicitSurface.from_contacts, beta="none"),
+    "gpis": partial(GaussianProcessImplicitSurface.from_contacts, kernel="matern52"),
+    "gpis_rbf": partial(GaussianProcessImplicitSurface.from_contacts, kernel="rbf"),
+    "gpis_thin_plate": partial(GaussianProcessImplicitSurface.from_contacts, kernel="thin_plate"),
+    "patch": PatchImplicitSurface.from_contacts,
+    "blend": BlendedImplicitSurface.from_contacts,
+}
 
 
-def _lis(beta: Beta) -> Contender:
-    return lambda contacts, noise: LocalImplicitSurface.from_contacts(
-        contacts, beta=beta, **noise.told()
-    )
+def _given_noise(build: Callable[..., ImplicitSurface]) -> Estimator:
+    return lambda contacts, noise: build(contacts, **noise.options())
 
 
-def _gpis(kernel: KernelName) -> Contender:
-    return lambda contacts, noise: GaussianProcessImplicitSurface.from_contacts(
-        contacts, kernel=kernel, **noise.told()
-    )
-
-
-OURS: Mapping[str, Contender] = MappingProxyType(
-    {
-        "lis": _lis("corrected"),
-        "lis_as_published": _lis("as_published"),
-        "lis_no_beta": _lis("none"),
-        "gpis": _gpis("matern52"),
-        "gpis_rbf": _gpis("rbf"),
-        "gpis_thin_plate": _gpis("thin_plate"),
-        "patch": lambda contacts, noise: PatchImplicitSurface.from_contacts(
-            contacts, **noise.told()
-        ),
-        "blend": lambda contacts, noise: BlendedImplicitSurface.from_contacts(
-            contacts, **noise.told()
-        ),
-    }
+OURS: Mapping[str, Estimator] = MappingProxyType(
+    {name: _given_noise(build) for name, build in _FROM_CONTACTS.items()}
 )
+"""Estimators of this package, each given the sensor's noise."""
+
+COMPARED: tuple[str, ...] = (*OURS, *BASELINES)
+"""Every name that `compared_estimator` knows; some baselines need packages of their own."""
 
 
-CONTENDERS: tuple[str, ...] = (*OURS, *BASELINES)
-"""Every name that `contender` knows; some baselines need packages of their own."""
+def compared_estimator(name: str) -> Estimator:
+    """Return an estimator of this package, or a baseline, by its name.
 
-
-def contender(name: str) -> Contender:
-    """Return an estimator of this package, or one of the baselines, by its name.
-
-    Baselines are not told the sensor's noise: they have no place for it.
+    Baselines have no option for the sensor's noise.
     """
     if name in OURS:
         return OURS[name]

@@ -1,30 +1,44 @@
-"""Paired tests, effect sizes and intervals, free of distributions."""
+"""Success rates, paired permutation tests, effect sizes and bootstrap intervals of trials."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import norm, rankdata
+from scipy.stats import binomtest, norm, rankdata
 from scipy.stats import t as student
 
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.io.json_lines import Row
 from lis_grasp.typing import FloatArray, IntArray
 
-_RESAMPLES = 4000
+Interval = tuple[float, float] | tuple[None, None]
 
-# Summands of a sum of ranks whose distribution takes two seconds.
+LEAST_CLUSTERS = 10
+"""Clusters that a bootstrap interval needs: fewer have too few resamples for tails of 2.5 %."""
+
+LEAST_SEEDS = 4
+"""Seeds that an interval over whole seeds needs."""
+
+_RESAMPLES = 4000
+_TABLE_RESAMPLES = 2000
+
+# Summands of a sum of ranks whose exact distribution takes two seconds.
 _MOST_EXACT = 1000
 
 
 def sign_flip_p_value(sums: npt.ArrayLike) -> float:
-    """Return the exact two-sided p-value of a total, under signs as likely + as - (Fisher 1935).
+    """Return the exact two-sided p-value of a sum under random sign flips (Fisher 1935).
 
     ``p = P(|sum_i s_i |c_i|| >= |sum_i c_i|)``, s_i independent and +1 or -1 with probability 1/2.
-    The distribution is built one summand after the other: each moves it up and down by half. Of
-    more than 1000 summands it is taken as normal, with the variance ``sum_i c_i^2``.
+    Above 1000 summands the sum is taken as normal, with the variance ``sum_i c_i^2``.
 
-    What a summand is decides which test it is. The sign of a pair's difference makes it McNemar's
-    (1947), `signed_ranks` Wilcoxon's (1945). Where pairs are not independent, it is the sum of
-    either over a cluster, whose pairs then flip together.
+    With the signs of pairs' differences this is McNemar's test (1947), with `signed_ranks`
+    Wilcoxon's (1945). Where pairs are not independent, pass the sum of either over each cluster:
+    then all pairs of a cluster flip together.
 
     Parameters
     ----------
@@ -40,75 +54,71 @@ def sign_flip_p_value(sums: npt.ArrayLike) -> float:
     total = int(weights.sum())
     probabilities = np.zeros(total + 1)
     probabilities[0] = 1.0
-    reached = 0
+    largest = 0
     for weight in weights:
-        reached += int(weight)
-        moved = probabilities[: reached + 1 - weight].copy()
-        probabilities[: reached + 1] *= 0.5
-        probabilities[weight : reached + 1] += 0.5 * moved
+        largest += int(weight)
+        moved = probabilities[: largest + 1 - weight].copy()
+        probabilities[: largest + 1] *= 0.5
+        probabilities[weight : largest + 1] += 0.5 * moved
     flipped = 2 * np.arange(total + 1) - total
     return float(min(1.0, probabilities[np.abs(flipped) >= abs(whole.sum())].sum()))
 
 
 def rank_biserial(differences: npt.ArrayLike) -> float:
-    """Return the matched-pairs rank-biserial correlation, from -1 to 1 (Kerby 2014).
+    """Return the matched-pairs rank-biserial correlation of differences (N,) (Kerby 2014).
 
-    The share of the ranks that is positive less the share that is negative; 0 where all
-    differences are.
-
-    Parameters
-    ----------
-    differences
-        Shape (N,).
+    The fraction of the rank sum that is positive minus the fraction that is negative, from -1 to 1;
+    0 if all differences are 0.
     """
-    doubled, signs = _doubled_ranks(differences)
-    return float(doubled @ signs / doubled.sum()) if len(doubled) else 0.0
+    ranks = signed_ranks(differences)
+    return float(ranks.sum() / np.abs(ranks).sum()) if ranks.any() else 0.0
 
 
 def signed_ranks(differences: npt.ArrayLike) -> IntArray:
-    """Return twice the rank of each difference's size, with its sign; 0 for no difference.
-
-    Parameters
-    ----------
-    differences
-        Shape (N,).
-    """
+    """Return twice the signed rank of each difference (N,), a whole number; 0 for no difference."""
     values = np.asarray(differences, dtype=np.float64)
     ranks = np.zeros(len(values), dtype=np.int64)
-    doubled, signs = _doubled_ranks(values)
-    ranks[values != 0.0] = doubled * signs
+    differs = values != 0.0
+    if differs.any():
+        doubled = np.rint(2.0 * rankdata(np.abs(values[differs])))
+        ranks[differs] = (doubled * np.sign(values[differs])).astype(np.int64)
     return ranks
 
 
 def cluster_sums(values: npt.ArrayLike, clusters: npt.ArrayLike) -> FloatArray:
-    """Return the sum of the values of each cluster, shape (C,).
-
-    Parameters
-    ----------
-    values
-        Shape (N,).
-    clusters
-        Shape (N,): which cluster each is of, from 0 to C - 1.
-    """
+    """Return the sum of the values (N,) of each cluster, shape (C,); clusters (N,) from 0."""
     weights = np.asarray(values, dtype=np.float64)
     return np.bincount(np.asarray(clusters), weights=weights).astype(np.float64)
+
+
+def holm(p_values: Sequence[float]) -> FloatArray:
+    """Return p-values adjusted for a family by Holm's step-down method (Holm 1979)."""
+    try:
+        from statsmodels.stats.multitest import multipletests
+    except ModuleNotFoundError:
+        raise InvalidOptionError(
+            "adjusted p-values need statsmodels: pip install 'lis-grasp[study]'"
+        ) from None
+    if not len(p_values):
+        return np.empty(0)
+    return np.asarray(multipletests(p_values, method="holm")[1])
 
 
 def bootstrap_interval(
     values: npt.ArrayLike, clusters: npt.ArrayLike, *, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """Return the 95 % interval of a mean, for values that come in clusters.
+    """Return the 95 % bootstrap interval of a mean of clustered values.
 
-    Draws clusters, each whole, again and again, one less than there are, which makes the variance
-    right where they are few (McCarthy and Snowden 1985; Field and Welsh 2007), and takes the
-    percentiles that Student's law has in place of 2.5 and 97.5 (Hesterberg 2015).
+    Draws whole clusters, one fewer than there are, which corrects the variance for few clusters
+    (McCarthy and Snowden 1985; Field and Welsh 2007). Takes the percentiles of Student's
+    distribution in place of 2.5 and 97.5 (Hesterberg 2015).
 
     Parameters
     ----------
     values
         Shape (N,).
     clusters
-        Shape (N,): which cluster each is of, from 0 to C - 1.
+        Shape (N,): index of the cluster of each value, from 0 to C - 1.
     """
     sums = cluster_sums(values, clusters)
     counts = cluster_sums(np.ones(np.shape(values)), clusters)
@@ -120,24 +130,23 @@ def bootstrap_interval(
 
 
 def crossed_interval(
-    values: npt.ArrayLike, drawn: npt.ArrayLike, kept: npt.ArrayLike
+    values: npt.ArrayLike, drawn: npt.ArrayLike, fixed: npt.ArrayLike
 ) -> tuple[float, float]:
-    """Return the 95 % interval of a mean over draws, each of which all that is kept has met.
+    """Return the 95 % Student interval of a mean over random draws, crossed with a fixed factor.
 
-    Student's (1908), of the means of the draws; what is kept may differ as it likes, and may have
-    the luck of a draw in common. Values are taken less the mean of what is kept, so that it does
-    not matter much if some are missing.
+    Each draw (a seed) meets each level of the fixed factor (an object). The mean of its level is
+    subtracted from each value first, so that missing values matter little.
 
     Parameters
     ----------
     values
         Shape (N,).
     drawn
-        Shape (N,): which draw each is of, from 0 to D - 1; 2 draws at least.
-    kept
-        Shape (N,): of what each is, from 0 to K - 1.
+        Shape (N,): index of the draw of each value, from 0 to D - 1; at least 2 draws.
+    fixed
+        Shape (N,): index of the level of each value, from 0 to K - 1.
     """
-    known, groups = np.asarray(values, dtype=np.float64), np.asarray(kept)
+    known, groups = np.asarray(values, dtype=np.float64), np.asarray(fixed)
     ones = np.ones(len(known))
     centres = cluster_sums(known, groups) / cluster_sums(ones, groups)
     means = cluster_sums(known - centres[groups], drawn) / cluster_sums(ones, drawn)
@@ -145,28 +154,176 @@ def crossed_interval(
     return float(known.mean() - half), float(known.mean() + half)
 
 
-def holm(p_values: npt.ArrayLike) -> FloatArray:
-    """Return p-values adjusted for being a family, by Holm's step-down method (Holm 1979).
+def numbered(keys: Sequence[Any]) -> IntArray:
+    """Return the index of each key, in the order of first occurrence, shape (N,)."""
+    places: dict[Any, int] = {}
+    return np.array([places.setdefault(key, len(places)) for key in keys], dtype=np.int64)
 
-    The k-th smallest of m is multiplied by m - k + 1, and is no smaller than those before it: to
-    refuse all hypotheses at or below alpha errs once or more with probability alpha at the most.
+
+def clusters_of(rows: Sequence[Row]) -> IntArray:
+    """Return the cluster of each row, shape (N,): trials of one object and seed share touches."""
+    return numbered([(row["object"], row["seed"]) for row in rows])
+
+
+def objects_of(rows: Sequence[Row]) -> IntArray:
+    """Return the index of each row's object, shape (N,)."""
+    return numbered([row["object"] for row in rows])
+
+
+def interval_over_seeds(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
+    """Return the 95 % interval of a mean for other seeds on the same objects.
+
+    Whole seeds are the units, because all objects of a seed share its random numbers. With fewer
+    than `LEAST_SEEDS` seeds, or without differences between seeds, clusters of object and seed are
+    drawn instead.
 
     Parameters
     ----------
-    p_values
-        Shape (M,).
+    rows
+        Rows of the values, N.
+    values
+        Shape (N,).
+
+    Returns
+    -------
+    low, high
+        None with too few units, or if no value differs between units.
     """
-    p = np.asarray(p_values, dtype=np.float64)
-    order = np.argsort(p, kind="stable")
-    steps = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
-    adjusted = np.empty_like(p)
-    adjusted[order] = np.minimum(steps, 1.0)
-    return adjusted
+    seeds = numbered([row["seed"] for row in rows])
+    if len(set(seeds)) >= LEAST_SEEDS:
+        found = _if_wide(crossed_interval(values, seeds, objects_of(rows)))
+        if found[0] is not None:
+            return found
+    return _of_clusters(values, clusters_of(rows))
 
 
-def _doubled_ranks(differences: npt.ArrayLike) -> tuple[IntArray, IntArray]:
-    """Return twice the mid-ranks of what is not zero, which are whole numbers, and the signs."""
-    values = np.asarray(differences, dtype=np.float64)
-    values = values[values != 0.0]
-    ranks = rankdata(np.abs(values)) if len(values) else np.empty(0)
-    return np.rint(2.0 * ranks).astype(np.int64), np.sign(values).astype(np.int64)
+def interval_over_objects(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
+    """Return the 95 % interval of a mean for other objects like these, each with all its trials."""
+    return _of_clusters(values, objects_of(rows))
+
+
+@dataclass(frozen=True, slots=True)
+class SuccessRate:
+    """A success rate with its 95 % interval.
+
+    Parameters
+    ----------
+    held, trials
+        Number of successes and of trials.
+    clusters
+        Number of clusters of trials, see `clusters_of`.
+    low, high
+        The interval, from 0 to 1; None with too few clusters.
+    """
+
+    held: int
+    trials: int
+    clusters: int
+    low: float | None
+    high: float | None
+
+    @property
+    def value(self) -> float:
+        """The rate, from 0 to 1."""
+        return self.held / self.trials
+
+
+def success_rate(rows: Sequence[Row]) -> SuccessRate | None:
+    """Return the fraction of rows with ``held``; None for no rows.
+
+    The interval is `interval_over_seeds`. If all trials have the same result, it is Wilson's
+    (1927), with the number of clusters as the number of trials.
+    """
+    if not rows:
+        return None
+    held = np.array([bool(row["held"]) for row in rows])
+    clusters, total = len(set(clusters_of(rows))), int(held.sum())
+    low, high = interval_over_seeds(rows, held)
+    if low is not None and high is not None:
+        low, high = max(low, 0.0), min(high, 1.0)
+    if clusters >= LEAST_CLUSTERS and total in (0, len(rows)):
+        wilson = binomtest(clusters if total else 0, clusters).proportion_ci(method="wilson")
+        low, high = float(wilson.low), float(wilson.high)
+    return SuccessRate(total, len(rows), clusters, low, high)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasureTable:
+    """One measure: estimators by objects by seeds.
+
+    Parameters
+    ----------
+    estimators, objects, seeds
+        Names along the axes.
+    values
+        Shape (estimators, objects, seeds); NaN where a value is missing.
+    """
+
+    estimators: tuple[str, ...]
+    objects: tuple[str, ...]
+    seeds: tuple[int, ...]
+    values: FloatArray
+
+    def of(self, estimator: str) -> FloatArray:
+        """Return the values of one estimator, shape (objects, seeds)."""
+        return np.asarray(self.values[self.estimators.index(estimator)])
+
+    def only(self, name: str) -> MeasureTable:
+        """Return the table of one object."""
+        k = self.objects.index(name)
+        return MeasureTable(self.estimators, (name,), self.seeds, self.values[:, k : k + 1])
+
+    def per_object(self, estimator: str) -> FloatArray:
+        """Return the means over seeds, shape (objects,); NaN where there is no value."""
+        return _mean(self.of(estimator), axis=1)
+
+    def overall(self, estimator: str) -> float:
+        """Return the mean over objects of the means over seeds."""
+        return float(_mean(self.per_object(estimator), axis=0))
+
+    def reduction(self, estimator: str, reference: str) -> tuple[float, float, float]:
+        """Return the relative reduction of the mean below the reference, and its 95 % interval.
+
+        Paired: only trials with a value of both count. The percentile bootstrap (Efron 1979)
+        draws seeds, the same for both estimators and all objects.
+        """
+        both = np.stack([self.of(estimator), self.of(reference)])  # (2, objects, seeds)
+        both[:, np.isnan(both).any(axis=0)] = np.nan
+        rng = np.random.default_rng(0)
+        drawn = rng.integers(len(self.seeds), size=(_TABLE_RESAMPLES, len(self.seeds)))
+        mine, theirs = _mean(_mean(both[:, :, drawn], axis=3), axis=1)  # (resamples,) each
+        low, high = np.quantile(1.0 - mine / theirs, [0.025, 0.975])
+        mean, reference_mean = _mean(_mean(both, axis=2), axis=1)
+        return float(1.0 - mean / reference_mean), float(low), float(high)
+
+
+def measure_table(rows: Sequence[Row], measure: str) -> MeasureTable:
+    """Return one measure of rows as a table, estimators in the order of the rows."""
+    estimators = tuple(dict.fromkeys(row["estimator"] for row in rows))
+    objects = tuple(sorted({row["object"] for row in rows}))
+    seeds = tuple(sorted({row["seed"] for row in rows}))
+    values = np.full((len(estimators), len(objects), len(seeds)), np.nan)
+    for row in rows:
+        value = row.get(measure)
+        if value is not None:
+            i, j = estimators.index(row["estimator"]), objects.index(row["object"])
+            values[i, j, seeds.index(row["seed"])] = value
+    return MeasureTable(estimators, objects, seeds, values)
+
+
+def _mean(values: FloatArray, axis: int) -> FloatArray:
+    """Return the mean of the values that are not NaN; NaN if all are."""
+    known = ~np.isnan(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def _of_clusters(values: npt.ArrayLike, clusters: IntArray) -> Interval:
+    if len(set(clusters)) < LEAST_CLUSTERS:
+        return None, None
+    return _if_wide(bootstrap_interval(values, clusters, rng=np.random.default_rng(0)))
+
+
+def _if_wide(interval: tuple[float, float]) -> Interval:
+    return (None, None) if np.isclose(*interval, rtol=1e-9, atol=1e-12) else interval

@@ -6,11 +6,13 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from lis_grasp.exceptions import InvalidFileError
 
 Row = dict[str, Any]
+
+_BLOCK = 65_536  # bytes read at once from the end of a file
 
 
 def read_lines(path: Path) -> tuple[Row, list[Row]]:
@@ -50,8 +52,7 @@ def append_lines(path: Path, header: Row, rows: Sequence[Row]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("a+b") as file:
-            file.seek(0)
-            end = file.read().rfind(b"\n") + 1
+            end = _end_of_last_line(file)
             file.truncate(end)  # removes an incomplete line
             lines = [*([] if end else [header]), *rows]
             file.write(b"".join(json.dumps(x, allow_nan=False).encode() + b"\n" for x in lines))
@@ -59,3 +60,16 @@ def append_lines(path: Path, header: Row, rows: Sequence[Row]) -> None:
             os.fsync(file.fileno())
     except OSError as error:
         raise InvalidFileError(f"cannot write {path}: {error.strerror}", path=path) from None
+
+
+def _end_of_last_line(file: BinaryIO) -> int:
+    """Return the offset after the last line end; 0 if there is none."""
+    end = file.seek(0, os.SEEK_END)
+    while end > 0:
+        start = max(0, end - _BLOCK)
+        file.seek(start)
+        found = file.read(end - start).rfind(b"\n")
+        if found >= 0:
+            return start + found + 1
+        end = start
+    return 0

@@ -1,12 +1,10 @@
-"""The paper's experiments: what a trial is, results that survive interruption, what they say."""
+"""The paper's experiments: trials, results that survive interruption, tables of means."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import multiprocessing
-import os
-import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +12,35 @@ import pytest
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidFileError
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.compared_estimators import OURS, Noise
-from lis_grasp.experiments.paper.paper_results import ResultsFile, run_trials
-from lis_grasp.experiments.paper.paper_trials import Trial, run_trial, trials
-from lis_grasp.experiments.paper.summary import tabulate
+from lis_grasp.experiments.paper.paper_trials import (
+    PaperTrial,
+    key_of,
+    paper_trials,
+    random_contacts,
+    run_paper_trial,
+    trial_key,
+)
 from lis_grasp.experiments.paper.wedge import NOISE_LEVELS, touch_wedge, wedge
+from lis_grasp.experiments.runner import local_scheduler, run_trials
+from lis_grasp.experiments.statistics import measure_table
+from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
+from lis_grasp.io.json_lines import Row
 from lis_grasp.surfaces import PatchImplicitSurface
 
-WEDGE = [Trial("wedge", "0", 0), Trial("wedge", "2", 0), Trial("wedge", "2", 1)]
+WEDGE = [PaperTrial("wedge", "0", 0), PaperTrial("wedge", "2", 0), PaperTrial("wedge", "2", 1)]
+
+
+def run_trial(trial: PaperTrial, estimators: list[str]) -> list[Row]:
+    return run_paper_trial(Job(trial, tuple(estimators)))
+
+
+def steps(results: TrialResults, estimators: list[str], jobs: int) -> Iterator[tuple[int, int]]:
+    known = {key_of(row) for row in results.read()}
+    missing = missing_jobs(WEDGE, estimators, known, trial_key)
+    return run_trials(missing, len(WEDGE), results, local_scheduler(jobs), run_paper_trial)
 
 
 def as_lines(path: Path) -> list[str]:
@@ -65,17 +83,19 @@ def test_an_estimator_that_is_exact_on_planes_is_exact_at_the_wedge() -> None:
 
 
 def test_experiments_of_one_object_and_seed_share_the_walk() -> None:
-    few, half, whole = (
-        run_trial(Trial(experiment, "box", 1), ["patch"])[0]  # type: ignore[arg-type]
-        for experiment in ("few", "half", "whole")
+    few, half, whole, random = (
+        run_trial(PaperTrial(experiment, "box", 1), ["patch"])[0]  # type: ignore[arg-type]
+        for experiment in ("few", "half", "whole", "random")
     )
     assert 5 <= few["contacts"] <= 8
     assert few["contacts"] < half["contacts"] < whole["contacts"]
     assert few["coverage"] < half["coverage"] < whole["coverage"]
+    assert random["contacts"] == whole["contacts"]
+    assert random["rmsd"] != whole["rmsd"]
 
 
 def test_every_trial_is_listed_once_and_seed_by_seed() -> None:
-    listed = trials(["whole", "wedge"], 3)
+    listed = paper_trials(["whole", "wedge"], 3)
     assert len(listed) == len(set(listed)) == 3 * (len(shapes.NAMES) + len(NOISE_LEVELS))
     assert [trial.seed for trial in listed] == sorted(trial.seed for trial in listed)
 
@@ -85,7 +105,8 @@ def test_an_estimator_that_fails_leaves_its_reason(monkeypatch: pytest.MonkeyPat
         return PatchImplicitSurface.from_contacts(Contacts.empty())
 
     monkeypatch.setattr(
-        "lis_grasp.experiments.paper.paper_trials.contender", lambda name: OURS.get(name, nothing)
+        "lis_grasp.experiments.paper.paper_trials.compared_estimator",
+        lambda name: OURS.get(name, nothing),
     )
     first, second = run_trial(WEDGE[0], ["nothing", "patch"])
     assert "at least one contact" in first["failure"]
@@ -94,66 +115,70 @@ def test_an_estimator_that_fails_leaves_its_reason(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.slow
-def test_an_interrupted_run_goes_on_and_ends_with_the_rows_of_an_undisturbed_one(
+def test_an_interrupted_run_continues_and_has_the_rows_of_an_undisturbed_one(
     tmp_path: Path,
 ) -> None:
     names = ["lis", "patch"]
-    whole = ResultsFile(tmp_path / "whole.jsonl")
-    assert list(run_trials(whole, WEDGE, names, jobs=1))[-1] == (3, 3)
+    whole = TrialResults(tmp_path / "whole.jsonl", "paper")
+    assert list(steps(whole, names, 1))[-1] == (3, 3)
 
-    broken = ResultsFile(tmp_path / "broken.jsonl")
-    for done, _ in run_trials(broken, WEDGE, names[:1], jobs=1):
+    broken = TrialResults(tmp_path / "broken.jsonl", "paper")
+    for done, _ in steps(broken, names[:1], 1):
         if done == 2:
             break
     with broken.path.open("a") as file:
         file.write('{"experiment": "wed')  # killed while writing
-    assert len(broken.read()) >= 2
-    assert list(run_trials(broken, WEDGE, names, jobs=2))[-1] == (3, 3)
+    assert len(broken.read()) == 2
+    assert list(steps(broken, names, 2))[-1] == (3, 3)
     assert as_lines(broken.path) == as_lines(whole.path)
-    # Nothing left to do.
-    assert list(run_trials(broken, WEDGE, names, jobs=2)) == [(3, 3)]
-
-
-@pytest.mark.slow
-def test_a_killed_process_is_reported_and_nothing_finished_is_lost(
-    tmp_path: Path,
-) -> None:
-    file = ResultsFile(tmp_path / "results.jsonl")
-    with pytest.raises(EstimationError, match="run the command again to go on"):
-        for done, _ in run_trials(file, WEDGE, ["lis"], jobs=1):
-            if done == 1:
-                for child in multiprocessing.active_children():
-                    os.kill(child.pid, signal.SIGKILL)
-    assert len(file.read()) >= 1
-    assert list(run_trials(file, WEDGE, ["lis"], jobs=1))[-1] == (3, 3)
+    assert list(steps(broken, names, 2)) == [(3, 3)]
 
 
 def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
-    file = ResultsFile(tmp_path / "rows.jsonl")
-    assert file.read() == []
-    rows = [{"a": 0.1 + 0.2, "b": None}, {"a": 1, "b": "x"}]
-    file.append(rows[:1])
-    file.append(rows[1:])
-    assert file.read() == rows
+    results = TrialResults(tmp_path / "rows.jsonl", "paper")
+    assert results.read() == []
+    rows = [{"a": 0.1 + 0.2, "b": None}, {"a": 1, "b": "x" * 100_000}]
+    results.append(rows[:1])
+    results.append(rows[1:])
+    with results.path.open("a") as file:
+        file.write("y" * 100_000)  # killed while writing a long row
+    results.append(rows[:1])
+    assert results.read() == [*rows, rows[0]]
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text",
     [
-        ("nonsense\n", "one JSON object a line"),
-        ('{"results": "paper", "version": "0.0.0"}\n', "must be of lis_grasp"),
+        "nonsense\n",
+        '{"results": "paper", "version": "0.0.0"}\n',
+        '{"results": "study", "version": "0.0.0"}\n',
     ],
 )
-def test_another_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_another_file_is_an_error(tmp_path: Path, text: str) -> None:
     path = tmp_path / "results.jsonl"
     path.write_text(text)
-    with pytest.raises(InvalidFileError, match=message):
-        ResultsFile(path).read()
+    with pytest.raises(InvalidFileError, match=r"results\.jsonl"):
+        TrialResults(path, "paper").read()
+    if "study" in text:
+        assert TrialResults(path, "study").read(any_version=True) == []
+
+
+def test_random_contacts_are_uniform_in_area_and_exact() -> None:
+    shape = shapes.build("box", size=0.2)
+    contacts = random_contacts(shape, 3000, rng=np.random.default_rng(0))
+    distances, _ = distances_to_mesh(contacts.points, shape.mesh)
+    np.testing.assert_allclose(distances, 0.0, atol=1e-12)
+    # Fraction on each side against its area: three standard deviations of 3000 draws at most.
+    extents = shape.mesh.extents
+    for axis in range(3):
+        area = np.prod(np.delete(extents, axis)) / shape.mesh.area
+        found = np.mean(contacts.normals[:, axis] > 0.5)
+        assert found == pytest.approx(area, abs=3.0 * np.sqrt(area / 3000))
 
 
 def rows_of(values: dict[str, list[list[float | None]]]) -> list[dict]:
     return [
-        {"experiment": "whole", "object": f"o{i}", "seed": j, "estimator": name, "edge_rmsd": v}
+        {"object": f"o{i}", "seed": j, "estimator": name, "edge_rmsd": v}
         for name, table in values.items()
         for i, seeds in enumerate(table)
         for j, v in enumerate(seeds)
@@ -162,12 +187,12 @@ def rows_of(values: dict[str, list[list[float | None]]]) -> list[dict]:
 
 def test_a_table_averages_seeds_then_objects() -> None:
     rows = rows_of({"lis": [[1.0, 3.0], [4.0, 6.0]], "gpis": [[4.0, 4.0], [10.0, 10.0]]})
-    table = tabulate(rows, "whole", "edge_rmsd")
+    table = measure_table(rows, "edge_rmsd")
     assert table.objects == ("o0", "o1")
     np.testing.assert_array_equal(table.per_object("lis"), [2.0, 5.0])
     assert table.overall("lis") == 3.5
-    share, low, high = table.reduction("lis", "gpis")
-    assert share == pytest.approx(0.5)
+    reduction, low, high = table.reduction("lis", "gpis")
+    assert reduction == pytest.approx(0.5)
     # All resamples of two seeds: both first (1 + 4), both second (3 + 6), one of each.
     assert low == pytest.approx(1.0 - 4.5 / 7.0)
     assert high == pytest.approx(1.0 - 2.5 / 7.0)
@@ -175,7 +200,7 @@ def test_a_table_averages_seeds_then_objects() -> None:
 
 def test_what_one_of_two_lacks_is_compared_for_neither() -> None:
     rows = rows_of({"lis": [[1.0, None], [None, None]], "gpis": [[2.0, 8.0], [None, None]]})
-    table = tabulate(rows, "whole", "edge_rmsd")
+    table = measure_table(rows, "edge_rmsd")
     assert table.overall("gpis") == 5.0
     assert table.reduction("lis", "gpis")[0] == 0.5
     assert np.isnan(table.per_object("lis")[1])

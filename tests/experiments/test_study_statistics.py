@@ -12,26 +12,20 @@ from scipy import stats
 from lis_grasp.experiments.statistics import (
     bootstrap_interval,
     cluster_sums,
+    clusters_of,
     crossed_interval,
     holm,
+    interval_over_objects,
+    interval_over_seeds,
     rank_biserial,
     sign_flip_p_value,
     signed_ranks,
+    success_rate,
 )
-from lis_grasp.experiments.study.clusters import (
-    clusters_of,
-    interval_over_objects,
-    interval_over_seeds,
-)
-from lis_grasp.experiments.study.comparison import (
-    agreements,
-    compare,
-    compare_held,
-    losses,
-    measure_table,
-)
-from lis_grasp.experiments.study.success_rates import share_of
+from lis_grasp.experiments.study.comparison import agreements, compare, compare_held, losses
 from lis_grasp.typing import FloatArray
+
+pytest.importorskip("statsmodels", reason="needs lis-grasp[study]")
 
 ROUNDING = 1e-12  # sums of at most some thousand probabilities
 
@@ -58,19 +52,19 @@ def test_flips_of_signed_ranks_without_ties_are_scipy_s_exact_test_of_wilcoxon()
         assert sign_flip_p_value(signed_ranks(differences)) == pytest.approx(exact, rel=1e-9)
 
 
-def test_flips_of_signed_ranks_with_ties_are_the_share_of_all_signs() -> None:
+def test_flips_of_signed_ranks_with_ties_match_enumeration() -> None:
     differences = np.array([1.0, 1.0, -1.0, 2.0, 2.0, 3.0, -0.5, 0.0])
     ranks = stats.rankdata(np.abs(differences[differences != 0]))
     observed = abs(ranks @ np.sign(differences[differences != 0]))
     sums = [abs(ranks @ signs) for signs in product([-1, 1], repeat=len(ranks))]
-    share = np.mean([s >= observed for s in sums])
-    assert sign_flip_p_value(signed_ranks(differences)) == pytest.approx(share, rel=ROUNDING)
+    fraction = np.mean([s >= observed for s in sums])
+    assert sign_flip_p_value(signed_ranks(differences)) == pytest.approx(fraction, rel=ROUNDING)
     assert sign_flip_p_value(signed_ranks([0.0, 0.0])) == 1.0
     assert sign_flip_p_value([]) == 1.0
 
 
-def test_under_no_difference_p_is_small_no_more_often_than_it_says() -> None:
-    # All 2^8 signs of eight different weights: the share with p <= alpha is at most alpha.
+def test_p_values_under_no_difference_are_valid() -> None:
+    # All 2^8 signs of eight different weights: the fraction with p <= alpha is at most alpha.
     weights = np.array([1, 2, 3, 4, 5, 6, 7, 8])
     p = np.array([sign_flip_p_value(weights * s) for s in product([-1, 1], repeat=8)])
     for alpha in (0.01, 0.05, 0.2, 0.5):
@@ -101,7 +95,7 @@ def test_copies_in_a_cluster_add_no_evidence() -> None:
     assert sign_flip_p_value(thrice) < 0.1 * alone
 
 
-def test_clusters_of_differences_err_as_often_as_they_say_and_pairs_alone_more_often() -> None:
+def test_cluster_tests_keep_their_error_rate_and_pair_tests_do_not() -> None:
     # No estimator is better, but pairs of a cluster agree: 20 clusters of 8 pairs.
     rng = np.random.default_rng(0)
     clusters = np.repeat(np.arange(20), 8)
@@ -112,12 +106,12 @@ def test_clusters_of_differences_err_as_often_as_they_say_and_pairs_alone_more_o
         p = sign_flip_p_value(cluster_sums(signs, clusters)), sign_flip_p_value(signs)
         errs.append([value <= 0.05 for value in p])
     together, alone = np.mean(errs, axis=0)
-    # Three standard deviations of a share of 5 % in 400 are 3.3 points.
+    # Three standard deviations of a rate of 5 % in 400 are 3.3 points.
     assert together <= 0.05 + 0.033
     assert alone > 0.15
 
 
-def test_bootstrap_intervals_are_those_of_the_normal_law_and_widen_where_clusters_agree() -> None:
+def test_bootstrap_intervals_are_normal_for_many_clusters_and_ignore_copies() -> None:
     rng = np.random.default_rng(0)
     values = rng.normal(2.0, 1.0, 400)
     low, high = bootstrap_interval(values, np.arange(400), rng=rng)
@@ -129,7 +123,7 @@ def test_bootstrap_intervals_are_those_of_the_normal_law_and_widen_where_cluster
     np.testing.assert_allclose(copied, (low, high), atol=0.01)
 
 
-def test_crossed_intervals_are_student_s_of_the_means_of_draws() -> None:
+def test_crossed_intervals_are_student_s_intervals_of_the_means() -> None:
     rng = np.random.default_rng(0)
     table = 10.0 * np.arange(12)[:, None] + rng.normal(0.0, 1.0, (12, 6)) + rng.normal(size=6)
     kept, drawn = (index.ravel() for index in np.indices(table.shape))
@@ -143,18 +137,19 @@ def test_crossed_intervals_are_student_s_of_the_means_of_draws() -> None:
 
 
 def simulated(
-    shares: FloatArray, luck: float, seeds: int, rng: np.random.Generator
+    odds: FloatArray, luck: float, seeds: int, rng: np.random.Generator
 ) -> tuple[list[dict], FloatArray]:
-    """Return trials, held or not, of objects with such odds, whose seeds have luck in common."""
-    odds = shares[:, None] + luck * rng.normal(size=seeds) + 0.7 * rng.normal(size=(6, seeds))
-    held = rng.random((6, seeds, 8)) < 1.0 / (1.0 + np.exp(-odds))[:, :, None]
+    """Return trials of objects with given odds, with luck common to the objects of a seed."""
+    logits = odds[:, None] + luck * rng.normal(size=seeds) + 0.7 * rng.normal(size=(6, seeds))
+    held = rng.random((6, seeds, 8)) < 1.0 / (1.0 + np.exp(-logits))[:, :, None]
     rows = [{"object": o, "seed": s} for o in range(6) for s in range(seeds) for _ in range(8)]
     return rows, held.ravel().astype(float)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("luck", [0.0, 0.7])
-def test_intervals_over_seeds_cover_what_they_promise(luck: float) -> None:
-    # 6 objects, some easy, some hard, 4 seeds, with and without luck that all objects share.
+def test_intervals_over_seeds_have_their_coverage(luck: float) -> None:
+    # 6 objects, some easy, some hard, 4 seeds, with and without luck common to all objects.
     rng = np.random.default_rng(0)
     objects = np.linspace(-3.0, 4.0, 6)
     draws = objects + np.hypot(luck, 0.7) * rng.normal(size=(100_000, 1))
@@ -168,7 +163,7 @@ def test_intervals_over_seeds_cover_what_they_promise(luck: float) -> None:
         covered.append(low <= truth <= high)
         low, high = bootstrap_interval(held, clusters_of(rows), rng=rng)
         covered_in_pairs.append(low <= truth <= high)
-    # Three standard deviations of a share of 95 % in 500 are 2.9 points.
+    # Three standard deviations of a rate of 95 % in 500 are 2.9 points.
     assert np.mean(covered) == pytest.approx(0.95, abs=0.029)
     # Pairs of object and seed are too wide, because objects differ; or too narrow, had they less
     # to differ by, because seeds have luck.
@@ -176,12 +171,12 @@ def test_intervals_over_seeds_cover_what_they_promise(luck: float) -> None:
 
 
 def test_intervals_over_objects_do_not_narrow_with_seeds() -> None:
-    shares = np.random.default_rng(0).random(12)
+    rates = np.random.default_rng(0).random(12)
 
     def widths(seeds: int) -> tuple[float, float]:
         rng = np.random.default_rng(1)
         rows = [{"object": o, "seed": s} for o in range(12) for s in range(seeds)]
-        values = [float(rng.random() < shares[row["object"]]) for row in rows]
+        values = [float(rng.random() < rates[row["object"]]) for row in rows]
         found = []
         for low, high in (interval_over_seeds(rows, values), interval_over_objects(rows, values)):
             assert low is not None
@@ -257,8 +252,10 @@ def test_the_risk_difference_is_that_of_the_pairs() -> None:
     assert held.high is not None
     assert held.low < held.effect < held.high
     assert held.p == pytest.approx(mcnemar(6, 2))
-    # All are of one object, whose pairs flip together: nothing is shown of others.
+    # All are of one object, whose pairs flip together: no evidence about other objects.
     assert held.p_objects == 1.0
+    # Each seed is one pair here.
+    assert held.p_seeds == held.p
     assert held.objects_low is None
     assert held.rank_biserial is None
     # No grasp has an epsilon of 0; a surface error that one lacks is compared for neither.
@@ -318,20 +315,20 @@ def test_all_objects_come_first_where_there_are_several_kinds() -> None:
     assert [c.kind for c in compare(rows[:12], "gpis") if c.measure == "held"] == ["edged"]
 
 
-def test_shares_have_intervals_over_objects_and_seeds() -> None:
+def test_success_rates_have_intervals_over_objects_and_seeds() -> None:
     rows = study_rows({"gpis": [1] * 8 + [0] * 4})
-    share = share_of(rows)
-    assert share is not None
-    assert (share.held, share.trials, share.clusters) == (8, 12, 12)
-    assert share.low is not None
-    assert share.high is not None
-    assert share.low < 8 / 12 < share.high
-    assert share_of([]) is None
-    few = share_of(rows[:3])
+    rate = success_rate(rows)
+    assert rate is not None
+    assert (rate.held, rate.trials, rate.clusters) == (8, 12, 12)
+    assert rate.low is not None
+    assert rate.high is not None
+    assert rate.low < 8 / 12 < rate.high
+    assert success_rate([]) is None
+    few = success_rate(rows[:3])
     assert few is not None
     assert few.low is None
     # Four budgets of twelve explorations, all held: as sure as twelve trials make it, not 48.
-    sure = share_of(
+    sure = success_rate(
         [row for n in (5, 10, 20, 40) for row in study_rows({"a": [1] * 12}, touches=n)]
     )
     assert sure is not None
@@ -347,12 +344,6 @@ def test_losses_are_pairs_that_only_the_reference_held() -> None:
     assert all(
         theirs["estimator"] == "gpis" and theirs["held"] for _, theirs in losses(rows, "gpis")
     )
-
-
-def test_measures_are_told_apart_by_noise_and_kind() -> None:
-    rows = study_rows({"gpis": [1, 0]}) + study_rows({"gpis": [1, 1]}, edged=False)
-    assert measure_table(rows, "held", kind="edged", noise="none").overall("gpis") == 0.5
-    assert measure_table(rows, "held", kind="curved", noise="none").overall("gpis") == 1.0
 
 
 def test_too_few_clusters_have_no_interval() -> None:

@@ -1,4 +1,4 @@
-"""Pools of processes: what becomes of them when the process that opened them is killed."""
+"""Pools of worker processes: results, and the end of the workers when the parent is killed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_a_pool_works() -> None:
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks processes up in /proc")
-def test_workers_end_with_a_parent_that_is_killed_at_work(tmp_path: Path) -> None:
+def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(PROGRAM)
     parent = subprocess.Popen(
         [sys.executable, str(tmp_path / "program.py")],

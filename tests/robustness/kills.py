@@ -5,8 +5,8 @@
 
 Each command is killed one to three times, by SIGKILL, SIGTERM or SIGINT, at a random moment or just
 after a file in its folder has changed; then it runs to its end. After every kill, files under their
-final names must be complete; the log of touches, which grows, must be a beginning of the
-uninterrupted one. At the end all files must equal those of an uninterrupted run, byte for byte
+final names must be complete; the files of touches and rows, which grow, must be beginnings of the
+uninterrupted ones. At the end all files must equal those of an uninterrupted run, byte for byte
 except for times. Exit code 1 if any does not. On SIGTERM it finishes the current command and
 reports the commands so far.
 """
@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lis_grasp.experiments.study.study_results import StudyResults, without_times
+from lis_grasp.experiments.study.study_results import without_times
 
 COMMANDS = {
     "explore": "explore box --prober kinematic --touches 8 --position-noise 0.001",
@@ -35,7 +35,7 @@ COMMANDS = {
     " --noise none --seeds 2 --jobs 1",
 }
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
-LOG = "touches.jsonl"  # the one file that grows
+LOGS = ("touches.jsonl", "rows.jsonl")  # the files that grow
 # An uninterrupted command takes seconds; after this time it hangs [s].
 _LONGEST = 600.0
 _POLL = 0.002
@@ -76,11 +76,12 @@ def content_of(path: Path, folder: Path) -> bytes:
         report = json.loads(path.read_bytes())
         report.pop("timings")
         return json.dumps(report).encode()
-    if path.suffix == ".parquet" and path.parent.name == "rows":
-        row = StudyResults(folder).row(path.stem)
-        return json.dumps(without_times(row)).encode()
+    if path.name == "rows.jsonl":
+        header, *rows = path.read_bytes().splitlines(keepends=True) or [b""]
+        whole = (json.loads(row) for row in rows if row.endswith(b"\n"))
+        return header + b"".join(json.dumps(without_times(row)).encode() + b"\n" for row in whole)
     if path.name in ("rows.parquet", "rows.csv"):
-        return b""  # made from rows/, with their times
+        return b""  # made of rows.jsonl, with its times
     return path.read_bytes().replace(str(folder).encode(), b"FOLDER")
 
 
@@ -128,7 +129,7 @@ def half_written(folder: Path, plain: Uninterrupted) -> list[str]:
         whole = plain.files.get(name)
         if whole is None or not (
             whole.startswith(content[: content.rfind(b"\n") + 1])
-            if name == LOG
+            if name in LOGS
             else content == whole
         ):
             faults.append(f"{name} after a kill")

@@ -33,7 +33,7 @@ from lis_grasp.exceptions import (
     LisGraspError,
     shown,
 )
-from lis_grasp.experiments.study.study_file import load_study
+from lis_grasp.experiments.study.study import load_study
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasps import load_grasps
 from lis_grasp.hands.hand import Hand

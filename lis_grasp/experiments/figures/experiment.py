@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.experiments.compared_estimators import Noise, contender
+from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
 from lis_grasp.experiments.figures.painter import View
 from lis_grasp.experiments.paper.paper_trials import explored
 from lis_grasp.experiments.paper.surface_walk import SurfaceWalk
@@ -52,7 +52,7 @@ def explored_object(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
 
 def estimate(name: str, contacts: Contacts) -> ImplicitSurface:
     """Return the surface of an estimator, by its name in the experiments, from exact contacts."""
-    return contender(name)(contacts, Noise())
+    return compared_estimator(name)(contacts, Noise())
 
 
 def estimated_mesh(

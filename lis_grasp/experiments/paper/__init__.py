@@ -1,1 +1,1 @@
-"""The experiments of the paper (Ottenhaus et al. 2016), again and from seeds."""
+"""The experiments of the paper (Ottenhaus et al. 2016), repeated with many seeds."""

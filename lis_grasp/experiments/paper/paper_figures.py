@@ -1,8 +1,9 @@
-"""The figures of the report, in its order, with what there is to see on them."""
+"""Figures of the paper's report: drawings, bar charts, noise curves, calibration of bands."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,9 +16,10 @@ from lis_grasp.experiments.figures import (
     curve_panels,
     png_of,
 )
-from lis_grasp.experiments.paper.paper_page import Picture
-from lis_grasp.experiments.paper.summary import Table, tabulate
+from lis_grasp.experiments.paper.claims import experiment_table
 from lis_grasp.experiments.paper.wedge import NOISE_LEVELS
+from lis_grasp.experiments.report_page import Picture
+from lis_grasp.experiments.statistics import MeasureTable
 from lis_grasp.io.json_lines import Row
 
 _SHOWN = ("gpis", "lis", "blend")
@@ -56,29 +58,22 @@ def _drawn(number: int) -> Entry:
 
 
 def _charts_of_objects(rows: Sequence[Row]) -> list[Entry]:
-    whole = {
-        measure: _values(tabulate(rows, "whole", measure))
-        for measure in ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
-    }
-    ninth = CHART_CAPTIONS[9]
+    either = " The paper shows one direction of the two and does not say which."
     return [
-        (
-            "Figure 9, estimate to truth",
-            ninth + " The paper shows one direction of the two and does not say which.",
-            lambda: bars(whole["rmsd"], title="Estimate to truth", ylabel="RMSD [mm]"),
-        ),
-        (
-            "Figure 9, truth to estimate",
-            ninth,
-            lambda: bars(
-                whole["rmsd_truth_to_estimate"], title="Truth to estimate", ylabel="RMSD [mm]"
+        (title, caption, partial(_bars, experiment_table(rows, "whole", measure), what))
+        for title, caption, measure, what in (
+            (
+                "Figure 9, estimate to truth",
+                CHART_CAPTIONS[9] + either,
+                "rmsd",
+                "Estimate to truth",
             ),
-        ),
-        (
-            "Figure 10",
-            CHART_CAPTIONS[10],
-            lambda: bars(whole["edge_rmsd"], title="True edges to estimate", ylabel="RMSD [mm]"),
-        ),
+            (
+                *("Figure 9, truth to estimate", CHART_CAPTIONS[9]),
+                *("rmsd_truth_to_estimate", "Truth to estimate"),
+            ),
+            ("Figure 10", CHART_CAPTIONS[10], "edge_rmsd", "True edges to estimate"),
+        )
     ]
 
 
@@ -87,10 +82,10 @@ def _charts_of_bands(rows: Sequence[Row]) -> list[Entry]:
         f"{1e3 * noise.position:g} mm\n{np.degrees(noise.normal):g}°" for noise in NOISE_LEVELS
     ]
     panels = {
-        "at the edge": _levels(tabulate(rows, "wedge", "edge_rmsd")),
-        "truth to estimate": _levels(tabulate(rows, "wedge", "rmsd_truth_to_estimate")),
+        "at the edge": _levels(experiment_table(rows, "wedge", "edge_rmsd")),
+        "truth to estimate": _levels(experiment_table(rows, "wedge", "rmsd_truth_to_estimate")),
     }
-    bands = [tabulate(rows, "noisy", f"within_{k}_sigma") for k in ("1", "1.96")]
+    bands = [experiment_table(rows, "noisy", f"within_{k}_sigma") for k in ("1", "1.96")]
     covered = {
         name: np.array([table.per_object(name) for table in bands])
         for name in _SHOWN
@@ -106,17 +101,17 @@ def _charts_of_bands(rows: Sequence[Row]) -> list[Entry]:
         ),
         (
             "Beyond the paper: uncertainty",
-            "Which share of the explored truth lies within 1 and 1.96 standard deviations of the"
-            " estimate, contacts with 1 mm and 3 degrees of noise, of which the estimators were"
-            " told: means over objects, lines one standard deviation between objects.",
+            "Fraction of the explored truth within 1 and 1.96 standard deviations of the estimate."
+            " Contacts have 1 mm and 3 degrees of noise, which the estimators are given. Means over"
+            " objects, lines one standard deviation between objects.",
             lambda: calibration((0.683, 0.95), covered, title="Bands of uncertainty"),
         ),
     ]
 
 
-def _values(table: Table) -> dict[str, dict[str, list[float]]]:
-    """Return the values of the estimators shown, in mm, by object; objects without any left out."""
-    return {
+def _bars(table: MeasureTable, title: str) -> Figure:
+    """Draw the values of the estimators shown, in mm; objects without any are left out."""
+    values: dict[str, dict[str, list[float]]] = {
         estimator: {
             name: (1e3 * table.of(estimator)[k]).tolist()
             for k, name in enumerate(table.objects)
@@ -125,7 +120,8 @@ def _values(table: Table) -> dict[str, dict[str, list[float]]]:
         for estimator in _SHOWN
         if estimator in table.estimators
     }
+    return bars(values, title=title, ylabel="RMSD [mm]")
 
 
-def _levels(table: Table) -> dict[str, np.ndarray]:
+def _levels(table: MeasureTable) -> dict[str, np.ndarray]:
     return {name: 1e3 * table.of(name) for name in _UNDER_NOISE if name in table.estimators}

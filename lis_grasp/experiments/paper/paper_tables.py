@@ -1,17 +1,21 @@
-"""Tables of the report, as HTML and as CSV."""
+"""Tables of the paper's report: claims, change from GPIS, means, errors by object, failures."""
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Sequence
-from html import escape
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from lis_grasp.experiments.figures.palette import estimator_label
-from lis_grasp.experiments.paper.claims import Claim
-from lis_grasp.experiments.paper.summary import tabulate
+from lis_grasp.experiments.paper.claims import (
+    change_text,
+    experiment_table,
+    noise_label,
+    paper_claims,
+)
+from lis_grasp.experiments.paper.exactness import cube_edge_error, meshing_loss
+from lis_grasp.experiments.paper.wedge import NOISE_LEVELS
+from lis_grasp.experiments.report_page import TextTable, csv_text
 from lis_grasp.io.json_lines import Row
 
 # Measure, heading, factor to what is printed.
@@ -29,75 +33,109 @@ _MEASURES = (
     ("within_1_sigma", "truth within 1 sigma [%]", 1e2),
     ("within_1.96_sigma", "within 1.96 sigma [%]", 1e2),
 )
+_ERRORS = _MEASURES[:3]
+
+# Cells of the meshes whose loss at edges is measured [m].
+_COARSE = 0.008
 
 
-def claims_table(claims: Sequence[Claim], heading: str) -> str:
-    """Return claims as an HTML table."""
-    body = "".join(
-        f"<tr><td>{escape(c.statement)}</td><td>{escape(c.claimed)}</td>"
-        f"<td>{escape(c.measured)}</td>"
-        f'<td class="{c.verdict.split()[0]}">{escape(c.verdict)}</td></tr>'
-        for c in claims
+def claims_table(rows: Sequence[Row]) -> TextTable:
+    """Return the paper's claims beside the values measured here."""
+    head = ("", "the paper", "measured here (95 % interval)", "")
+    body = tuple((c.statement, c.claimed, c.measured, c.verdict) for c in paper_claims(rows))
+    return TextTable("claims", "Claims of the paper", head, body)
+
+
+def changes_table(rows: Sequence[Row], estimator: str, titles: Mapping[str, str]) -> TextTable:
+    """Return the change of an estimator's errors from GPIS in every experiment.
+
+    Below each experiment on objects is the change on the object where it is largest.
+    """
+    body = []
+    for experiment, title in titles.items():
+        tables = [experiment_table(rows, experiment, measure) for measure, _, _ in _ERRORS]
+        if not {estimator, "gpis"} <= set(tables[0].estimators):
+            continue
+        if experiment == "wedge":
+            for level in range(len(NOISE_LEVELS)):
+                if str(level) in tables[0].objects:
+                    cells = (change_text(table.only(str(level)), estimator) for table in tables)
+                    body.append((f"at an edge, {noise_label(level)}", *cells))
+            continue
+        body.append((title, *(change_text(table, estimator) for table in tables)))
+        worst = []
+        for table in tables:
+            ratios = table.per_object(estimator) / table.per_object("gpis")
+            k = int(np.nanargmax(ratios))
+            worst.append(f"{ratios[k]:.2f} times ({table.objects[k]})")
+        body.append(("… worst object", *worst))
+    head = ("", *(heading for _, heading, _ in _ERRORS))
+    title = f"Change of the errors of {estimator_label(estimator)} from GPIS, with 95 % intervals"
+    return TextTable("changes", title, head, tuple(body))
+
+
+def exactness_table(estimator: str) -> TextTable:
+    """Return the errors of estimates that should be exact, measured now, without trials."""
+    cube, loss = cube_edge_error(estimator), meshing_loss(_COARSE)
+    body = (
+        ("a cube from six contacts, at its edges", f"{1e3 * cube:.4f}"),
+        (f"loss of meshing with cells of {1e3 * _COARSE:g} mm, at edges", f"{1e3 * loss:.4f}"),
     )
-    return (
-        f"<table><thead><tr><th></th><th>{escape(heading)}</th><th>measured here"
-        f" (95 % interval)</th><th></th></tr></thead><tbody>{body}</tbody></table>"
-    )
+    return TextTable("exactness", "Errors that should be 0", ("", "RMSD [mm]"), body)
 
 
-def measures_table(rows: Sequence[Row], experiment: str) -> str:
+def measures_table(rows: Sequence[Row], experiment: str, title: str) -> TextTable:
     """Return an experiment's measures, means over objects and seeds, estimators in rows."""
-    tables = [tabulate(rows, experiment, measure) for measure, _, _ in _MEASURES]
-    head = "".join(f"<th>{escape(heading)}</th>" for _, heading, _ in _MEASURES)
-    body = ""
-    for name in tables[0].estimators:
-        cells = "".join(
-            f"<td>{_number(factor * table.overall(name))}</td>"
-            for table, (_, _, factor) in zip(tables, _MEASURES, strict=True)
+    tables = [
+        (experiment_table(rows, experiment, measure), factor) for measure, _, factor in _MEASURES
+    ]
+    body = tuple(
+        (estimator_label(name), *(_number(factor * t.overall(name)) for t, factor in tables))
+        for name in tables[0][0].estimators
+    )
+    head = ("", *(heading for _, heading, _ in _MEASURES))
+    return TextTable(experiment, title, head, body)
+
+
+def objects_table(rows: Sequence[Row], experiment: str, measure: str, title: str) -> TextTable:
+    """Return one measure in mm, mean and standard deviation over seeds, objects in rows."""
+    table = experiment_table(rows, experiment, measure)
+    body = tuple(
+        (name, *(_spread(1e3 * table.of(estimator)[k]) for estimator in table.estimators))
+        for k, name in enumerate(table.objects)
+    )
+    head = ("", *(estimator_label(name) for name in table.estimators))
+    return TextTable(f"{experiment}_{measure}", title, head, body)
+
+
+def failures_table(rows: Sequence[Row]) -> TextTable:
+    """Return every estimate that failed, with its reason."""
+    body = tuple(
+        (
+            estimator_label(r["estimator"]),
+            r["experiment"],
+            r["object"],
+            str(r["seed"]),
+            r["failure"],
         )
-        body += f"<tr><th>{escape(estimator_label(name))}</th>{cells}</tr>"
-    return f"<table><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def objects_table(rows: Sequence[Row], experiment: str, measure: str) -> str:
-    """Return one measure in mm, mean and spread over seeds, objects in rows."""
-    table = tabulate(rows, experiment, measure)
-    head = "".join(f"<th>{escape(estimator_label(name))}</th>" for name in table.estimators)
-    body = ""
-    for k, name in enumerate(table.objects):
-        cells = ""
-        for estimator in table.estimators:
-            values = 1e3 * table.of(estimator)[k]
-            values = values[~np.isnan(values)]
-            if len(values):
-                cells += f"<td>{_number(values.mean())} ± {_number(values.std())}</td>"
-            else:
-                cells += "<td>–</td>"
-        body += f"<tr><th>{escape(name)}</th>{cells}</tr>"
-    return f"<table><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def failures_list(rows: Sequence[Row]) -> str:
-    """Return every estimate that failed, with its reason, as an HTML list."""
-    items = [
-        f"<li>{escape(r['experiment'])}, {escape(r['object'])}, seed {r['seed']},"
-        f" {escape(estimator_label(r['estimator']))}: {escape(r['failure'])}</li>"
         for r in rows
         if "failure" in r
-    ]
-    return f"<ul>{''.join(items)}</ul>" if items else "<p>No estimate failed.</p>"
+    )
+    head = ("estimator", "experiment", "object", "seed", "reason")
+    return TextTable("failures", "Estimates that failed", head, body)
 
 
 def rows_as_csv(rows: Sequence[Row]) -> str:
     """Return all rows as CSV, ordered, so that equal results are equal files."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(
-        sorted(rows, key=lambda r: (r["experiment"], r["object"], r["seed"], r["estimator"]))
-    )
-    return text.getvalue()
+    order = ("experiment", "object", "seed", "estimator")
+    ordered = sorted(rows, key=lambda row: tuple(row[name] for name in order))
+    return csv_text([columns, *([row.get(name) for name in columns] for row in ordered)])
+
+
+def _spread(values: np.ndarray) -> str:
+    known = values[~np.isnan(values)]
+    return f"{_number(known.mean())} ± {_number(known.std())}" if len(known) else "–"
 
 
 def _number(value: float) -> str:

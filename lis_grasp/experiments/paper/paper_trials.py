@@ -1,9 +1,9 @@
-"""One trial of the paper's experiments: an object, its contacts, every estimator, the errors."""
+"""Trials of the paper's experiments: contacts of an object, and each estimator's surface errors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -16,29 +16,35 @@ from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import LisGraspError
-from lis_grasp.experiments.compared_estimators import Noise, contender
+from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
 from lis_grasp.experiments.paper.surface_walk import SurfaceWalk, walk_surface
 from lis_grasp.experiments.paper.wedge import NOISE_LEVELS, touch_wedge, wedge
+from lis_grasp.experiments.runner import single_thread
+from lis_grasp.experiments.trial_results import Job
+from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ImplicitSurface
 
-Experiment = Literal["whole", "half", "few", "noisy", "wedge"]
+# The order enters the seeds of the noise: append new ones.
+Experiment = Literal["whole", "half", "few", "noisy", "wedge", "random"]
 
 EXPLORED_RADIUS = 0.05
-"""What lies nearer to a contact counts as explored [m] (Ottenhaus et al. 2016, IV.B)."""
+"""Surface within this distance of a contact counts as explored [m] (Ottenhaus 2016, IV.B)."""
 
 SENSOR_NOISE = Noise(position=0.001, normal=float(np.deg2rad(3.0)))
-"""Noise of the noisy experiment: a fair tactile sensor's."""
+"""Noise of the noisy experiment: that of a fair tactile sensor."""
 
-# Points at which the estimate's uncertainty is held against the truth.
+# Points at which the estimate's uncertainty is compared with its error.
 _BAND_SAMPLES = 2000
+# Places that random contacts are drawn from, even in area.
+_PLACES = 20_000
 
-_WALK, _NOISE = 1, 2
+_WALK, _NOISE, _RANDOM = 1, 2, 3
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Trial:
+@dataclass(frozen=True, slots=True)
+class PaperTrial:
     """An experiment on one object with one seed.
 
     Parameters
@@ -46,16 +52,27 @@ class Trial:
     experiment
         "whole": the object fully explored; "half": until half of its surface is; "few": the first
         5 to 8 contacts; "noisy": fully explored, with 1 mm and 3 degrees of noise; "wedge": 12
-        contacts round a 90 degree edge, under a level of noise.
+        contacts round a 90 degree edge, under a level of noise; "random": as many contacts as
+        "whole" has, drawn at random from the surface, uniformly in area.
     object
         Name of a built-in shape, at 20 cm; for "wedge" the index of the level in NOISE_LEVELS.
     seed
-        Of the walk and the noise. Experiments on one object and seed share the walk.
+        Of the contacts and the noise. Experiments on one object and seed share the walk.
     """
 
     experiment: Experiment
     object: str
     seed: int
+
+
+def trial_key(trial: PaperTrial, estimator: str) -> tuple[Any, ...]:
+    """Return the key of a row: experiment, object, seed, estimator."""
+    return *astuple(trial), estimator
+
+
+def key_of(row: Row) -> tuple[Any, ...]:
+    """Return the key of a row, as `trial_key` does."""
+    return row["experiment"], row["object"], row["seed"], row["estimator"]
 
 
 def explored(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
@@ -65,46 +82,56 @@ def explored(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
     return shape, walk_surface(shape, rng=np.random.default_rng([_WALK, index, seed]))
 
 
-def trials(experiments: Sequence[Experiment], seeds: int) -> list[Trial]:
+def random_contacts(shape: Shape, count: int, *, rng: np.random.Generator) -> Contacts:
+    """Return exact contacts drawn at random from a surface, uniformly in area."""
+    points, faces = sample_mesh(shape.mesh, _PLACES)
+    drawn = rng.choice(_PLACES, count, replace=False)
+    return Contacts(points[drawn], np.asarray(shape.mesh.face_normals)[faces[drawn]])
+
+
+def paper_trials(experiments: Sequence[Experiment], seeds: int) -> list[PaperTrial]:
     """Return every trial of some experiments, seed by seed, so that an early stop is balanced."""
+    levels = [str(level) for level in range(len(NOISE_LEVELS))]
     return [
-        Trial(experiment, name, seed)
+        PaperTrial(experiment, name, seed)
         for seed in range(seeds)
         for experiment in experiments
-        for name in (
-            [str(level) for level in range(len(NOISE_LEVELS))]
-            if experiment == "wedge"
-            else shapes.NAMES
-        )
+        for name in (levels if experiment == "wedge" else shapes.NAMES)
     ]
 
 
-def run_trial(trial: Trial, contenders: Sequence[str]) -> list[dict[str, Any]]:
-    """Return a row for each estimator: the trial, and its errors [m] or why there are none."""
-    shape, clean, noise = _setting(trial)
-    rng = np.random.default_rng([_NOISE, *_key(trial)])
-    contacts = noise.disturb(clean, rng=rng)
-    rows = []
-    for name in contenders:
-        row: dict[str, Any] = {**asdict(trial), "estimator": name, "contacts": len(contacts)}
-        try:
-            surface = contender(name)(contacts, noise)
-            mesh = extract_mesh(surface)
-            error = surface_error(mesh, shape, clean, explored_radius=EXPLORED_RADIUS)
-        except LisGraspError as failure:
-            rows.append(row | {"failure": str(failure)})
-            continue
-        row |= asdict(error)
-        row["within_1_sigma"], row["within_1.96_sigma"] = _band(surface, mesh, shape, clean)
-        rows.append(row)
-    return rows
+def run_paper_trial(job: Job) -> list[Row]:
+    """Return a row for each estimator: the trial, and its errors [m] or the reason of failure."""
+    trial: PaperTrial = job.trial
+    with single_thread():
+        shape, clean, noise = _setting(trial)
+        contacts = noise.disturb(clean, rng=np.random.default_rng([_NOISE, *_seeds(trial)]))
+        return [_row(trial, name, shape, clean, contacts, noise) for name in job.variants]
 
 
-def _setting(trial: Trial) -> tuple[Shape, Contacts, Noise]:
-    """Return the true object, the contacts as they would be without noise, and the noise."""
+def _row(
+    trial: PaperTrial, name: str, shape: Shape, clean: Contacts, contacts: Contacts, noise: Noise
+) -> Row:
+    row: Row = {**asdict(trial), "estimator": name, "contacts": len(contacts)}
+    try:
+        surface = compared_estimator(name)(contacts, noise)
+        mesh = extract_mesh(surface)
+        error = surface_error(mesh, shape, clean, explored_radius=EXPLORED_RADIUS)
+    except LisGraspError as failure:
+        return row | {"failure": str(failure)}
+    row |= asdict(error)
+    row["within_1_sigma"], row["within_1.96_sigma"] = _band(surface, mesh, shape, clean)
+    return row
+
+
+def _setting(trial: PaperTrial) -> tuple[Shape, Contacts, Noise]:
+    """Return the true object, its exact contacts, and the noise."""
     if trial.experiment == "wedge":
         return wedge(), touch_wedge(), NOISE_LEVELS[int(trial.object)]
     shape, walk = explored(trial.object, trial.seed)
+    if trial.experiment == "random":
+        rng = np.random.default_rng([_RANDOM, *_seeds(trial)])
+        return shape, random_contacts(shape, len(walk.contacts), rng=rng), Noise()
     if trial.experiment == "half":
         return shape, walk.until(0.5), Noise()
     if trial.experiment == "few":
@@ -112,7 +139,7 @@ def _setting(trial: Trial) -> tuple[Shape, Contacts, Noise]:
     return shape, walk.contacts, SENSOR_NOISE if trial.experiment == "noisy" else Noise()
 
 
-def _key(trial: Trial) -> tuple[int, int, int]:
+def _seeds(trial: PaperTrial) -> tuple[int, int, int]:
     names = shapes.NAMES
     number = int(trial.object) if trial.experiment == "wedge" else names.index(trial.object)
     return get_args(Experiment).index(trial.experiment), number, trial.seed
@@ -121,7 +148,7 @@ def _key(trial: Trial) -> tuple[int, int, int]:
 def _band(
     surface: ImplicitSurface, mesh: trimesh.Trimesh, shape: Shape, contacts: Contacts
 ) -> tuple[float, float]:
-    """Return the shares of the explored truth within 1 and 1.96 standard deviations."""
+    """Return the fractions of the explored truth within 1 and 1.96 standard deviations."""
     points, _ = sample_mesh(shape.mesh, _BAND_SAMPLES)
     points = points[cKDTree(contacts.points).query(points)[0] <= EXPLORED_RADIUS]
     distances, _ = distances_to_mesh(points, mesh)

@@ -1,4 +1,4 @@
-"""The contacts of the paper's experiments: an exploration that favours no estimator."""
+"""Contacts of the paper's experiments: a walk over the true surface, without an estimator."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from lis_grasp.exploration import STEP_FRACTION
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 
-# A new contact lies about one step from the nearest one; in steps.
+# Distance of a new contact from the nearest one, in steps.
 _BAND = (0.8, 1.2)
-# A fingertip on an edge feels no normal: contacts keep off edges by this share of the step.
+# A fingertip measures no normal on an edge: distance of contacts from edges, in steps.
 _CLEARANCE = 0.06
-# A contact says nothing of a surface that faces away from it, as the far side of a thin wall does.
+# A contact does not explore a surface that faces away from it: the other side of a thin wall.
 _FACES_AWAY = -0.5
 _PLACES = 20_000
 
@@ -32,7 +32,7 @@ class SurfaceWalk:
     contacts
         Exact points and normals of the true surface, in O.
     coverage
-        Shape (N,), share of the true area within a step of a contact that does not face away,
+        Shape (N,), fraction of the true area within a step of a contact that does not face away,
         after each contact.
     """
 
@@ -40,7 +40,7 @@ class SurfaceWalk:
     coverage: FloatArray
 
     def until(self, coverage: float) -> Contacts:
-        """Return the contacts up to the one that explored at least this share of the object."""
+        """Return the contacts up to the one that explored at least this fraction of the object."""
         enough = np.flatnonzero(self.coverage >= coverage)
         return self.first(int(enough[0]) + 1 if len(enough) else len(self.contacts))
 
@@ -55,8 +55,9 @@ def walk_surface(
     """Touch an object step by step until all of it is within a step of a contact.
 
     The first contact is anywhere; each next one is drawn from the true surface about a step away
-    from what was touched before. The paper's explorer chooses targets by an estimate, and which is
-    not said; choosing by the truth keeps the contacts apart from every estimator under test.
+    from the contacts so far. The paper's explorer chooses targets by an estimate, and does not say
+    which; contacts chosen on the true surface depend on no estimator. They are even, though, which
+    favours estimators with sharp edges.
 
     Parameters
     ----------
@@ -74,18 +75,18 @@ def walk_surface(
     """
     step = STEP_FRACTION * shape.size if step is None else step
     if not (np.isfinite(step) and step > 0.0):
-        raise InvalidOptionError(f"step must be a positive length [m]; {step!r} came")
+        raise InvalidOptionError.out_of_range("step", step, "a positive length [m]")
     places, faces = sample_mesh(shape.mesh, _PLACES)
     normals = np.asarray(shape.mesh.face_normals)[faces]
-    can_be_felt = np.ones(len(places), dtype=bool)
+    can_touch = np.ones(len(places), dtype=bool)
     if len(shape.edges):
         edge = cKDTree(sample_segments(shape.edges, _PLACES))
-        can_be_felt = edge.query(places)[0] > _CLEARANCE * step
-    gaps = np.full(len(places), np.inf)  # to the nearest contact on the same side
+        can_touch = edge.query(places)[0] > _CLEARANCE * step
+    gaps = np.full(len(places), np.inf)  # to the nearest contact that does not face away
     chosen: list[int] = []
     coverage: list[float] = []
     while True:
-        open_ = can_be_felt & (gaps > _BAND[0] * step)
+        open_ = can_touch & (gaps > _BAND[0] * step)
         frontier = np.flatnonzero(open_ & (gaps < _BAND[1] * step))
         if len(frontier):
             k = rng.choice(frontier)

@@ -20,16 +20,16 @@ _SIDE = 0.6
 
 
 def wedge() -> Shape:
-    """Return a cube so large that its edge along y at the origin is all that contacts know of."""
+    """Return a large cube with an edge along y at the origin; its other edges are far away."""
     half = 0.5 * _SIDE
     cube = trimesh.creation.box(bounds=[[-_SIDE, -half, -_SIDE], [0.0, half, 0.0]])
     return Shape.from_mesh("wedge", cube)
 
 
 def touch_wedge() -> Contacts:
-    """Return 12 contacts 50 mm apart: 2 columns of 3 on either face, the first 25 mm from the edge.
+    """Return 12 contacts 50 mm apart: 2 columns of 3 on each face, the first 25 mm from the edge.
 
-    The paper gives number and spacing; how they lie is ours.
+    The paper gives their number and spacing; their arrangement is ours.
     """
     away = -_SPACING * np.array([0.5, 1.5])
     along = _SPACING * np.array([-1.0, 0.0, 1.0])

@@ -1,9 +1,11 @@
-"""The clearest pairs won and lost, as scenes of their own and as a picture in the report."""
+"""Scenes and pictures of the clearest win and the clearest loss of a study."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import trimesh
 
@@ -14,10 +16,13 @@ from lis_grasp.experiments.figures import png_of
 from lis_grasp.experiments.figures.palette import estimator_label
 from lis_grasp.experiments.figures.still import draw_still
 from lis_grasp.experiments.figures.style import add_panel, foot_note, head_estimator, new_figure
-from lis_grasp.experiments.paper.paper_page import Picture
-from lis_grasp.experiments.study.case import Case, extremes, make_case
+from lis_grasp.experiments.report_page import Picture
+from lis_grasp.experiments.runner import single_thread
+from lis_grasp.experiments.study.comparison import clearest_pairs
 from lis_grasp.experiments.study.keys import label
 from lis_grasp.experiments.study.study_results import job_of
+from lis_grasp.experiments.study.study_trial import contacts_of, estimate, lift, plan
+from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
 from lis_grasp.visualization import Scene
 from lis_grasp.visualization.hand_layers import link_poses
@@ -26,9 +31,9 @@ from lis_grasp.visualization.hand_layers import link_poses
 def draw_cases(
     folder: Path, rows: Sequence[Row], reference: str, files: Sequence[str]
 ) -> Iterator[Picture]:
-    """Draw the clearest pair won, and the clearest lost, and write a scene of each of their rows.
+    """Draw the clearest win and the clearest loss, and write a scene of each of their rows.
 
-    Scenes are ``cases/<key>.html`` in the folder. Rows whose files are not there, or that another
+    Scenes are ``cases/<key>.html`` in the folder. Rows whose files are missing, or that another
     version made, are left out.
 
     Parameters
@@ -38,81 +43,87 @@ def draw_cases(
     rows
         Its results.
     reference
-        The estimator that the others are held against.
+        The estimator that the others are compared with.
     files
         Paths of objects and hands.
     """
-    for winner, loser in extremes(rows, reference):
-        first, second = (_remade(row, files) for row in (winner, loser))
+    for winner, loser in clearest_pairs(rows, reference):
+        first, second = (_repeat(row, files) for row in (winner, loser))
         if first is None or second is None:
             continue
         for row, case in ((winner, first), (loser, second)):
             _write(folder / "cases" / f"{row['key']}.html", row, case)
         won = winner["estimator"] != reference
-        leader = (winner if won else loser)["estimator"]
+        best = (winner if won else loser)["estimator"]
         yield Picture(
-            f"The clearest pair that {estimator_label(leader)} {'won' if won else 'lost'}",
+            f"The clearest {'win' if won else 'loss'} of {estimator_label(best)}",
             f"{label(winner['object'])}, {winner['hand']}, {winner['touches']} touches, noise"
             f" {winner['noise']}, seed {winner['seed']}: both estimates and their contacts, the"
-            " true edges as lines, and the hand at its best grasp. Scenes to turn, with the lift:"
-            f" cases/{winner['key']}.html and cases/{loser['key']}.html.",
+            " true edges as lines, and the hand at its best grasp. Interactive scenes with the"
+            f" lift: cases/{winner['key']}.html and cases/{loser['key']}.html.",
             _picture([(winner, first), (loser, second)]),
         )
 
 
-def _remade(row: Row, files: Sequence[str]) -> Case | None:
+def _repeat(row: Row, files: Sequence[str]) -> dict[str, Any] | None:
+    """Repeat a row, and return its scene by argument of `Scene`; None if that fails."""
     if row["version"] != lis_grasp.__version__:
         return None
+    import_module("lis_grasp.simulation.simulate_lift")  # so that Drake's threads are limited, too
     try:
-        return make_case(job_of(row, files))
-    except LisGraspError:  # no surface, or no file: nothing to look at
+        trial = job_of(row, files).trial
+        with single_thread():
+            shape, hand = trial.find_object(), Hand.load(trial.hand)
+            contacts, _ = contacts_of(trial, trial.explorer(row["estimator"]))
+            mesh = estimate(trial, row["estimator"], contacts)
+            grasps = plan(trial, mesh, shape, hand).grasps
+            motion = lift(trial, grasps[0], shape, hand).motion if grasps else None
+    except LisGraspError:  # no surface, or no file: nothing to draw
         return None
+    return {
+        "truth": shape,
+        "estimate": mesh,
+        "contacts": contacts,
+        "grasps": grasps,
+        "hand": hand,
+        "motion": motion,
+        "support_height": pipeline.support_height(shape),
+    }
 
 
-def _write(path: Path, row: Row, case: Case) -> None:
+def _write(path: Path, row: Row, scene: dict[str, Any]) -> None:
     lines = (
         f"{estimator_label(row['estimator'])}, {row['touches']} touches, noise {row['noise']},"
         f" seed {row['seed']}",
-        _ended(row),
+        _result(row),
     )
-    scene = Scene(
-        truth=case.shape.mesh,
-        estimate=case.mesh,
-        contacts=case.contacts,
-        grasps=case.grasps,
-        hand=case.hand,
-        motion=case.motion,
-        support_height=pipeline.support_height(case.shape),
-        title=f"lis_grasp: {row['object']}",
-        summary=lines,
-    )
-    scene.save(path)
+    content = scene | {"truth": scene["truth"].mesh}
+    Scene(**content, title=f"lis_grasp: {row['object']}", summary=lines).save(path)
 
 
-def _picture(shown: Sequence[tuple[Row, Case]]) -> bytes:
+def _picture(shown: Sequence[tuple[Row, dict[str, Any]]]) -> bytes:
     figure = new_figure(4.4)
-    # One scale of colours for both would hide the better known surface: no colours.
-    for k, (row, case) in enumerate(shown):
+    for k, (row, scene) in enumerate(shown):
         axes = add_panel(figure, 0.02 + 0.49 * k, 0.1, 0.47, 0.8)
-        plain = trimesh.Trimesh(case.mesh.vertices, case.mesh.faces, process=False)
-        links = None
-        if case.grasps:
-            poses = link_poses(case.hand, case.grasps[0])
-            links = dict(zip(case.hand.links, poses, strict=True))
+        mesh, hand, links = scene["estimate"], scene["hand"], None
+        # One colour scale for both would hide the more certain surface: no colours.
+        plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        if scene["grasps"]:
+            links = dict(zip(hand.links, link_poses(hand, scene["grasps"][0]), strict=True))
         draw_still(
             axes,
-            truth=case.shape,
+            truth=scene["truth"],
             estimate=plain,
-            contacts=case.contacts,
-            hand=case.hand,
+            contacts=scene["contacts"],
+            hand=hand,
             links=links,
         )
         head_estimator(figure, axes, row["estimator"])
-        foot_note(axes, _ended(row))
+        foot_note(axes, _result(row))
     return png_of(figure)
 
 
-def _ended(row: Row) -> str:
+def _result(row: Row) -> str:
     if row["epsilon_truth"] is None:
         return str(row["reason"])
     return (

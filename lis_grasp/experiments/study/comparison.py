@@ -1,4 +1,4 @@
-"""What the rows of a study say: every estimator against the reference, pair by pair."""
+"""Paired comparison of estimators with a reference: tests, effects, and agreement with errors."""
 
 from __future__ import annotations
 
@@ -8,19 +8,16 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from lis_grasp.experiments.paper.summary import Table, tabulate
 from lis_grasp.experiments.statistics import (
     cluster_sums,
-    holm,
-    rank_biserial,
-    sign_flip_p_value,
-    signed_ranks,
-)
-from lis_grasp.experiments.study.clusters import (
     clusters_of,
+    holm,
     interval_over_objects,
     interval_over_seeds,
     objects_of,
+    rank_biserial,
+    sign_flip_p_value,
+    signed_ranks,
 )
 from lis_grasp.experiments.study.study import TRIAL_COLUMNS, TRUTH
 from lis_grasp.io.json_lines import Row
@@ -32,13 +29,12 @@ Kind = Literal["all", "edged", "curved", "files"]
 
 MEASURES: tuple[Measure, ...] = get_args(Measure)
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""All objects; built-in shapes with sharp edges, and without; mesh files, of whose edges nobody
-says which are real and which are a scan's noise."""
+"""All objects; built-in shapes with sharp edges, and without; mesh files, whose edges may be real
+or noise of a scan."""
 
 ERRORS: tuple[Measure, ...] = MEASURES[3:]
 """Errors of the surface."""
 
-# Where less is better.
 _LESS_IS_BETTER = ("epsilon_gap", *ERRORS)
 
 
@@ -49,38 +45,37 @@ class Comparison:
     Parameters
     ----------
     estimator, reference
-        Who is compared.
+        The two that are compared.
     measure
-        "held": share of trials whose grasp lifted and held, no grasp being not held.
-        "epsilon_truth": epsilon of the best grasp on the true object, 0 where there is no grasp.
-        "epsilon_gap": by how much the estimate promised another epsilon than the truth keeps, as an
-        absolute value, where both found a grasp. The rest are surface errors [m], where both have
-        them.
+        "held": success rate of trials, no grasp being not held. "epsilon_truth": epsilon of the
+        best grasp on the true object, 0 without a grasp. "epsilon_gap": absolute difference between
+        epsilon on the estimate and on the truth, where both found a grasp. The rest are surface
+        errors [m], where both have them.
     kind
         Of the objects, see `KINDS`.
     noise
         Of the sensor; None for all levels together.
     pairs
-        Trials that count: same object, hand, touches, noise and seed.
+        Number of trials: same object, hand, touches, noise and seed.
     clusters
-        Of pairs: those of one object and seed, which share their first touches.
+        Number of clusters of pairs: those of one object and seed share their first touches.
     wins, losses
         Pairs in which the estimator is better, and worse.
     mean, mean_reference
         Over the pairs.
     effect, low, high
-        Difference of the two means (of "held": the risk difference), with its 95 % interval had
-        other seeds been drawn, see `interval_over_seeds`.
+        Difference of the two means (of "held": the risk difference), with its 95 % interval for
+        other seeds, see `interval_over_seeds`.
     objects_low, objects_high
-        The interval of the effect had other objects been drawn, see `interval_over_objects`.
+        The interval of the effect for other objects, see `interval_over_objects`.
     rank_biserial
-        Effect size of the measures that are no yes or no: 1 where the estimator is always better,
-        -1 where it is always worse.
+        Effect size of the measures other than "held": 1 where the estimator is always better, -1
+        where it is always worse.
     p
-        The exact test of McNemar ("held") or of Wilcoxon's signed ranks in which all pairs of a
-        cluster flip together, two-sided.
-    p_objects
-        The same with all pairs of an object a cluster: the test for objects like these.
+        The exact two-sided test of McNemar ("held") or of Wilcoxon's signed ranks in which all
+        pairs of a cluster flip together.
+    p_seeds, p_objects
+        The same with all pairs of a seed, or of an object, as one cluster.
     p_holm
         `p`, adjusted for all comparisons of the same measure and kind of objects, those of single
         levels of noise and those of all together apart.
@@ -104,6 +99,7 @@ class Comparison:
     objects_high: float | None
     rank_biserial: float | None
     p: float
+    p_seeds: float
     p_objects: float
     p_holm: float = 1.0
 
@@ -111,7 +107,7 @@ class Comparison:
 def compare(rows: Sequence[Row], reference: str) -> list[Comparison]:
     """Return every estimator against the reference, by every measure, kind of object and noise.
 
-    Planning on the truth is no estimator, and is left out. So is what has no pair.
+    Planning on the truth is no estimator, and is left out; so is a comparison without pairs.
     """
     found = []
     for measure in MEASURES:
@@ -121,7 +117,7 @@ def compare(rows: Sequence[Row], reference: str) -> list[Comparison]:
 
 
 def compare_held(rows: Sequence[Row], reference: str) -> list[Comparison]:
-    """Return every estimator against the reference by what held: all objects, noises together."""
+    """Return the comparisons of success rates over all objects and levels of noise together."""
     return _family(rows, reference, "held", kinds_of(rows)[0], [None])
 
 
@@ -136,9 +132,8 @@ def _family(
     family = [
         comparison
         for noise in noises
-        for name in names(rows, "estimator")
-        if name not in (reference, TRUTH)
-        and (comparison := compare_one(rows, name, reference, measure, kind, noise))
+        for name in compared(rows, reference)
+        if (comparison := compare_one(rows, name, reference, measure, kind, noise))
     ]
     adjusted = holm([comparison.p for comparison in family])
     return [replace(c, p_holm=float(p)) for c, p in zip(family, adjusted, strict=True)]
@@ -152,15 +147,12 @@ def compare_one(
     kind: Kind,
     noise: str | None,
 ) -> Comparison | None:
-    """Return one comparison, not adjusted for others; None where there is no pair."""
+    """Return one comparison, not adjusted for others; None without pairs."""
     chosen = [row for row in rows if noise in (None, row["noise"]) and is_kind(row, kind)]
-    theirs = {pair_of(row): row for row in chosen if row["estimator"] == reference}
     known = [
         (row, value, other)
-        for row in chosen
-        if row["estimator"] == estimator
-        and (its := theirs.get(pair_of(row))) is not None
-        and (value := value_of(row, measure)) is not None
+        for row, its in pairs_of(chosen, [estimator], reference)
+        if (value := value_of(row, measure)) is not None
         and (other := value_of(its, measure)) is not None
     ]
     if not known:
@@ -172,8 +164,9 @@ def compare_one(
     gains = -differences if measure in _LESS_IS_BETTER else differences
     low, high = interval_over_seeds(mine, differences)
     objects_low, objects_high = interval_over_objects(mine, differences)
-    yes_no = measure == "held"
-    weights = np.sign(gains) if yes_no else signed_ranks(gains)
+    binary = measure == "held"
+    weights = np.sign(gains) if binary else signed_ranks(gains)
+    seeds = np.unique([row["seed"] for row in mine], return_inverse=True)[1]
     return Comparison(
         estimator=estimator,
         reference=reference,
@@ -191,112 +184,95 @@ def compare_one(
         high=high,
         objects_low=objects_low,
         objects_high=objects_high,
-        rank_biserial=None if yes_no else rank_biserial(gains),
+        rank_biserial=None if binary else rank_biserial(gains),
         p=sign_flip_p_value(cluster_sums(weights, clusters)),
+        p_seeds=sign_flip_p_value(cluster_sums(weights, seeds)),
         p_objects=sign_flip_p_value(cluster_sums(weights, objects_of(mine))),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Whether the better surface of a pair had the better grasp, where only one of two held.
+    """How often the more accurate surface of a pair had the better grasp.
+
+    Only pairs count in which exactly one of the two held.
 
     Parameters
     ----------
     measure
         A surface error.
-    kind
-        Of the objects.
     agree, disagree
         Pairs in which the one that held had the smaller error, and the larger.
     p
-        The exact sign test of both being as likely, in which all pairs of one object and seed flip
-        together.
+        The exact sign test in which all pairs of one object and seed flip together.
     """
 
     measure: Measure
-    kind: Kind
     agree: int
     disagree: int
     p: float
 
     @property
     def pairs(self) -> int:
-        """How many pairs there are."""
+        """Number of pairs."""
         return self.agree + self.disagree
 
     @property
-    def share(self) -> float:
-        """The share of pairs that agree, from 0 to 1."""
+    def rate(self) -> float:
+        """The fraction of pairs that agree, from 0 to 1."""
         return self.agree / self.pairs
 
 
 def agreements(rows: Sequence[Row], reference: str) -> list[Agreement]:
-    """Return, for each surface error and kind of objects, whether it goes with what held.
-
-    Pairs are those of `compare`, of all estimators against the reference.
-    """
-    paired = {pair_of(row): row for row in rows if row["estimator"] == reference}
+    """Return the agreement of each surface error with success, over all objects."""
     split = [
-        (row, paired[pair_of(row)])
-        for row in rows
-        if row["estimator"] not in (reference, TRUTH)
-        and pair_of(row) in paired
-        and bool(row["held"]) != bool(paired[pair_of(row)]["held"])
+        (mine, its)
+        for mine, its in pairs_of(rows, compared(rows, reference), reference)
+        if bool(mine["held"]) != bool(its["held"])
     ]
     found = []
-    for kind in kinds_of(rows):
-        for measure in ERRORS:
-            known = [
-                (mine, its)
-                for mine, its in split
-                if is_kind(mine, kind) and None not in (mine[measure], its[measure])
+    for measure in ERRORS:
+        known = [pair for pair in split if None not in (pair[0][measure], pair[1][measure])]
+        signs = np.array(
+            [
+                np.sign(its[measure] - mine[measure]) * (1 if mine["held"] else -1)
+                for mine, its in known
             ]
-            signs = np.array(
-                [
-                    np.sign(its[measure] - mine[measure]) * (1 if mine["held"] else -1)
-                    for mine, its in known
-                ]
-            )
+        )
+        if signs.any():
+            sums = cluster_sums(signs, clusters_of([mine for mine, _ in known]))
             agree, disagree = int((signs > 0).sum()), int((signs < 0).sum())
-            if agree + disagree:
-                clusters = clusters_of([mine for mine, _ in known])
-                p = sign_flip_p_value(cluster_sums(signs, clusters))
-                found.append(Agreement(measure, kind, agree, disagree, p))
+            found.append(Agreement(measure, agree, disagree, sign_flip_p_value(sums)))
     return found
 
 
 def losses(rows: Sequence[Row], reference: str) -> list[tuple[Row, Row]]:
     """Return every pair in which the reference held and another estimator did not."""
-    held = {pair_of(row): row for row in rows if row["estimator"] == reference and row["held"]}
     return [
-        (row, held[pair_of(row)])
-        for row in rows
-        if row["estimator"] not in (reference, TRUTH) and not row["held"] and pair_of(row) in held
+        (mine, its)
+        for mine, its in pairs_of(rows, compared(rows, reference), reference)
+        if its["held"] and not mine["held"]
     ]
 
 
-def measure_table(rows: Sequence[Row], measure: str, *, kind: Kind, noise: str) -> Table:
-    """Return a measure as a table whose objects are cells of object, hand and touches."""
-    return tabulate(
-        [
-            {
-                "experiment": kind,
-                "object": _cell(row),
-                "seed": row["seed"],
-                "estimator": row["estimator"],
-                measure: value_of(row, measure),
-            }
-            for row in rows
-            if row["noise"] == noise and is_kind(row, kind)
-        ],
-        kind,
-        measure,
-    )
+def clearest_pairs(rows: Sequence[Row], reference: str) -> list[tuple[Row, Row]]:
+    """Return the clearest win and the clearest loss of the best estimator, as (winner, loser).
+
+    The best is the estimator with the most held trials, the reference apart; clearest is the
+    largest difference of epsilon on the truth. A win or loss that does not occur is left out.
+    """
+    others = compared(rows, reference)
+    if not others:
+        return []
+    best = max(others, key=lambda n: np.mean([r["held"] for r in rows if r["estimator"] == n]))
+    pairs = pairs_of(rows, [best], reference)
+    won = [(mine, its) for mine, its in pairs if mine["held"] and not its["held"]]
+    lost = [(its, mine) for mine, its in pairs if its["held"] and not mine["held"]]
+    return [max(found, key=_margin) for found in (won, lost) if found]
 
 
 def value_of(row: Row, measure: str) -> float | None:
-    """Return what counts of a row: see `Comparison` for what no grasp counts as."""
+    """Return the value of a row that is compared; see `Comparison` for a row without a grasp."""
     value = row[measure]
     if measure == "held":
         return float(bool(value))
@@ -308,32 +284,49 @@ def value_of(row: Row, measure: str) -> float | None:
 
 
 def kind_of(row: Row) -> Kind:
-    """Return whether a row's object has sharp edges, or is of a file and nobody knows."""
+    """Return the kind of a row's object, not "all"."""
     if row.get("object_digest") is not None:
         return "files"
     return "edged" if row["edged"] else "curved"
 
 
 def is_kind(row: Row, kind: Kind) -> bool:
-    """Tell whether a row's object is of a kind; all are of "all"."""
+    """Return whether a row's object is of a kind; all are of "all"."""
     return kind in ("all", kind_of(row))
 
 
 def kinds_of(rows: Sequence[Row]) -> list[Kind]:
-    """Return the kinds of objects that there are; "all" where there is more than one."""
+    """Return the kinds of objects that occur; "all" first if there are several."""
     there = {kind_of(row) for row in rows}
     return [kind for kind in KINDS if kind in there or (kind == "all" and len(there) > 1)]
 
 
-def pair_of(row: Row) -> tuple[Any, ...]:
-    """Return what the rows of a pair have in common."""
-    return tuple(row[name] for name in TRIAL_COLUMNS)
+def compared(rows: Sequence[Row], reference: str) -> list[str]:
+    """Return the estimators that are compared with the reference."""
+    return [name for name in names(rows, "estimator") if name not in (reference, TRUTH)]
 
 
 def names(rows: Sequence[Row], column: str) -> list[Any]:
-    """Return the values of a column, each once, in the order in which they come."""
+    """Return the values of a column, each once, in the order of the rows."""
     return list(dict.fromkeys(row[column] for row in rows))
 
 
-def _cell(row: Row) -> str:
-    return f"{row['object']}\n{row['hand']}\n{row['touches']}"
+def pairs_of(
+    rows: Sequence[Row], estimators: Sequence[str], reference: str
+) -> list[tuple[Row, Row]]:
+    """Return the rows of some estimators, each with the reference's row of the same trial."""
+    theirs = {_trial_of(row): row for row in rows if row["estimator"] == reference}
+    return [
+        (row, theirs[_trial_of(row)])
+        for row in rows
+        if row["estimator"] in estimators and _trial_of(row) in theirs
+    ]
+
+
+def _trial_of(row: Row) -> tuple[Any, ...]:
+    return tuple(row[name] for name in TRIAL_COLUMNS)
+
+
+def _margin(pair: tuple[Row, Row]) -> tuple[float, str]:
+    winner, loser = pair
+    return (winner["epsilon_truth"] or 0.0) - (loser["epsilon_truth"] or 0.0), winner["key"]

@@ -1,10 +1,9 @@
-"""What a row is called: the same on every machine, wherever its files are."""
+"""Keys of a study's rows: hashes that are the same on every machine and in every folder."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
@@ -15,59 +14,51 @@ from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.shapes import NAMES
 
 if TYPE_CHECKING:
-    from lis_grasp.experiments.study.study import Setup, Trial
+    from lis_grasp.experiments.study.study import Trial
 
 KEY_LENGTH = 16
 HAND_SUFFIXES = (".yaml", ".yml")
 
 
-def row_key(trial: Trial, setup: Setup, estimator: str) -> str:
-    """Return the name of a row: a hash of all that decides what is in it.
+def row_key(trial: Trial, estimator: str) -> str:
+    """Return the key of a row: a hash of everything that decides its content.
 
-    An object's mesh file and a hand's YAML, URDF and SDF count by their names and what is in them,
-    not by the folder that they are in.
+    An object's mesh file and a hand's YAML, URDF and SDF count by name and content, not by folder.
     """
-    facts = [columns_of(trial), asdict(setup), estimator, *file_digests(trial.object, trial.hand)]
+    facts = [
+        columns_of(trial),
+        asdict(trial.setup),
+        estimator,
+        *file_digests(trial.object, trial.hand),
+    ]
     text = json.dumps(facts, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 
 def columns_of(trial: Trial) -> dict[str, Any]:
-    """Return what a row says of which trial it is of, by column."""
-    return asdict(trial) | {"object": label(trial.object), "hand": label(trial.hand)}
+    """Return the columns of a row that identify its trial within a study."""
+    return {
+        "object": label(trial.object),
+        "hand": label(trial.hand),
+        "touches": trial.touches,
+        "noise": trial.noise,
+        "seed": trial.seed,
+    }
 
 
 def label(name: str) -> str:
-    """Return what an object or a hand is called in rows: a built-in name, or its file's name."""
+    """Return the name of an object or a hand in rows: a built-in name, or its file's name."""
     return Path(name).name
 
 
-def located(names: Sequence[str], folder: Path, *, suffixes: Sequence[str]) -> list[str]:
-    """Return names, those of files as absolute paths; relative ones start at a folder.
-
-    Parameters
-    ----------
-    names
-        Of objects or hands.
-    folder
-        Where relative paths start.
-    suffixes
-        What a file's name ends on; what ends otherwise is a built-in name, and stays.
-    """
-    return [
-        str((folder / name).absolute()) if Path(name).suffix.lower() in suffixes else name
-        for name in names
-    ]
-
-
 def file_digests(object_name: str, hand_name: str) -> tuple[str, ...]:
-    """Return hashes of what is in the files of an object and a hand; none of built-in ones."""
+    """Return hashes of the files of an object and a hand; none of built-in ones."""
     of_object = object_digest(object_name)
     return (*([] if of_object is None else [of_object]), *_hand_digests(hand_name))
 
 
 def object_digest(name: str) -> str | None:
-    """Return a hash of what is in an object's mesh file; None for a built-in shape."""
+    """Return a hash of an object's mesh file; None for a built-in shape."""
     return None if name in NAMES else _file_digest(Path(name))
 
 
@@ -84,7 +75,7 @@ def _file_digest(path: Path) -> str:
         facts = path.stat()
         return _digest(path, facts.st_mtime_ns, facts.st_size)
     except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}") from None
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
 
 
 @lru_cache(maxsize=4096)

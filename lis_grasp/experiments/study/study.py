@@ -1,49 +1,83 @@
-"""What a study compares: objects, estimators, touches, noise, hands and seeds, all with all."""
+"""Definition of a study: objects, estimators, touches, noise, hands and seeds, fully crossed."""
 
 from __future__ import annotations
 
 import contextlib
-import difflib
+import functools
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
+import pydantic
+import yaml
+from pydantic import BeforeValidator, ConfigDict, Field, StrictFloat, StrictInt, StrictStr
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import (
     EstimationError,
     InvalidContactsError,
+    InvalidFileError,
     InvalidOptionError,
     shown,
 )
-from lis_grasp.experiments.compared_estimators import CONTENDERS, Noise, contender
+from lis_grasp.experiments.compared_estimators import COMPARED, Noise, compared_estimator
 from lis_grasp.experiments.study.keys import HAND_SUFFIXES, label
 from lis_grasp.exploration import POLICIES
 from lis_grasp.hands.hand import Hand
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.run_config import PROBERS, RunConfig
 from lis_grasp.shapes import FORMATS, NAMES, UNITS, Shape, find
 from lis_grasp.surfaces import ESTIMATORS
 
 TRUTH = "truth"
-"""In place of an estimator: plan on the true mesh. No upper bound: a planner errs there, too."""
+"""In place of an estimator: plan on the true mesh. No upper bound, because a planner errs too."""
 
 OWN = "own"
-"""As the explorer: each estimator drives an exploration of its own."""
+"""In place of an explorer: each estimator drives an exploration of its own."""
 
 _NOISE = re.compile(r"(\d+(?:\.\d+)?)mm/(\d+(?:\.\d+)?)deg")
-# A study of more seeds ends in nobody's lifetime.
 _MOST_SEEDS = 100_000
 # Whole numbers of a row's columns have 64 bits.
-_ENDLESS = 2**63
+_INT64_END = 2**63
 _LISTS = ("objects", "estimators", "touches", "noise", "hands", "seeds")
 
+Record = TypeVar("Record", bound=type)
 
-@dataclass(frozen=True, slots=True)
+
+def _with_package_errors(record: Record) -> Record:
+    """Make a pydantic dataclass raise InvalidOptionError for its first error."""
+    initialise = record.__init__  # type: ignore[misc]
+
+    @functools.wraps(initialise)
+    def __init__(self: Any, *arguments: Any, **values: Any) -> None:  # noqa: N807
+        try:
+            initialise(self, *arguments, **values)
+        except pydantic.ValidationError as error:
+            first = error.errors()[0]
+            option, *place = (str(part) for part in first["loc"])
+            where = f"{option}, entry {place[0]}," if place and place[0].isdigit() else option
+            reason = first["msg"].lower().replace("tuple", "list")
+            raise InvalidOptionError(
+                f"{where} is not permitted: {reason}; it is {shown(first['input'])}",
+                option=option,
+                value=first["input"],
+            ) from None
+
+    record.__init__ = __init__  # type: ignore[misc]
+    return record
+
+
+def _one_of(choices: Sequence[str], default: str) -> Any:
+    return Field(default=default, json_schema_extra={"enum": list(choices)})
+
+
+@_with_package_errors
+@pydantic.dataclasses.dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Setup:
-    """What all trials of a study have in common.
+    """Settings that all trials of a study have in common.
 
     Parameters
     ----------
@@ -53,40 +87,34 @@ class Setup:
         Estimator that drives the exploration, whose contacts all estimators get; "own": each
         estimator drives its own, and contacts differ.
     policy
-        What chooses the next touch, see `RunConfig`; "spread" asks no explorer.
+        Chooses the next touch, see `RunConfig`; "spread" uses no explorer.
     size
         Largest extent of built-in shapes [m]; None for one that a hand can grasp.
     units
         Length unit of mesh files.
     mass, friction
-        Of the true object in the lift [kg], and of hand on object.
+        Of the true object in the lift [kg], and between hand and object.
     grasps
         Ranked grasps to plan; the first is executed.
+
+    Raises
+    ------
+    InvalidOptionError
+        If a value is not permitted.
     """
 
-    prober: str = "kinematic"
-    explorer: str = "blend"
-    policy: str = "spread"
-    size: float | None = None
-    units: str = "m"
-    mass: float = 0.2
-    friction: float = 0.8
-    grasps: int = 5
+    prober: StrictStr = _one_of(PROBERS, "kinematic")
+    explorer: StrictStr = _one_of([*ESTIMATORS, OWN], "blend")
+    policy: StrictStr = _one_of(list(POLICIES), "spread")
+    size: StrictFloat | None = None
+    units: StrictStr = _one_of(list(UNITS), "m")
+    mass: StrictFloat = 0.2
+    friction: StrictFloat = 0.8
+    grasps: StrictInt = 5
 
     def __post_init__(self) -> None:
         _require("explorer", self.explorer, (*ESTIMATORS, OWN))
-        for name in ("mass", "friction", "size"):
-            value = getattr(self, name)
-            if name == "size" and value is None:
-                continue
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise InvalidOptionError(f"{name} must be a number; it is {shown(value)}")
-            # 1 and 1.0 are one setup, and rows of it have one key.
-            object.__setattr__(self, name, float(min(value, 1e300)))
         _require("units", self.units, tuple(UNITS))
-        if isinstance(self.grasps, bool) or not isinstance(self.grasps, int):
-            raise InvalidOptionError(f"grasps must be a whole number; it is {shown(self.grasps)}")
-        # The border of a run is the border of a trial.
         RunConfig(
             prober=self.prober,
             policy=self.policy,
@@ -96,16 +124,18 @@ class Setup:
         )
         if self.explorer == OWN and POLICIES[self.policy].uses_gaussian_process:
             raise InvalidOptionError(
-                "estimators drive explorations of their own by a policy that follows them, as"
-                f" frontier or uncertainty does; the policy is '{self.policy}'"
+                "explorer 'own' needs a policy that uses the estimate, such as frontier or"
+                f" uncertainty; the policy is '{self.policy}'",
+                option="policy",
+                value=self.policy,
             )
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@dataclass(frozen=True, slots=True)
 class Trial:
-    """One object, touched by one hand, under one noise, from one seed.
+    """One object, touched by one hand, with one level of noise, from one seed.
 
-    Its contacts are made once; then every estimator has its try at them.
+    Its contacts are made once, for all estimators.
 
     Parameters
     ----------
@@ -119,6 +149,8 @@ class Trial:
         Of the tactile sensor: "none", or one standard deviation as "1mm/3deg".
     seed
         Of exploration, sensor and planning.
+    setup
+        What all trials of a study have in common.
     """
 
     object: str
@@ -126,85 +158,100 @@ class Trial:
     touches: int
     noise: str
     seed: int
+    setup: Setup = field(default_factory=Setup)
+
+    def find_object(self) -> Shape:
+        """Return the true object."""
+        return _find(self.object, self.setup)
+
+    def explorer(self, estimator: str) -> str:
+        """Return the estimator that drives the exploration for an estimator."""
+        if self.setup.explorer != OWN:
+            return self.setup.explorer
+        # Planning on the truth needs no contacts; they measure what was explored.
+        return Setup().explorer if estimator == TRUTH else estimator
 
 
-TRIAL_COLUMNS = tuple(field.name for field in fields(Trial))
-"""Columns of a row that say which trial it is of."""
+TRIAL_COLUMNS = tuple(item.name for item in fields(Trial) if item.name != "setup")
+"""Columns of a row that identify its trial within a study."""
 
 
-@dataclass(frozen=True, slots=True)
-class Study:
-    """Objects x estimators x touch budgets x noise levels x hands x seeds.
+def _range_of(value: Any) -> Any:
+    """Return seeds 0 to N - 1 for a number of seeds N."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        return value
+    if not 1 <= value <= _MOST_SEEDS:
+        raise InvalidOptionError.out_of_range("seeds", value, f"1 to {_MOST_SEEDS}, or a list")
+    return tuple(range(value))
+
+
+_Names = Annotated[tuple[StrictStr, ...], Field(min_length=1)]
+_Seeds = Annotated[
+    tuple[Annotated[StrictInt, Field(ge=0, lt=_INT64_END)], ...],
+    Field(min_length=1),
+    BeforeValidator(_range_of, json_schema_input_type=int | list[int]),
+]
+_Touches = Annotated[
+    tuple[Annotated[StrictInt, Field(ge=1, lt=_INT64_END)], ...], Field(min_length=1)
+]
+
+
+@_with_package_errors
+@pydantic.dataclasses.dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class Study(Setup):
+    """A full factorial study of objects, estimators, touches, noise levels, hands and seeds.
 
     Parameters
     ----------
     objects, touches, noise, hands, seeds
-        What trials are made of, see `Trial`.
+        See `Trial`; `seeds` may be a number of seeds.
     estimators
-        Of `CONTENDERS`, or "truth": planning on the true mesh.
+        Of `COMPARED`, or "truth": planning on the true mesh.
     reference
         The estimator that the others are compared with.
-    setup
-        What all trials have in common.
+
+    Further parameters are those of `Setup`.
 
     Raises
     ------
     InvalidOptionError
-        If a list is empty, names something twice, or names something that there is not; files are
-        not looked for before `require_files`.
+        If a list is empty or repeats an entry, or a value is not permitted. Files are not opened
+        before `require_files`.
     """
 
-    objects: tuple[str, ...] = ("box", "cylinder", "pentagon", "mallet", "sphere", "torus")
-    estimators: tuple[str, ...] = ("gpis", "lis", "blend")
-    touches: tuple[int, ...] = (10, 20, 40)
-    noise: tuple[str, ...] = ("none", "1mm/3deg")
-    hands: tuple[str, ...] = ("allegro",)
-    seeds: tuple[int, ...] = tuple(range(10))
-    reference: str = "gpis"
-    setup: Setup = field(default_factory=Setup)
+    objects: _Names = ("box", "cylinder", "pentagon", "mallet", "sphere", "torus")
+    estimators: _Names = ("gpis", "lis", "blend")
+    touches: _Touches = (10, 20, 40)
+    noise: _Names = ("none", "1mm/3deg")
+    hands: _Names = ("allegro",)
+    seeds: _Seeds = tuple(range(10))
+    reference: StrictStr = "gpis"
 
     def __post_init__(self) -> None:
+        Setup.__post_init__(self)
         for name in _LISTS:
-            values = getattr(self, name)
-            if not values:
-                raise InvalidOptionError(f"{name} must name at least one; none came")
-            if len(set(values)) < len(values):
-                twice = next(v for v in values if values.count(v) > 1)
-                raise InvalidOptionError(f"{name} must not repeat; {shown(twice)} came twice")
-        driving = self.setup.explorer == OWN
-        for name in self.estimators:
-            _require("estimators", name, (*(ESTIMATORS if driving else CONTENDERS), TRUTH))
-            if name not in (*ESTIMATORS, TRUTH):
-                _require_installed(name)
-        if self.reference not in self.estimators:
-            raise InvalidOptionError(
-                f"the study compares with '{self.reference}': add it to estimators"
-                f" ({', '.join(self.estimators)}), or choose another reference"
-            )
-        for name, least in (("touches", 1), ("seeds", 0)):
-            for value in getattr(self, name):
-                if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                    raise InvalidOptionError(
-                        f"{name} must be whole numbers from {least} on; {shown(value)} came"
-                    )
-                if value >= _ENDLESS:
-                    raise InvalidOptionError(f"{name} must be less than 2^63; {shown(value)} came")
+            _require_unique(name, getattr(self, name))
+        for name in ("objects", "hands"):
+            _require_unique(name, [label(path) for path in getattr(self, name)])
+        for estimator in self.estimators:
+            permitted = ESTIMATORS if self.explorer == OWN else COMPARED
+            _require("estimators", estimator, (*permitted, TRUTH))
+            if estimator not in (*ESTIMATORS, TRUTH):
+                _require_installed(estimator)
+        _require("reference", self.reference, self.estimators)
         for level in self.noise:
             parse_noise(level)
         for hand in self.hands:
             if Path(hand).suffix.lower() not in HAND_SUFFIXES:
-                Hand.load(hand)  # which says what the names are
+                Hand.load(hand)
         for name in self.objects:
             if Path(name).suffix.lower() not in FORMATS:
-                find_object(name, self.setup)
-        for what in (self.objects, self.hands):
-            names = [label(name) for name in what]
-            if len(set(names)) < len(names):
-                twice = next(n for n in names if names.count(n) > 1)
-                raise InvalidOptionError(
-                    f"files of a study must differ by name, as rows are named after them;"
-                    f" {twice} came from two folders: rename one"
-                )
+                _find(name, self)
+
+    @property
+    def setup(self) -> Setup:
+        """The settings that all trials have in common."""
+        return Setup(**{item.name: getattr(self, item.name) for item in fields(Setup)})
 
     def require_files(self) -> None:
         """Read all files of objects and hands, before any work.
@@ -217,12 +264,13 @@ class Study:
         for hand in self.hands:
             Hand.load(hand)
         for name in self.objects:
-            find_object(name, self.setup)
+            _find(name, self)
 
     def trials(self) -> list[Trial]:
         """Return every trial, seed by seed, so that a study stopped early is balanced."""
+        setup = self.setup
         return [
-            Trial(name, hand, touches, noise, seed)
+            Trial(name, hand, touches, noise, seed, setup)
             for seed in self.seeds
             for name in self.objects
             for hand in self.hands
@@ -232,78 +280,120 @@ class Study:
 
     def facts(self) -> dict[str, Any]:
         """Return the study as plain values, as `from_facts` takes them."""
-        lists = {name: list(getattr(self, name)) for name in _LISTS}
-        return {**lists, "reference": self.reference, **asdict(self.setup)}
+        order = [*_LISTS, "reference", *(item.name for item in fields(Setup))]
+        values = {name: getattr(self, name) for name in order}
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
 
     @classmethod
     def from_facts(cls, facts: Mapping[str, Any]) -> Study:
-        """Return a study from plain values; `seeds` may be a number of seeds.
+        """Return a study from plain values, such as those of a YAML file.
 
         Raises
         ------
         InvalidOptionError
-            If a name is unknown or a value not permitted.
+            If a key is unknown or a value not permitted.
         """
-        common = [item.name for item in fields(Setup)]
-        permitted = (*_LISTS, "reference", *common)
+        permitted = [item.name for item in fields(cls)]
         for name in facts:
-            _require("a study's keys", str(name), permitted)
-        chosen: dict[str, Any] = {
-            name: _listed(name, facts[name]) for name in _LISTS if name in facts
-        }
-        if "reference" in facts:
-            chosen["reference"] = facts["reference"]
-        setup = Setup(**{name: facts[name] for name in common if name in facts})
-        return cls(**chosen, setup=setup)
+            _require("each key of a study", name, permitted)
+        return cls(**facts)
+
+    @classmethod
+    def schema(cls) -> dict[str, Any]:
+        """Return the JSON schema of a study file."""
+        return pydantic.TypeAdapter(cls).json_schema()
+
+
+def load_study(path: Path, meshes: Path | None = None) -> dict[str, Any]:
+    """Read the facts of a study from a YAML file, for `Study.from_facts`.
+
+    Parameters
+    ----------
+    path
+        Of the file; relative paths in it start at its folder.
+    meshes
+        Folder of mesh files, if not that of the file.
+
+    Raises
+    ------
+    InvalidFileError
+        If it cannot be read, or is no mapping.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise InvalidFileError(f"{path} is not a YAML file: {reason}", path=path) from None
+    if not isinstance(content, dict):
+        raise InvalidFileError(
+            f"{path} must be a mapping, such as 'objects: [box, sphere]'; it is a"
+            f" {type(content).__name__}",
+            path=path,
+        )
+    return with_absolute_paths(content, path.parent, meshes)
+
+
+def with_absolute_paths(
+    facts: dict[str, Any], folder: Path, meshes: Path | None = None
+) -> dict[str, Any]:
+    """Return the facts of a study with absolute paths of files.
+
+    Parameters
+    ----------
+    facts
+        Of the study; wrong types stay as they are.
+    folder
+        Start of relative paths.
+    meshes
+        Start of relative paths of meshes; None for the same.
+    """
+    found = dict(facts)
+    for key, start, suffixes in (
+        ("objects", meshes or folder, FORMATS),
+        ("hands", folder, HAND_SUFFIXES),
+    ):
+        names = found.get(key)
+        if isinstance(names, list) and all(isinstance(item, str) for item in names):
+            found[key] = [
+                str((start / name).absolute()) if Path(name).suffix.lower() in suffixes else name
+                for name in names
+            ]
+    return found
 
 
 def parse_noise(level: str) -> Noise:
     """Return a level of noise from its name: "none", or "1mm/3deg"."""
     if level == "none":
         return Noise()
-    match = _NOISE.fullmatch(level) if isinstance(level, str) else None
+    match = _NOISE.fullmatch(level)
     if match is None:
-        raise InvalidOptionError(f"noise must be 'none' or like '1mm/3deg'; {shown(level)} came")
+        raise InvalidOptionError.out_of_range("noise", level, "'none' or like '1mm/3deg'")
     return Noise(1e-3 * float(match[1]), float(np.deg2rad(float(match[2]))))
 
 
-def find_object(name: str, setup: Setup) -> Shape:
-    """Return the true object of a name; the size is for built-in shapes, the units for files."""
+def _find(name: str, setup: Setup) -> Shape:
     return find(name, size=setup.size if name in NAMES else None, units=setup.units)
 
 
-def _require_installed(name: str) -> None:
-    """Refuse an estimator whose packages are missing: each of its rows would be a failure."""
+def _require(option: str, value: Any, choices: Sequence[str]) -> None:
+    if value not in choices:
+        raise InvalidOptionError.not_one_of(option, value, choices)
+
+
+def _require_unique(option: str, values: Sequence[Any]) -> None:
+    value, count = Counter(values).most_common(1)[0]
+    if count > 1:
+        raise InvalidOptionError(
+            f"{option} must differ, files by their names; {shown(value)} occurs {count} times",
+            option=option,
+            value=value,
+        )
+
+
+def _require_installed(estimator: str) -> None:
+    """Reject an estimator whose packages are missing: each of its rows would be a failure."""
     axes = np.vstack([np.eye(3), -np.eye(3)])
     with contextlib.suppress(EstimationError, InvalidContactsError):
-        contender(name)(Contacts(0.03 * axes, axes), Noise())
-
-
-def _listed(name: str, value: Any) -> tuple[Any, ...]:
-    if name == "seeds" and isinstance(value, int) and not isinstance(value, bool):
-        if value < 1:
-            raise InvalidOptionError(f"seeds must be at least 1; {shown(value)} came")
-        if value > _MOST_SEEDS:
-            raise InvalidOptionError(
-                f"seeds must be at most {_MOST_SEEDS}; {shown(value)} came:"
-                " list those that you want"
-            )
-        return tuple(range(value))
-    if isinstance(value, str) or not isinstance(value, Sequence):
-        raise InvalidOptionError(f"{name} must be a list; {shown(value)} came")
-    kind = int if name in ("touches", "seeds") else str
-    for item in value:
-        if not isinstance(item, kind):
-            wanted = "whole numbers" if kind is int else "names"
-            raise InvalidOptionError(f"{name} must be {wanted}; {shown(item)} came")
-    return tuple(value)
-
-
-def _require(what: str, value: Any, choices: Sequence[str]) -> None:
-    if isinstance(value, str) and value in choices:
-        return
-    close = difflib.get_close_matches(str(value), choices, n=1)
-    hint = f"; did you mean '{close[0]}'?" if close else ""
-    raise InvalidOptionError(
-        f"{what} must be among {', '.join(choices)}; {shown(value)} came{hint}"
-    )
+        compared_estimator(estimator)(Contacts(0.03 * axes, axes), Noise())

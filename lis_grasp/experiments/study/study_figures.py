@@ -1,4 +1,4 @@
-"""The figures of a study's report, in its order, with what there is to see on them."""
+"""Figures of a study: success rate against touches and edge error, epsilon predicted and true."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from lis_grasp.experiments.figures.style import (
     new_figure,
     plain_axes,
 )
-from lis_grasp.experiments.paper.paper_page import Picture
+from lis_grasp.experiments.report_page import Picture
+from lis_grasp.experiments.statistics import SuccessRate, success_rate
 from lis_grasp.experiments.study.comparison import Kind, is_kind, kinds_of, names
 from lis_grasp.experiments.study.study import TRUTH
 from lis_grasp.experiments.study.study_tables import KIND_LABELS
-from lis_grasp.experiments.study.success_rates import Share, share_of
 from lis_grasp.io.json_lines import Row
 
 _LEFT, _WIDE = 0.075, 0.915
@@ -44,31 +44,29 @@ def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
         chosen = [row for row in rows if row["noise"] == noise]
         yield Picture(
             f"Held against touches, noise: {noise}",
-            "Share of trials whose best grasp lifted the true object and held it through the shake;"
-            " a trial without a grasp is not held. Bars are 95 % intervals, had other seeds been"
-            " drawn; estimators stand side by side at each number of touches.",
+            "Success rate: trials whose best grasp lifted the true object and held it through the"
+            " shake; a trial without a grasp is not held. Bars are 95 % intervals for other seeds.",
             png_of(held_against_touches(chosen)),
         )
     yield Picture(
-        "What the estimate promises, and what the truth keeps",
-        "Epsilon of the best grasp of every trial, planned on the estimate, against the epsilon of"
-        " the same grasp where its fingers meet the true object. On the dashed line both are equal;"
-        " below it the estimate promised too much. Full: held; hollow: not held.",
-        png_of(promise_against_truth(rows)),
+        "Epsilon on the estimate and on the truth",
+        "Epsilon of the best grasp of every trial: planned on the estimate, and where its fingers"
+        " meet the true object. Below the dashed line the estimate was too optimistic. Filled:"
+        " held; empty: not held.",
+        png_of(epsilon_against_truth(rows)),
     )
     if any(row["edge_rmsd"] is not None for row in rows):
         yield Picture(
             "Held against the error at edges",
             "Trials on objects with edges, of all estimators together and of each, in bins of equal"
             " numbers of trials by their error at edges (a point is at the bin's median); bars are"
-            " 95 % intervals, had other seeds been drawn. If edges matter to grasps, the line"
-            " falls.",
+            " 95 % intervals for other seeds. If edges matter to grasps, the line falls.",
             png_of(held_against_edge_error(rows)),
         )
 
 
 def held_against_touches(rows: Sequence[Row]) -> Figure:
-    """Draw the share of held grasps over touches, a panel each kind of objects."""
+    """Draw the success rate over touches, a panel each kind of objects."""
     kinds = kinds_of(rows)
     figure, panels = _panels(len(kinds), columns=2, high=2.6)
     who = names(rows, "estimator")
@@ -76,10 +74,10 @@ def held_against_touches(rows: Sequence[Row]) -> Figure:
     for k, (kind, axes) in enumerate(zip(kinds, panels, strict=True)):
         for n, name in enumerate(who):
             of = [row for row in rows if is_kind(row, kind) and row["estimator"] == name]
-            held = [share_of([row for row in of if row["touches"] == m]) for m in budgets]
+            held = [success_rate([row for row in of if row["touches"] == m]) for m in budgets]
             # Budgets are steps: evenly apart, and the estimators side by side on each.
             places = np.arange(len(budgets)) + 0.7 * ((n + 0.5) / len(who) - 0.5)
-            _shares(axes, places, held, estimator_colour(name), _MARKERS[n % len(_MARKERS)])
+            _rates(axes, places, held, estimator_colour(name), _MARKERS[n % len(_MARKERS)])
         axes.set_xticks(range(len(budgets)), [str(budget) for budget in budgets])
         _finish(axes, KIND_LABELS[kind], "touches", "held [%]" if k % 2 == 0 else "")
         axes.set_ylim(0.0, 104.0)
@@ -87,7 +85,7 @@ def held_against_touches(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def promise_against_truth(rows: Sequence[Row]) -> Figure:
+def epsilon_against_truth(rows: Sequence[Row]) -> Figure:
     """Draw epsilon on the truth over epsilon on the estimate, a panel each estimator."""
     who = names(rows, "estimator")
     figure, panels = _panels(len(who), columns=4, high=2.1, legend=0.15)
@@ -121,7 +119,7 @@ def promise_against_truth(rows: Sequence[Row]) -> Figure:
 
 
 def held_against_edge_error(rows: Sequence[Row]) -> Figure:
-    """Draw the share of held grasps over the error at edges, in bins of equal numbers."""
+    """Draw the success rate over the error at edges, in bins of equal numbers."""
     kinds = [k for k in kinds_of(rows) if any(r["edge_rmsd"] is not None for r in _of(rows, k))]
     figure, panels = _panels(len(kinds), columns=2, high=2.6)
     who = [name for name in names(rows, "estimator") if name != TRUTH]  # which has no error
@@ -138,7 +136,7 @@ def held_against_edge_error(rows: Sequence[Row]) -> Figure:
             places = np.array([1e3 * np.median([row["edge_rmsd"] for row in b]) for b in bins])
             colour = estimator_colour(name) if name else INK
             marker = _MARKERS[(n - 1) % len(_MARKERS)] if name else ""
-            _shares(axes, places, [share_of(b) for b in bins], colour, marker)
+            _rates(axes, places, [success_rate(b) for b in bins], colour, marker)
         axes.set_ylim(0.0, 104.0)
         axes.set_xlim(left=0.0)
         label = "edges to estimate, RMSD [mm]"
@@ -147,23 +145,23 @@ def held_against_edge_error(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _shares(
-    axes: Axes, places: np.ndarray, shares: Sequence[Share | None], colour: str, marker: str
+def _rates(
+    axes: Axes, places: np.ndarray, rates: Sequence[SuccessRate | None], colour: str, marker: str
 ) -> None:
-    """Draw shares in percent with their intervals; what has no trial is left out."""
-    known = [(x, share) for x, share in zip(places, shares, strict=True) if share is not None]
-    told = [(x, s.low, s.high) for x, s in known if s.low is not None and s.high is not None]
+    """Draw rates in percent with their intervals; None is left out."""
+    known = [(x, rate) for x, rate in zip(places, rates, strict=True) if rate is not None]
+    intervals = [(x, s.low, s.high) for x, s in known if s.low is not None and s.high is not None]
     axes.vlines(
-        [x for x, _, _ in told],
-        [100.0 * low for _, low, _ in told],
-        [100.0 * high for _, _, high in told],
+        [x for x, _, _ in intervals],
+        [100.0 * low for _, low, _ in intervals],
+        [100.0 * high for _, _, high in intervals],
         color=colour,
         lw=1.2,
         alpha=0.6,
     )
     axes.plot(
         [x for x, _ in known],
-        [100.0 * share.value for _, share in known],
+        [100.0 * rate.value for _, rate in known],
         color=colour,
         marker=marker,
         lw=1.5,

@@ -1,44 +1,49 @@
-"""What a study came to, as tables."""
+"""Tables of a study: success rates, differences, surface errors, calibration, losses."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from lis_grasp.evaluation.calibration import expected_calibration_error
 from lis_grasp.experiments.figures.palette import estimator_label
+from lis_grasp.experiments.report_page import TextTable, csv_text
+from lis_grasp.experiments.statistics import SuccessRate, cluster_sums, objects_of, success_rate
 from lis_grasp.experiments.study.comparison import (
     ERRORS,
-    Agreement,
     Comparison,
     Kind,
+    Measure,
     agreements,
     compare_held,
     compare_one,
+    compared,
     is_kind,
     kinds_of,
     losses,
-    measure_table,
     names,
+    value_of,
 )
 from lis_grasp.experiments.study.study import TRIAL_COLUMNS, TRUTH
 from lis_grasp.experiments.study.study_results import COLUMNS
-from lis_grasp.experiments.study.study_table import StudyTable, csv_text
-from lis_grasp.experiments.study.success_rates import Share, share_of
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 
-MEASURE_LABELS = {
-    "held": "held",
-    "epsilon_truth": "epsilon on the truth",
-    "epsilon_gap": "gap of epsilon",
-    "rmsd": "estimate to truth [mm]",
-    "rmsd_truth_to_estimate": "truth to estimate [mm]",
-    "edge_rmsd": "edges to estimate [mm]",
-}
-"""What each measure is called."""
+MEASURE_LABELS: Mapping[Measure, str] = MappingProxyType(
+    {
+        "held": "held [%]",
+        "epsilon_truth": "epsilon on the truth",
+        "epsilon_gap": "gap of epsilon",
+        "rmsd": "estimate to truth [mm]",
+        "rmsd_truth_to_estimate": "truth to estimate [mm]",
+        "edge_rmsd": "edges to estimate [mm]",
+    }
+)
 
 KIND_LABELS: Mapping[Kind, str] = MappingProxyType(
     {
@@ -48,7 +53,6 @@ KIND_LABELS: Mapping[Kind, str] = MappingProxyType(
         "files": "objects of mesh files",
     }
 )
-"""What each kind of objects is called."""
 
 # Measure -> factor to what is printed, and its digits.
 _PRINTED = {"held": (1e2, 1), "epsilon_truth": (1.0, 3), "epsilon_gap": (1.0, 3)}
@@ -57,243 +61,200 @@ _LENGTH = (1e3, 2)
 
 def all_tables(
     rows: Sequence[Row], comparisons: Sequence[Comparison], reference: str
-) -> list[StudyTable]:
+) -> list[TextTable]:
     """Return the tables of a study, in the order of the report."""
-    noises = names(rows, "noise")
     return [
         summary_table(rows, reference),
         *(held_table(rows, kind) for kind in kinds_of(rows)),
         differences_table(rows, reference),
         comparisons_table(comparisons),
         nearer_table(rows, reference),
-        agreements_table(rows, reference),
-        foretold_table(rows),
-        overview_table(rows),
-        *(objects_table(rows, noise) for noise in noises),
+        calibration_table(rows),
+        *(objects_table(rows, measure) for measure in ("held", *ERRORS)),
         reasons_table(rows),
         losses_table(rows, reference),
     ]
 
 
-def write_tables(folder: Path, tables: Iterable[StudyTable], rows: Sequence[Row]) -> None:
+def write_tables(folder: Path, tables: Iterable[TextTable], rows: Sequence[Row]) -> None:
     """Write each table as CSV and LaTeX, and all rows as ``rows.csv``."""
     for table in tables:
         write_text(folder / f"{table.name}.csv", table.csv())
         write_text(folder / f"{table.name}.tex", table.latex())
-    content = [[_plain(row.get(name)) for name in COLUMNS] for row in rows]
+    content = [[row.get(name) for name in COLUMNS] for row in rows]
     write_text(folder / "rows.csv", csv_text([COLUMNS, *content]))
 
 
-def summary_table(rows: Sequence[Row], reference: str) -> StudyTable:
-    """Return the share of held grasps of each estimator, at each budget and with each hand.
+def summary_table(rows: Sequence[Row], reference: str) -> TextTable:
+    """Return success rates at each budget and with each hand, and the difference to the reference.
 
-    Noises are together; the last two columns hold each estimator against the reference.
+    Levels of noise are together.
     """
     budgets, hands = sorted(names(rows, "touches")), names(rows, "hand")
     against = {c.estimator: c for c in compare_held(rows, reference)}
     body = []
     for name in names(rows, "estimator"):
-        of = [row for row in rows if row["estimator"] == name]
-        parts = [[r for r in of if r["touches"] == n] for n in budgets]
-        parts += [of, *([r for r in of if r["hand"] == hand] for hand in hands)]
+        of = _of(rows, estimator=name)
+        parts = [*(_of(of, touches=n) for n in budgets), of, *(_of(of, hand=h) for h in hands)]
         found = against.get(name)
         last = ("–", "–") if found is None else (difference_text(found), p_value(found.p_holm))
-        body.append((estimator_label(name), *(share_text(share_of(p)) for p in parts), *last))
-    who = estimator_label(reference)
-    head = (
-        *("estimator", *(f"{n} touches" for n in budgets), "all", *hands),
-        *(f"against {who}", "p, Holm"),
-    )
-    title = f"In short: held, in percent, and points more (+) or less (−) than {who}"
-    return StudyTable("summary", title, head, tuple(body))
+        body.append((estimator_label(name), *(rate_text(success_rate(p)) for p in parts), *last))
+    head = ("estimator", *_touches(budgets), "all", *hands)
+    head = (*head, f"minus {estimator_label(reference)}", "p, Holm")
+    title = f"Held, in percent, and difference from {estimator_label(reference)}, in points"
+    return TextTable("summary", title, head, tuple(body))
 
 
-def held_table(rows: Sequence[Row], kind: Kind) -> StudyTable:
-    """Return the share of held grasps, with its interval, of each estimator at each budget."""
+def held_table(rows: Sequence[Row], kind: Kind) -> TextTable:
+    """Return the success rate of each estimator at each budget and level of noise."""
     chosen = [row for row in rows if is_kind(row, kind)]
     budgets = sorted(names(chosen, "touches"))
     body = []
     for noise in names(chosen, "noise"):
         for name in names(chosen, "estimator"):
-            of = [r for r in chosen if r["noise"] == noise and r["estimator"] == name]
-            cells = [share_of([r for r in of if r["touches"] == n]) for n in budgets]
-            told = (share_text(share) for share in (*cells, share_of(of)))
-            body.append((estimator_label(name), noise, *told))
-    head = ("estimator", "noise", *(f"{n} touches" for n in budgets), "all")
+            of = _of(chosen, noise=noise, estimator=name)
+            rates = [success_rate(part) for part in (*(_of(of, touches=n) for n in budgets), of)]
+            body.append((estimator_label(name), noise, *map(rate_text, rates)))
+    head = ("estimator", "noise", *_touches(budgets), "all")
     title = f"Held, in percent, with 95 % intervals: {KIND_LABELS[kind]}"
-    return StudyTable(f"held_{kind}", title, head, tuple(body))
+    return TextTable(f"held_{kind}", title, head, tuple(body))
 
 
-def differences_table(rows: Sequence[Row], reference: str) -> StudyTable:
-    """Return by how many points each estimator holds more than the reference, at each budget."""
+def differences_table(rows: Sequence[Row], reference: str) -> TextTable:
+    """Return the difference of success rates from the reference, at each budget and noise."""
     budgets = sorted(names(rows, "touches"))
     kind = kinds_of(rows)[0]
+    parts = [*(_of(rows, touches=n) for n in budgets), rows]
     body = []
     for noise in names(rows, "noise"):
-        for name in names(rows, "estimator"):
-            if name in (reference, TRUTH):
-                continue
-            found = [
-                compare_one(chosen, name, reference, "held", kind, noise)
-                for chosen in (*([r for r in rows if r["touches"] == n] for n in budgets), rows)
-            ]
+        for name in compared(rows, reference):
+            found = [compare_one(part, name, reference, "held", kind, noise) for part in parts]
             cells = ("–" if c is None else difference_text(c) for c in found)
             body.append((estimator_label(name), noise, *cells))
-    head = ("estimator", "noise", *(f"{n} touches" for n in budgets), "all")
+    head = ("estimator", "noise", *_touches(budgets), "all")
     title = (
-        f"Held more (+) or less (−) than {estimator_label(reference)}, in points, with 95 %"
-        f" intervals: {KIND_LABELS[kind]}"
+        f"Held, difference from {estimator_label(reference)}, in points, with 95 % intervals:"
+        f" {KIND_LABELS[kind]}"
     )
-    return StudyTable("differences", title, head, tuple(body))
+    return TextTable("differences", title, head, tuple(body))
 
 
-def comparisons_table(comparisons: Sequence[Comparison]) -> StudyTable:
-    """Return every comparison: pairs, means, effect and what it is worth."""
+def comparisons_table(comparisons: Sequence[Comparison]) -> TextTable:
+    """Return every comparison: pairs, means, effect, intervals and p-values."""
     head = (
-        *("estimator", "against", "objects", "noise", "measure", "pairs", "clusters"),
-        *("better", "worse", "mean", "reference", "difference", "95 %, seeds", "95 %, objects"),
-        *("rank-biserial", "p, Holm", "p", "p, objects"),
+        *("estimator", "reference", "objects", "noise", "measure", "pairs", "clusters"),
+        *("better", "worse", "mean", "reference mean", "difference", "95 %, seeds"),
+        *("95 %, objects", "rank-biserial", "p, Holm", "p", "p, seeds", "p, objects"),
     )
     body = tuple(
         (
-            estimator_label(c.estimator),
-            estimator_label(c.reference),
-            KIND_LABELS[c.kind],
-            c.noise or "all",
-            _label(c.measure),
-            str(c.pairs),
-            str(c.clusters),
-            str(c.wins),
-            str(c.losses),
-            printed(c.measure, c.mean),
-            printed(c.measure, c.mean_reference),
+            *(estimator_label(c.estimator), estimator_label(c.reference), KIND_LABELS[c.kind]),
+            *(c.noise or "all", MEASURE_LABELS[c.measure], str(c.pairs), str(c.clusters)),
+            *(str(c.wins), str(c.losses)),
+            *(printed(c.measure, c.mean), printed(c.measure, c.mean_reference)),
             printed(c.measure, c.effect, signed=True),
-            interval(c),
-            objects_interval(c),
-            "–" if c.rank_biserial is None else f"{c.rank_biserial:+.2f}".replace("-", "−"),
-            p_value(c.p_holm),
-            p_value(c.p),
-            p_value(c.p_objects),
+            interval_text(c.measure, c.low, c.high),
+            interval_text(c.measure, c.objects_low, c.objects_high),
+            "–" if c.rank_biserial is None else _signed(c.rank_biserial, 2),
+            *map(p_value, (c.p_holm, c.p, c.p_seeds, c.p_objects)),
         )
         for c in comparisons
     )
-    return StudyTable("comparisons", "Every comparison, pair by pair", head, body)
+    return TextTable("comparisons", "All comparisons", head, body)
 
 
-def agreements_table(rows: Sequence[Row], reference: str) -> StudyTable:
-    """Return whether smaller surface errors go with grasps that hold, pair by pair."""
-    body = tuple(
-        (_label(a.measure), KIND_LABELS[a.kind], str(a.agree), str(a.disagree), p_value(a.p))
-        for a in agreements(rows, reference)
-    )
-    head = ("error", "objects", "the nearer surface held", "the farther one held", "p")
-    title = f"Where only one of two held, of all estimators with {estimator_label(reference)}"
-    return StudyTable("agreements", title, head, body)
-
-
-def nearer_table(rows: Sequence[Row], reference: str, *, without: Sequence[str] = ()) -> StudyTable:
-    """Return how often the nearer of two surfaces held, where only one did, by estimator.
-
-    Parameters
-    ----------
-    rows
-        Of all estimators.
-    reference
-        With which each makes its pairs.
-    without
-        Estimators without each of which all others are counted together, too.
-    """
-    others = [name for name in names(rows, "estimator") if name not in (reference, TRUTH)]
-    groups = {estimator_label(name): [name] for name in others}
-    groups["all"] = others
-    for name in without:
-        groups[f"all but {estimator_label(name)}"] = [n for n in others if n != name]
-    kind = kinds_of(rows)[0]
+def nearer_table(rows: Sequence[Row], reference: str) -> TextTable:
+    """Return how often the surface with the smaller error held where only one did, by estimator."""
+    others = compared(rows, reference)
     body = []
-    for title, members in groups.items():
+    for title, members in (*((estimator_label(n), [n]) for n in others), ("all", others)):
         chosen = [row for row in rows if row["estimator"] in (reference, *members)]
-        found = {a.measure: a for a in agreements(chosen, reference) if a.kind == kind}
-        body.append((title, *(_agreement(found.get(measure)) for measure in ERRORS)))
-    who = estimator_label(reference)
-    head = (f"{who} and", *(MEASURE_LABELS[measure].removesuffix(" [mm]") for measure in ERRORS))
-    title = f"Where only one of two held: how often the nearer surface, {KIND_LABELS[kind]}"
-    return StudyTable("nearer", title, head, tuple(body))
+        found = {a.measure: a for a in agreements(chosen, reference)}
+        cells = (
+            f"{100.0 * a.rate:.0f} % of {a.pairs}, p {p_phrase(a.p)}" if a else "–"
+            for a in map(found.get, ERRORS)
+        )
+        body.append((title, *cells))
+    head = (
+        f"{estimator_label(reference)} and",
+        *(MEASURE_LABELS[measure].removesuffix(" [mm]") for measure in ERRORS),
+    )
+    title = "Pairs of which only one held: how often the one with the smaller error"
+    return TextTable("nearer", title, head, tuple(body))
 
 
-def _agreement(found: Agreement | None) -> str:
-    if found is None:
-        return "–"
-    return f"{100.0 * found.share:.0f} % of {found.pairs}, p {p_phrase(found.p)}"
+def calibration_table(rows: Sequence[Row]) -> TextTable:
+    """Return predicted and observed success rates of the executed grasps, and calibration errors.
 
-
-def foretold_table(rows: Sequence[Row]) -> StudyTable:
-    """Return how many executed grasps were foretold to hold, and how many did."""
+    The error by object is the mean over objects of |mean prediction - observed rate|: errors of
+    different objects do not cancel.
+    """
     body = []
     for hand in names(rows, "hand"):
         for name in names(rows, "estimator"):
-            of = [r for r in rows if r["hand"] == hand and r["estimator"] == name]
+            of = _of(rows, hand=hand, estimator=name)
             if name == TRUTH:  # the same grasp for every number of touches and every noise
                 of = list({(r["object"], r["seed"]): r for r in of}.values())
             tried = [r for r in of if r["success_probability"] is not None]
             if not tried:
                 continue
-            foretold = [r["success_probability"] for r in tried]
-            held = [bool(r["held"]) for r in tried]
-            means = (sum(foretold) / len(tried), sum(held) / len(tried))
-            error = expected_calibration_error(foretold, held)
-            shares = (f"{100.0 * share:.1f}" for share in (*means, error))
-            body.append((estimator_label(name), hand, str(len(tried)), *shares))
-    head = ("planned on", "hand", "grasps executed", "foretold", "held", "calibration error")
-    return StudyTable("foretold", "Foretold to hold and held, in percent", head, tuple(body))
+            predicted = np.mean([r["success_probability"] for r in tried])
+            observed = np.mean([bool(r["held"]) for r in tried])
+            gaps = [r["success_probability"] - bool(r["held"]) for r in tried]
+            objects = objects_of(tried)
+            by_object = np.abs(cluster_sums(gaps, objects)) / np.bincount(objects)
+            error = expected_calibration_error(
+                [r["success_probability"] for r in tried], [bool(r["held"]) for r in tried]
+            )
+            values = (predicted, observed, error, by_object.mean())
+            cells = (f"{100.0 * value:.1f}" for value in values)
+            body.append((estimator_label(name), hand, str(len(tried)), *cells))
+    head = (
+        *("planned on", "hand", "grasps executed", "predicted", "observed"),
+        *("calibration error", "error by object"),
+    )
+    title = "Predicted and observed success rates, in percent"
+    return TextTable("calibration", title, head, tuple(body))
 
 
-def overview_table(rows: Sequence[Row]) -> StudyTable:
-    """Return the means of every measure, for each estimator, kind of objects and noise."""
-    body = []
-    for noise in dict.fromkeys(row["noise"] for row in rows):
-        for kind in kinds_of(rows):
-            tables = {m: measure_table(rows, m, kind=kind, noise=noise) for m in MEASURE_LABELS}
-            for name in tables["held"].estimators:
-                values = [printed(m, t.overall(name)) for m, t in tables.items()]
-                body.append((estimator_label(name), KIND_LABELS[kind], noise, *values))
-    head = ("estimator", "objects", "noise", *(_label(measure) for measure in MEASURE_LABELS))
-    return StudyTable("overview", "Means over objects, hands, touches and seeds", head, tuple(body))
-
-
-def objects_table(rows: Sequence[Row], noise: str) -> StudyTable:
-    """Return how many grasps held of how many, for each object and number of touches."""
-    chosen = [row for row in rows if row["noise"] == noise]
-    estimators = names(chosen, "estimator")
-    cells: dict[tuple[str, str, str], dict[str, list[bool]]] = {}
-    for row in chosen:
-        cell = cells.setdefault((row["object"], row["hand"], str(row["touches"])), {})
-        cell.setdefault(row["estimator"], []).append(bool(row["held"]))
+def objects_table(rows: Sequence[Row], measure: Measure) -> TextTable:
+    """Return the mean of a measure for each object, level of noise and number of touches."""
+    estimators = names(rows, "estimator")
+    cells: dict[tuple[str, str, int], dict[str, list[float]]] = {}
+    for row in rows:
+        value = value_of(row, measure)
+        if value is not None:
+            of = cells.setdefault((row["object"], row["noise"], row["touches"]), {})
+            of.setdefault(row["estimator"], []).append(value)
     body = tuple(
-        (*cell, *(f"{sum(of[n])} of {len(of[n])}" if n in of else "–" for n in estimators))
+        (
+            *(cell[0], cell[1], str(cell[2])),
+            *(printed(measure, float(np.mean(of[n])) if n in of else None) for n in estimators),
+        )
         for cell, of in cells.items()
     )
-    head = ("object", "hand", "touches", *(estimator_label(name) for name in estimators))
-    name = "objects_" + noise.replace("/", "_").replace(".", "_")
-    return StudyTable(name, f"Grasps that held, noise: {noise}", head, body)
+    head = ("object", "noise", "touches", *(estimator_label(name) for name in estimators))
+    title = f"By object: {MEASURE_LABELS[measure]}"
+    return TextTable(f"objects_{measure}", title, head, body)
 
 
-def reasons_table(rows: Sequence[Row]) -> StudyTable:
-    """Return how trials ended, counted."""
-    who = names(rows, "estimator")
-    counts: dict[str, dict[str, int]] = {}
-    for row in rows:
-        of = counts.setdefault(row["reason"], dict.fromkeys(who, 0))
-        of[row["estimator"]] += 1
-    ordered = sorted(counts, key=lambda reason: (reason != "held", -sum(counts[reason].values())))
-    body = tuple((reason, *(str(counts[reason][name]) for name in who)) for reason in ordered)
-    head = ("ended as", *(estimator_label(name) for name in who))
-    return StudyTable("reasons", "How trials ended", head, body)
+def reasons_table(rows: Sequence[Row]) -> TextTable:
+    """Return how many trials of each estimator ended for each reason."""
+    estimators = names(rows, "estimator")
+    counts = Counter((row["reason"], row["estimator"]) for row in rows)
+    totals = Counter(row["reason"] for row in rows)
+    ordered = sorted(totals, key=lambda reason: (reason != "held", -totals[reason]))
+    body = tuple(
+        (reason, *(str(counts[reason, name]) for name in estimators)) for reason in ordered
+    )
+    head = ("reason", *(estimator_label(name) for name in estimators))
+    return TextTable("reasons", "How trials ended", head, body)
 
 
-def losses_table(rows: Sequence[Row], reference: str) -> StudyTable:
+def losses_table(rows: Sequence[Row], reference: str) -> TextTable:
     """Return every trial that the reference held and another estimator did not."""
     head = (
-        *("estimator", *TRIAL_COLUMNS, "ended as"),
+        *("estimator", *TRIAL_COLUMNS, "reason"),
         *("epsilon on the estimate", "on the truth", "estimate to truth [mm]"),
         *("edges to estimate [mm]", f"{estimator_label(reference)}: epsilon on the truth", "key"),
     )
@@ -311,64 +272,60 @@ def losses_table(rows: Sequence[Row], reference: str) -> StudyTable:
         )
         for mine, theirs in losses(rows, reference)
     )
-    title = f"Every trial that {estimator_label(reference)} held and another did not"
-    return StudyTable("losses", title, head, body)
+    title = f"Every trial that {estimator_label(reference)} held and another estimator did not"
+    return TextTable("losses", title, head, body)
 
 
 def printed(measure: str, value: float | None, *, signed: bool = False) -> str:
-    """Return a value as it is printed: shares in percent, lengths in mm; a dash for none."""
+    """Return a value as text: rates in percent, lengths in mm; a dash for none."""
     if value is None or math.isnan(value):
         return "–"
     factor, digits = _PRINTED.get(measure, _LENGTH)
-    rounded = round(factor * value, digits) + 0.0  # no minus before zero
-    return f"{rounded:{'+' if signed else ''}.{digits}f}".replace("-", "−")
+    return _signed(factor * value, digits) if signed else f"{factor * value:.{digits}f}"
 
 
-def interval(comparison: Comparison) -> str:
-    """Return the interval of a comparison's effect, had other seeds been drawn, as printed."""
-    return _interval(comparison.measure, comparison.low, comparison.high)
-
-
-def objects_interval(comparison: Comparison) -> str:
-    """Return the interval of a comparison's effect, had other objects been drawn, as printed."""
-    return _interval(comparison.measure, comparison.objects_low, comparison.objects_high)
-
-
-def share_text(share: Share | None) -> str:
-    """Return a share in percent with its interval, as it is printed."""
-    if share is None:
-        return "–"
-    told = f"{100.0 * share.value:.0f}"
-    if share.low is None or share.high is None:
-        return told
-    return f"{told} ({100.0 * share.low:.0f} to {100.0 * share.high:.0f})"
-
-
-def difference_text(comparison: Comparison) -> str:
-    """Return a comparison's effect with its interval, as they are printed."""
-    told = printed(comparison.measure, comparison.effect, signed=True)
-    return told if comparison.low is None else f"{told} ({interval(comparison)})"
-
-
-def p_value(p: float) -> str:
-    """Return a p-value as it is printed."""
-    return f"{p:.3f}" if p >= 0.001 else "< 0.001"
-
-
-def p_phrase(p: float) -> str:
-    """Return a p-value as it is printed after the letter p."""
-    return p_value(p) if p < 0.001 else f"= {p_value(p)}"
-
-
-def _interval(measure: str, low: float | None, high: float | None) -> str:
+def interval_text(measure: str, low: float | None, high: float | None) -> str:
+    """Return an interval of a difference as text; a dash for none."""
     if low is None or high is None:
         return "–"
     return " to ".join(printed(measure, end, signed=True) for end in (low, high))
 
 
-def _label(measure: str) -> str:
-    return MEASURE_LABELS[measure] + (" [%]" if measure == "held" else "")
+def rate_text(rate: SuccessRate | None) -> str:
+    """Return a success rate in percent with its interval, as text."""
+    if rate is None:
+        return "–"
+    text = f"{100.0 * rate.value:.0f}"
+    if rate.low is None or rate.high is None:
+        return text
+    return f"{text} ({100.0 * rate.low:.0f} to {100.0 * rate.high:.0f})"
 
 
-def _plain(value: object) -> str:
-    return "" if value is None else str(value)
+def difference_text(comparison: Comparison) -> str:
+    """Return a comparison's effect with its interval, as text."""
+    c = comparison
+    text = printed(c.measure, c.effect, signed=True)
+    return text if c.low is None else f"{text} ({interval_text(c.measure, c.low, c.high)})"
+
+
+def p_value(p: float) -> str:
+    """Return a p-value as text."""
+    return f"{p:.3f}" if p >= 0.001 else "< 0.001"
+
+
+def p_phrase(p: float) -> str:
+    """Return a p-value as text after the letter p."""
+    return p_value(p) if p < 0.001 else f"= {p_value(p)}"
+
+
+def _signed(value: float, digits: int) -> str:
+    rounded = round(value, digits) + 0.0  # no minus before zero
+    return f"{rounded:+.{digits}f}".replace("-", "−")
+
+
+def _touches(budgets: Sequence[int]) -> tuple[str, ...]:
+    return tuple(f"{n} touches" for n in budgets)
+
+
+def _of(rows: Sequence[Row], **columns: object) -> list[Row]:
+    return [row for row in rows if all(row[name] == value for name, value in columns.items())]

@@ -1,28 +1,29 @@
-"""One trial: contacts made once; then, for each estimator, a surface, a grasp and its proof."""
+"""Trials of a study: contacts made once; a surface, a grasp and a simulated lift per estimator."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import platform
-import threading
+import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
 
+import numpy as np
 import trimesh
-from threadpoolctl import threadpool_limits
 
 import lis_grasp
 from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import SurfaceError, surface_error
 from lis_grasp.exceptions import EstimationError, LisGraspError
-from lis_grasp.experiments.compared_estimators import contender
-from lis_grasp.experiments.study.attempt import Attempt, attempt, failure, mesh_digest
-from lis_grasp.experiments.study.exploring import contacts_of
+from lis_grasp.experiments.compared_estimators import compared_estimator
+from lis_grasp.experiments.runner import single_thread
 from lis_grasp.experiments.study.keys import (
     KEY_LENGTH,
     columns_of,
@@ -30,120 +31,227 @@ from lis_grasp.experiments.study.keys import (
     object_digest,
     row_key,
 )
-from lis_grasp.experiments.study.study import OWN, TRUTH, Setup, Trial, find_object, parse_noise
-from lis_grasp.exploration import STEP_FRACTION
+from lis_grasp.experiments.study.study import TRUTH, Trial, parse_noise
+from lis_grasp.experiments.trial_results import Job
+from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
+from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape
+
+if TYPE_CHECKING:
+    from lis_grasp.lifting.lift_outcome import LiftOutcome
+
+NO_GRASP, FAILED = "no_grasp", "failed"
+"""Reasons of rows without a lift."""
 
 TIMES = ("seconds_touch", "seconds_estimate", "seconds_grasp", "seconds_lift")
 """Columns that differ between equal trials."""
 
 MACHINE = "versions"
-"""Column that says on what a row was made."""
-
-_ERRORS = tuple(SurfaceError.__dataclass_fields__)
-_ALONE = threading.Lock()
+"""Column with the versions and the machine that made a row."""
 
 
-@dataclass(frozen=True, slots=True)
-class Job:
-    """A trial to run, for some estimators.
-
-    Parameters
-    ----------
-    trial, setup
-        What to do.
-    estimators
-        For which.
-    """
-
-    trial: Trial
-    setup: Setup
-    estimators: tuple[str, ...]
-
-
-def run_job(job: Job) -> list[Row]:
-    """Return a row for each estimator of a job.
-
-    One thread a process: as fast where all cores are busy, and sums in the same order everywhere.
-    That holds wherever it runs, also in a worker that joined a cluster late and has more threads:
-    there jobs wait for each other.
-    """
-    # Only libraries that are loaded can be limited, and Drake brings one of its own.
+def run_trial(job: Job) -> list[Row]:
+    """Return a row for each estimator of a job of a study's `Trial`."""
+    # Only libraries that are loaded can be limited to one thread, and Drake brings its own.
     import_module("lis_grasp.simulation.simulate_lift")
-    with _ALONE, threadpool_limits(1):
+    with single_thread():
         return list(_rows(job))
 
 
-def explorer_of(setup: Setup, estimator: str) -> str:
-    """Return the estimator that drives the exploration for an estimator."""
-    if setup.explorer != OWN:
-        return setup.explorer
-    # The truth needs no contacts; they say what was explored.
-    return Setup().explorer if estimator == TRUTH else estimator
-
-
 def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimesh:
-    """Return the mesh that an estimator makes of a trial's contacts, and of nothing else."""
-    return extract_mesh(contender(estimator)(contacts, parse_noise(trial.noise)))
+    """Return the mesh that an estimator makes of a trial's contacts alone."""
+    return extract_mesh(compared_estimator(estimator)(contacts, parse_noise(trial.noise)))
+
+
+def plan(trial: Trial, mesh: trimesh.Trimesh, shape: Shape, hand: Hand) -> GraspSearch:
+    """Plan the grasps of a trial on a mesh."""
+    return pipeline.plan(
+        mesh,
+        hand,
+        support=pipeline.support_height(shape),
+        friction=trial.setup.friction,
+        count=trial.setup.grasps,
+        seed=trial.seed,
+    )
+
+
+def lift(trial: Trial, grasp: Grasp, shape: Shape, hand: Hand) -> LiftOutcome:
+    """Simulate the lift of a trial: the grasp on the true object."""
+    setup = trial.setup
+    return pipeline.lift(shape, hand, grasp, mass=setup.mass, friction=setup.friction)
 
 
 def _rows(job: Job) -> Iterator[Row]:
-    # What cannot be read is a mistake of the study, and no result of its trials.
-    shape, hand = find_object(job.trial.object, job.setup), Hand.load(job.trial.hand)
-    for estimator in job.estimators:
+    # A file that cannot be read is an error of the study, not a result of its trials.
+    trial = job.trial
+    shape, hand = trial.find_object(), Hand.load(trial.hand)
+    for estimator in job.variants:
         watch = pipeline.Stopwatch()
-        row = _blank_row(job.trial, job.setup, estimator, shape)
+        row = blank_row(trial, estimator, shape)
         try:
-            _fill(row, job.trial, job.setup, shape, hand, estimator, watch)
+            _fill(row, trial, shape, hand, estimator, watch)
         except LisGraspError as error:
-            row |= failure(error)
+            row |= _failure(error)
         yield row | {name: watch.seconds.get(name.removeprefix("seconds_")) for name in TIMES}
 
 
 def _fill(
-    row: Row,
-    trial: Trial,
-    setup: Setup,
-    shape: Shape,
-    hand: Hand,
-    estimator: str,
-    watch: pipeline.Stopwatch,
+    row: Row, trial: Trial, shape: Shape, hand: Hand, estimator: str, watch: pipeline.Stopwatch
 ) -> None:
-    """Write into a row what a trial comes to, as far as it comes."""
-    explorer = explorer_of(setup, estimator)
-    contacts, watch.seconds["touch"] = contacts_of(trial, setup, explorer)
-    row |= {"contacts": len(contacts), "contacts_digest": _digest(contacts)}
+    contacts, watch.seconds["touch"] = contacts_of(trial, trial.explorer(estimator))
+    digest = _short_digest(contacts.points, contacts.normals)
+    row |= {"contacts": len(contacts), "contacts_digest": digest}
     if not len(contacts):
         raise EstimationError("a surface needs at least one contact; the exploration made none")
     with watch.measure("estimate"):
         mesh = shape.mesh if estimator == TRUTH else estimate(trial, estimator, contacts)
     row |= {"triangles": len(mesh.faces), "watertight": bool(mesh.is_watertight)}
     row |= asdict(surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size))
+    # The contacts have been used: grasps depend on the mesh, the object, the hand and the seed.
+    task = replace(trial, touches=0, noise="")
     files = file_digests(trial.object, trial.hand)
-    task = Attempt(
-        *(mesh_digest(mesh), trial.object, trial.hand, files, trial.seed, setup),
-        *(mesh, shape, hand),
-    )
-    columns, seconds = attempt(task)
+    columns, seconds = grasp_and_lift(GraspTask(mesh_digest(mesh), files, task, mesh, shape, hand))
     row |= columns
     watch.seconds |= seconds
 
 
-def _blank_row(trial: Trial, setup: Setup, estimator: str, shape: Shape) -> Row:
-    """Return a row of a trial that came to nothing yet: not lifted, not held."""
+@dataclass(frozen=True, slots=True)
+class GraspTask:
+    """A grasp to plan and to lift; equal tasks have equal results.
+
+    Parameters
+    ----------
+    mesh_digest, files
+        Hashes of the mesh to plan on, and of the files of object and hand.
+    trial
+        Its object, hand, seed and setup.
+    mesh, shape, hand
+        Not compared: the digests and names identify them.
+    """
+
+    mesh_digest: str
+    files: tuple[str, ...]
+    trial: Trial
+    mesh: trimesh.Trimesh = field(compare=False)
+    shape: Shape = field(compare=False)
+    hand: Hand = field(compare=False)
+
+
+# Estimators may agree (blend is patch where contacts are few), and planning on the truth does not
+# depend on the contacts: a process computes each task once.
+@lru_cache(maxsize=64)
+def grasp_and_lift(task: GraspTask) -> tuple[Row, dict[str, float]]:
+    """Plan, evaluate the best grasp on the truth, lift with it; return columns, and times [s]."""
+    watch = pipeline.Stopwatch()
+    row: Row = {}
+    try:
+        _fill_grasp(row, task, watch)
+    except LisGraspError as error:
+        row |= _failure(error)
+    return row, watch.seconds
+
+
+def _fill_grasp(row: Row, task: GraspTask, watch: pipeline.Stopwatch) -> None:
+    trial, shape, hand = task.trial, task.shape, task.hand
+    with watch.measure("grasp"):
+        search = plan(trial, task.mesh, shape, hand)
+    row |= {
+        "grasps_found": len(search.grasps),
+        "candidates": search.candidates,
+        "rejections": json.dumps(dict(search.rejections), sort_keys=True),
+        "reason": NO_GRASP,
+    }
+    if not search.grasps:
+        return
+    best = search.grasps[0]
+    on_estimate = float(best.quality["epsilon"])
+    on_truth = float(epsilon_on_truth(best, shape.mesh, hand, friction=trial.setup.friction))
+    row |= {
+        "epsilon_estimate": on_estimate,
+        "epsilon_truth": on_truth,
+        "epsilon_gap": on_estimate - on_truth,
+        "closure_probability": float(best.quality["closure_probability"]),
+        "success_probability": float(best.quality["success_probability"]),
+    }
+    with watch.measure("lift"):
+        outcome = lift(trial, best, shape, hand)
+    row |= {
+        "lifted": bool(outcome.lifted),
+        "held": bool(outcome.held),
+        "slip": float(outcome.slip),
+        "acceleration_survived": float(outcome.acceleration_survived),
+        "reason": outcome.reason,
+    }
+
+
+@dataclass(slots=True)
+class _Explored:
+    """Progress of an exploration: all outcomes, contacts asked for, time [s]."""
+
+    outcomes: tuple[ProbeOutcome, ...] = ()
+    touches: int = 0
+    seconds: float = 0.0
+
+
+def contacts_of(trial: Trial, explorer: str) -> tuple[Contacts, float]:
+    """Return the contacts of a trial, explored with an estimator, and the time [s].
+
+    Continues what this process explored for a smaller budget of the same trial: all choices depend
+    on the past only, so that the contacts of a smaller budget are the first ones of a larger.
+    """
+    return _contacts_of(trial, explorer, file_digests(trial.object, trial.hand))
+
+
+@lru_cache(maxsize=4)
+def _contacts_of(trial: Trial, explorer: str, files: tuple[str, ...]) -> tuple[Contacts, float]:
+    known = _explored(replace(trial, touches=1), explorer, files)
+    if known.touches > trial.touches:  # the order of a study is from small to large
+        known = _Explored()
+    start = time.perf_counter()
+    noise = parse_noise(trial.noise)
+    config = RunConfig(
+        object=trial.object,
+        estimator=explorer,
+        touches=trial.touches,
+        seed=trial.seed,
+        prober=trial.setup.prober,
+        policy=trial.setup.policy,
+        mass=trial.setup.mass,
+        friction=trial.setup.friction,
+        position_noise=noise.position,
+        normal_noise=noise.normal,
+    )
+    exploration = pipeline.touch(
+        trial.find_object(), Hand.load(trial.hand), config, recorded=known.outcomes
+    )
+    known.outcomes, known.touches = exploration.outcomes, trial.touches
+    known.seconds += time.perf_counter() - start
+    return exploration.contacts, known.seconds
+
+
+@lru_cache(maxsize=4)
+def _explored(start: Trial, explorer: str, files: tuple[str, ...]) -> _Explored:
+    """Return the progress of one exploration, which `contacts_of` continues."""
+    return _Explored()
+
+
+def blank_row(trial: Trial, estimator: str, shape: Shape) -> Row:
+    """Return the row of a trial without any result: not lifted, not held."""
     return {
-        "key": row_key(trial, setup, estimator),
+        "key": row_key(trial, estimator),
         **columns_of(trial),
         "object_digest": object_digest(trial.object),
         "estimator": estimator,
-        **asdict(setup),
+        **asdict(trial.setup),
         "version": lis_grasp.__version__,
         MACHINE: json.dumps(_versions(), sort_keys=True),
         "edged": bool(len(shape.edges)),
-        **dict.fromkeys(("contacts", "contacts_digest", "triangles", "watertight", *_ERRORS)),
+        **dict.fromkeys(("contacts", "contacts_digest", "triangles", "watertight")),
+        **dict.fromkeys(SurfaceError.__dataclass_fields__),
         **dict.fromkeys(("grasps_found", "candidates", "rejections")),
         **dict.fromkeys(("epsilon_estimate", "epsilon_truth", "epsilon_gap")),
         **dict.fromkeys(("closure_probability", "success_probability")),
@@ -151,6 +259,23 @@ def _blank_row(trial: Trial, setup: Setup, estimator: str, shape: Shape) -> Row:
         "held": False,
         **dict.fromkeys(("slip", "acceleration_survived", "reason", "failure")),
     }
+
+
+def mesh_digest(mesh: trimesh.Trimesh) -> str:
+    """Return a hash of a mesh: vertices, faces and vertex attributes."""
+    attributes = [mesh.vertex_attributes[name] for name in sorted(mesh.vertex_attributes)]
+    return _short_digest(mesh.vertices, mesh.faces, *attributes)
+
+
+def _short_digest(*arrays: np.ndarray) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:KEY_LENGTH]
+
+
+def _failure(error: LisGraspError) -> Row:
+    return {"reason": FAILED, "failure": f"{type(error).__name__}: {error}"}
 
 
 @lru_cache(maxsize=1)
@@ -162,9 +287,3 @@ def _versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[package] = "none"
     return found
-
-
-def _digest(contacts: Contacts) -> str:
-    """Return a hash of the contacts, which tells that estimators got the same."""
-    content = contacts.points.tobytes() + contacts.normals.tobytes()
-    return hashlib.sha256(content).hexdigest()[:KEY_LENGTH]

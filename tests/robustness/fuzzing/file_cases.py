@@ -18,8 +18,7 @@ from fuzzing.hand_cases import check_loaded, write_hand
 from fuzzing.mesh_cases import check_shape
 from fuzzing.mutations import damage_bytes, damage_plain
 from lis_grasp import Contacts, shapes
-from lis_grasp.experiments.study.study import Study
-from lis_grasp.experiments.study.study_file import load_study
+from lis_grasp.experiments.study.study import Study, load_study
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasps import Grasp, GraspSearch, load_grasps, save_grasps
 from lis_grasp.io import provenance
@@ -276,17 +275,12 @@ def _rows_reader() -> dict[str, Any]:
 
         def save(path: Path) -> None:
             results = StudyResults(path.parent)
-            results.write([row])
+            results.lines.append([row])
             results.write_merged()
 
         return _saved(save, "rows.parquet")
 
     def check(path: Path) -> None:
-        (row,) = StudyResults(path.parent).read()  # all rows in one file, then a row's own file
-        require(isinstance(row, dict), "a row comes back")
-        part = path.parent / "rows" / "aa.parquet"
-        part.parent.mkdir()
-        path.rename(part)
         (row,) = StudyResults(path.parent).read()
         require(isinstance(row, dict), "a row comes back")
 

@@ -1,20 +1,22 @@
-"""Who runs the trials of a study: this process, all cores, or a cluster; the rows are the same."""
+"""Resumable runner of trials: in this process, in local processes, or on a Dask cluster."""
 
 from __future__ import annotations
 
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError
-from lis_grasp.experiments.study.study import Study
-from lis_grasp.experiments.study.study_results import StudyResults
-from lis_grasp.experiments.study.study_trial import Job, run_job
+from lis_grasp.experiments.trial_results import Job, TrialResults
 from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline.worker_pool import worker_pool
+from lis_grasp.pipeline.worker_pool import process_count, worker_pool
 
 Runner = Callable[[Job], list[Row]]
 Result = TypeVar("Result")
@@ -22,6 +24,7 @@ Result = TypeVar("Result")
 _TRIES = 3  # of a job alone
 _KILLED = "their processes were killed again and again"
 _CONNECT = 15  # [s] to wait for a cluster
+_ALONE = threading.Lock()
 
 
 class Scheduler(Protocol):
@@ -40,7 +43,7 @@ class Scheduler(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class InProcess:
-    """Runs jobs here, one after the other."""
+    """Runs jobs in this process, one after the other."""
 
     def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Yield the result of each job; see `Scheduler`."""
@@ -49,9 +52,9 @@ class InProcess:
 
 @dataclass(frozen=True, slots=True)
 class LocalPool:
-    """Runs jobs in processes of this machine; goes on in new ones where some were killed.
+    """Runs jobs in processes of this machine, and starts new ones where some were killed.
 
-    What a killed process was at has more tries at the end, alone.
+    Jobs of killed processes are tried again at the end, alone.
 
     Parameters
     ----------
@@ -66,18 +69,18 @@ class LocalPool:
         left, suspects, unfinished = list(jobs), list[Job](), 0
         while left:
             try:
-                for job, result in self._attempt(runner, list(left)):
+                for job, result in self._run(runner, list(left)):
                     left.remove(job)
                     yield result
             except BrokenProcessPool:
-                # One killed process takes the pool with it. Who was at work are the first of what
-                # is left: one of them may have killed it, and others should not suffer from that.
+                # One killed process breaks the pool. The jobs at work were the first of those left.
+                # One of them may be the cause: try them alone, so that no other job suffers.
                 suspects += left[: self.processes]
                 del left[: self.processes]
         for job in suspects:
             for _ in range(_TRIES):
                 try:
-                    yield from (result for _, result in self._attempt(runner, [job]))
+                    yield from (result for _, result in self._run(runner, [job]))
                 except BrokenProcessPool:
                     continue
                 break
@@ -86,7 +89,7 @@ class LocalPool:
         if unfinished:
             raise _unfinished(unfinished, _KILLED, "with fewer --jobs if memory ran out")
 
-    def _attempt(
+    def _run(
         self, runner: Callable[[Job], Result], jobs: Sequence[Job]
     ) -> Iterator[tuple[Job, Result]]:
         with worker_pool(min(self.processes, len(jobs))) as pool:
@@ -99,9 +102,9 @@ class LocalPool:
 
 @dataclass(frozen=True, slots=True)
 class DaskCluster:
-    """Runs jobs on a cluster of Dask, whose workers need this package and the study's files.
+    """Runs jobs on a Dask cluster, whose workers need this package and the files of the trials.
 
-    Dask runs again what a lost worker was at, elsewhere.
+    Dask runs the jobs of a lost worker again, on another.
 
     Parameters
     ----------
@@ -117,14 +120,13 @@ class DaskCluster:
         try:
             client = distributed.Client(self.address, timeout=_CONNECT)
         except (OSError, ValueError) as error:
-            raise InvalidOptionError(
-                f"--scheduler must be the address of a running Dask scheduler, such as"
-                f" tcp://host:8786; {self.address} is none: {error}"
+            raise self._error(
+                "be the address of a running Dask scheduler, such as tcp://host:8786", str(error)
             ) from None
         killed, lost = 0, 0
         with client:
-            _require_one_thread(client, self.address)
-            # Impure: a cluster that outlives a study must not remember rows of older code.
+            self._require_single_threads(client)
+            # Impure: a cluster that outlives a study must not return rows of older code.
             futures = client.map(runner, jobs, pure=False)
             for future in distributed.as_completed(futures):
                 try:
@@ -140,51 +142,91 @@ class DaskCluster:
         if killed:
             raise _unfinished(killed, _KILLED, "with workers of more memory if memory ran out")
 
+    def _require_single_threads(self, client: Any) -> None:
+        try:
+            client.wait_for_workers(1, timeout=_CONNECT)
+        except TimeoutError:
+            raise self._error(
+                f"have a worker: start one with dask worker {self.address} --nthreads 1",
+                f"none came within {_CONNECT} s",
+            ) from None
+        threads = list(client.nthreads().values())
+        if max(threads) > 1:
+            raise self._error(
+                "have workers of one thread each: start them with --nthreads 1",
+                f"{sum(n > 1 for n in threads)} of {len(threads)} have more",
+            )
+
+    def _error(self, required: str, found: str) -> InvalidOptionError:
+        return InvalidOptionError(
+            f"--scheduler must {required}; it is {self.address}: {found}",
+            option="scheduler",
+            value=self.address,
+        )
+
+
+def local_scheduler(jobs: int | None) -> Scheduler:
+    """Return a scheduler of so many local processes; None for one per core."""
+    processes = process_count(jobs)
+    return InProcess() if processes == 1 else LocalPool(processes)
+
+
+@contextmanager
+def single_thread() -> Iterator[None]:
+    """Limit numerical libraries that are loaded to one thread, and run one block at a time.
+
+    Sums then have the same order on every machine, also in a Dask worker with more threads.
+    """
+    with _ALONE, threadpool_limits(1):
+        yield
+
 
 @dataclass(frozen=True, slots=True)
-class _Unforeseen:
-    """An error that nobody foresaw: of which job, and what it says."""
+class _ProgramError:
+    """An unexpected error: its job, and its traceback."""
 
     job: Job
-    told: str
+    traceback: str
 
 
 @dataclass(frozen=True, slots=True)
 class _Guarded:
-    """Runs a job; what nobody foresaw is a result too, so that other jobs are not lost."""
+    """Runs a job; returns an unexpected error as a result, so that other jobs are not lost."""
 
     runner: Runner
 
-    def __call__(self, job: Job) -> list[Row] | _Unforeseen:
+    def __call__(self, job: Job) -> list[Row] | _ProgramError:
         try:
             return self.runner(job)
         except LisGraspError:
             raise
-        except Exception as error:  # noqa: BLE001 - told when all others are done
-            return _Unforeseen(job, "".join(traceback.format_exception(error)))
+        except Exception as error:  # noqa: BLE001 - reported after all other jobs
+            return _ProgramError(job, "".join(traceback.format_exception(error)))
 
 
-def run_study(
-    study: Study,
-    results: StudyResults,
+def run_trials(
+    jobs: Sequence[Job],
+    total: int,
+    results: TrialResults,
     scheduler: Scheduler,
-    *,
-    runner: Runner = run_job,
+    runner: Runner,
 ) -> Iterator[tuple[int, int]]:
-    """Run what of a study is not among the results yet; yield trials done and all, after each.
+    """Run the missing jobs of an experiment; yield the number of trials done and in total.
 
-    Rows are the same whoever runs them, but for times and versions.
+    Rows do not depend on the scheduler, except for times and versions.
 
     Parameters
     ----------
-    study
-        What to run.
+    jobs
+        What is missing, see `missing_jobs`.
+    total
+        Number of trials of the experiment, finished ones included.
     results
-        Where rows are kept.
+        Receives the rows of each job when it ends.
     scheduler
-        Who runs it.
+        Runs the jobs.
     runner
-        Runs one job.
+        Returns the rows of one job.
 
     Raises
     ------
@@ -193,43 +235,25 @@ def run_study(
     EstimationError
         If trials could not be finished; all others are among the results.
     LisGraspError
-        If a file of the study cannot be used any more.
+        If a file of a trial cannot be used any more.
     """
-    jobs, total = results.missing(study), len(study.trials())
     done = total - len(jobs)
     yield done, total
     if not jobs:
         return
-    unforeseen = []
+    errors = []
     for result in scheduler.run(_Guarded(runner), jobs):
-        if isinstance(result, _Unforeseen):
-            unforeseen.append(result)
+        if isinstance(result, _ProgramError):
+            errors.append(result)
             continue
-        results.write(result)
+        results.append(result)
         done += 1
         yield done, total
-    if unforeseen:
-        first = unforeseen[0]
+    if errors:
+        first = errors[0]
         raise EstimationError(
-            f"{len(unforeseen)} trials met a mistake in the program, all others are done; the first"
-            f" is of {first.job.trial}: please report it with what follows\n{first.told}"
-        )
-
-
-def _require_one_thread(client: Any, address: str) -> None:
-    try:
-        client.wait_for_workers(1, timeout=_CONNECT)
-    except TimeoutError:
-        raise InvalidOptionError(
-            f"--scheduler must have a worker; {address} had none for {_CONNECT} s: start some with"
-            f" dask worker {address} --nthreads 1"
-        ) from None
-    threads = list(client.nthreads().values())
-    if max(threads) > 1:
-        raise InvalidOptionError(
-            "workers must have one thread each, so that trials run alone in their process;"
-            f" {sum(n > 1 for n in threads)} of {len(threads)} have more: start them with"
-            " --nthreads 1"
+            f"{len(errors)} trials met an error of the program, all others are done; the first is"
+            f" {first.job.trial}: please report it with what follows\n{first.traceback}"
         )
 
 
@@ -244,5 +268,7 @@ def _distributed() -> Any:
     try:
         import distributed
     except ModuleNotFoundError:
-        raise InvalidOptionError("--scheduler needs Dask: pip install 'lis-grasp[study]'") from None
+        raise InvalidOptionError(
+            "--scheduler needs Dask: pip install 'lis-grasp[study]'", option="scheduler"
+        ) from None
     return distributed
