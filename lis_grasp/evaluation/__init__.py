@@ -1,1 +1,1 @@
-"""Evaluation against the truth: errors of surfaces, and what planned grasps are worth on it."""
+"""Evaluation against the truth: surface errors, grasp quality, calibration."""

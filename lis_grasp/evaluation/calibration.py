@@ -1,4 +1,4 @@
-"""Calibration of predicted probabilities: binned predicted against observed rates, and ECE."""
+"""Calibration: predicted probabilities against observed rates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 def calibration_bins(
     predicted: npt.ArrayLike, observed: npt.ArrayLike, *, bins: int = 10
 ) -> list[tuple[int, float, float]]:
-    """Return the count, mean predicted probability and observed rate of each bin that is not empty.
+    """Return the count, mean predicted probability and observed rate of each non-empty bin.
 
     Arguments as of `expected_calibration_error`.
     """
@@ -22,9 +22,10 @@ def calibration_bins(
 def expected_calibration_error(
     predicted: npt.ArrayLike, observed: npt.ArrayLike, *, bins: int = 10
 ) -> float:
-    """Return the expected calibration error of probabilities (Naeini et al., AAAI 2015).
+    """Return the expected calibration error (ECE).
 
-    ``sum_b |observed rate in b - mean probability in b| n_b / N`` over bins of equal width.
+    ``sum_b |observed rate in b - mean probability in b| n_b / N`` over bins of equal width
+    (Naeini, Cooper and Hauskrecht, AAAI 2015).
 
     Parameters
     ----------
@@ -36,5 +37,5 @@ def expected_calibration_error(
         Number of bins.
     """
     found = calibration_bins(predicted, observed, bins=bins)
-    total = sum(count * abs(rate - probability) for count, probability, rate in found)
-    return total / sum(count for count, _, _ in found)
+    off = sum(count * abs(rate - probability) for count, probability, rate in found)
+    return off / sum(count for count, _, _ in found)

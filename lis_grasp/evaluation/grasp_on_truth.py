@@ -1,4 +1,4 @@
-"""The quality that a grasp planned on an estimate has on the true object."""
+"""Quality on the true object of a grasp planned on an estimate."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, hand: Hand, *, fricti
 
 
 def true_contacts(grasp: Grasp, truth: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the fingers meet the true surface: points and outward normals, each (K, 3)."""
-    # Start outside of anything, look along the inward normal, and keep the nearest crossing.
+    """Return the fingers' contacts on the true surface: points and outward normals, each (K, 3)."""
+    # Cast rays from outside along the inward normals; keep the crossing nearest to the contact.
     reach = 2.0 * float(np.linalg.norm(truth.extents))
     points, normals = [], []
     for p_OC, n_OC in zip(grasp.contact_points, grasp.contact_normals, strict=True):

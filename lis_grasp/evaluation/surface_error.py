@@ -1,4 +1,4 @@
-"""How far an estimated surface is from the true one, where it was explored, and at its edges."""
+"""Errors of an estimated surface against the true one, over the explored part."""
 
 from __future__ import annotations
 
@@ -23,34 +23,35 @@ SAMPLES = 10_000
 
 @dataclass(frozen=True, slots=True)
 class SurfaceError:
-    """Deviations between an estimate and the truth, over what was explored.
+    """Deviations between an estimate and the truth, over the explored part.
 
-    Explored is what lies within `explored_radius` of a contact (Ottenhaus et al. 2016, section
-    IV.D, with 50 mm). RMSD is the root of the mean squared distance to the nearest point of the
-    other surface, the mean taken over area (edges: over length).
+    Explored are points within `explored_radius` of a contact (Ottenhaus et al. 2016, section IV.D,
+    with 50 mm). RMSD is the root mean squared distance to the nearest point of the other surface,
+    averaged over area (edges: over length).
 
     Parameters
     ----------
     rmsd
-        Explored part of the estimate -> truth [m]. Grows with what is there but should not be.
+        Explored part of the estimate -> truth [m]. Grows with superfluous surface.
     rmsd_truth_to_estimate
-        Explored part of the truth -> estimate [m]. Grows with what is missing.
+        Explored part of the truth -> estimate [m]. Grows with missing surface.
     edge_rmsd
-        Explored part of the true sharp edges -> estimate [m]; None where there is none.
+        Explored part of the true sharp edges -> estimate [m]; None without such edges.
     hausdorff_95
         Largest distance but for the worst 5 %, the larger of both directions [m].
     chamfer
         Mean of the two mean distances, estimate -> truth and truth -> estimate [m].
     f_score_1mm, f_score_2mm, f_score_5mm
-        Harmonic mean of the share of the estimate within so many millimetres of the truth and the
-        share of the truth within as much of the estimate, from 0 to 1 (Knapitsch, Park, Zhou and
-        Koltun 2017).
+        Harmonic mean of precision (fraction of the estimate within so many millimetres of the
+        truth) and recall (fraction of the truth as near to the estimate), from 0 to 1 (Knapitsch,
+        Park, Zhou and Koltun 2017).
     iou
-        Volume that both solids share over the volume that either fills, from 0 to 1. The only one
-        taken over everything, explored or not: where nothing was touched the bounds close the
-        estimate. None where the estimate is not closed.
+        Volume of the intersection over that of the union, from 0 to 1. It covers everything,
+        explored or not: where nothing was touched the bounds close the estimate. None if the
+        estimate is not closed.
     normal_error
-        Mean angle between the estimate's normals and those of the nearest true points [rad].
+        Mean angle between the estimate's normals and those of the nearest true points [rad]; at a
+        true edge, the normal of either side.
     coverage
         Explored part of the true area, from 0 to 1.
     explored_radius
@@ -79,10 +80,9 @@ def surface_error(
     explored_radius: float,
     samples: int = SAMPLES,
 ) -> SurfaceError:
-    """Measure how far an estimate is from the truth, over the explored part.
+    """Measure the errors of an estimate against the truth, over the explored part.
 
-    Distances are exact; the parts they are averaged over are sampled evenly, without random
-    numbers.
+    Distances are exact; they are averaged over even samples, without random numbers.
 
     Parameters
     ----------
@@ -91,9 +91,9 @@ def surface_error(
     truth
         The true object, with its sharp edges, in O [m].
     contacts
-        What the estimate was made from, in O.
+        Of the estimate, in O.
     explored_radius
-        What is nearer to a contact than this counts as explored [m].
+        Points nearer to a contact than this count as explored [m].
     samples
         Number of points on each surface and along the edges.
 
@@ -102,24 +102,24 @@ def surface_error(
     InvalidOptionError
         If the radius or the number of samples is not above 0.
     InvalidContactsError
-        If no part of the true surface lies within the radius of a contact.
+        If no part of the true surface is within the radius of a contact.
     EstimationError
-        If no part of the estimate does.
+        If no part of the estimate is.
     """
     if not (np.isfinite(explored_radius) and explored_radius > 0.0):
-        raise InvalidOptionError(
-            f"explored_radius must be above 0 and finite [m]; {explored_radius!r} came"
+        raise InvalidOptionError.out_of_range(
+            "explored_radius", explored_radius, "above 0 and finite [m]"
         )
     if samples < 1:
-        raise InvalidOptionError(f"samples must be at least 1; {samples} came")
+        raise InvalidOptionError.out_of_range("samples", samples, "at least 1")
     on_estimate, estimate_faces = sample_mesh(estimate, samples)
     on_truth, _ = sample_mesh(truth.mesh, samples)
     known = _explored(on_estimate, contacts, explored_radius)
     of_truth = _explored(on_truth, contacts, explored_radius)
     if not of_truth.any():
         raise InvalidContactsError(
-            f"some contact must lie within {explored_radius:g} m of the true surface; none of"
-            f" {len(contacts)} does: check that both are in the same frame and in metres"
+            f"some contact must be within {explored_radius:g} m of the true surface; none of"
+            f" {len(contacts)} is: check that both are in the same frame and in metres"
         )
     if not known.any():
         raise EstimationError(

@@ -1,4 +1,4 @@
-"""Points spread evenly over meshes and along edges, the same every time."""
+"""Deterministic samples, spread evenly over meshes and along edges."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ _STEP = np.array([0.7548776662466927, 0.5698402909980532])
 def sample_mesh(mesh: trimesh.Trimesh, count: int) -> tuple[FloatArray, IndexArray]:
     """Return points spread over a mesh in proportion to area, and the triangle of each.
 
-    Triangles get their points in turn, one for every `count`-th part of the area passed; within
-    the triangles points follow a low-discrepancy sequence. No random numbers: equal meshes have
-    equal samples.
+    Stratified by area over the triangles in order; within triangles a low-discrepancy sequence. No
+    random numbers: equal meshes have equal samples.
 
     Parameters
     ----------

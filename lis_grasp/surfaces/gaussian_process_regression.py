@@ -166,8 +166,8 @@ class GradientRegression:
         of single rows). The covariance includes the noise.
         """
         columns = self._inverse_factor().reshape(-1, len(self.nodes), ROWS).transpose(1, 2, 0)
-        covariances: FloatArray = np.linalg.inv(columns @ columns.transpose(0, 2, 1))  # (N, 4, 4)
-        means: FloatArray = self.targets - np.einsum("nij,nj->ni", covariances, self.weights)
+        covariances = np.asarray(np.linalg.inv(columns @ columns.transpose(0, 2, 1)), np.float64)
+        means = self.targets - np.einsum("nij,nj->ni", covariances, self.weights)
         return means, covariances
 
     def likeliest_amplitude(self) -> float:

@@ -7,27 +7,27 @@ from lis_grasp.evaluation.calibration import expected_calibration_error
 
 
 @pytest.mark.parametrize(
-    ("foretold", "happened", "error"),
+    ("predicted", "observed", "error"),
     [
         ([0.5] * 4, [True, True, False, False], 0.0),
         ([1.0, 1.0], [False, False], 1.0),
         ([0.0, 0.0], [True, True], 1.0),
-        # One bin of 0.25 where half came true, one of 0.75 where all did.
+        # One bin of 0.25 where half occurred, one of 0.75 where all did.
         ([0.25, 0.25, 0.75, 0.75], [True, False, True, True], 0.25),
         # Within a bin errors cancel, between bins they do not.
         ([0.41, 0.49], [False, True], 0.05),
         ([0.39, 0.51], [False, True], 0.44),
     ],
 )
-def test_it_is_the_mean_distance_of_shares_from_probabilities(
-    foretold: list[float], happened: list[bool], error: float
+def test_it_is_the_mean_distance_of_rates_from_probabilities(
+    predicted: list[float], observed: list[bool], error: float
 ) -> None:
-    assert expected_calibration_error(foretold, happened) == pytest.approx(error)
+    assert expected_calibration_error(predicted, observed) == pytest.approx(error)
 
 
-def test_what_comes_as_often_as_foretold_has_none_in_the_long_run() -> None:
+def test_a_calibrated_predictor_has_no_error_in_the_long_run() -> None:
     rng = np.random.default_rng(0)
-    foretold = rng.random(200_000)
-    error = expected_calibration_error(foretold, rng.random(200_000) < foretold)
-    # Ten bins of 20 000: each share is known to 0.0035 at the most.
+    predicted = rng.random(200_000)
+    error = expected_calibration_error(predicted, rng.random(200_000) < predicted)
+    # Ten bins of 20 000: the standard deviation of each rate is 0.0035 at the most.
     assert error < 0.004

@@ -1,4 +1,4 @@
-"""What a planned grasp is worth on the true object."""
+"""Quality of a planned grasp on the true object."""
 
 import numpy as np
 import pytest
@@ -19,13 +19,13 @@ def grasp() -> Grasp:
     return search.grasps[0]
 
 
-def test_planned_on_the_truth_it_is_worth_what_was_planned(grasp: Grasp) -> None:
+def test_a_grasp_planned_on_the_truth_keeps_its_epsilon(grasp: Grasp) -> None:
     on_truth = epsilon_on_truth(grasp, BOX, JAW, friction=0.8)
     # By a whole hull here, by an expanding polytope there, which is within 6e-6 of it.
     assert on_truth == pytest.approx(grasp.quality["epsilon"], abs=6e-6)
 
 
-def test_fingers_go_on_until_they_meet_a_smaller_object(grasp: Grasp) -> None:
+def test_fingers_close_until_they_meet_a_smaller_object(grasp: Grasp) -> None:
     smaller = trimesh.creation.box((0.04, 0.05, 0.1))
     points, normals = true_contacts(grasp, smaller)
     assert len(points) == 2
@@ -35,7 +35,7 @@ def test_fingers_go_on_until_they_meet_a_smaller_object(grasp: Grasp) -> None:
     np.testing.assert_allclose(normals, grasp.contact_normals, atol=1e-6)
 
 
-def test_an_object_that_is_not_there_is_not_held(grasp: Grasp) -> None:
+def test_epsilon_is_zero_where_fingers_miss_the_object(grasp: Grasp) -> None:
     away = BOX.copy()
     away.apply_translation([0.0, 0.0, 1.0])
     assert epsilon_on_truth(grasp, away, JAW, friction=0.8) == 0.0

@@ -58,7 +58,7 @@ def test_the_truth_has_no_error(truth: Shape) -> None:
     assert error.normal_error == pytest.approx(0.0, abs=1e-7)  # arccos near 1
 
 
-def test_concentric_spheres_are_their_radii_apart() -> None:
+def test_the_error_of_concentric_spheres_is_the_difference_of_radii() -> None:
     sphere = Shape.from_mesh("sphere", ball(0.1))
     error = surface_error(ball(0.104), sphere, touches(AXES * 0.1, AXES), explored_radius=1.0)
     # The icosphere's triangles lie up to 0.1 (1 - cos 1.1 deg) = 18 um inside of the sphere, the
@@ -136,7 +136,7 @@ def test_edges_count_where_they_were_explored(truth: Shape) -> None:
     assert error.edge_rmsd == pytest.approx(0.01, rel=1e-9)
 
 
-def test_a_cut_off_edge_is_seen_at_the_edge_above_all(truth: Shape) -> None:
+def test_a_chamfer_raises_the_edge_error_most(truth: Shape) -> None:
     chamfer = truth.mesh.slice_plane([0.095, 0.0, 0.095], [-1.0, 0.0, -1.0], cap=True)
     contact = touches([[0.1, 0.0, 0.06]], [[1.0, 0.0, 0.0]])
     error = surface_error(chamfer, truth, contact, explored_radius=0.05)
@@ -171,26 +171,28 @@ def test_equal_inputs_give_equal_errors(truth: Shape) -> None:
 
 def test_contacts_of_another_frame_are_refused(truth: Shape) -> None:
     far = touches([[5.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]])
-    with pytest.raises(InvalidContactsError, match="same frame"):
+    with pytest.raises(InvalidContactsError, match="frame"):
         surface_error(truth.mesh, truth, far, explored_radius=0.05)
-    with pytest.raises(InvalidContactsError, match="none of 0"):
+    with pytest.raises(InvalidContactsError):
         surface_error(truth.mesh, truth, Contacts.empty(), explored_radius=0.05)
 
 
 def test_an_estimate_of_something_else_is_refused(truth: Shape) -> None:
-    with pytest.raises(EstimationError, match="made from these contacts"):
+    with pytest.raises(EstimationError, match="contacts"):
         surface_error(cube(0.2, [5.0, 0.0, 0.0]), truth, ON_CUBE, explored_radius=0.05)
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, np.nan, np.inf])
 def test_a_radius_that_is_no_length_is_refused(truth: Shape, radius: float) -> None:
-    with pytest.raises(InvalidOptionError, match="explored_radius"):
+    with pytest.raises(InvalidOptionError) as error:
         surface_error(truth.mesh, truth, ON_CUBE, explored_radius=radius)
+    assert error.value.option == "explored_radius"
 
 
 def test_no_samples_are_refused(truth: Shape) -> None:
-    with pytest.raises(InvalidOptionError, match="samples"):
+    with pytest.raises(InvalidOptionError) as error:
         surface_error(truth.mesh, truth, ON_CUBE, explored_radius=1.0, samples=0)
+    assert error.value.option == "samples"
 
 
 def _brute_force(points: npt.NDArray, mesh: trimesh.Trimesh) -> npt.NDArray:
@@ -215,7 +217,7 @@ def _brute_force(points: npt.NDArray, mesh: trimesh.Trimesh) -> npt.NDArray:
     ],
     ids=["sphere", "plate", "cylinder", "torus"],
 )
-def test_distances_are_those_of_all_triangles_tried(mesh: trimesh.Trimesh) -> None:
+def test_distances_equal_brute_force_over_all_triangles(mesh: trimesh.Trimesh) -> None:
     points = np.random.default_rng(0).uniform(-0.15, 0.15, (200, 3))
     points[:20] *= 0.01  # near the middle, where many triangles are about as far
     points[20:40] += 1.0

@@ -1,4 +1,4 @@
-"""Baselines: what each promises, and that all of them obey the protocol."""
+"""Baselines: their guarantees, and the ImplicitSurface protocol."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ from lis_grasp.surfaces import ImplicitSurface
 
 NEEDS = {"offset_gp": "sklearn", "poisson": "pymeshlab", "rimls": "pymeshlab", "apss": "pymeshlab"}
 ALWAYS = [name for name in BASELINES if name not in NEEDS]
-every_baseline = pytest.mark.parametrize("name", list(BASELINES))
+# Those of other packages take seconds each.
+every_baseline = pytest.mark.parametrize(
+    "name", [*ALWAYS, *(pytest.param(name, marks=pytest.mark.slow) for name in NEEDS)]
+)
 
 
 def make(name: str, contacts: Contacts) -> ImplicitSurface:
@@ -44,8 +47,8 @@ def test_a_baseline_is_an_implicit_surface_of_a_ball(name: str, ball: Contacts) 
     directions = ball.normals[::7]
     assert surface.evaluate(np.zeros(3)) < 0.0
     assert (surface.evaluate(0.065 * directions) > 0.0).all()
-    # Between contacts 14 mm apart the sagitta is 0.5 mm. Means of planes (RIMLS) lie outside by a
-    # few times that, as far as their kernel reaches; Poisson and APSS round off.
+    # Between contacts 14 mm apart the sagitta is 0.5 mm. Means of planes (RIMLS) are outside by a
+    # few times that, for their wide kernel; Poisson and APSS round off.
     tolerance = 5e-3 if name in NEEDS and name != "offset_gp" else 1e-3
     between = directions @ Rotation.from_euler("xyz", [0.1, 0.05, 0.02]).as_matrix().T
     radii = np.linspace(0.04, 0.06, 201)
@@ -76,7 +79,7 @@ def test_a_plane_is_reproduced(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ALWAYS)
-def test_turning_moving_and_scaling_the_object_does_so_to_the_surface(
+def test_moving_and_scaling_the_object_moves_and_scales_the_surface(
     name: str, ball: Contacts
 ) -> None:
     rotation = Rotation.from_euler("xyz", [0.3, -1.1, 2.0]).as_matrix()
@@ -103,9 +106,7 @@ def test_hermite_gradient_equals_differences(ball: Contacts) -> None:
 
 @every_baseline
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_few_contacts_give_finite_values_or_one_plain_error(
-    name: str, count: int, ball: Contacts
-) -> None:
+def test_few_contacts_give_finite_values_or_an_error(name: str, count: int, ball: Contacts) -> None:
     if name in NEEDS:
         pytest.importorskip(NEEDS[name])
     queries = np.random.default_rng(4).uniform(-0.07, 0.07, (50, 3))
@@ -118,7 +119,7 @@ def test_few_contacts_give_finite_values_or_one_plain_error(
 
 
 @every_baseline
-def test_contacts_felt_twice_count_once(name: str, ball: Contacts) -> None:
+def test_repeated_contacts_count_once(name: str, ball: Contacts) -> None:
     once, twice = make(name, ball), make(name, ball.append(ball.subset(slice(0, 9))))
     queries = np.random.default_rng(5).uniform(-0.06, 0.06, (50, 3))
     # Single precision within MeshLab; at the border of two vertices either may be the nearest.
@@ -130,16 +131,16 @@ def test_contacts_felt_twice_count_once(name: str, ball: Contacts) -> None:
 def test_no_contacts_are_refused(name: str) -> None:
     if name in NEEDS:
         pytest.importorskip(NEEDS[name])
-    with pytest.raises(InvalidContactsError, match="at least one contact"):
+    with pytest.raises(InvalidContactsError):
         BASELINES[name](Contacts.empty())
 
 
 @pytest.mark.parametrize("name", list(NEEDS))
-def test_a_missing_package_is_named_with_its_cure(
+def test_a_missing_package_is_named(
     name: str, ball: Contacts, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in [m for m in sys.modules if m.split(".")[0] == NEEDS[name]]:
         monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, NEEDS[name], None)
-    with pytest.raises(InvalidOptionError, match=r"pip install 'lis-grasp\[baselines\]'"):
+    with pytest.raises(InvalidOptionError, match=r"lis-grasp\[baselines\]"):
         BASELINES[name](ball)

@@ -1,4 +1,4 @@
-"""What else one would pick to reconstruct a surface from contacts, behind the same protocol."""
+"""Baseline surface reconstructions from contacts, with the ImplicitSurface protocol."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -19,7 +19,7 @@ BASELINES: Mapping[str, Callable[[Contacts], ImplicitSurface]] = MappingProxyTyp
         "apss": MeshLabSurface.apss,
     }
 )
-"""Every baseline by its short name. The first two need nothing else; `offset_gp` needs
-scikit-learn, the last three pymeshlab: `pip install lis-grasp[baselines]`."""
+"""Every baseline by its short name. `offset_gp` needs scikit-learn, the last three need pymeshlab:
+`pip install lis-grasp[baselines]`."""
 
 __all__ = ["BASELINES", "HermiteRBFSurface", "MeshLabSurface", "OffsetSurface"]

@@ -1,22 +1,23 @@
-"""What baselines without a measure of their own have for uncertainty, and their bounds."""
+"""Bounds and uncertainty of baselines, from the distance to the nearest contact."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces.contact_merging import merge_duplicates, spacing_of
+from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.queries import flat_points, require_contacts
 from lis_grasp.typing import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support:
-    """Contacts made ready, the box they are meant for, and the distance to the nearest one.
+    """Contacts without duplicates, and a unit frame for them.
 
     Parameters
     ----------
@@ -24,13 +25,16 @@ class Support:
         Without duplicates.
     spacing
         Of them [m].
-    bounds
-        Shape (2, 3) [m]: their box, grown by one spacing.
+    center
+        Shape (3,) [m], the middle of their box.
+    scale
+        Their extent [m].
     """
 
     contacts: Contacts
     spacing: float
-    bounds: FloatArray
+    center: FloatArray
+    scale: float
     _tree: cKDTree
 
     @classmethod
@@ -39,11 +43,36 @@ class Support:
         require_contacts(contacts)
         merged = merge_duplicates(contacts)
         spacing = spacing_of(merged)
-        bounds = merged.bounds + spacing * np.array([[-1.0], [1.0]])
-        return cls(merged, spacing, bounds, cKDTree(merged.points))
+        center, scale = merged.bounds.mean(axis=0), merged.extent or spacing
+        return cls(merged, spacing, center, scale, cKDTree(merged.points))
 
-    def uncertainty(self, points: npt.ArrayLike, error: float) -> FloatArray:
-        """Return `error` d^2 / spacing at points (..., 3); d is how far the nearest contact is."""
+    def scaled(self, points: FloatArray) -> FloatArray:
+        """Return points (P, 3) [m] centred on the contacts and scaled to about unit size."""
+        return (points - self.center) / self.scale
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Return the distance from points (P, 3) to the nearest contact, shape (P,) [m]."""
+        return np.asarray(self._tree.query(points)[0])
+
+
+class BaselineSurface:
+    """Bounds and uncertainty of a surface with a `support`."""
+
+    __slots__ = ()
+    support: Support
+    error: ClassVar[float]
+    """Error that bounds 70 % of the surface of known solids, in units of d^2 / spacing."""
+
+    @property
+    def bounds(self) -> FloatArray:
+        """The contacts' box, grown by one spacing, shape (2, 3) [m]."""
+        return padded_bounds(self.support.contacts, self.support.spacing)
+
+    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
+        """Return one standard deviation of the surface, shape (...) [m].
+
+        Calibrated on known solids: `error` d^2 / spacing at a distance d from the nearest contact.
+        """
         rows, shape = flat_points(points)
-        distances = self._tree.query(rows)[0]
-        return np.asarray(error * distances**2 / self.spacing).reshape(shape)
+        distances = self.support.distances(rows)
+        return np.asarray(self.error * distances**2 / self.support.spacing).reshape(shape)

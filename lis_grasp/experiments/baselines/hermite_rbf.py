@@ -1,8 +1,9 @@
-"""Hermite radial basis function implicits: values and gradients interpolated exactly."""
+"""Hermite RBF implicit surface: exact interpolation of values and gradients."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -10,33 +11,30 @@ from scipy.linalg import LinAlgError, solve
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.experiments.baselines.baseline_support import Support
+from lis_grasp.experiments.baselines.baseline_support import BaselineSurface, Support
 from lis_grasp.surfaces.queries import flat_points, map_rows
 from lis_grasp.typing import FloatArray
-
-# Error for 70 % of the surface in units of d^2 / spacing, see `Support.uncertainty`.
-_ERROR = 0.16
 
 # Numbers held at once by an evaluation.
 _CHUNK = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HermiteRBFSurface:
+class HermiteRBFSurface(BaselineSurface):
     """The smoothest function that is 0 with the normal as gradient at every contact.
 
     f(x) = sum_j a_j phi(x - c_j) - b_j . grad phi(x - c_j) + p(x),   phi = r^3, p linear
 
     with coefficients that make f(c_i) = 0 and grad f(c_i) = n_i, and are orthogonal to linear
-    functions (Wendland 2005, chapter 16; Macedo, Gois and Velho 2011). No parameter, no noise.
+    functions (Wendland 2005, chapter 16; Macedo, Gois and Velho 2011). It has no parameters and
+    takes no noise.
     Coordinates are centred on the contacts and scaled to about unit size.
 
     Made by `from_contacts`. Near contacts f is about metric [m].
     """
 
+    error: ClassVar[float] = 0.16
     support: Support
-    center: FloatArray
-    scale: float
     _nodes: FloatArray  # (N, 3)
     _values: FloatArray  # (N,) a
     _slopes: FloatArray  # (N, 3) b
@@ -55,9 +53,7 @@ class HermiteRBFSurface:
         """
         support = Support.of(contacts)
         points, normals = support.contacts.points, support.contacts.normals
-        center = support.contacts.bounds.mean(axis=0)
-        scale = support.contacts.extent or support.spacing
-        nodes = (points - center) / scale
+        nodes = support.scaled(points)
         count = len(nodes)
         size = 4 * count
         matrix = np.zeros((size + 4, size + 4))
@@ -76,45 +72,31 @@ class HermiteRBFSurface:
                 " same place with different normals"
             ) from None
         coefficients = solution[:size].reshape(count, 4)
-        return cls(
-            support, center, scale, nodes, coefficients[:, 0], coefficients[:, 1:], solution[size:]
-        )
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Lowest and highest corner of the box in which the estimate is meant, shape (2, 3) [m]."""
-        return self.support.bounds
+        return cls(support, nodes, coefficients[:, 0], coefficients[:, 1:], solution[size:])
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...) [m]."""
         rows, shape = flat_points(points)
-        return self.scale * self._ask(rows)[:, 0].reshape(shape)
+        return self.support.scale * self._ask(rows)[:, 0].reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
         rows, shape = flat_points(points)
         return self._ask(rows)[:, 1:].reshape(*shape, 3)
 
-    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
-        """Return one standard deviation of the surface, shape (...) [m]: measured beforehand.
-
-        It grows with the square of the distance to the nearest contact; interpolation knows none.
-        """
-        return self.support.uncertainty(points, _ERROR)
-
     def _ask(self, rows: FloatArray) -> FloatArray:
         """Return f and its gradient, scaled, at rows (P, 3) [m], shape (P, 4)."""
-        scaled = (rows - self.center) / self.scale
-        return map_rows(self._superpose, scaled, max(1, _CHUNK // (16 * len(self._nodes))))
+        scaled = self.support.scaled(rows)
+        return map_rows(self._interpolate, scaled, max(1, _CHUNK // (16 * len(self._nodes))))
 
-    def _superpose(self, queries: FloatArray) -> FloatArray:
+    def _interpolate(self, queries: FloatArray) -> FloatArray:
         coefficients = np.column_stack([self._values, self._slopes])
         answers = np.einsum("pinj,nj->pi", _interactions(queries, self._nodes), coefficients)
         return np.asarray(answers + _linear_rows(queries) @ self._linear)
 
 
 def _interactions(queries: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Return what value and slopes of each node do to value and slopes of each query.
+    """Return the kernel blocks from value and slopes of nodes to value and slopes of queries.
 
     Shape (P, 4, N, 4). With phi = r^3: grad phi = 3 r d, its derivative 3 (r I + d d^T / r).
     """
@@ -132,7 +114,7 @@ def _interactions(queries: FloatArray, nodes: FloatArray) -> FloatArray:
 
 
 def _linear_rows(points: FloatArray) -> FloatArray:
-    """Return what maps a linear function's coefficients to its value and slopes, (P, 4, 4)."""
+    """Return the matrices from a linear function's coefficients to value and slopes, (P, 4, 4)."""
     rows = np.zeros((len(points), 4, 4))
     rows[:, 0, 0] = 1.0
     rows[:, 0, 1:] = points

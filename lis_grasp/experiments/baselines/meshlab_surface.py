@@ -3,49 +3,46 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
+import igl
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidContactsError, InvalidOptionError
-from lis_grasp.experiments.baselines.baseline_support import Support
+from lis_grasp.experiments.baselines.baseline_support import BaselineSurface, Support
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
 
-# Error for 70 % of the surface in units of d^2 / spacing, see `Support.uncertainty`.
-_ERROR = 0.3
-
-# Cells along the box, of the two that march cubes in it.
+# Cells along the box, for RIMLS and APSS.
 _RESOLUTION = 120
-# Support of a point, in what MeshLab takes for its spacing: on the eight objects 1.5 is sharper at
-# edges (RIMLS 1.9 mm, not 2.9) with larger phantom sheets, 3 loses faces.
+# Support of a point, in MeshLab's estimate of the spacing: on the eight objects 1.5 is sharper at
+# edges (RIMLS 1.9 mm instead of 2.9) but has larger phantom sheets, 3 loses faces.
 _FILTER_SCALE = 2.0
 # Interpolation against smoothness, of screened Poisson.
 _POINT_WEIGHT = 10.0
 
-# Fewer say nothing to methods that find neighbours of their own.
+# These methods search neighbours of their own and need this many.
 _LEAST_CONTACTS = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeshLabSurface:
-    """The mesh that a filter of MeshLab makes of contacts, as an implicit surface.
+class MeshLabSurface(BaselineSurface):
+    """The mesh of a MeshLab reconstruction filter, as an implicit surface.
 
-    f is the distance from the mesh, negative where the mesh winds round a point by more than half
-    (Jacobson et al. 2013): these meshes are open wherever contacts end, and have sheets that bound
+    f is the distance from the mesh, negative where the generalized winding number exceeds one half
+    (Jacobson et al. 2013): these meshes are open where contacts end, and have sheets that enclose
     nothing, which the winding number ignores.
 
-    Made by `poisson`, `rimls` or `apss`, which need the packages pymeshlab and libigl.
+    Made by `poisson`, `rimls` or `apss`, which need the package pymeshlab.
     """
 
+    error: ClassVar[float] = 0.3
     support: Support
     vertices: FloatArray
     faces: npt.NDArray[np.int64]
-    _igl: ModuleType
 
     @classmethod
     def poisson(cls, contacts: Contacts) -> MeshLabSurface:
@@ -81,18 +78,17 @@ class MeshLabSurface:
     @classmethod
     def _filtered(cls, contacts: Contacts, name: str, **options: Any) -> MeshLabSurface:
         try:
-            import igl
             import pymeshlab
-        except ImportError as error:
+        except ImportError:
             raise InvalidOptionError(
-                f"this estimator needs {error.name}, which is not installed: pip install"
+                "this estimator needs pymeshlab, which is not installed: pip install"
                 " 'lis-grasp[baselines]'"
             ) from None
         support = Support.of(contacts)
         if len(support.contacts) < _LEAST_CONTACTS:
             raise InvalidContactsError(
                 f"this estimator needs at least {_LEAST_CONTACTS} contacts at different places;"
-                f" {len(support.contacts)} came"
+                f" there are {len(support.contacts)}"
             )
         scene = pymeshlab.MeshSet(verbose=False)
         cloud = pymeshlab.Mesh(
@@ -111,12 +107,7 @@ class MeshLabSurface:
                 f"MeshLab's {name} found no surface: contacts are too few or too far apart for it"
             )
         faces = np.array(mesh.faces[sound], dtype=np.int64)
-        return cls(support, np.nan_to_num(np.array(mesh.vertices)), faces, igl)
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Lowest and highest corner of the box in which the estimate is meant, shape (2, 3) [m]."""
-        return self.support.bounds
+        return cls(support, np.nan_to_num(np.array(mesh.vertices)), faces)
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...) [m]."""
@@ -130,25 +121,18 @@ class MeshLabSurface:
         corners = self.vertices[self.faces[faces]]  # (P, 3, 3)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         away = np.sign(distances)[:, None] * (rows - nearest)
-        # On the mesh itself that direction is rounding, and the triangle's normal is right.
+        # On the mesh itself that direction is rounding: take the triangle's normal.
         on_it = np.abs(distances) < 1e-6 * float(np.ptp(self.bounds, axis=0).max())
         chosen = np.where(on_it[:, None], normals, away)
         chosen /= np.linalg.norm(chosen, axis=1, keepdims=True)
         return np.asarray(chosen).reshape(*shape, 3)
 
-    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
-        """Return one standard deviation of the surface, shape (...) [m]: measured beforehand.
-
-        It grows with the square of the distance to the nearest contact.
-        """
-        return self.support.uncertainty(points, _ERROR)
-
     def _nearest(self, rows: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
         """Return signed distances (P,), nearest triangles (P,) and nearest points (P, 3)."""
         if not len(rows):
             return np.empty(0), np.empty(0, dtype=np.int64), np.empty((0, 3))
-        kind = self._igl.SignedDistanceType.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
-        distances, faces, nearest, _ = self._igl.signed_distance(
+        kind = igl.SignedDistanceType.SIGNED_DISTANCE_TYPE_FAST_WINDING_NUMBER
+        distances, faces, nearest, _ = igl.signed_distance(
             np.ascontiguousarray(rows), self.vertices, self.faces, sign_type=kind
         )
         return np.atleast_1d(distances), np.atleast_1d(faces), np.atleast_2d(nearest)

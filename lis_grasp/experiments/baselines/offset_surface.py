@@ -1,10 +1,11 @@
-"""Interpolators that know no normals, told values at points beside the contacts in their place."""
+"""Interpolation of signed offsets beside contacts, for methods without gradient observations."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,7 @@ from scipy.interpolate import RBFInterpolator
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
-from lis_grasp.experiments.baselines.baseline_support import Support
+from lis_grasp.experiments.baselines.baseline_support import BaselineSurface, Support
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
 
@@ -23,24 +24,21 @@ Fit = Callable[[FloatArray, FloatArray], Predict]
 _OFFSET = 0.25
 # Step of differences, in extents of the contacts.
 _STEP = 1e-4
-# Error for 70 % of the surface in units of d^2 / spacing, see `Support.uncertainty`.
-_ERROR = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OffsetSurface:
+class OffsetSurface(BaselineSurface):
     """A general interpolator through 0 at contacts, +h outside and -h inside of them.
 
     Carr et al. 2001, "Reconstruction and representation of 3D objects with radial basis functions":
-    points at h along and against each normal, here a quarter of the contacts' spacing, take the
-    normal's place. Coordinates are centred on the contacts and scaled to about unit size.
+    points at h along and against each normal, here a quarter of the contacts' spacing, replace the
+    normal. Coordinates are centred on the contacts and scaled to about unit size.
 
     Made by `thin_plate` (SciPy) or `gaussian_process` (scikit-learn).
     """
 
+    error: ClassVar[float] = 0.2
     support: Support
-    center: FloatArray
-    scale: float
     predict: Predict
 
     @classmethod
@@ -69,9 +67,9 @@ class OffsetSurface:
 
         def fit(points: FloatArray, values: FloatArray) -> Predict:
             kernel = RBF(0.4, (0.1, 2.0)) + WhiteKernel(1e-6, (1e-9, 1e-2))
-            # Minus the prior mean of one extent outside, as in our own process.
+            # The prior mean is one extent, as in GaussianProcessImplicitSurface.
             with warnings.catch_warnings():
-                # Lengths and noise at the border of what may be chosen are what is chosen.
+                # A length or noise at a border of its range is accepted.
                 warnings.simplefilter("ignore", ConvergenceWarning)
                 process = GaussianProcessRegressor(kernel).fit(points, values - 1.0)
             return lambda queries: np.asarray(process.predict(queries) + 1.0)
@@ -82,43 +80,29 @@ class OffsetSurface:
     def _fitted(cls, contacts: Contacts, fit: Fit) -> OffsetSurface:
         support = Support.of(contacts)
         points, normals = support.contacts.points, support.contacts.normals
-        center = support.contacts.bounds.mean(axis=0)
-        scale = support.contacts.extent or support.spacing
         h = _OFFSET * support.spacing
         around = np.vstack([points + s * normals for s in (0.0, h, -h)])
-        values = np.repeat([0.0, h, -h], len(points)) / scale
+        values = np.repeat([0.0, h, -h], len(points)) / support.scale
         try:
-            predict = fit((around - center) / scale, values)
+            predict = fit(support.scaled(around), values)
         except (np.linalg.LinAlgError, ValueError) as error:
             raise EstimationError(
                 f"the interpolation's equations are singular ({error}): it needs contacts that are"
                 " not all in one plane"
             ) from None
-        return cls(support, center, scale, predict)
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Lowest and highest corner of the box in which the estimate is meant, shape (2, 3) [m]."""
-        return self.support.bounds
+        return cls(support, predict)
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...) [m]."""
         rows, shape = flat_points(points)
         if not len(rows):
             return np.empty(shape)
-        return self.scale * self.predict((rows - self.center) / self.scale).reshape(shape)
+        return self.support.scale * self.predict(self.support.scaled(rows)).reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the gradient of f at points of shape (..., 3) [m], by central differences."""
         rows, shape = flat_points(points)
         array = rows.reshape(*shape, 3)
-        step = _STEP * self.scale
+        step = _STEP * self.support.scale
         sides = [self.evaluate(array + s) - self.evaluate(array - s) for s in step * np.eye(3)]
         return np.stack(sides, axis=-1) / (2.0 * step)
-
-    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
-        """Return one standard deviation of the surface, shape (...) [m]: measured beforehand.
-
-        It grows with the square of the distance to the nearest contact.
-        """
-        return self.support.uncertainty(points, _ERROR)
