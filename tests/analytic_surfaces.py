@@ -1,4 +1,4 @@
-"""Implicit surfaces with a formula, to mesh and to compare with."""
+"""Analytic implicit surfaces for tests."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _nowhere(points: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Analytic:
-    """The surface of a function, with a record of how many points were asked for."""
+    """The surface of a function, with a record of the number of points evaluated."""
 
     function: Function
     bounds: FloatArray

@@ -1,4 +1,4 @@
-"""What every mesh of a surface obeys."""
+"""Laws of closed manifold meshes."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def local_implicit_surface(
     sigma: float,
     beta_sign: float,
 ) -> float:
-    """Eq. 7 over sum_i w_i k: beta_sign is +1 as printed in eq. 10, -1 mended, 0 for beta = 1."""
+    """Eq. 7 over sum_i w_i k; beta_sign: +1 as published in eq. 10, -1 corrected, 0 for beta = 1."""
     nearest = min(math.dist(x, p) for p in points)
     numerator = denominator = 0.0
     for i in range(len(points)):
@@ -76,13 +76,6 @@ def local_implicit_surface(
         numerator += weights[i] * height * kernel * beta
         denominator += weights[i] * kernel
     return numerator / denominator
-
-
-def voronoi_share(i: int, points: FloatArray, radius: float, samples: FloatArray) -> float:
-    """Part of the ball round contact i that is nearest to it; samples in the unit ball, (S, 3)."""
-    inside = points[i] + radius * samples
-    distances = np.linalg.norm(inside[:, None, :] - points, axis=2)
-    return float(np.mean(distances[:, i] <= distances.min(axis=1)))
 
 
 def kernel_value(name: str, u: FloatArray, v: FloatArray, length: float) -> float:
@@ -159,29 +152,29 @@ def local_quadric(
     rows: list[FloatArray] = []
     sides: list[float] = []
 
-    def tell(coefficients: FloatArray, value: float, deviation: float) -> None:
+    def observe(coefficients: FloatArray, value: float, deviation: float) -> None:
         rows.append(coefficients / deviation)
         sides.append(value / deviation)
 
     for k in range(13):  # h, change of n, Q row by row
         deviation = position_noise / spacing if k == 0 else normal_noise if k < 4 else curvature
-        tell(np.eye(13)[k], 0.0, deviation)
+        observe(np.eye(13)[k], 0.0, deviation)
     for a, b in ((0, 1), (0, 2), (1, 2)):
         difference = np.zeros(13)
         difference[4 + 3 * a + b], difference[4 + 3 * b + a] = 1.0, -1.0
-        tell(difference, 0.0, 1e-9)
+        observe(difference, 0.0, 1e-9)
     for j in neighbors:
         d = (points[j] - points[i]) / spacing
         far = math.sqrt(float(d @ d))
         value = np.concatenate([[1.0], d, 0.5 * np.outer(d, d).ravel()])
         gap = -float(normals[i] @ d)
-        tell(value, gap, math.hypot(position_noise / spacing, third_order * far**3))
+        observe(value, gap, math.hypot(position_noise / spacing, third_order * far**3))
         for axis in range(3):
             slope = np.zeros(13)
             slope[1 + axis] = 1.0
             slope[4 + 3 * axis : 7 + 3 * axis] = d
             gap = float(normals[j][axis] - normals[i][axis])
-            tell(slope, gap, math.hypot(normal_noise, 3.0 * third_order * far**2))
+            observe(slope, gap, math.hypot(normal_noise, 3.0 * third_order * far**2))
     solution = np.linalg.lstsq(np.array(rows), np.array(sides), rcond=None)[0]
     normal = normals[i] + solution[1:4]
     length = float(np.linalg.norm(normal))

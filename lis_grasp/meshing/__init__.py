@@ -1,4 +1,4 @@
-"""From an implicit surface to a closed, outward-oriented mesh that keeps sharp edges."""
+"""Meshing of implicit surfaces: closed, outward, with sharp edges."""
 
 from lis_grasp.meshing.extraction import extract_mesh
 

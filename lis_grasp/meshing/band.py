@@ -1,9 +1,8 @@
-"""Values of the function on the grid, asked for only near the surface.
+"""Narrow band of grid values near the surface.
 
-Coarse cells first; those that the surface passes, or may pass, are halved, twice. Then the band is
-grown along the surface until every edge that it crosses has all four cells round it known, so that
-what was found of the surface is found completely: the coarse pass may miss a whole component that
-is smaller than a coarse cell, it cannot tear a hole.
+Coarse cells are evaluated first; those near the surface are halved, twice. Then the band grows
+along the surface until all four cells round every crossed edge are known. So the coarse pass may
+miss a whole component smaller than a coarse cell, but it cannot tear a hole.
 """
 
 from __future__ import annotations
@@ -11,53 +10,52 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.meshing.field import Field
 from lis_grasp.meshing.grid import Grid
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 # Side of a coarse cell, in cells.
 COARSE = 4
 
-# A coarse cell without a change of sign may hold a sheet thinner than itself if somewhere on it
-# the surface is, by the usual slope, nearer than this part of its side: a slab through its middle.
+# A coarse cell without a change of sign may hold a sheet thinner than itself. It is refined if the
+# surface is, by the typical slope, nearer to a corner than this fraction of its side.
 _NEARNESS = 0.5
 
 
 def sample_band(field: Field, grid: Grid) -> FloatArray:
     """Return f at the nodes of every cell that the surface passes, shape `grid.nodes`.
 
-    NaN where nothing was asked. Nodes outside the bounds are outside the object, +inf, unasked.
+    NaN where it was not evaluated. Nodes outside the bounds are outside the object, +inf.
     """
     values = np.full(grid.nodes, np.nan)
     wanted = np.zeros(grid.nodes, dtype=bool)
     wanted[::COARSE, ::COARSE, ::COARSE] = True
     values[~grid.within_bounds()] = np.inf
-    _ask(field, grid, values, wanted)
-    # Once more than its sign is asked of f: how near zero a coarse value is.
+    _evaluate(field, grid, values, wanted)
+    # Here the magnitude of f is used, not only its sign.
     coarse = values[::COARSE, ::COARSE, ::COARSE]
-    nearness = _NEARNESS * _usual_slope(coarse)
+    nearness = _NEARNESS * _typical_slope(coarse)
     step = COARSE
     while step > 1:
         active = _cells_near_surface(values[::step, ::step, ::step], nearness)
-        # While nothing of the inside is found, everywhere may be near it.
+        # While no inside is found, it may be anywhere.
         active |= not (values < 0.0).any()
-        _ask(field, grid, values, _nodes_of_halved_cells(active, step, grid.nodes))
+        _evaluate(field, grid, values, _nodes_of_halved_cells(active, step, grid.nodes))
         nearness = 0.0
         step //= 2
     _grow_along_surface(field, grid, values)
     return values
 
 
-def _ask(field: Field, grid: Grid, values: FloatArray, wanted: npt.NDArray[np.bool_]) -> None:
-    """Fill in the values at the wanted nodes that are not known yet."""
+def _evaluate(field: Field, grid: Grid, values: FloatArray, wanted: BoolArray) -> None:
+    """Fill in the unknown values at the wanted nodes."""
     numbers = np.flatnonzero(wanted & np.isnan(values))
     values.reshape(-1)[numbers] = field.values(grid.positions(numbers))
 
 
-def _usual_slope(values: FloatArray) -> float:
-    """Return how much f usually changes along a cell's side near the surface."""
+def _typical_slope(values: FloatArray) -> float:
+    """Return the median change of f along a cell's side near the surface."""
     crossing, other = [], []
     for axis in range(3):
         low, high = _edge_ends(values, axis)
@@ -82,8 +80,8 @@ def _corners(values: FloatArray) -> list[FloatArray]:
     return [values[ends[x], ends[y], ends[z]] for x, y, z in product((0, 1), repeat=3)]
 
 
-def _cells_near_surface(values: FloatArray, nearness: float) -> npt.NDArray[np.bool_]:
-    """Tell which cells, all corners known, change sign or hold a value below `nearness`."""
+def _cells_near_surface(values: FloatArray, nearness: float) -> BoolArray:
+    """Return which cells with known corners change sign or have a value below `nearness`."""
     corners = _corners(values)
     known, some, every = (np.ones(corners[0].shape, dtype=bool) for _ in range(3))
     some[:] = False
@@ -97,10 +95,8 @@ def _cells_near_surface(values: FloatArray, nearness: float) -> npt.NDArray[np.b
     return known & ((some & ~every) | (smallest < nearness))
 
 
-def _nodes_of_halved_cells(
-    active: npt.NDArray[np.bool_], step: int, nodes: tuple[int, int, int]
-) -> npt.NDArray[np.bool_]:
-    """Tell which nodes the active cells, of side `step`, have when each is cut into eight."""
+def _nodes_of_halved_cells(active: BoolArray, step: int, nodes: tuple[int, int, int]) -> BoolArray:
+    """Return the nodes of the active cells, of side `step`, when each is cut into eight."""
     wanted = np.zeros(nodes, dtype=bool)
     half = step // 2
     for offset in product((0, half, step), repeat=3):
@@ -112,7 +108,7 @@ def _nodes_of_halved_cells(
 
 
 def _grow_along_surface(field: Field, grid: Grid, values: FloatArray) -> None:
-    """Ask until all four cells round every edge that changes sign are known."""
+    """Evaluate until all four cells round every edge that changes sign are known."""
     strides = grid.strides
     flat = values.reshape(-1)
     fresh = np.flatnonzero(grid.within_bounds() & ~np.isnan(values))

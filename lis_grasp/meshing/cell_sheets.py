@@ -1,16 +1,16 @@
-"""Which crossed edges of a cell belong to one sheet of the surface, so that each gets one vertex.
+"""Sheets of the surface in a cell: groups of crossed edges that get one vertex each.
 
-On a face of a cell the surface leaves lines, each from one crossed edge of the face to another. A
-face with two crossed edges has one line. A face with four has two, round either pair of opposite
-corners; by default round the corners inside the object. Both cells of a face draw the same lines.
-The lines of a cell's six faces close to cycles over its crossed edges: a cycle is a sheet.
+The surface cuts a face of a cell in lines from one crossed edge of the face to another. A face with
+two crossed edges has one line. A face with four has two, round either pair of opposite corners; by
+default round the corners inside the object. Both cells of a face have the same lines. The lines of
+a cell's six faces close to cycles over its crossed edges: a cycle is a sheet.
 
 One vertex a sheet (Schaefer, Ju and Warren 2007, "Manifold dual contouring"; Nielson 2004, "Dual
 marching cubes") makes each line a mesh edge between two vertices, which closes the mesh. Two lines
 of one face are still one edge with four polygons if they join the same two sheets, one sheet on
-each side. Drawing them round the other two corners then splits the sheet on both sides (a cycle
-crossed over at two of its links falls in two), so repeating it comes to an end, and the mesh is
-manifold (Wenger 2013, "Isosurfaces", mends the ambiguous pairs of dual marching cubes this way).
+each side. Flipping them to the other two corners then splits the sheet on both sides (a cycle
+crossed over at two of its links becomes two), so repeated flips terminate, and the mesh is manifold
+(Wenger 2013, "Isosurfaces", repairs the ambiguous pairs of dual marching cubes this way).
 
 Numbering: the corner at (x, y, z) of the unit cell is 4 x + 2 y + z; the edge along axis a from
 (b, c) = (u, v) is 4 a + 2 u + v; the face s = 0, 1 across axis a is 2 a + s; (a, b, c) cyclic.
@@ -21,10 +21,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.meshing.grid import Grid
-from lis_grasp.typing import ByteArray, IndexArray
+from lis_grasp.typing import BoolArray, ByteArray, IndexArray
 
 _CORNER_BIT = (4, 2, 1)
 
@@ -35,14 +34,14 @@ def edge_number(axis: int, u: int, v: int) -> int:
 
 
 def _face_layout(face: int) -> tuple[list[int], list[int]]:
-    """Return a face's corners in turn, and the edges from each to the next."""
+    """Return a face's corners in order, and the edges from each to the next."""
     axis, side = divmod(face, 2)
     b, c = (axis + 1) % 3, (axis + 2) % 3
     base = side * _CORNER_BIT[axis]
     corners = [
         base + u * _CORNER_BIT[b] + v * _CORNER_BIT[c] for u, v in ((0, 0), (1, 0), (1, 1), (0, 1))
     ]
-    # An edge along b lies at (c, a), one along c at (a, b).
+    # An edge along b is at (c, a), one along c at (a, b).
     edges = [
         edge_number(b, 0, side),
         edge_number(c, side, 1),
@@ -53,10 +52,10 @@ def _face_layout(face: int) -> tuple[list[int], list[int]]:
 
 
 @lru_cache(maxsize=1)
-def _tables() -> tuple[ByteArray, npt.NDArray[np.bool_]]:
+def _tables() -> tuple[ByteArray, BoolArray]:
     """Return sheets (256, 64, 12) and doubled faces (256, 64, 6) for all corners and flips.
 
-    A sheet is named by its least edge. A face is doubled if its two lines belong to one sheet.
+    The number of a sheet is its least edge. A face is doubled if its two lines are on one sheet.
     """
     config = np.arange(256)[:, None]
     flips = np.arange(64)[None, :]
@@ -90,10 +89,8 @@ def _tables() -> tuple[ByteArray, npt.NDArray[np.bool_]]:
     return sheets, doubled
 
 
-def corner_configurations(
-    inside: npt.NDArray[np.bool_], cells: IndexArray, grid: Grid
-) -> IndexArray:
-    """Return which corners of cells are inside, one bit a corner, shape (C,).
+def corner_configurations(inside: BoolArray, cells: IndexArray, grid: Grid) -> IndexArray:
+    """Return which corners of cells are inside, one bit per corner, shape (C,).
 
     Parameters
     ----------
@@ -113,7 +110,7 @@ def corner_configurations(
 
 
 def sheets_of_cells(config: IndexArray, cells: IndexArray, grid: Grid) -> ByteArray:
-    """Return to which sheet each edge of each cell belongs, shape (C, 12), manifold.
+    """Return the sheet of each edge of each cell, shape (C, 12), manifold.
 
     Parameters
     ----------
@@ -146,7 +143,7 @@ def sheets_of_cells(config: IndexArray, cells: IndexArray, grid: Grid) -> ByteAr
     return sheets[config, flips]
 
 
-def _ambiguous(config: IndexArray, face: int) -> npt.NDArray[np.bool_]:
+def _ambiguous(config: IndexArray, face: int) -> BoolArray:
     corners, _ = _face_layout(face)
     bits = [(config >> corner) & 1 for corner in corners]
     return (bits[0] == bits[2]) & (bits[1] == bits[3]) & (bits[0] != bits[1])

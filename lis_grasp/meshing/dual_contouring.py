@@ -1,4 +1,4 @@
-"""Dual contouring of Hermite data: one vertex a sheet of the surface in a cell, edges kept sharp.
+"""Dual contouring of Hermite data: one vertex per sheet of the surface in a cell, sharp edges.
 
 Ju, Losasso, Schaefer and Warren 2002, "Dual contouring of Hermite data"; made manifold after
 Schaefer, Ju and Warren 2007, see `cell_sheets`.
@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.meshing.cell_sheets import corner_configurations, edge_number, sheets_of_cells
 from lis_grasp.meshing.grid import Grid
 from lis_grasp.meshing.hermite import Crossings
 from lis_grasp.meshing.quadrics import place_vertices
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Cells round an edge along +a, in turn: cell (u, v) has the edge at its (b, c) = (u, v).
 _AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -23,7 +22,7 @@ _AROUND = ((0, 0), (1, 0), (1, 1), (0, 1))
 # The two ways to cut a quad.
 _DIAGONALS = ([0, 1, 2, 2, 3, 0], [1, 2, 3, 3, 0, 1])
 
-# Weight of a flat diagonal, for where the normal cannot tell.
+# Weight of a flat diagonal, which decides where the normal does not.
 _FLATNESS = 1e-3
 
 
@@ -43,9 +42,7 @@ class Sheets:
     corners: IndexArray
 
 
-def contour(
-    inside: npt.NDArray[np.bool_], crossings: Crossings, grid: Grid
-) -> tuple[FloatArray, IndexArray]:
+def contour(inside: BoolArray, crossings: Crossings, grid: Grid) -> tuple[FloatArray, IndexArray]:
     """Return vertices (V, 3) [m] and outward triangles (2 E, 3) of a closed manifold mesh.
 
     Parameters
@@ -66,7 +63,7 @@ def contour(
     return vertices, _split_quads(corners, vertices, crossings)
 
 
-def _sheets(inside: npt.NDArray[np.bool_], crossings: Crossings, grid: Grid) -> Sheets:
+def _sheets(inside: BoolArray, crossings: Crossings, grid: Grid) -> Sheets:
     cells = np.empty((len(crossings), 4), dtype=np.intp)
     edges = np.empty((len(crossings), 4), dtype=np.intp)
     strides = np.array(grid.strides)
@@ -85,8 +82,8 @@ def _sheets(inside: npt.NDArray[np.bool_], crossings: Crossings, grid: Grid) -> 
 def _split_quads(corners: IndexArray, vertices: FloatArray, crossings: Crossings) -> IndexArray:
     """Cut each quad (E, 4) into two triangles, along the better diagonal; shape (2 E, 3).
 
-    Better is the diagonal whose worse triangle agrees better with the surface's normal where the
-    quad's grid edge is crossed: it lies along a sharp edge, not across, and folds nothing over.
+    Better is the diagonal whose worse triangle agrees better with the surface's normal at the
+    crossing of the quad's grid edge: it is along a sharp edge, not across, and avoids folds.
     """
     choices = [corners[:, order].reshape(-1, 2, 3) for order in _DIAGONALS]
     first, second = (_agreement(choice, vertices, crossings.normals) for choice in choices)
@@ -95,7 +92,7 @@ def _split_quads(corners: IndexArray, vertices: FloatArray, crossings: Crossings
 
 
 def _agreement(triangles: IndexArray, vertices: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return how well pairs of triangles (E, 2, 3) agree with normals (E, 3) and each other."""
+    """Return the agreement of triangle pairs (E, 2, 3) with normals (E, 3) and each other."""
     a, b, c = (vertices[triangles[..., k]] for k in range(3))
     areas = np.cross(b - a, c - a)  # (E, 2, 3)
     lengths = np.linalg.norm(areas, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The whole way from an implicit surface to its mesh."""
+"""Mesh extraction from implicit surfaces by manifold dual contouring."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lis_grasp.meshing.phantom_parts import supported_faces
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Cells along the largest extent, if nothing else is asked for.
+# Default number of cells along the largest extent.
 CELLS = 64
 
 # A gigabyte of values.
@@ -32,14 +32,14 @@ def extract_mesh(
     """Mesh the zero set of an implicit surface: closed, manifold, outward, sharp edges kept.
 
     Manifold dual contouring of Hermite data (Ju, Losasso, Schaefer and Warren 2002; Schaefer, Ju
-    and Warren 2007). The function is asked for near the surface only. Where the surface reaches
-    the bounds, or never ends, the bounds close it: outside of them is outside of the object. Closed
-    parts that are far from every touch are dropped.
+    and Warren 2007). The function is evaluated near the surface only. The bounds close a surface
+    that reaches them: outside of them is outside of the object. Closed parts that are far from
+    every contact are dropped.
 
-    The mesh is watertight and every vertex has one fan of triangles, whatever the function does:
-    jumps, infinite values, several sheets in one cell. Self-intersections are possible where
-    sheets come closer to each other than a cell. A feature thinner than four cells may be missed if
-    the function, by its usual slope, does not announce it.
+    The mesh is watertight and every vertex has one fan of triangles, in spite of jumps, infinite
+    values or several sheets in one cell. Self-intersections are possible where sheets are closer
+    together than a cell. A feature thinner than four cells may be missed if the values at coarse
+    nodes near it are large.
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ def extract_mesh(
     -------
     trimesh.Trimesh
         In O [m]. `vertex_attributes["uncertainty"]`, shape (V,) [m], is the surface's uncertainty
-        at each vertex; `metadata` counts "evaluations" and "gradients" asked of the surface, and
-        "grid_nodes", the evaluations that a full grid would have taken.
+        at each vertex; `metadata` counts the "evaluations" and "gradients" of the surface, and
+        "grid_nodes", the evaluations of a full grid.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def extract_mesh(
     faces = faces[supported_faces(vertices, faces, uncertainty)]
     if np.linalg.det(vertices[faces] - vertices[faces].mean(axis=(0, 1))).sum() <= 0.0:
         raise EstimationError(
-            f"what is inside is smaller than the cells of {grid.cell:g} m: mesh with smaller cells,"
+            f"the inside is smaller than the cells of {grid.cell:g} m: mesh with smaller cells,"
             " or touch the object more"
         )
     used, faces = _renumbered(faces, len(vertices))
@@ -99,7 +99,9 @@ def _checked_bounds(bounds: npt.ArrayLike) -> FloatArray:
     if box.shape != (2, 3) or not np.isfinite(box).all() or not (box[0] < box[1]).all():
         raise InvalidOptionError(
             "bounds must be the lowest and the highest corner of a box, finite, shape (2, 3);"
-            f" {box.tolist()} came"
+            f" they are {box.tolist()}",
+            option="bounds",
+            value=bounds,
         )
     return box
 
@@ -108,13 +110,11 @@ def _checked_grid(box: FloatArray, resolution: float | None) -> Grid:
     extent = box[1] - box[0]
     cell = float(extent.max()) / CELLS if resolution is None else float(resolution)
     if not (np.isfinite(cell) and cell > 0.0):
-        raise InvalidOptionError(f"resolution must be above 0 and finite [m]; {resolution!r} came")
+        raise InvalidOptionError.out_of_range("resolution", resolution, "above 0 and finite [m]")
     if np.prod(extent / cell + 2.0 + COARSE) > _MAX_NODES:
         least = float(np.cbrt(np.prod(extent) / _MAX_NODES))
-        raise InvalidOptionError(
-            f"resolution must be above about {least:.2g} m in bounds of {extent} m, to fit in"
-            f" memory; {cell:g} came"
-        )
+        required = f"above about {least:.2g} m in bounds of {extent} m, to fit in memory"
+        raise InvalidOptionError.out_of_range("resolution", cell, required)
     return Grid.cover(box, cell, multiple=COARSE)
 
 
@@ -138,7 +138,7 @@ def _require_surface(field: Field, grid: Grid, values: FloatArray) -> None:
 
 
 def _renumbered(faces: IndexArray, count: int) -> tuple[npt.NDArray[np.bool_], IndexArray]:
-    """Return which vertices are used, and triangles that number only those."""
+    """Return which vertices are used, and triangles with indices of only those."""
     used = np.zeros(count, dtype=bool)
     used[faces] = True
     return used, (np.cumsum(used) - 1)[faces]

@@ -1,4 +1,4 @@
-"""The surface's function as the mesher asks for it: checked, counted, and closed by the bounds."""
+"""Checked and counted evaluation of an implicit surface."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from lis_grasp.typing import FloatArray
 
 
 class Field:
-    """Values and gradients of an implicit surface, with a count of what was asked.
+    """Values and gradients of an implicit surface, with counts of evaluations.
 
     Parameters
     ----------
     surface
-        What is meshed.
+        The surface to mesh.
     """
 
     def __init__(self, surface: ImplicitSurface) -> None:
@@ -40,7 +40,7 @@ class Field:
             place = points[np.flatnonzero(undefined)[0]]
             raise EstimationError(
                 f"the surface's function must be a number everywhere; at {place} it is NaN:"
-                " mesh smaller bounds, or mend the estimator"
+                " mesh smaller bounds, or correct the estimator"
             )
         return values
 
@@ -71,6 +71,6 @@ class Field:
             place = points[np.flatnonzero(~(uncertainty >= 0.0))[0]]
             raise EstimationError(
                 f"the surface's uncertainty must be 0 or more everywhere; at {place} it is not:"
-                " mend the estimator"
+                " correct the estimator"
             )
         return uncertainty

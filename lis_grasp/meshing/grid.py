@@ -1,17 +1,16 @@
-"""The grid that a surface is meshed on: cubic cells over the bounds, nodes with one number each."""
+"""Meshing grid: cubic cells over the bounds, nodes with one index each."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Parts of a cell by which the grid is shifted: multiples of the golden ratio, no simple fractions.
 _SHIFT = np.array([0.1459, 0.0902, 0.0557])
-# Boxes of fewer cells are not: a single node inside should be in the middle.
+# Boxes of fewer cells are not shifted: a single node inside should be in the middle.
 _MANY = 4.0
 
 
@@ -42,9 +41,9 @@ class Grid:
     def cover(cls, bounds: FloatArray, cell: float, *, multiple: int) -> Grid:
         """Lay a grid over `bounds`, its number of cells a multiple of `multiple` each way.
 
-        The sides of the box keep at least a tenth of a cell from every node: bounds that lie on
-        faces of the object would otherwise put nodes there, neither inside nor outside. For the
-        same reason the grid is shifted by odd parts of a cell: faces like to lie at round places.
+        The sides of the box are at least a tenth of a cell away from every node: bounds on faces of
+        the object would otherwise put nodes there, neither inside nor outside. For the same reason
+        the grid is shifted by odd fractions of a cell: faces are often at round coordinates.
         """
         length = (bounds[1] - bounds[0]) / cell  # (3,) in cells
         excess = length % 1.0
@@ -67,8 +66,8 @@ class Grid:
         """Return positions of nodes, shape (N, 3) [m]."""
         return self.origin + self.cell * self.coordinates(numbers)
 
-    def within_bounds(self) -> npt.NDArray[np.bool_]:
-        """Tell which nodes lie inside the box, shape `nodes`."""
+    def within_bounds(self) -> BoolArray:
+        """Return which nodes are inside the box, shape `nodes`."""
         x, y, z = (
             (low < ticks) & (ticks < high)
             for low, high, ticks in zip(*self.bounds, self._ticks(), strict=True)

@@ -1,4 +1,4 @@
-"""Hermite data: where the surface crosses the grid's edges, and which way it faces there."""
+"""Hermite data: crossings of the surface with grid edges, and its normals there."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _TOLERANCE = 5e-3
 # Gradients are taken at least this far from the nodes, in cells.
 _ASIDE = 1e-3
 
-# This part of the change of f over an edge is zero.
+# This fraction of the change of f over an edge counts as zero.
 _NEGLIGIBLE = 1e-9
 
 # Steps of root finding: a smooth function needs one to three, one with a kink at its zero (LIS: its
-# slopes there differ by a factor of a hundred) a dozen; what takes more is a jump.
+# slopes there differ by a factor of a hundred) a dozen; with more it is a jump.
 _STEPS = 20
 
 
@@ -56,7 +56,7 @@ class Crossings:
 def find_crossings(field: Field, grid: Grid, values: FloatArray) -> Crossings:
     """Find where the surface, closed by the bounds, crosses the edges of the grid.
 
-    Along an edge that leaves the bounds the crossing is at the bounds at the latest; there the
+    On an edge that leaves the bounds the crossing is at the bounds or before; at the bounds the
     surface faces out of the box.
 
     Parameters
@@ -75,7 +75,7 @@ def find_crossings(field: Field, grid: Grid, values: FloatArray) -> Crossings:
     starts, ends = grid.positions(inner), grid.positions(outer)
     flat = values.reshape(-1)
     f_starts, f_ends = flat[inner], flat[outer].copy()
-    # An edge that leaves the box ends on its side.
+    # An edge that leaves the box ends at the bounds.
     clipped = np.clip(ends, *grid.bounds)
     leaves_box = np.flatnonzero((clipped != ends).any(axis=1))
     faces_out = np.sign(ends - starts)[leaves_box]
@@ -90,7 +90,7 @@ def find_crossings(field: Field, grid: Grid, values: FloatArray) -> Crossings:
     points = starts + fractions[:, None] * (ends - starts)
     normals = np.zeros_like(points)
     smooth = searched[~jumps]
-    # Not at a node itself, which may lie on a sharp edge, where the gradient says nothing.
+    # Not at a node itself, which may be on a sharp edge, where the gradient is arbitrary.
     aside = np.clip(fractions[smooth], _ASIDE, 1.0 - _ASIDE)[:, None]
     normals[smooth] = field.normals(starts[smooth] + aside * (ends[smooth] - starts[smooth]))
     on_box = still_inside[leaves_box]

@@ -1,30 +1,27 @@
-"""Which closed parts of a mesh are the object, and which are phantoms that no touch supports.
+"""Removal of phantom parts of a mesh: closed parts that no contact supports.
 
-An estimator may be zero where nobody has touched, far behind or between contacts. A part of the
-mesh is dropped if all of it is worse supported than half of the main body is.
+An estimator may be zero far from all contacts. A part of the mesh is dropped if its least
+uncertainty exceeds the median of the main body's.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from lis_grasp.shapes.winding_number import winding_numbers
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
-# The main body is the part that holds most of this part of all vertices, the best supported ones.
+# The main body is the part with most of the best supported vertices, this fraction of all.
 _BEST = 0.1
 
 
-def supported_faces(
-    vertices: FloatArray, faces: IndexArray, uncertainty: FloatArray
-) -> npt.NDArray[np.bool_]:
-    """Tell which triangles of a closed mesh belong to supported parts, shape (F,).
+def supported_faces(vertices: FloatArray, faces: IndexArray, uncertainty: FloatArray) -> BoolArray:
+    """Return which triangles of a closed mesh belong to supported parts, shape (F,).
 
-    A cavity, whose triangles face inward, is kept or dropped like any other part; the result
-    encloses a volume: what a kept cavity is cut out of is kept with it.
+    A cavity, whose triangles face inward, is kept or dropped like any other part. The solid round
+    a kept cavity is kept with it.
 
     Parameters
     ----------
@@ -60,9 +57,9 @@ def _parts(vertices: int, faces: IndexArray) -> tuple[int, IndexArray]:
 
 
 def _with_their_solids(
-    supported: npt.NDArray[np.bool_], vertices: FloatArray, faces: IndexArray, part: IndexArray
-) -> npt.NDArray[np.bool_]:
-    """Return the supported parts and those without which they would be inside out."""
+    supported: BoolArray, vertices: FloatArray, faces: IndexArray, part: IndexArray
+) -> BoolArray:
+    """Return the supported parts, and the solids round supported cavities."""
     corners = vertices[faces]  # (F, 3, 3)
     owner = part[faces[:, 0]]
     volumes = np.bincount(owner, np.linalg.det(corners - vertices.mean(axis=0)) / 6.0)

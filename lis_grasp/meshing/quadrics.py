@@ -1,6 +1,6 @@
-"""Where a sheet's vertex goes: the point at which the tangent planes of its crossings meet.
+"""Vertex placement by quadratic error functions of the crossings' tangent planes.
 
-Quadratic error functions of Ju, Losasso, Schaefer and Warren 2002 (after Garland and Heckbert
+Method of Ju, Losasso, Schaefer and Warren 2002 (after Garland and Heckbert
 1997), solved round the mean of the crossings with small eigenvalues dropped.
 """
 
@@ -14,8 +14,8 @@ from lis_grasp.meshing.grid import Grid
 from lis_grasp.meshing.hermite import Crossings
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Eigenvalues of a quadric below this part of the largest are noise, not an edge: with equal
-# shares of both sides, an edge that turns by less than 16 deg (tan^2 of half the angle).
+# Eigenvalues of a quadric below this fraction of the largest are noise, not an edge: with as many
+# crossings on both sides, an edge that turns by less than 16 deg (tan^2 of half the angle).
 _RANK_TOLERANCE = 0.02
 
 # Planes meet in a point if they miss it by less than this (root mean square, in cells).
@@ -27,7 +27,7 @@ _CORNER_MEETING = 0.02
 # How far from its cell a vertex may be if the planes meet there, in cells.
 _REACH = 1.0
 
-# Sweeps of coordinate descent for vertices that are held back.
+# Sweeps of coordinate descent for vertices that are clamped to boxes.
 _SWEEPS = 30
 
 
@@ -71,7 +71,7 @@ class Quadrics:
         return self.about(points).rests / self.counts
 
     def minima(self) -> tuple[FloatArray, IndexArray]:
-        """Return the least minimum of each, (V, 3), and in how many directions it has one, (V,)."""
+        """Return the minimum of least norm of each, (V, 3), and the rank of each, (V,)."""
         scales, directions = np.linalg.eigh(self.matrices)  # ascending
         kept = (scales > _RANK_TOLERANCE * scales[:, -1:]) & (scales > 0.0)
         along = np.einsum("vik,vi->vk", directions, self.targets)
@@ -80,7 +80,7 @@ class Quadrics:
 
     def minima_in_boxes(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return minima with low <= x <= high, each shape (V, 3), by coordinate descent."""
-        # A small pull to the origin decides what the planes leave open.
+        # A small pull to the origin decides in directions that the planes leave open.
         pull = _RANK_TOLERANCE * np.trace(self.matrices, axis1=1, axis2=2)
         pull = np.maximum(pull, np.finfo(float).tiny)
         matrices = self.matrices + pull[:, None, None] * np.eye(3)
@@ -99,11 +99,10 @@ def place_vertices(
     """Return the vertex of each sheet, shape (V, 3) [m].
 
     The vertex minimises the sum of squared distances to the tangent planes of the sheet's
-    crossings; in directions in which the planes say next to nothing it stays at the crossings'
-    mean. It is kept to its cell, unless the planes really meet beside it: an edge of the object
-    that pokes out of a cell through a side none of whose edges it crosses is seen by this cell
-    alone. (Held back to the cell, a rotated cube loses fifty times more of its edges and its
-    triangles fold over.)
+    crossings; in directions that the planes leave open it stays at the crossings' mean. It is
+    clamped to its cell, unless the planes meet in a point beside it: an edge of the object that
+    leaves a cell through the middle of a side is known to this cell alone. (Always clamped, a
+    rotated cube loses fifty times more of its edges and its triangles fold over.)
 
     Parameters
     ----------
@@ -156,10 +155,10 @@ def _gather(
 def _restore_corners(
     vertices: FloatArray, candidates: IndexArray, quadrics: Quadrics, corners: IndexArray
 ) -> None:
-    """Move vertices on edges to corners of the object that no cell sees alone, in place.
+    """Move vertices on edges to corners of the object that no single cell shows, in place.
 
-    Where the planes of a vertex and of its neighbours together meet in one point, there is a
-    corner; if none of the neighbours is nearer to it, the vertex belongs there.
+    If the planes of a vertex and of its neighbours together meet in one point, there is a corner;
+    the vertex moves there if no neighbour is nearer.
 
     Parameters
     ----------
@@ -175,8 +174,7 @@ def _restore_corners(
     place = np.full(len(vertices), -1)
     place[candidates] = np.arange(len(candidates))
     sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2)
-    # Each edge of the mesh is the side of two quads: neighbours count twice, what a vertex knows
-    # itself once.
+    # Each edge of the mesh is the side of two quads: neighbours count twice, the vertex once.
     owners, others = np.concatenate([sides, sides[:, ::-1]]).T
     owners, others = place[owners], others[place[owners] >= 0]
     owners = owners[owners >= 0]

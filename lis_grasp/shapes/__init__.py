@@ -1,4 +1,4 @@
-"""True objects: the paper's set, exact and with its edge lines, and your own mesh files.
+"""True objects: the paper's shapes with exact edge lines, and mesh files.
 
 Every object stands upright on the plane z = (lowest z of its mesh), in metres, in its frame O.
 """

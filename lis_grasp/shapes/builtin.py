@@ -1,9 +1,9 @@
 """The paper's objects (Ottenhaus et al. 2016, section IV.A), exact, of any size.
 
-The paper names the shapes and their diameter, 20 cm, and not their proportions: those here are
-ours, such that an object of graspable size is 4 to 10 cm across where a hand closes on it from
-above and stands as high as fingertips need to clear the table. Curved faces are inscribed
-polyhedra whose chords stay within 0.1 mm of the true shape at the paper's size.
+The paper gives the shapes and their diameter, 20 cm, but not their proportions. Ours make an
+object of graspable size 4 to 10 cm wide where a hand closes on it from above, and high enough for
+the fingertips to clear the table. Curved faces are inscribed polyhedra whose chords are within
+0.1 mm of the true shape at the paper's size.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def build(name: str, size: float | None = None) -> Shape:
         If there is no such shape, or the size is no plausible length in metres.
     """
     if name not in BUILDERS:
-        raise InvalidOptionError(f"shape must be one of {', '.join(NAMES)}; it is '{name}'")
+        raise InvalidOptionError.not_one_of("shape", name, NAMES)
     return BUILDERS[name](GRASPABLE_SIZES[name] if size is None else size)
 
 
@@ -172,6 +172,6 @@ def _rectangle(a: float, b: float) -> list[tuple[float, float]]:
 
 def _require_size(size: float) -> None:
     if not SMALLEST <= size <= LARGEST:
-        raise InvalidOptionError(
-            f"size is a largest extent in metres, from {SMALLEST} to {LARGEST}; it is {size}"
+        raise InvalidOptionError.out_of_range(
+            "size", size, f"a largest extent from {SMALLEST} to {LARGEST} m"
         )

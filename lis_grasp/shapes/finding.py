@@ -1,4 +1,4 @@
-"""An object by what a user calls it: a built-in name or a mesh file."""
+"""Look-up of an object by a built-in name or a mesh file."""
 
 from __future__ import annotations
 
@@ -40,12 +40,18 @@ def find(name_or_path: str | Path, size: float | None = None, units: str = "m") 
         hint = f"; did you mean '{close[0]}'?" if close else ""
         raise InvalidOptionError(
             f"'{name_or_path}' is neither a built-in shape ({', '.join(NAMES)}) nor a mesh"
-            f" file{hint}"
+            f" file{hint}",
+            option="object",
+            value=str(name_or_path),
         )
     if size is not None:
         raise InvalidOptionError(
-            f"size is for built-in shapes; the file {path} has its own: say its --units instead"
+            f"size is for built-in shapes; the file {path} has its own: give its --units instead",
+            option="size",
+            value=size,
         )
     if path.suffix.lower() not in FORMATS and not path.is_file():
-        raise InvalidFileError(f"{path} is a folder; a mesh file is needed ({', '.join(FORMATS)})")
+        raise InvalidFileError(
+            f"{path} is a folder; a mesh file is needed ({', '.join(FORMATS)})", path=path
+        )
     return load(path, units)

@@ -1,9 +1,9 @@
-"""Triangles that close a hole, given by the loop of vertices round it.
+"""Hole filling by the triangulation of least area.
 
 G. Barequet, M. Sharir, "Filling gaps in the boundary of a polyhedron", Computer Aided Geometric
-Design 12, 1995: of all triangulations of the loop the one of least area, by dynamic programming.
-Least area does not fold over itself; where flat parts leave a choice, a little weight on lengths
-takes the triangulation without slivers.
+Design 12, 1995: of all triangulations of a loop of vertices the one of least area, by dynamic
+programming. Least area does not fold over itself. A little weight on lengths avoids slivers where
+flat parts leave a choice.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from lis_grasp.typing import FloatArray, IntArray
 
 # Squared edge lengths count this much against areas.
 _LENGTH_WEIGHT = 0.01
-# A triangle with less area than this share of its squared edge lengths is a sliver: its lengths
-# count whole.
+# A triangle with less area than this fraction of its squared edge lengths is a sliver: its lengths
+# count fully.
 _SLIVER = 1e-3
 # Time grows with the cube of the loop's length: half a second here, and a fan beyond it.
 _LONGEST = 400

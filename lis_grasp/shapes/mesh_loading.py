@@ -1,4 +1,4 @@
-"""Objects from mesh files: read, scaled to metres, mended; a file's frame is kept as it is."""
+"""Loading of objects from mesh files: read, scaled to metres, repaired."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError
-from lis_grasp.shapes.repair import mend
+from lis_grasp.shapes.repair import repair_mesh
 from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape
 from lis_grasp.typing import FloatArray, IntArray
 
@@ -27,7 +27,7 @@ FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 # Coordinates beyond this, in whatever unit, are damage.
 _FARTHEST = 1e12
 
-# What trimesh's readers raise on files that are not what their ending says.
+# Errors of trimesh's readers on files of another format.
 _READ_ERRORS = (
     ArithmeticError,
     AssertionError,
@@ -50,8 +50,8 @@ def load(path: str | Path, units: str = "m") -> Shape:
     """Return the object in a mesh file, closed and outward whatever state the file is in.
 
     The frame O is the file's own, scaled to metres and neither shifted nor turned: the object
-    stands on its lowest z there. Several parts are taken together as one object. What had to be
-    mended is told in `Shape.repairs`.
+    stands on its lowest z there. Several parts are one object. Repairs are listed in
+    `Shape.repairs`.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def load(path: str | Path, units: str = "m") -> Shape:
     """
     path = Path(path)
     if units not in UNITS:
-        raise InvalidOptionError(f"units must be one of {', '.join(UNITS)}; they are '{units}'")
+        raise InvalidOptionError.not_one_of("units", units, UNITS)
     vertices, faces = _read(path)
     corners = vertices[faces.ravel()]
     if not np.all(np.abs(corners) < _FARTHEST):
@@ -83,7 +83,7 @@ def load(path: str | Path, units: str = "m") -> Shape:
     if not SMALLEST <= extent * UNITS[units] <= LARGEST:
         raise InvalidMeshError(_mistaken_units(path, extent, units))
     try:
-        mesh, repairs = mend(vertices * UNITS[units], faces)
+        mesh, repairs = repair_mesh(vertices * UNITS[units], faces)
     except InvalidMeshError as error:
         raise InvalidMeshError(f"{path} {error}") from None
     return Shape.from_mesh(path.stem, mesh, repairs)
@@ -95,15 +95,16 @@ def _read(path: Path) -> tuple[FloatArray, IntArray]:
     if ending not in FORMATS:
         raise InvalidFileError(
             f"{path} must end in one of {', '.join(FORMATS)}; convert other formats, for example"
-            " with MeshLab"
+            " with MeshLab",
+            path=path,
         )
     if not os.path.isfile(path):
-        raise InvalidFileError(f"{path} is missing, or is no file: check the path")
+        raise InvalidFileError(f"{path} is missing, or is no file: check the path", path=path)
     if path.stat().st_size == 0:
-        raise InvalidFileError(f"{path} is empty: export it again")
+        raise InvalidFileError(f"{path} is empty: export it again", path=path)
     try:
         with warnings.catch_warnings():
-            # Readers warn of textures, odd colours and the like, which play no role here.
+            # Warnings about textures and colours do not matter here.
             warnings.simplefilter("ignore")
             mesh = trimesh.load_scene(
                 str(path), file_type=ending[1:], process=False, skip_materials=True
@@ -113,14 +114,18 @@ def _read(path: Path) -> tuple[FloatArray, IntArray]:
     except _READ_ERRORS as error:
         detail = " ".join(str(error).split())[:120] or type(error).__name__
         raise InvalidFileError(
-            f"{path} cannot be read as {ending[1:].upper()} ({detail}): export it again"
+            f"{path} cannot be read as {ending[1:].upper()} ({detail}): export it again",
+            path=path,
         ) from None
     if not len(faces):
         raise InvalidFileError(
-            f"{path} has no faces, so it holds no surface (a point cloud?): a mesh is needed"
+            f"{path} has no faces, so it holds no surface (a point cloud?): a mesh is needed",
+            path=path,
         )
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InvalidFileError(f"{path} has faces that name vertices it lacks: export it again")
+        raise InvalidFileError(
+            f"{path} has faces that name vertices it lacks: export it again", path=path
+        )
     return vertices, faces
 
 

@@ -1,9 +1,9 @@
-"""Close and orient any triangle mesh, and say in plain words what was changed.
+"""Mesh repair: close and orient any triangle mesh, and list the changes.
 
 A scan or an exported mesh may lack faces, have them twice, turned over, or more than two at an
-edge. The way here: faces that cannot be part of a surface go first, and solids that touch are
-parted; what is left has a border of closed loops, and each loop is closed; solids that touch or
-run into each other are united last.
+edge. First, faces that cannot be part of a surface are dropped, and solids that touch are
+separated. What is left has closed boundary loops, and each loop is filled. Last, solids that
+overlap are united.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.shapes.hole_filling import fill_loop
+from lis_grasp.shapes.mesh_union import unite
 from lis_grasp.shapes.shape import signed_volume
 from lis_grasp.shapes.topology import (
     boundary_loops,
@@ -23,28 +24,27 @@ from lis_grasp.shapes.topology import (
     drop_fins,
     edge_groups,
     is_bad_edge,
-    part_at_shared_edges,
+    split_at_shared_edges,
 )
-from lis_grasp.shapes.uniting import unite
 from lis_grasp.shapes.winding_number import winding_numbers
 from lis_grasp.typing import FloatArray, IntArray
 
 # Vertices closer than this part of the object's size are one vertex written twice.
 _SAME_VERTEX = 1e-6
-# A part with less than this share of the largest volume is a speck; an object that fills less than
-# this share of its box is a sheet.
+# A part with less than this fraction of the largest volume is a speck; an object that fills less
+# than this fraction of its box is a sheet.
 _SPECK = 1e-5
 _SHEET = 1e-4
-# Closing a loop can, at worst, make an edge with too many faces; each round mends the last one's.
+# Closing a loop can, at worst, make an edge with too many faces; each round repairs the last one's.
 _ROUNDS = 5
-# A part lies in another if so many places of it, all over, do.
+# A part is inside another if so many sampled places of it are.
 _PLACES = 50
-# More holes than this are no holes of a surface: its triangles lie about loose.
+# A file with more holes is a heap of loose triangles.
 _MOST_HOLES = 2000
 
 
-def mend(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
-    """Return a closed, outward mesh of the triangles, and what was mended, one sentence each.
+def repair_mesh(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    """Return a closed, outward mesh of the triangles, and the repairs, one sentence each.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def mend(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, tuple[
         raise InvalidMeshError("encloses no volume, as a flat sheet does: a solid object is needed")
     if not (mesh.is_watertight and mesh.is_winding_consistent):
         raise InvalidMeshError(
-            "could not be closed: mend it by hand, for example with MeshLab or Blender"
+            "could not be closed: repair it by hand, for example with MeshLab or Blender"
         )
     return _joined_bodies(mesh, repairs), tuple(repairs)
 
@@ -102,7 +102,7 @@ def _drop_degenerate(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     ordered = np.sort(faces, axis=1)
     _, inverse = np.unique(ordered, axis=0, return_inverse=True)
     inverse = inverse.reshape(-1)
-    # Faces on the same vertices: of those of one orientation one is enough; opposite ones cancel.
+    # Faces on the same vertices: one of each orientation is enough; opposite ones cancel.
     even = _is_even(faces, ordered)
     turns = np.where(even, 1, -1)
     net = np.zeros(inverse.max(initial=-1) + 1, dtype=np.int64)
@@ -120,7 +120,7 @@ def _drop_degenerate(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
 
 
 def _is_even(faces: IntArray, ordered: IntArray) -> npt.NDArray[np.bool_]:
-    """Tell which faces are an even permutation of their ordered vertices."""
+    """Return which faces are an even permutation of their ordered vertices."""
     start = np.argmin(faces, axis=1)
     following = faces[np.arange(len(faces)), (start + 1) % 3]
     return following == ordered[:, 1]
@@ -149,7 +149,7 @@ def _same_turn(before: IntArray, after: IntArray) -> npt.NDArray[np.bool_]:
 
 
 def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
-    """Part solids that touch, take away faces at edges that no surface has, close what is open."""
+    """Separate solids that touch, drop faces at non-manifold edges, fill holes."""
     dropped = filled = 0
     longest = 0.0
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
@@ -160,7 +160,7 @@ def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
         if not is_bad_edge(*edge_groups(faces)).any() and not len(boundary_loops(faces)):
             break
         if round_ == 0:
-            vertices, faces = part_at_shared_edges(vertices, faces)
+            vertices, faces = split_at_shared_edges(vertices, faces)
         edge, forward, count = edge_groups(faces)
         bad = is_bad_edge(edge, forward, count)[edge].any(axis=1)
         dropped += int(bad.sum())
@@ -190,7 +190,7 @@ def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
 
 
 def _turn_parts_outward(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
-    """Turn closed parts that are inside out, but for cavities: those that lie in what is solid."""
+    """Turn closed parts that are inside out, except cavities, which are inside a solid."""
     bodies = _each_body(mesh)
     inward = [body for body in bodies if signed_volume(mesh.triangles[body]) < 0.0]
     if not inward or len(inward) == len(bodies):
@@ -217,10 +217,12 @@ def _each_body(mesh: trimesh.Trimesh) -> list[IntArray]:
 
 
 def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
-    """Drop parts so small that they are dirt of a scan, not object."""
+    """Drop parts so small that they are dirt of a scan."""
     bodies = _each_body(mesh)
     if len(bodies) < 2:
-        return mesh  # bodies that are all flat have no volume to compare: `mend` refuses them
+        return (
+            mesh  # bodies that are all flat have no volume to compare: `repair_mesh` refuses them
+        )
     volumes = np.array([abs(signed_volume(mesh.triangles[body])) for body in bodies])
     kept = volumes >= _SPECK * volumes.max()
     if kept.all():
@@ -238,7 +240,7 @@ def _joined_bodies(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh
         return mesh
     parts = [mesh.submesh([body], append=True, repair=False) for body in bodies]
     united = unite(parts)
-    # Parts that stand apart keep their whole surface, and the file's own triangles.
+    # Separate parts keep their whole surface, and the file's own triangles.
     if not united.is_watertight or united.area > (1.0 - 1e-6) * mesh.area:
         return mesh
     repairs.append(f"united {len(parts)} parts that touch")

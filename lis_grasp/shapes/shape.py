@@ -1,4 +1,4 @@
-"""The record of a true object: its mesh, its sharp edges, and what was mended."""
+"""The record of a true object: its mesh, its sharp edges, and its repairs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SHARP_ANGLE = float(np.radians(30.0))
 """Two faces that meet at a larger angle between their normals form a sharp edge [rad]."""
 
 SMALLEST, LARGEST = 0.005, 2.0
-"""Largest extents that an object of a hand may have [m]; beyond them a unit was mistaken."""
+"""Range of the largest extent of an object [m]; beyond it the unit is mistaken."""
 
 
 def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatArray:
@@ -47,7 +47,7 @@ class Shape:
     edges
         Shape (E, 2, 3) [m], its sharp edges as straight pieces.
     repairs
-        What was mended when it was read, one plain sentence each.
+        Repairs made when it was read, one sentence each.
 
     Raises
     ------
@@ -63,8 +63,8 @@ class Shape:
     def __post_init__(self) -> None:
         if not self.mesh.is_watertight or not self.mesh.is_winding_consistent:
             raise InvalidMeshError(
-                f"the mesh of {self.name} must be closed, with every edge shared by two faces of"
-                " like orientation; it is not: read it from a file by shapes.load, which mends it"
+                f"the mesh of {self.name} must be closed, with two faces of like orientation at"
+                " every edge; it is not: read it from a file by shapes.load, which repairs it"
             )
         volume = signed_volume(np.asarray(self.mesh.triangles))
         if not volume > 0.0:

@@ -1,4 +1,4 @@
-"""The same solid with fewer triangles: hydroelastic contact costs time for each of them."""
+"""Mesh simplification of flat parts, for faster hydroelastic contact."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import manifold3d
 import numpy as np
 import trimesh
 
-_TOLERANCE = 2e-5  # [m], a fiftieth of a millimetre: far below what a trial can tell
+_TOLERANCE = 2e-5  # [m], far below the resolution of a trial
 
 
 def merge_flat_faces(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Return a mesh of the same solid whose flat parts have no more triangles than they need.
+    """Return a mesh of the same solid with as few triangles as possible on flat parts.
 
     Edges are collapsed as long as the surface moves by less than 0.02 mm (manifold3d); a box of any
     tessellation comes back with 12 triangles. A mesh that is no manifold comes back as it is.

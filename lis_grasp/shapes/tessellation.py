@@ -1,4 +1,4 @@
-"""Meshes of closed rings: stacks of them, and the flat caps that close a stack.
+"""Tessellation of solids by stacks of closed rings and flat caps.
 
 A ring is a closed polyline, shape (n, 3), counterclockwise seen from above (+z). Every built-in
 shape but the sphere is a stack of rings, so that its edge lines are rows of mesh edges exactly.
@@ -25,8 +25,8 @@ def circle(radius: float, count: int, *, start: float = 0.0) -> FloatArray:
 def polygon(corners: npt.ArrayLike, per_side: int) -> FloatArray:
     """Return a polygon's boundary with each side cut in `per_side` equal pieces, shape (n, 2)."""
     ends = np.asarray(corners, dtype=np.float64)
-    share = np.arange(per_side)[:, None] / per_side
-    sides = [a + share * (b - a) for a, b in zip(ends, np.roll(ends, -1, axis=0), strict=True)]
+    fraction = np.arange(per_side)[:, None] / per_side
+    sides = [a + fraction * (b - a) for a, b in zip(ends, np.roll(ends, -1, axis=0), strict=True)]
     return np.concatenate(sides)
 
 
@@ -74,8 +74,8 @@ def cap(ring: FloatArray, sectors: int, *, up: bool) -> Patch:
     for j in range(1, k + 1):
         at = np.arange(sectors * j) * (k / j)  # position along the outer ring
         low = np.minimum(at.astype(int), n - 1)
-        share = (at - low)[:, None]
-        outline = around[low] + share * (around[low + 1] - around[low])
+        fraction = (at - low)[:, None]
+        outline = around[low] + fraction * (around[low + 1] - around[low])
         vertices.append(outline if j == k else center + (outline - center) * (j / k))
         s, i = np.divmod(np.arange(sectors * j), j)
         out = first + s * j + i

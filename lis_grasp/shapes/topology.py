@@ -1,4 +1,4 @@
-"""The edges of a triangle mesh: where more than two faces meet, where the mesh is open."""
+"""Edge topology of a triangle mesh: non-manifold edges, boundary loops, orientation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from lis_grasp.typing import BoolArray, FloatArray, IntArray
 
-# Faces at one edge whose directions differ by less than this [rad] lie on each other.
+# Faces at one edge whose directions differ by less than this [rad] coincide.
 _SAME_ANGLE = 1e-6
 
 
@@ -36,13 +36,13 @@ def edge_groups(faces: IntArray) -> tuple[IntArray, BoolArray, IntArray]:
 
 
 def is_bad_edge(edge: IntArray, forward: BoolArray, count: IntArray) -> BoolArray:
-    """Tell the edges, shape (E,), with three faces or more, or with two that disagree."""
+    """Return which edges, shape (E,), have three faces or more, or two that disagree."""
     ahead = np.bincount(edge.ravel(), weights=forward.ravel(), minlength=len(count))
     return (count > 2) | ((count == 2) & (ahead != 1))
 
 
 def disagreeing_faces(faces: IntArray) -> BoolArray:
-    """Tell the faces, shape (F,), to turn over so that neighbours agree, as few as a part allows.
+    """Return the fewest faces, shape (F,), to turn over so that neighbours agree.
 
     Every face is two nodes, as it is and turned over, linked to the node of each neighbour that
     it agrees with: the nodes of a part that can be oriented fall into two components, one the
@@ -66,9 +66,9 @@ def disagreeing_faces(faces: IntArray) -> BoolArray:
 
 
 def drop_fins(faces: IntArray) -> BoolArray:
-    """Tell the faces, shape (F,), to keep when all that stick out of a surface go.
+    """Return the faces, shape (F,), to keep without fins.
 
-    A fin has an edge with too many faces on one side and ends openly on the other.
+    A fin has an edge with more than two faces on one side and an open edge on the other.
     """
     kept = np.ones(len(faces), dtype=bool)
     while True:
@@ -79,8 +79,8 @@ def drop_fins(faces: IntArray) -> BoolArray:
         kept[np.flatnonzero(kept)[fins]] = False
 
 
-def part_at_shared_edges(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Part a mesh where solids touch along an edge, by giving each solid vertices of its own.
+def split_at_shared_edges(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Separate solids that touch along an edge, by duplicating vertices there.
 
     Round such an edge the faces are paired across the material between them. Vertices that are at
     no such edge stay as they are.
@@ -107,9 +107,9 @@ def part_at_shared_edges(vertices: FloatArray, faces: IntArray) -> tuple[FloatAr
     rows = np.concatenate([a, next_a, whole])
     columns = np.concatenate([next_b, b, first[inverse.ravel()[whole]]])
     graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(faces.size, faces.size))
-    _, parted = connected_components(graph, directed=False)
-    _, used = np.unique(parted, return_index=True)
-    return vertices[faces.ravel()[used]], parted.astype(np.int64).reshape(-1, 3)
+    _, split = connected_components(graph, directed=False)
+    _, used = np.unique(split, return_index=True)
+    return vertices[faces.ravel()[used]], split.astype(np.int64).reshape(-1, 3)
 
 
 def _pair_round_edge(
@@ -141,9 +141,9 @@ def _pair_round_edge(
 def boundary_loops(faces: IntArray) -> list[IntArray]:
     """Return the borders of a mesh whose inner edges have two agreeing faces each.
 
-    Every loop runs along its faces' own direction and passes no vertex twice. As many border
-    edges enter a vertex as leave it, so a walk can only end where it began; where it meets itself
-    before that, the part in between is a loop of its own.
+    Every loop runs along its faces' own direction and passes no vertex twice. As many border edges
+    enter a vertex as leave it, so a walk ends where it began; a part between two visits of a vertex
+    is a loop of its own.
     """
     edge, _, count = edge_groups(faces)
     face, k = np.nonzero(count[edge] == 1)
@@ -158,7 +158,7 @@ def boundary_loops(faces: IntArray) -> list[IntArray]:
 
 
 def _walk(following: dict[int, list[int]], start: int) -> list[IntArray]:
-    """Walk from `start` until back there, using edges up, and cut off a loop at each crossing."""
+    """Walk from `start` back to it, consuming edges; cut off a loop at each vertex met again."""
     loops = []
     path, position = [start], {start: 0}
     while True:

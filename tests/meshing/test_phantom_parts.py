@@ -1,4 +1,4 @@
-"""Parts of a mesh that touches support, and phantoms that they do not."""
+"""Supported parts of a mesh are kept, phantom parts are dropped."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BOUNDS = cube_bounds(0.15)
 
 
 def far_from(*centers: npt.ArrayLike) -> Function:
-    """Return how far a point is from the nearest of some touched places."""
+    """Return the distance of a point to the nearest touched place."""
     places = np.reshape(centers, (-1, 3))
     return lambda p: np.linalg.norm(p[..., None, :] - places, axis=-1).min(axis=-1)
 
@@ -31,7 +31,7 @@ def test_a_small_part_that_was_touched_stays() -> None:
     two = union(sphere(0.05, [-0.07, 0.0, 0.0]), sphere(0.03, [0.09, 0.0, 0.0]))
     touched = far_from([-0.07, 0.0, 0.05], [0.09, 0.0, 0.03])
     assert extract_mesh(Analytic(two, BOUNDS, touched)).body_count == 2
-    assert extract_mesh(Analytic(two, BOUNDS)).body_count == 2  # nothing tells them apart
+    assert extract_mesh(Analytic(two, BOUNDS)).body_count == 2  # both are equally uncertain
 
 
 def test_a_phantom_shell_round_the_object_is_dropped() -> None:

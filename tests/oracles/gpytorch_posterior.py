@@ -2,8 +2,8 @@
 
 Run it where GPyTorch is installed: `python gpytorch_posterior.py [OUTPUT]`.
 
-A Gaussian process is told values and gradients at nodes of unit size; the posterior of values and
-gradients at queries and the log marginal likelihood are written down. `amplitudes` multiply
+A GP is conditioned on values and gradients at nodes of unit size; the posterior of values and
+gradients at queries and the log marginal likelihood are recorded. `amplitudes` multiply
 the prior's and the noise's standard deviation alike.
 """
 

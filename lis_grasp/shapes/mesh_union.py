@@ -1,4 +1,4 @@
-"""Unite solids that touch or run into each other, unless they are shreds."""
+"""Boolean union of solids."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.exceptions import InvalidMeshError
 
-# Faces of solids meet along lines, or lie on each other: up to five crossings a face. Where there
-# are more than this for each face of the file, solids are torn, and uniting them may take minutes.
-# So few as the second number never take long.
+# Faces of solids meet along lines, or coincide: up to five crossings a face. With more than this
+# for each face of the file, solids are torn, and their union may take minutes; the second number
+# of crossings is always permitted.
 _MOST_CROSSINGS = 10
 _FEW_CROSSINGS = 1000
 
 
 def unite(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
-    """Return the union of solids, two by two; about their middle, as Manifold's floats are short.
+    """Return the union of solids, pair by pair.
+
+    They are moved to the origin first, because Manifold computes in single precision.
 
     Raises
     ------
@@ -34,8 +36,8 @@ def unite(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
             left -= _crossings(pair[0], pair[-1], left + 1) if len(pair) == 2 else 0
             if left < 0:
                 raise InvalidMeshError(
-                    "has parts that run through each other everywhere, as a torn mesh does: mend"
-                    " it by hand, for example with MeshLab or Blender"
+                    "has parts that cross each other everywhere, as a torn mesh does: repair it by"
+                    " hand, for example with MeshLab or Blender"
                 )
         parts = [
             trimesh.boolean.union(pair, engine="manifold", check_volume=False) for pair in pairs
@@ -44,7 +46,7 @@ def unite(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
 
 
 def _crossings(a: trimesh.Trimesh, b: trimesh.Trimesh, most: int) -> int:
-    """Count the pairs of faces of two meshes that meet, `most` at the most."""
+    """Count the pairs of faces of two meshes that meet, at most `most`."""
     if not (len(a.faces) and len(b.faces)):  # what Manifold rounds to nothing; FCL would crash
         return 0
     request = fcl.CollisionRequest(num_max_contacts=most, enable_contact=False)
