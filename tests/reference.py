@@ -62,7 +62,7 @@ def local_implicit_surface(
     sigma: float,
     beta_sign: float,
 ) -> float:
-    """Eq. 7 over sum_i w_i k; beta_sign: +1 as published in eq. 10, -1 corrected, 0 for beta = 1."""
+    """Eq. 7 over sum_i w_i k; beta_sign: +1 as published (eq. 10), -1 corrected, 0 for beta = 1."""
     nearest = min(math.dist(x, p) for p in points)
     numerator = denominator = 0.0
     for i in range(len(points)):
