@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import manifold3d
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from scipy.spatial import cKDTree
 
@@ -15,7 +14,7 @@ from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
 from lis_grasp.exceptions import EstimationError, InvalidContactsError, InvalidOptionError
 from lis_grasp.shapes import Shape
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 SAMPLES = 10_000
 """Points on each surface, and along all edges."""
@@ -188,7 +187,7 @@ def _solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
     )
 
 
-def _explored(points: FloatArray, contacts: Contacts, radius: float) -> npt.NDArray[np.bool_]:
+def _explored(points: FloatArray, contacts: Contacts, radius: float) -> BoolArray:
     if not len(contacts):
         return np.zeros(len(points), dtype=bool)
     distances, _ = cKDTree(contacts.points).query(points)

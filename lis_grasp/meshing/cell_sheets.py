@@ -90,17 +90,7 @@ def _tables() -> tuple[ByteArray, BoolArray]:
 
 
 def corner_configurations(inside: BoolArray, cells: IndexArray, grid: Grid) -> IndexArray:
-    """Return which corners of cells are inside, one bit per corner, shape (C,).
-
-    Parameters
-    ----------
-    inside
-        Of every node of the grid, flat.
-    cells
-        Shape (C,).
-    grid
-        The grid.
-    """
+    """Return which corners of cells (C,) are inside, one bit each; `inside` is flat, of nodes."""
     sx, sy, sz = grid.strides
     config = np.zeros(len(cells), dtype=np.intp)
     for corner in range(8):
@@ -112,14 +102,8 @@ def corner_configurations(inside: BoolArray, cells: IndexArray, grid: Grid) -> I
 def sheets_of_cells(config: IndexArray, cells: IndexArray, grid: Grid) -> ByteArray:
     """Return the sheet of each edge of each cell, shape (C, 12), manifold.
 
-    Parameters
-    ----------
-    config
-        Shape (C,), of `corner_configurations`.
-    cells
-        Shape (C,), every cell that has a crossed edge, ascending.
-    grid
-        The grid.
+    `config` (C,) is of `corner_configurations`; `cells` (C,) are all that have a crossed edge,
+    ascending.
     """
     sheets, doubled = _tables()
     flips = np.zeros(len(cells), dtype=np.intp)

@@ -45,14 +45,7 @@ class Sheets:
 def contour(inside: BoolArray, crossings: Crossings, grid: Grid) -> tuple[FloatArray, IndexArray]:
     """Return vertices (V, 3) [m] and outward triangles (2 E, 3) of a closed manifold mesh.
 
-    Parameters
-    ----------
-    inside
-        Shape `grid.nodes`.
-    crossings
-        Every edge of the grid whose ends differ.
-    grid
-        The grid.
+    `inside` has shape `grid.nodes`; `crossings` are all E edges of the grid whose ends differ.
     """
     sheets = _sheets(inside.reshape(-1), crossings, grid)
     vertices = place_vertices(sheets.cells, sheets.corners, crossings, grid)

@@ -14,7 +14,7 @@ from lis_grasp.meshing.grid import Grid
 from lis_grasp.meshing.hermite import find_crossings
 from lis_grasp.meshing.phantom_parts import supported_faces
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Default number of cells along the largest extent.
 CELLS = 64
@@ -137,7 +137,7 @@ def _require_surface(field: Field, grid: Grid, values: FloatArray) -> None:
         )
 
 
-def _renumbered(faces: IndexArray, count: int) -> tuple[npt.NDArray[np.bool_], IndexArray]:
+def _renumbered(faces: IndexArray, count: int) -> tuple[BoolArray, IndexArray]:
     """Return which vertices are used, and triangles with indices of only those."""
     used = np.zeros(count, dtype=bool)
     used[faces] = True

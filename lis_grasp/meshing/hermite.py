@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.meshing.field import Field
 from lis_grasp.meshing.grid import Grid
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # A step this short, in cells, is the last; the crossing is then good to the next order.
 _TOLERANCE = 5e-3
@@ -45,7 +44,7 @@ class Crossings:
 
     axes: IndexArray
     lower: IndexArray
-    leaving: npt.NDArray[np.bool_]
+    leaving: BoolArray
     points: FloatArray
     normals: FloatArray
 
@@ -54,19 +53,10 @@ class Crossings:
 
 
 def find_crossings(field: Field, grid: Grid, values: FloatArray) -> Crossings:
-    """Find where the surface, closed by the bounds, crosses the edges of the grid.
+    """Find the crossings of the surface, closed by the bounds, with the edges of the grid.
 
     On an edge that leaves the bounds the crossing is at the bounds or before; at the bounds the
-    surface faces out of the box.
-
-    Parameters
-    ----------
-    field
-        The function.
-    grid
-        The grid.
-    values
-        Shape `grid.nodes`, of `sample_band`.
+    surface faces out of the box. `values` are of `sample_band`.
     """
     axes, lower, leaving = _crossed_edges(grid, values)
     strides = np.array(grid.strides)[axes]
@@ -98,9 +88,7 @@ def find_crossings(field: Field, grid: Grid, values: FloatArray) -> Crossings:
     return Crossings(axes, lower, leaving, points, normals)
 
 
-def _crossed_edges(
-    grid: Grid, values: FloatArray
-) -> tuple[IndexArray, IndexArray, npt.NDArray[np.bool_]]:
+def _crossed_edges(grid: Grid, values: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
     """Return axis, lower node and sense of every edge with one end inside and one outside."""
     flat = values.reshape(-1)
     inside = np.flatnonzero(flat < 0.0)
@@ -119,21 +107,12 @@ def _crossed_edges(
 
 def _find_roots(
     field: Field, starts: FloatArray, ends: FloatArray, f_starts: FloatArray, f_ends: FloatArray
-) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Return where along segments f changes sign, as fractions, and where it jumps instead.
+) -> tuple[FloatArray, BoolArray]:
+    """Return the roots of f on segments (E, 3), as fractions, and which are jumps instead.
 
-    Regula falsi with the Illinois halving (Dowell and Jarratt 1971), and bisection after a step
-    that has not halved the bracket. Asked again is only what has not converged, that is, where the
-    next step would still move, or where f did not get smaller on the way (a jump).
-
-    Parameters
-    ----------
-    field
-        The function.
-    starts, ends
-        Shape (E, 3) [m]; f is negative at starts, not so at ends.
-    f_starts, f_ends
-        Shape (E,), f there.
+    f is negative at starts only. Regula falsi with the Illinois halving (Dowell and Jarratt 1971),
+    and bisection after a step that has not halved the bracket. Converged is a root whose next step
+    would not move and where f is much smaller than at the ends; the rest are jumps.
     """
     roots = _secant(np.zeros(len(starts)), np.ones(len(starts)), f_starts, f_ends)
     low, high = np.zeros(len(roots)), np.ones(len(roots))

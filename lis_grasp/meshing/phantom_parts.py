@@ -18,19 +18,10 @@ _BEST = 0.1
 
 
 def supported_faces(vertices: FloatArray, faces: IndexArray, uncertainty: FloatArray) -> BoolArray:
-    """Return which triangles of a closed mesh belong to supported parts, shape (F,).
+    """Return which triangles (F, 3) of a closed, outward mesh belong to supported parts, (F,).
 
     A cavity, whose triangles face inward, is kept or dropped like any other part. The solid round
-    a kept cavity is kept with it.
-
-    Parameters
-    ----------
-    vertices
-        Shape (V, 3) [m], each used by some triangle.
-    faces
-        Shape (F, 3), closed, outward.
-    uncertainty
-        Shape (V,) [m], one standard deviation of the surface at each vertex.
+    a kept cavity is kept with it. `uncertainty` (V,) [m] is that of the surface at each vertex.
     """
     count, part = _parts(len(vertices), faces)
     if count == 1:

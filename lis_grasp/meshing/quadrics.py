@@ -158,18 +158,8 @@ def _restore_corners(
     """Move vertices on edges to corners of the object that no single cell shows, in place.
 
     If the planes of a vertex and of its neighbours together meet in one point, there is a corner;
-    the vertex moves there if no neighbour is nearer.
-
-    Parameters
-    ----------
-    vertices
-        Shape (V, 3), in cells from the grid's origin.
-    candidates
-        Shape (C,), vertices on edges and in corners.
-    quadrics
-        Of all vertices, from the grid's origin.
-    corners
-        Shape (E, 4), quads of vertices.
+    the vertex moves there if no neighbour is nearer. All is in cells from the grid's origin:
+    vertices (V, 3), candidates (C,) on edges and in corners, quads `corners` (E, 4).
     """
     place = np.full(len(vertices), -1)
     place[candidates] = np.arange(len(candidates))

@@ -9,10 +9,9 @@ flat parts leave a choice.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.shapes.topology import edge_keys
-from lis_grasp.typing import FloatArray, IntArray
+from lis_grasp.typing import BoolArray, FloatArray, IntArray
 
 # Squared edge lengths count this much against areas.
 _LENGTH_WEIGHT = 0.01
@@ -26,12 +25,7 @@ _LONGEST = 400
 def fill_loop(vertices: FloatArray, faces: IntArray, loop: IntArray) -> tuple[IntArray, FloatArray]:
     """Return the triangles (F, 3) that close a loop, and the vertices (0 or 1, 3) that they add.
 
-    Parameters
-    ----------
-    vertices, faces
-        Shapes (V, 3) [m] and (F, 3), the mesh with the hole.
-    loop
-        Shape (n,), vertices round the hole, along the direction of the faces that they border.
+    The loop (n,) of vertices runs along the direction of the faces that it borders.
     """
     if len(loop) <= _LONGEST:
         corners = _least_area(vertices[loop], _forbidden(faces, loop))
@@ -40,7 +34,7 @@ def fill_loop(vertices: FloatArray, faces: IntArray, loop: IntArray) -> tuple[In
     return _fan(vertices, loop)
 
 
-def _forbidden(faces: IntArray, loop: IntArray) -> npt.NDArray[np.bool_]:
+def _forbidden(faces: IntArray, loop: IntArray) -> BoolArray:
     """Tell the chords, shape (n, n), that are edges of the mesh already and can take no face."""
     n = len(loop)
     if n == 3:
@@ -54,7 +48,7 @@ def _forbidden(faces: IntArray, loop: IntArray) -> npt.NDArray[np.bool_]:
     return forbidden
 
 
-def _least_area(ring: FloatArray, forbidden: npt.NDArray[np.bool_]) -> IntArray | None:
+def _least_area(ring: FloatArray, forbidden: BoolArray) -> IntArray | None:
     """Return the best triangulation of a ring (n, 3) as rows of its corners; None if there is none.
 
     cost[i, j] is that of the ring's part from i to j, closed by the chord between them.

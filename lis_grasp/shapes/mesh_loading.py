@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import struct
 import warnings
@@ -41,7 +40,6 @@ _READ_ERRORS = (
     OSError,
     TypeError,
     ValueError,
-    json.JSONDecodeError,
     struct.error,
 )
 

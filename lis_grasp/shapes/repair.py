@@ -9,7 +9,6 @@ overlap are united.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -27,7 +26,7 @@ from lis_grasp.shapes.topology import (
     split_at_shared_edges,
 )
 from lis_grasp.shapes.winding_number import winding_numbers
-from lis_grasp.typing import FloatArray, IntArray
+from lis_grasp.typing import BoolArray, FloatArray, IntArray
 
 # Vertices closer than this part of the object's size are one vertex written twice.
 _SAME_VERTEX = 1e-6
@@ -119,7 +118,7 @@ def _drop_degenerate(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     mesh.remove_unreferenced_vertices()
 
 
-def _is_even(faces: IntArray, ordered: IntArray) -> npt.NDArray[np.bool_]:
+def _is_even(faces: IntArray, ordered: IntArray) -> BoolArray:
     """Return which faces are an even permutation of their ordered vertices."""
     start = np.argmin(faces, axis=1)
     following = faces[np.arange(len(faces)), (start + 1) % 3]
@@ -144,7 +143,7 @@ def _orient(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
         repairs.append(f"turned {_count(turned, 'face')} outward")
 
 
-def _same_turn(before: IntArray, after: IntArray) -> npt.NDArray[np.bool_]:
+def _same_turn(before: IntArray, after: IntArray) -> BoolArray:
     return _is_even(before, np.sort(before, axis=1)) == _is_even(after, np.sort(after, axis=1))
 
 

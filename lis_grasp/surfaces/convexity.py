@@ -73,21 +73,10 @@ class Convexity:
         )
 
     def evaluate(self, contact: int, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return beta* of one contact towards directions in its tangent plane, and its slope.
+        """Return beta* of one contact, shape (R,), and its slope by direction, shape (R, 3).
 
-        Parameters
-        ----------
-        contact
-            The index i.
-        directions
-            Shape (R, 3), unit, in the tangent plane of i.
-
-        Returns
-        -------
-        values
-            Shape (R,), eq. 15, clamped to the open interval (-1, 1).
-        slopes
-            Shape (R, 3), d beta* / d direction.
+        Eq. 15, clamped to the open interval (-1, 1), towards unit directions (R, 3) in the tangent
+        plane of the contact.
         """
         own = slice(self.starts[contact], self.starts[contact + 1])
         if own.start == own.stop:  # a lone contact is flat

@@ -82,18 +82,9 @@ class GradientRegression:
     ) -> GradientRegression:
         """Fit a process whose prior amplitude a suits sensor noise that is known in absolute terms.
 
-        The prior is a^2 k, the noise a^2 misfit + sensor_noise. a solves
+        The prior is a^2 k, the noise a^2 misfit + sensor_noise, both variances (4,). a solves
         targets^T (a^2 (K + misfit) + sensor_noise)^-1 targets = 4N: the targets scatter as
         predicted. The left side falls with a, so the root is unique. The result is divided by a^2.
-
-        Parameters
-        ----------
-        kernel, nodes, targets
-            See `GradientRegression`.
-        sensor_noise
-            Shape (4,), variances of value and slopes.
-        misfit
-            Shape (4,), variances in units of the prior's.
         """
         process = cls.fit(kernel, nodes, targets, misfit)
         if not sensor_noise.any():

@@ -49,19 +49,9 @@ class KernelMean:
         return self._tree.query(points)[0]
 
     def weights(self, points: FloatArray) -> tuple[IndexArray, FloatArray]:
-        """Return the nodes with weight at some of the points, and their normalised weights.
+        """Return the M nodes with weight at some points, ascending, and normalised weights (M, P).
 
-        Parameters
-        ----------
-        points
-            Shape (P, 3) [m]; the closer together, the fewer nodes.
-
-        Returns
-        -------
-        nodes
-            Shape (M,), ascending.
-        weights
-            Shape (M, P), each column adds to 1.
+        The closer together the points (P, 3) [m], the fewer nodes.
         """
         near = self._near(points)
         origin = points[0]
@@ -100,17 +90,9 @@ class KernelMean:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the mean of the nodes' functions at points, shape (P,), and its gradient, (P, 3).
 
-        Parameters
-        ----------
-        points
-            Shape (P, 3) [m].
-        near, weights
-            As returned by `weights`.
-        local
-            Takes a node and the indices (R,) of some of the points; returns the node's function
-            there, shape (R,), and its gradient, shape (R, 3).
-        with_gradient
-            If False, gradients are neither read nor meaningful.
+        `near` and `weights` are of `weights`. `local` takes a node and the indices (R,) of some of
+        the points; it returns the node's function there, (R,), and its gradient, (R, 3). Without
+        `with_gradient`, gradients are neither read nor meaningful.
         """
         values = np.zeros(len(points))
         gradients, pulls = np.zeros((len(points), 3)), np.zeros((len(points), 3))

@@ -68,18 +68,8 @@ class LocalQuadrics:
 
         Bayesian linear regression with a normal prior on h, n (the contact's own measurement) and Q
         (flat). Each neighbour is an observation that the quadric is 0 there with the neighbour's
-        normal, with the variance of noise and of third-order terms.
-
-        Parameters
-        ----------
-        points, normals
-            Shape (N, 3) [m] and (N, 3).
-        pairs
-            Contacts i and their neighbours j, each of shape (P,); both directions.
-        spacing
-            Of the contacts [m].
-        position_noise, normal_noise
-            One standard deviation [m], [rad].
+        normal, with the variance of noise and of third-order terms. `pairs` are contacts i and
+        their neighbours j, each of shape (P,), both directions; noise is [m] and [rad].
         """
         owners, others = pairs
         position_variance = max(position_noise / spacing, _LEAST_NOISE) ** 2

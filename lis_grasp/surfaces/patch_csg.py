@@ -117,21 +117,9 @@ def build_expressions(
 ) -> list[Expression]:
     """Return the CSG expression of each contact, N of them.
 
-    Parameters
-    ----------
-    pairs
-        Contacts within reach of each other.
-    edges
-        Those across edges.
-    values
-        Shape (N, K) [m], the function of each patch at each contact, see `EdgePairs.needed_values`.
-    spacing
-        Of the contacts [m].
-
-    Raises
-    ------
-    EstimationError
-        If contacts contradict each other so much that nearly all patches cut nearly all others.
+    `values` (N, K) [m] are the functions of patches at contacts, see `EdgePairs.needed_values`.
+    EstimationError if contacts contradict each other so much that nearly all patches cut nearly
+    all others.
     """
     patches = edges.patches
     contacts = np.arange(len(patches))

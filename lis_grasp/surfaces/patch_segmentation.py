@@ -89,16 +89,8 @@ def find_patches(
 
     Agglomerative clustering: the likeliest pairs of patches merge first, as long as one smooth
     surface is likelier than an edge between them. The log odds of a pair are those of its
-    asymmetry, normally distributed in both cases, but several times wider across an edge.
-
-    Parameters
-    ----------
-    pairs
-        Of contacts within reach of each other.
-    count
-        Number of contacts.
-    position_noise, normal_noise
-        One standard deviation of contacts along their normals [m] and of the normals [rad].
+    asymmetry, normally distributed in both cases, but several times wider across an edge. Noise is
+    one standard deviation of contacts along their normals [m] and of the normals [rad].
     """
     apart = pairs.distances > SMALLEST
     distances = np.where(apart, pairs.distances, 1.0)
