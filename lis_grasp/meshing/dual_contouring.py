@@ -28,18 +28,10 @@ _FLATNESS = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheets:
-    """The vertices of the mesh, each a sheet of the surface in a cell.
+    """The vertices of the mesh, each a sheet of the surface in a cell."""
 
-    Parameters
-    ----------
-    cells
-        Shape (V,), the cell of each.
-    corners
-        Shape (E, 4), the sheets that meet each crossing, in turn about its axis.
-    """
-
-    cells: IndexArray
-    corners: IndexArray
+    cells: IndexArray  # (V,) the cell of each
+    corners: IndexArray  # (E, 4) the sheets that meet each crossing, in turn about its axis
 
 
 def contour(inside: BoolArray, crossings: Crossings, grid: Grid) -> tuple[FloatArray, IndexArray]:

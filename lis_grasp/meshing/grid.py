@@ -19,23 +19,12 @@ class Grid:
     """Cubic cells that cover a box and reach a little beyond each of its sides.
 
     Nodes are numbered in C order of (x, y, z); a cell has the number of its lowest node.
-
-    Parameters
-    ----------
-    origin
-        Shape (3,) [m], the lowest node, in O.
-    cell
-        Side of a cell [m].
-    nodes
-        Number of nodes along x, y and z.
-    bounds
-        Shape (2, 3) [m], the box.
     """
 
-    origin: FloatArray
-    cell: float
-    nodes: tuple[int, int, int]
-    bounds: FloatArray
+    origin: FloatArray  # (3,) [m], the lowest node, in O
+    cell: float  # side of a cell [m]
+    nodes: tuple[int, int, int]  # number of nodes along x, y and z
+    bounds: FloatArray  # (2, 3) [m], the box
 
     @classmethod
     def cover(cls, bounds: FloatArray, cell: float, *, multiple: int) -> Grid:

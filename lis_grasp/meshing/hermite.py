@@ -26,27 +26,14 @@ _STEPS = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crossings:
-    """Edges of the grid that the surface crosses, in order of axis, then of their lower node.
+    """Edges of the grid that the surface crosses, in order of axis, then of their lower node."""
 
-    Parameters
-    ----------
-    axes
-        Shape (E,), direction of each edge: 0, 1 or 2.
-    lower
-        Shape (E,), number of its lower node.
-    leaving
-        Shape (E,), whether the lower node is the inside one: the surface faces along the axis.
-    points
-        Shape (E, 3) [m], where the edge is crossed.
-    normals
-        Shape (E, 3), unit, outward; 0 where there is none.
-    """
-
-    axes: IndexArray
-    lower: IndexArray
+    axes: IndexArray  # (E,) direction of each edge: 0, 1 or 2
+    lower: IndexArray  # (E,) number of its lower node
+    # (E,) whether the lower node is the inside one: the surface faces along the axis
     leaving: BoolArray
-    points: FloatArray
-    normals: FloatArray
+    points: FloatArray  # (E, 3) [m], where the edge is crossed
+    normals: FloatArray  # (E, 3) unit, outward; 0 where there is none
 
     def __len__(self) -> int:
         return len(self.lower)

@@ -36,23 +36,12 @@ class Quadrics:
     """Sums of squared distances to planes, sum (n . (x - p))^2 = x' Q x - 2 t' x + r.
 
     Lengths are in cells.
-
-    Parameters
-    ----------
-    counts
-        Shape (V,), number of planes.
-    matrices
-        Shape (V, 3, 3), Q.
-    targets
-        Shape (V, 3), t.
-    rests
-        Shape (V,), r.
     """
 
-    counts: FloatArray
-    matrices: FloatArray
-    targets: FloatArray
-    rests: FloatArray
+    counts: FloatArray  # (V,) number of planes
+    matrices: FloatArray  # (V, 3, 3) Q
+    targets: FloatArray  # (V, 3) t
+    rests: FloatArray  # (V,) r
 
     def chosen(self, index: IndexArray) -> Quadrics:
         """Return some of the quadrics."""

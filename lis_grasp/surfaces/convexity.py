@@ -28,28 +28,18 @@ class Convexity:
     The angle phi enters eqs. 11 and 15 through its cosine only, sin^2(phi / 2) = (1 - cos phi) / 2,
     and the cosine is the product of two unit vectors in the contact's tangent plane. So no local
     axes are needed and no angle is computed.
-
-    Parameters
-    ----------
-    starts
-        Shape (N + 1,): contact i owns the rows starts[i]:starts[i + 1] of the arrays below, one
-        row for each neighbour j.
-    directions
-        Shape (P, 3), from c_i to c_j projected on the tangent plane of i, unit; 0 where c_j is
-        straight above or below.
-    log_heights
-        Shape (P,), log sigma_h of eq. 12.
-    sharpness
-        Shape (P,), 1 / (4 sigma_w^2) of eq. 13: the kernel is exp(-sharpness (1 - cos phi)).
-    sines
-        Shape (P,), sin(alpha_ij).
     """
 
+    # (N + 1,): contact i owns the rows starts[i]:starts[i + 1] of the arrays below, one row for
+    # each neighbour j
     starts: IndexArray
+    # (P, 3) from c_i to c_j projected on the tangent plane of i, unit; 0 where c_j is straight
+    # above or below
     directions: FloatArray
-    log_heights: FloatArray
+    log_heights: FloatArray  # (P,) log sigma_h of eq. 12
+    # (P,) 1 / (4 sigma_w^2) of eq. 13: the kernel is exp(-sharpness (1 - cos phi))
     sharpness: FloatArray
-    sines: FloatArray
+    sines: FloatArray  # (P,) sin(alpha_ij)
 
     @classmethod
     def from_contacts(cls, points: FloatArray, normals: FloatArray, sigma: float) -> Convexity:

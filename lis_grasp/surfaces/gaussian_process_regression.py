@@ -29,29 +29,14 @@ class GradientRegression:
 
     Made by `fit`. Any unit of length; a coordinate system about as large as the nodes keeps the
     equations well scaled.
-
-    Parameters
-    ----------
-    kernel
-        Covariance of values; 1 at distance 0.
-    nodes
-        Shape (N, 3).
-    targets
-        Shape (N, 4): value and gradient observed at each node.
-    noise
-        Shape (4,): variance of each of the four.
-    cholesky
-        Shape (4N, 4N), lower factor of K + noise.
-    weights
-        Shape (N, 4).
     """
 
-    kernel: RadialKernel
-    nodes: FloatArray
-    targets: FloatArray
-    noise: FloatArray
-    cholesky: FloatArray
-    weights: FloatArray
+    kernel: RadialKernel  # covariance of values; 1 at distance 0
+    nodes: FloatArray  # (N, 3)
+    targets: FloatArray  # (N, 4): value and gradient observed at each node
+    noise: FloatArray  # (4,): variance of each of the four
+    cholesky: FloatArray  # (4N, 4N) lower factor of K + noise
+    weights: FloatArray  # (N, 4)
 
     @classmethod
     def fit(

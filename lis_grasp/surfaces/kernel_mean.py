@@ -22,20 +22,11 @@ class KernelMean:
     """Normalised weights s_i(x) = w_i k(x, c_i) / sum_j w_j k(x, c_j) of nodes c_i.
 
     They are finite at any distance from the nodes.
-
-    Parameters
-    ----------
-    nodes
-        Shape (N, 3) [m].
-    sigma
-        Width of the kernel [m] (Ottenhaus et al. 2016, eq. 6).
-    log_weights
-        Shape (N,), log w_i.
     """
 
-    nodes: FloatArray
-    sigma: float
-    log_weights: FloatArray
+    nodes: FloatArray  # (N, 3) [m]
+    sigma: float  # width of the kernel [m] (Ottenhaus et al. 2016, eq. 6)
+    log_weights: FloatArray  # (N,) log w_i
     _tree: cKDTree
 
     @classmethod

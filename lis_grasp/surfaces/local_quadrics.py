@@ -28,30 +28,18 @@ _MIN_SLOPE = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalQuadrics:
-    """y_i(x) = (h + n.d + d'Qd / 2) / |n + Qd|, d = x - c_i: distance to first order (Taubin 1991).
+    """y_i(x) = (h + n.d + d'Qd / 2) / |n + Qd|, d = x - c_i.
 
-    Parameters
-    ----------
-    points
-        Shape (N, 3) [m], c_i.
-    heights
-        Shape (N,) [m], h, the value at the contact: its estimated noise.
-    normals
-        Shape (N, 3), n.
-    curvatures
-        Shape (N, 3, 3) [1/m], Q, symmetric.
-    covariances
-        Shape (N, 10, 10), of h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz, lengths in spacings.
-    spacing
-        Of the contacts [m].
+    A distance to first order (Taubin 1991).
     """
 
-    points: FloatArray
-    heights: FloatArray
-    normals: FloatArray
-    curvatures: FloatArray
+    points: FloatArray  # (N, 3) [m], c_i
+    heights: FloatArray  # (N,) [m], h, the value at the contact: its estimated noise
+    normals: FloatArray  # (N, 3) n
+    curvatures: FloatArray  # (N, 3, 3) [1/m], Q, symmetric
+    # (N, 10, 10) of h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz, lengths in spacings
     covariances: FloatArray
-    spacing: float
+    spacing: float  # of the contacts [m]
 
     @classmethod
     def fit(

@@ -20,21 +20,11 @@ _BLOCK = 2048
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """A smooth patch: the kernel-weighted mean of its contacts' quadrics.
+    """A smooth patch: the kernel-weighted mean of its contacts' quadrics."""
 
-    Parameters
-    ----------
-    members
-        Shape (M,), indices of its contacts.
-    quadrics
-        Of all contacts.
-    mean
-        Over the members.
-    """
-
-    members: IndexArray
-    quadrics: LocalQuadrics
-    mean: KernelMean
+    members: IndexArray  # (M,) indices of its contacts
+    quadrics: LocalQuadrics  # of all contacts
+    mean: KernelMean  # over the members
 
     @classmethod
     def of(cls, members: IndexArray, quadrics: LocalQuadrics, sigma: float) -> Patch:

@@ -44,22 +44,12 @@ _MOST_TERMS = 200_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgePairs:
-    """Contacts i, j of two patches on either side of an edge, each pair in both directions.
+    """Contacts i, j of two patches on either side of an edge, each pair in both directions."""
 
-    Parameters
-    ----------
-    first, second
-        Shape (E,), i and j.
-    kind
-        Shape (E,): -1 for a convex edge, 1 for a concave one.
-    patches
-        Shape (N,), the patch of each contact, of K.
-    """
-
-    first: IndexArray
-    second: IndexArray
-    kind: IndexArray
-    patches: IndexArray
+    first: IndexArray  # (E,) i
+    second: IndexArray  # (E,) j
+    kind: IndexArray  # (E,): -1 for a convex edge, 1 for a concave one
+    patches: IndexArray  # (N,) the patch of each contact, of K
 
     @classmethod
     def of(cls, pairs: ContactPairs, patches: IndexArray, spacing: float) -> EdgePairs:

@@ -37,26 +37,14 @@ _MAX_BEND = np.deg2rad(115.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactPairs:
-    """Pairs of contacts i < j within reach of each other, P of them, and their relative pose.
+    """Pairs of contacts i < j within reach of each other, P of them, and their relative pose."""
 
-    Parameters
-    ----------
-    first, second
-        Shape (P,), the indices i and j.
-    distances
-        Shape (P,) [m].
-    heights, back_heights
-        Shape (P,) [m], y_i(c_j) and y_j(c_i).
-    bends
-        Shape (P,) [rad], the angle between both normals.
-    """
-
-    first: IndexArray
-    second: IndexArray
-    distances: FloatArray
-    heights: FloatArray
-    back_heights: FloatArray
-    bends: FloatArray
+    first: IndexArray  # (P,) index i
+    second: IndexArray  # (P,) index j
+    distances: FloatArray  # (P,) [m]
+    heights: FloatArray  # (P,) [m], y_i(c_j)
+    back_heights: FloatArray  # (P,) [m], y_j(c_i)
+    bends: FloatArray  # (P,) [rad], the angle between both normals
 
     @classmethod
     def within(cls, points: FloatArray, normals: FloatArray, radius: float) -> ContactPairs:
@@ -115,22 +103,12 @@ def find_patches(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Borders:
-    """Borders between patches, with the evidence of the pairs across each.
+    """Borders between patches, with the evidence of the pairs across each."""
 
-    Parameters
-    ----------
-    low, high
-        Shape (B,), the two patches of each border.
-    odds
-        Shape (B,), log odds of its pairs, added up.
-    bends
-        Shape (B,) [rad], the least angle between normals of a pair.
-    """
-
-    low: IndexArray
-    high: IndexArray
-    odds: FloatArray
-    bends: FloatArray
+    low: IndexArray  # (B,) one patch of each border
+    high: IndexArray  # (B,) the other
+    odds: FloatArray  # (B,) log odds of its pairs, added up
+    bends: FloatArray  # (B,) [rad], the least angle between normals of a pair
 
     def between_patches(self, count: int) -> _Borders:
         """Return each border once, with the sum of its evidence, without those within a patch."""

@@ -17,24 +17,12 @@ from lis_grasp.typing import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support:
-    """Contacts without duplicates, and a unit frame for them.
+    """Contacts without duplicates, and a unit frame for them."""
 
-    Parameters
-    ----------
-    contacts
-        Without duplicates.
-    spacing
-        Of them [m].
-    center
-        Shape (3,) [m], the middle of their box.
-    scale
-        Their extent [m].
-    """
-
-    contacts: Contacts
-    spacing: float
-    center: FloatArray
-    scale: float
+    contacts: Contacts  # without duplicates
+    spacing: float  # of them [m]
+    center: FloatArray  # (3,) [m], the middle of their box
+    scale: float  # their extent [m]
     _tree: cKDTree
 
     @classmethod
