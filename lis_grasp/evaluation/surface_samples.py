@@ -13,24 +13,10 @@ _STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 def sample_mesh(mesh: trimesh.Trimesh, count: int) -> tuple[FloatArray, IndexArray]:
-    """Return points spread over a mesh in proportion to area, and the triangle of each.
+    """Return `count` points spread over a mesh in proportion to area, and the triangle of each.
 
     Stratified by area over the triangles in order; within triangles a low-discrepancy sequence. No
-    random numbers: equal meshes have equal samples.
-
-    Parameters
-    ----------
-    mesh
-        With an area above 0.
-    count
-        Number of points N.
-
-    Returns
-    -------
-    points
-        Shape (N, 3) [m].
-    faces
-        Shape (N,).
+    random numbers: equal meshes have equal samples. Shapes (count, 3) [m] and (count,).
     """
     corners = np.array(mesh.triangles)
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -93,16 +93,7 @@ def place_vertices(
     leaves a cell through the middle of a side is known to this cell alone. (Always clamped, a
     rotated cube loses fifty times more of its edges and its triangles fold over.)
 
-    Parameters
-    ----------
-    cells
-        Shape (V,), the cell of each sheet.
-    corners
-        Shape (E, 4), the sheets round each crossing, in turn.
-    crossings
-        E of them.
-    grid
-        The grid.
+    `cells` (V,) are those of the sheets, `corners` (E, 4) the sheets round each crossing, in turn.
     """
     quadrics, means = _gather(len(cells), corners, crossings, grid)
     about_means = quadrics.about(means)

@@ -20,14 +20,8 @@ def edge_keys(start: IntArray, end: IntArray, base: int) -> IntArray:
 def edge_groups(faces: IntArray) -> tuple[IntArray, BoolArray, IntArray]:
     """Number the edges of faces (F, 3).
 
-    Returns
-    -------
-    edge
-        Shape (F, 3), the number of the edge from each corner to the next.
-    forward
-        Shape (F, 3), whether the face runs along it from its lower to its higher vertex.
-    count
-        Shape (E,), how many faces each edge has.
+    Returns the number of the edge from each corner to the next (F, 3); whether the face runs along
+    it from its lower to its higher vertex (F, 3); and how many faces each edge has (E,).
     """
     start, end = faces, np.roll(faces, -1, axis=1)
     keys = edge_keys(start, end, int(faces.max(initial=0)) + 1)

@@ -17,18 +17,7 @@ def winding_numbers(points: FloatArray, vertices: FloatArray, faces: IntArray) -
 
     The exact sum of the triangles' solid angles (Van Oosterom and Strackee 1983) over 4 pi. Folded
     triangles, which scans have, are permitted. There are no bad directions as there are for rays.
-
-    Parameters
-    ----------
-    points
-        Shape (P, 3) [m].
-    vertices, faces
-        Shapes (V, 3) [m] and (T, 3).
-
-    Returns
-    -------
-    FloatArray
-        Shape (P,).
+    Points (P, 3) [m], vertices (V, 3) [m] and faces (T, 3) give shape (P,).
     """
     return np.asarray(
         igl.winding_number(

@@ -28,26 +28,15 @@ _NOISE_REACH = 6.0
 
 
 def merge_duplicates(contacts: Contacts, position_noise: float | None = None) -> Contacts:
-    """Replace repeated contacts of one place by their mean.
+    """Replace repeated contacts of one place by their mean, in order of each place's first contact.
 
     Between two touches of one place the angle of eq. 11 (Ottenhaus et al. 2016) is meaningless, and
     eq. 9 gives both together the weight of one. Contacts at one place with different normals (the
-    two faces of a corner) stay separate.
+    two faces of a corner) stay separate. Only points and normals are kept.
 
-    Noise moves repeated contacts apart. Where the spacing is no more than noise explains, contacts
-    within the noise are merged too, if that leaves places that are clearly farther apart.
-
-    Parameters
-    ----------
-    contacts
-        Any number.
-    position_noise
-        One standard deviation of positions [m]; None if unknown.
-
-    Returns
-    -------
-    Contacts
-        Points and normals only, in order of each place's first contact.
+    Noise, one standard deviation of positions [m], moves repeated contacts apart. Where the spacing
+    is no more than noise explains, contacts within the noise are merged too, if that leaves places
+    that are clearly farther apart.
     """
     merged = _merged(contacts, max(_SAME_PLACE * contacts.extent, resolution_of(contacts)))
     reach = _NOISE_REACH * (position_noise or 0.0)

@@ -103,15 +103,10 @@ class KernelMean:
 
 
 def density_weights(points: FloatArray, sigma: float) -> FloatArray:
-    """Return one over the kernel density of contacts at each contact, 1 / sum_j k(c_i, c_j).
+    """Return one over the kernel density of contacts at each, 1 / sum_j k(c_i, c_j), shape (N,).
 
-    A cheap stand-in for the Voronoi volumes of eq. 9 (Ottenhaus et al. 2016): crowded contacts
+    A cheap substitute for the Voronoi volumes of eq. 9 (Ottenhaus et al. 2016): crowded contacts
     weigh less, and contacts at the same place have the weight of one, exactly.
-
-    Returns
-    -------
-    FloatArray
-        Shape (N,), at least 1/N, at most 1.
     """
     tree = cKDTree(points)
     distances = tree.sparse_distance_matrix(tree, 8.0 * sigma, output_type="coo_matrix")

@@ -16,11 +16,10 @@ from lis_grasp.experiments.baselines.baseline_support import BaselineSurface, Su
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
 
-# Cells along the box, for RIMLS and APSS.
-_RESOLUTION = 120
-# Support of a point, in MeshLab's estimate of the spacing: on the eight objects 1.5 is sharper at
-# edges (RIMLS 1.9 mm instead of 2.9) but has larger phantom sheets, 3 loses faces.
-_FILTER_SCALE = 2.0
+# Cells along the box, and support of a point in MeshLab's estimate of the spacing: on the eight
+# objects 1.5 is sharper at edges (RIMLS 1.9 mm instead of 2.9) but has larger phantom sheets, 3
+# loses faces.
+_MARCHING_CUBES = {"resolution": 120, "filterscale": 2.0}
 # Interpolation against smoothness, of screened Poisson.
 _POINT_WEIGHT = 10.0
 
@@ -58,22 +57,12 @@ class MeshLabSurface(BaselineSurface):
     @classmethod
     def rimls(cls, contacts: Contacts) -> MeshLabSurface:
         """Reconstruct by robust implicit moving least squares (Oztireli et al. 2009)."""
-        return cls._filtered(
-            contacts,
-            "generate_marching_cubes_rimls",
-            filterscale=_FILTER_SCALE,
-            resolution=_RESOLUTION,
-        )
+        return cls._filtered(contacts, "generate_marching_cubes_rimls", **_MARCHING_CUBES)
 
     @classmethod
     def apss(cls, contacts: Contacts) -> MeshLabSurface:
         """Reconstruct by algebraic point set surfaces (Guennebaud and Gross 2007)."""
-        return cls._filtered(
-            contacts,
-            "generate_marching_cubes_apss",
-            filterscale=_FILTER_SCALE,
-            resolution=_RESOLUTION,
-        )
+        return cls._filtered(contacts, "generate_marching_cubes_apss", **_MARCHING_CUBES)
 
     @classmethod
     def _filtered(cls, contacts: Contacts, name: str, **options: Any) -> MeshLabSurface:
