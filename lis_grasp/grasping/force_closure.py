@@ -69,10 +69,7 @@ def min_weight(points: npt.ArrayLike, normals: npt.ArrayLike, model: WrenchModel
 
 
 def resisted_force(
-    points: npt.ArrayLike,
-    normals: npt.ArrayLike,
-    direction: npt.ArrayLike,
-    model: WrenchModel,
+    points: npt.ArrayLike, normals: npt.ArrayLike, direction: npt.ArrayLike, model: WrenchModel
 ) -> float:
     """Return the force through the origin that contacts resist, per unit of their normal forces.
 

@@ -153,15 +153,8 @@ class _Problem:
         residual = np.concatenate(
             [position.reshape(batch, rows), axis, posture, turn / _TURN_UNIT], axis=1
         )
-        jacobian = np.concatenate(
-            [
-                J_position.reshape(batch, rows, 6 + joints),
-                J_axis,
-                J_posture,
-                J_turn / _TURN_UNIT,
-            ],
-            axis=1,
-        )
+        J_position = J_position.reshape(batch, rows, 6 + joints)
+        jacobian = np.concatenate([J_position, J_axis, J_posture, J_turn / _TURN_UNIT], axis=1)
         return residual, jacobian * self._free
 
     def move(self, X: FloatArray, q: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -149,12 +149,7 @@ class _Search:
         best = self.grasps[:count]
         for distance in _STEPS if best else ():
             parents, sets, X_OH, q = perturb_grasps(
-                self.hand,
-                best,
-                self.samples,
-                each=_PERTURBATIONS,
-                distance=distance,
-                rng=self.rng,
+                self.hand, best, self.samples, each=_PERTURBATIONS, distance=distance, rng=self.rng
             )
             chosen = _best_of_each(parents, self.scorer.robust_epsilons(sets))
             self.drawn += len(chosen)

@@ -39,12 +39,7 @@ class UncertainSurface:
         return cls(cKDTree(mesh.vertices), deviations, _gradients(mesh, deviations), length)
 
     def sample_contacts(
-        self,
-        points: FloatArray,
-        normals: FloatArray,
-        *,
-        samples: int,
-        rng: np.random.Generator,
+        self, points: FloatArray, normals: FloatArray, *, samples: int, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
         """Sample the contacts of planned grasps on surfaces that the estimate allows.
 
@@ -55,10 +50,8 @@ class UncertainSurface:
         shape (B, S, C, 3).
         """
         contacts = points.shape[1]
-        heights, slopes = (
-            rng.normal(size=(samples, contacts)),
-            rng.normal(size=(samples, contacts, 3)),
-        )
+        heights = rng.normal(size=(samples, contacts))
+        slopes = rng.normal(size=(samples, contacts, 3))
         nearest = self.vertices.query(points)[1]  # (B, C)
         deviations, gradients = self.deviations[nearest], self.gradients[nearest]
         between = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)  # (B, C, C)

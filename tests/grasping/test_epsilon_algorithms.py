@@ -76,9 +76,9 @@ def test_min_weight_times_the_width_of_the_hull_bounds_epsilon() -> None:
         hull = ConvexHull(W)
         worst = hull.equations[np.argmax(hull.equations[:, -1]), :6]
         least = min_weight(p, n, model) / len(W)
-        reach = W @ worst
+        extents = W @ worst
         bounds += least > 1e-6
-        assert epsilon_quality(p, n, friction=0.8) >= least * np.ptp(reach) - 1e-12
+        assert epsilon_quality(p, n, friction=0.8) >= least * np.ptp(extents) - 1e-12
     assert bounds > 10
 
 

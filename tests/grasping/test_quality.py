@@ -47,7 +47,7 @@ def _extent_by_linear_programmes(wrenches: np.ndarray, directions: np.ndarray) -
     return float(min(extents))
 
 
-def test_cone_edges_lie_on_the_cone_and_push_inward() -> None:
+def test_cone_edges_are_on_the_cone_and_push_inward() -> None:
     rng = np.random.default_rng(0)
     _, normals = _random_grasp(rng, 20)
     forces = cone_edges(normals, 0.7)  # (20, 8, 3)
@@ -183,7 +183,7 @@ def test_epsilon_is_the_same_in_any_unit_of_length() -> None:
 
 
 def test_epsilon_hardly_changes_when_the_grasp_is_turned() -> None:
-    # Exactly invariant only for round cones: a pyramid of 32 edges lies within 1/cos(pi/32), half a
+    # Exactly invariant only for round cones: a pyramid of 32 edges is within 1/cos(pi/32), half a
     # per cent, of its cone.
     rng = np.random.default_rng(6)
     points, normals = _random_grasp(rng, 4)
@@ -237,7 +237,7 @@ def test_a_grasp_of_high_symmetry_has_its_epsilon() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.zeros((0, 3)), np.zeros((2, 2)), [[np.nan, 0, 0]]])
-def test_contacts_that_are_none_are_refused(bad: object) -> None:
+def test_arrays_that_are_no_contacts_are_refused(bad: object) -> None:
     with pytest.raises(InvalidContactsError):
         epsilon_quality(bad, bad, friction=0.5)
 
@@ -282,7 +282,7 @@ def test_three_fingers_below_carry_all_that_they_press() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_force_in_any_direction_is_at_least_epsilon(seed: int) -> None:
+def test_the_resisted_force_in_any_direction_is_at_least_epsilon(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points, normals = _random_grasp(rng, 5)
     center = points.mean(axis=0)

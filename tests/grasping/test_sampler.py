@@ -17,7 +17,7 @@ from lis_grasp.hands.collision import HandCollisionChecker
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
 
 
-def _search(hand: Hand, name: str, seed: int = 0, candidates: int = 400) -> GraspSearch:
+def _search(hand: Hand, name: str, seed: int = 0, candidates: int = 200) -> GraspSearch:
     shape = shapes.build(name)
     sampler = ForceClosureSampler(hand, friction=0.8, candidates=candidates)
     return sampler.sample(
@@ -49,12 +49,12 @@ def test_a_parallel_jaw_gripper_finds_antipodal_grasps_on(name: str) -> None:
         first, second = grasp.contact_normals
         line = grasp.contact_points[1] - grasp.contact_points[0]
         line /= np.linalg.norm(line)
-        # Nguyen 1988: the line between the contacts lies inside both friction cones.
+        # Nguyen 1988: the line between the contacts is inside both friction cones.
         assert -line @ first > np.cos(np.arctan(0.8))
         assert line @ second > np.cos(np.arctan(0.8))
 
 
-def test_contacts_lie_on_the_surface_with_its_normal(box_search: GraspSearch) -> None:
+def test_contacts_are_on_the_surface_with_its_normal(box_search: GraspSearch) -> None:
     mesh = shapes.build("box").mesh
     for grasp in box_search.grasps:
         _, distance, faces = mesh.nearest.on_surface(grasp.contact_points)
@@ -144,11 +144,11 @@ def test_grasps_turn_and_move_with_the_object(hand: Hand, name: str) -> None:
     moved = mesh.copy()
     moved.apply_transform(X)
     here, there = (
-        ForceClosureSampler(hand, candidates=200).sample(
+        ForceClosureSampler(hand, candidates=100).sample(
             body,
             rng=np.random.default_rng(0),
             support_height=float(body.bounds[0, 2]),
-            count=5,
+            count=3,
         )
         for body in (mesh, moved)
     )
@@ -160,7 +160,7 @@ def test_grasps_turn_and_move_with_the_object(hand: Hand, name: str) -> None:
         assert chances[0] == pytest.approx(chances[1], abs=1e-4)
 
 
-@pytest.mark.parametrize("name", ["box", "mallet", "torus"])
+@pytest.mark.parametrize("name", ["mallet", "torus"])
 def test_refinement_raises_the_predicted_success(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,7 +206,7 @@ def test_perturbed_contacts_stay_on_usable_surface(box_search: GraspSearch) -> N
         ALLEGRO, box_search.grasps, samples, each=50, distance=0.02, rng=rng
     )
     assert len(sets)
-    # A contact may lie 5 mm beside its sample.
+    # A contact may be 5 mm beside its sample.
     assert sets.points[sets.used][:, 2].min() > lowest - 0.005
 
 
@@ -230,7 +230,7 @@ def test_an_object_too_wide_for_the_hand_gives_reasons_instead_of_grasps() -> No
 def test_a_bar_narrower_than_a_pad_is_grasped_at_the_middle_of_its_faces(width: float) -> None:
     bar = trimesh.creation.box((width, width, 0.12))
     search = ForceClosureSampler(JAW, candidates=1000).sample(
-        bar, rng=np.random.default_rng(0), support_height=-0.06
+        bar, rng=np.random.default_rng(0), support_height=-0.06, count=3
     )
     assert search.grasps
     assert search.rejections["no_flat_supported_surface"] == 1000
@@ -247,7 +247,7 @@ def test_a_bar_narrower_than_a_pad_is_grasped_at_the_middle_of_its_faces(width: 
 def test_a_parallel_jaw_gripper_grasps_a_thin_rod(radius: float) -> None:
     rod = trimesh.creation.cylinder(radius=radius, height=0.12, sections=64)
     search = ForceClosureSampler(JAW, candidates=1000).sample(
-        rod, rng=np.random.default_rng(0), support_height=-0.06
+        rod, rng=np.random.default_rng(0), support_height=-0.06, count=3
     )
     assert search.grasps
     for grasp in search.grasps:
@@ -268,13 +268,13 @@ def test_pads_may_press_on_balls_and_rods_but_not_beside_edges_or_in_grooves() -
     side = np.abs(rod.normals[:, 2]) < 0.5
     assert heights[side].max() < 0.03 - 0.0055
     assert side.sum() > 0.9 * 4000 * 0.048 / 0.065  # 6 mm less at either end; ends count as 5 mm
-    # A wedge of 20 degrees is a blade at its thin end: nothing lies on it or beside it.
+    # A wedge of 20 degrees is a blade at its thin end: no sample is on it or beside it.
     blade = trimesh.convex.convex_hull(
         [[0, y, z] for y in (-0.03, 0.03) for z in (0,)]
         + [[0.05, y, z] for y in (-0.03, 0.03) for z in (-0.0088, 0.0088)]
     )
     assert samples(blade).points[:, 0].min() > 0.0055
-    # A rod of the same radius as that above, but hollowed out of a block.
+    # A rod of the same radius as that above, but drilled out of a block.
     drilled = trimesh.creation.annulus(r_min=0.005, r_max=0.04, height=0.06, sections=64)
     points = samples(drilled).points
     assert np.linalg.norm(points[:, :2], axis=1).min() > 0.01
@@ -303,11 +303,11 @@ def test_surface_that_no_touch_supports_is_not_grasped() -> None:
     uncertain = np.where(mesh.vertices[:, 2] > 0.0, 0.001, 0.05)
     mesh.vertex_attributes["uncertainty"] = uncertain
     search = ForceClosureSampler(JAW, candidates=200).sample(
-        mesh, rng=np.random.default_rng(0), support_height=-0.05
+        mesh, rng=np.random.default_rng(0), support_height=-0.05, count=3
     )
     assert search.grasps
     for grasp in search.grasps:
-        # A face counts by the mean of its corners, 8 mm apart; a contact may lie 5 mm beside it.
+        # A face counts by the mean of its corners, 8 mm apart; a contact may be 5 mm beside it.
         assert grasp.contact_points[:, 2].min() > -0.013
 
 
@@ -328,11 +328,11 @@ def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
 @pytest.mark.parametrize("name", ["box", "pentagon", "mallet"])
 def test_contacts_stay_off_edges_and_on_the_object(name: str) -> None:
     shape = shapes.build(name)
-    search = ForceClosureSampler(ALLEGRO, candidates=500).sample(
+    search = ForceClosureSampler(ALLEGRO, candidates=200).sample(
         shape.mesh,
         rng=np.random.default_rng(3),
         support_height=shape.mesh.bounds[0, 2],
-        count=50,
+        count=15,
     )
     points = np.concatenate([grasp.contact_points for grasp in search.grasps])
     off, _ = distances_to_mesh(points, shape.mesh)
