@@ -90,10 +90,6 @@ class Story:
         still = [chapter.end for chapter in self.chapters if chapter.name != "lift"]
         return still[-1] if still else 0.0
 
-    def chapter(self, name: str) -> Chapter:
-        """Return the chapter with a name; it must exist."""
-        return next(chapter for chapter in self.chapters if chapter.name == name)
-
     def facts(self) -> dict[str, Any]:
         """Return the time line as JSON for the page's script."""
         return {

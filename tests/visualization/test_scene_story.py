@@ -45,13 +45,13 @@ def test_every_contact_is_shown_before_the_touch_chapter_ends() -> None:
 
 def test_the_resting_time_is_before_the_lift() -> None:
     full = Story.of(contacts=6, surfaces=[6], grasps=2, lift_seconds=2.0)
-    assert full.rest == full.chapter("grasp").end == full.chapter("lift").start
+    assert full.rest == full.chapters[1].end == full.chapters[2].start
     touched = Story.of(contacts=6, surfaces=[6], grasps=0, lift_seconds=0.0)
     assert touched.rest == touched.duration
 
 
 def test_the_lift_chapter_has_the_simulated_duration() -> None:
-    lift = Story.of(contacts=6, surfaces=[6], grasps=2, lift_seconds=2.5).chapter("lift")
+    lift = Story.of(contacts=6, surfaces=[6], grasps=2, lift_seconds=2.5).chapters[2]
     assert lift.end - lift.start == pytest.approx(2.5)
 
 
