@@ -150,11 +150,11 @@ def test_a_subset_keeps_rows_together(index: object) -> None:
     contacts = make_contacts(4)
     chosen = np.arange(4)[index]  # type: ignore[index]
     part = contacts.subset(index)  # type: ignore[arg-type]
-    assert contacts.forces is not None
-    np.testing.assert_array_equal(part.points, contacts.points[chosen])
-    np.testing.assert_array_equal(part.forces, contacts.forces[chosen])
+    for name in ("points", "normals", "forces", "times"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(contacts, name)[chosen])
     assert part.fingers == tuple(contacts.fingers[i] for i in chosen)
     np.testing.assert_array_equal(part.free_points, contacts.free_points)
+    np.testing.assert_array_equal(part.free_radii, contacts.free_radii)
 
 
 def test_a_subset_of_no_rows_is_empty() -> None:
@@ -163,10 +163,12 @@ def test_a_subset_of_no_rows_is_empty() -> None:
 
 def test_appending_joins_rows_and_keeps_only_fields_that_both_have() -> None:
     full, plain = make_contacts(3), make_contacts(2, full=False)
-    both = full.append(full)
-    assert len(both) == 6
-    assert both.fingers == full.fingers * 2
-    assert len(both.free_points) == 10
+    other = make_contacts(2, seed=1)
+    both = full.append(other)
+    for name in ("points", "normals", "forces", "times", "free_points", "free_radii"):
+        joined = np.concatenate([getattr(full, name), getattr(other, name)])
+        np.testing.assert_array_equal(getattr(both, name), joined)
+    assert both.fingers == full.fingers + other.fingers
     mixed = full.append(plain)
     assert len(mixed) == 5
     assert mixed.forces is None
@@ -174,6 +176,10 @@ def test_appending_joins_rows_and_keeps_only_fields_that_both_have() -> None:
     assert mixed.fingers == ()
     assert same(Contacts.empty().append(full), full)
     assert same(full.append(Contacts.empty()), full)
+    free = Contacts(np.empty((0, 3)), np.empty((0, 3)), free_points=[[1, 2, 3]], free_radii=[0.1])
+    for joined in (free.append(plain), plain.append(free)):
+        assert same(joined.subset([]), free)
+        np.testing.assert_array_equal(joined.points, plain.points)
 
 
 # ---------------------------------------------------------------- files

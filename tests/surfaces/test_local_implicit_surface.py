@@ -214,6 +214,17 @@ def test_uncertainty_is_the_sensor_s_at_contacts_and_grows_away_from_them() -> N
     assert LocalImplicitSurface.from_contacts(contacts).uncertainty(contacts.points[0]) == 0.0
 
 
+@pytest.mark.parametrize("distance", [0.002, 0.03])
+def test_uncertainty_is_the_root_sum_of_squares_of_noise_and_extrapolation(
+    distance: float,
+) -> None:
+    contacts = Contacts([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], [[0.0, 0.0, 1.0]] * 2)
+    surface = LocalImplicitSurface.from_contacts(contacts, position_noise=0.001, normal_noise=0.2)
+    expected = np.hypot(np.hypot(0.001, 0.2 * distance), 0.27 * distance**2 / 0.1)
+    points = np.array([[[0.0, 0.0, distance]], [[0.1, 0.0, -distance]]])
+    np.testing.assert_allclose(surface.uncertainty(points), [[expected]] * 2, rtol=1e-12)
+
+
 def test_bounds_are_the_contacts_box_grown_by_one_spacing() -> None:
     contacts = box_contacts()
     surface = LocalImplicitSurface.from_contacts(contacts)
