@@ -156,7 +156,7 @@ def test_normals_whose_length_overflows_are_refused_without_a_warning() -> None:
 
 
 @every_estimator
-@pytest.mark.parametrize("option", ["position_noise", "normal_noise", "margin"])
+@pytest.mark.parametrize("option", ["position_noise", "normal_noise"])
 def test_huge_options_are_refused(name: str, option: str) -> None:
     with pytest.raises(InvalidOptionError, match=f"{option} must be at least 0 and at most"):
         ESTIMATORS[name](sphere(9, np.random.default_rng(0)), **{option: 1e300})
@@ -310,8 +310,9 @@ def test_yaml_that_cannot_be_parsed_is_refused(content: str, message: str, tmp_p
     path.write_text(content)
     with pytest.raises(InvalidHandError, match=message):
         Hand.load(path)
-    with pytest.raises(InvalidFileError, match="must be a YAML file"):
+    with pytest.raises(InvalidFileError) as error:
         load_study(path)
+    assert error.value.path == path
 
 
 @pytest.mark.parametrize("number", [10**400, 1e308, math.inf])
@@ -371,8 +372,9 @@ def test_json_that_cannot_be_parsed_is_refused(line: str, tmp_path: Path) -> Non
     assert parse("lis_grasp " + line) == {}
     grasps = tmp_path / "grasps.json"
     grasps.write_text(line)
-    with pytest.raises(InvalidFileError, match="no JSON of grasps"):
+    with pytest.raises(InvalidFileError) as error:
         load_grasps(grasps)
+    assert error.value.path == grasps
     contacts = tmp_path / "contacts.ply"
     Contacts([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], fingers=("thumb",)).save(contacts)
     text = contacts.read_text()

@@ -59,8 +59,7 @@ def make(group: str, index: int, rng: Generator, folder: Path) -> Case:
         surface = ESTIMATORS[group](Contacts(points, normals), **options)
         asked = np.random.default_rng(seed)
         check_answers(surface, np.asarray(points, np.float64), asked)
-        if "margin" not in options:
-            require(bool((surface.bounds[0] < surface.bounds[1]).all()), "bounds have a volume")
+        require(bool((surface.bounds[0] < surface.bounds[1]).all()), "bounds have a volume")
         if meshed:
             check_mesh(surface)
 
@@ -124,7 +123,7 @@ def _scale(rng: Generator) -> float:
 
 def _options(rng: Generator) -> dict[str, Any]:
     options: dict[str, Any] = {}
-    for name, usual in (("position_noise", 1e-3), ("normal_noise", 0.05), ("margin", 0.02)):
+    for name, usual in (("position_noise", 1e-3), ("normal_noise", 0.05)):
         draw = rng.random()
         if draw < 0.2:
             options[name] = float(usual * 10.0 ** rng.uniform(-1, 1))
