@@ -112,15 +112,13 @@ class GraspScorer:
         sampled = self._surface.sample_contacts(
             points, normals, samples=_SAMPLES, rng=np.random.default_rng(self._seed)
         )
-        flat = [a.reshape(-1, contacts, 3) for a in sampled]
-        robust = epsilon_by_expanding_polytope(*flat, self._robust, tolerance=_COARSE)
+        p, n = (a.reshape(-1, contacts, 3) for a in sampled)
+        robust = epsilon_by_expanding_polytope(p, n, self._robust, tolerance=_COARSE)
         closes = robust > 0.0  # which implies closure at the whole friction
         rest = np.flatnonzero(~closes)
         if len(rest):
-            others = (a[rest] for a in flat)
-            closes[rest] = (
-                epsilon_by_expanding_polytope(*others, self._model, tolerance=_COARSE) > 0.0
-            )
+            plain = epsilon_by_expanding_polytope(p[rest], n[rest], self._model, tolerance=_COARSE)
+            closes[rest] = plain > 0.0
         by_grasp = (count, _SAMPLES)
         return closes.reshape(by_grasp).mean(axis=1), robust.reshape(by_grasp).mean(axis=1)
 

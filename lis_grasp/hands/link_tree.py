@@ -83,9 +83,12 @@ class _Builder:
                     f"link '{joint.child}' moves on joint '{joint.name}' and must have an"
                     " inertial with a mass above 0"
                 )
+        lower, upper, effort = (read_only(column.copy()) for column in limits.T)
         return HandModel(
-            tuple(self._names),
-            *(read_only(column.copy()) for column in limits.T),
+            joint_names=tuple(self._names),
+            lower=lower,
+            upper=upper,
+            effort_limits=effort,
             links=names,
             joints=joints,
             inertials=MappingProxyType(inertials),
@@ -163,8 +166,8 @@ class _Builder:
             return primitive(link, X_LG, "sphere", [geometry.sphere.radius])
         if (cylinder := geometry.cylinder) is not None:
             sizes = [cylinder.radius, cylinder.length]
-            kind = "capsule" if isinstance(cylinder, Capsule) else "cylinder"
-            return primitive(link, X_LG, kind, sizes)
+            is_capsule = isinstance(cylinder, Capsule)
+            return primitive(link, X_LG, "capsule" if is_capsule else "cylinder", sizes)
         if geometry.mesh is not None:
             file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
             return LinkGeometry(link, X_LG, "mesh", (), load_mesh(file, geometry.mesh.scale))
