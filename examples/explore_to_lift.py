@@ -9,7 +9,6 @@ import argparse
 from pathlib import Path
 
 from lis_grasp import Hand, pipeline, shapes
-from lis_grasp.grasping.grasps import save_grasps
 
 
 def main() -> None:
@@ -38,7 +37,7 @@ def main() -> None:
         count=config.grasps,
         seed=config.seed,
     )
-    save_grasps(output / "grasps.json", search)
+    search.save(output / "grasps.json")
     best = search.grasps[0]
     print(f"grasp: best of {len(search.grasps)}, epsilon {best.quality['epsilon']:.3f}")
 

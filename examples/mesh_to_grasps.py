@@ -12,7 +12,6 @@ import numpy as np
 import trimesh
 
 from lis_grasp import ForceClosureSampler, Hand, pipeline, shapes
-from lis_grasp.grasping.grasps import save_grasps
 
 
 def write_bracket(path: Path) -> None:
@@ -43,7 +42,7 @@ def main() -> None:
         print(f"  rejected {number:4d}: {reason}")
     for grasp in search.grasps:
         print(f"  epsilon {grasp.quality['epsilon']:.3f} with {', '.join(grasp.contact_fingers)}")
-    save_grasps(output / "grasps.json", search)
+    search.save(output / "grasps.json")
     print(f"wrote {output / 'grasps.json'}")
 
 

@@ -13,7 +13,6 @@ import numpy as np
 import yaml
 
 from lis_grasp import ForceClosureSampler, Hand, pipeline, shapes
-from lis_grasp.grasping.grasps import save_grasps
 from lis_grasp.hands.shipped_models import model_path
 
 
@@ -51,7 +50,7 @@ def main() -> None:
     for grasp in search.grasps:
         squeeze = np.linalg.norm(grasp.contact_forces, axis=1).max()
         print(f"  epsilon {grasp.quality['epsilon']:.3f}, squeeze {squeeze:.1f} N a finger")
-    save_grasps(output / "grasps.json", search)
+    search.save(output / "grasps.json")
     print(f"wrote {output / 'gripper.yaml'} and {output / 'grasps.json'}")
 
 

@@ -12,7 +12,7 @@ from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import result_file
-from lis_grasp.grasping.grasps import GraspSearch, save_grasps
+from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
@@ -83,7 +83,7 @@ def write_grasps(
         )
         facts = {name: getattr(config, name) for name in ("hand", "friction", "grasps", "seed")}
         header = provenance.merge(recorded, **facts, support_height=support)
-        save_grasps(path, search, header=header)
+        search.save(path, header=header)
         stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
     return search
 

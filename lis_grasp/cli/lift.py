@@ -10,11 +10,11 @@ from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.grasping.grasps import load_grasps
+from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
-from lis_grasp.pipeline.run_report import lift_facts
+from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.worker_pool import process_count
 
 
@@ -34,7 +34,7 @@ def add_parser(verbs: Any) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Simulate the lift with each of the best grasps, and write the outcomes."""
-    search = load_grasps(options.grasps_file)
+    search = GraspSearch.load(options.grasps_file)
     recorded = provenance.read(options.grasps_file)
     if options.object is None and "object" not in recorded:
         raise InvalidOptionError(

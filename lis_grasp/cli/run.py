@@ -21,8 +21,8 @@ from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
+from lis_grasp.pipeline.report_json import build_report
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.run_report import build_report
 from lis_grasp.shapes import Shape
 from lis_grasp.visualization.run_scene import write_scene_of
 

@@ -1,8 +1,7 @@
-"""Grasp records: palm pose, joints, contacts and qualities; reading and writing of grasps.json."""
+"""Grasp records: palm pose, joint positions, contacts and qualities; results of a search."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,18 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
 from lis_grasp.records import read_only, reduce_record
 from lis_grasp.typing import FloatArray
-
-_FRAMES = {
-    "O": "object frame: the frame of the contacts and the surface; gravity is -z",
-    "H": "palm frame of the hand, as its YAML defines it",
-    "X_OH": "pose of H in O, row-major 4x4",
-}
-_UNITS = {"length": "m", "angle": "rad", "force": "N"}
-_CONTACT = ("finger", "point", "normal", "force")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,82 +114,17 @@ class GraspSearch:
     rejections: Mapping[str, int] = field(default_factory=dict)
     candidates: int = 0
 
+    @classmethod
+    def load(cls, path: Path | str) -> GraspSearch:
+        """Read a grasps.json file.
 
-def save_grasps(path: Path | str, search: GraspSearch, *, header: str = "") -> None:
-    """Write a search as JSON: frames, units, every grasp at full precision, the best first."""
-    content = {
-        "format": "lis_grasp grasps 1",
-        "header": header,
-        "frames": _FRAMES,
-        "units": _UNITS,
-        "candidates": search.candidates,
-        "rejections": dict(sorted(search.rejections.items())),
-        "grasps": [_to_plain(grasp) for grasp in search.grasps],
-    }
-    write_json(Path(path), content)
+        Raises
+        ------
+        InvalidFileError
+            If the file is missing, is no JSON, or lacks a field.
+        """
+        return cls(**read_grasp_file(Path(path), Grasp))
 
-
-def load_grasps(path: Path | str) -> GraspSearch:
-    """Read a file of `save_grasps`.
-
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing, is no JSON, or lacks a field.
-    """
-    path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        return GraspSearch(
-            grasps=tuple(_from_plain(entry) for entry in content["grasps"]),
-            rejections={str(k): int(v) for k, v in content["rejections"].items()},
-            candidates=int(content["candidates"]),
-        )
-    except OSError as error:
-        reason = f"cannot read {path}: {error.strerror}"
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        reason = f"{path} is no JSON of grasps: {error}"
-    except KeyError as error:
-        reason = f"{path} lacks {error}; write it with `lis-grasp grasp`"
-    except (TypeError, ValueError, OverflowError, AttributeError, InvalidOptionError) as error:
-        reason = f"{path} holds no valid grasps: {error}"
-    raise InvalidFileError(reason, path=path)
-
-
-def _to_plain(grasp: Grasp) -> dict[str, Any]:
-    return {
-        "hand": grasp.hand,
-        "X_OH": grasp.X_OH.tolist(),
-        "joint_names": list(grasp.joint_names),
-        "joint_positions": grasp.joint_positions.tolist(),
-        "pregrasp_positions": grasp.pregrasp_positions.tolist(),
-        "approach_O": grasp.approach_O.tolist(),
-        "contacts": [
-            dict(zip(_CONTACT, (finger, *(array.tolist() for array in arrays)), strict=True))
-            for finger, *arrays in zip(
-                grasp.contact_fingers,
-                grasp.contact_points,
-                grasp.contact_normals,
-                grasp.contact_forces,
-                strict=True,
-            )
-        ],
-        "quality": dict(grasp.quality),
-        "accepted": grasp.accepted,
-    }
-
-
-def _from_plain(entry: Mapping[str, Any]) -> Grasp:
-    columns = [[contact[name] for contact in entry["contacts"]] for name in _CONTACT]
-    fingers, points, normals, forces = columns
-    same = ("X_OH", "joint_positions", "pregrasp_positions", "approach_O", "quality")
-    return Grasp(
-        hand=str(entry["hand"]),
-        joint_names=tuple(entry["joint_names"]),
-        contact_points=np.reshape(points, (-1, 3)),
-        contact_normals=np.reshape(normals, (-1, 3)),
-        contact_fingers=tuple(fingers),
-        contact_forces=np.reshape(forces, (-1, 3)),
-        accepted=str(entry["accepted"]),
-        **{name: entry[name] for name in same},
-    )
+    def save(self, path: Path | str, *, header: str = "") -> None:
+        """Write a grasps.json file; `header` says what made it."""
+        write_grasp_file(self, Path(path), header=header)

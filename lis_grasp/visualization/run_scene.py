@@ -11,7 +11,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, ProbeOutcome, load_outcomes
-from lis_grasp.grasping.grasps import load_grasps
+from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.growth_files import load_growth
@@ -68,7 +68,7 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
         known = len(content.get("contacts", ()))
         content["growth"] = [(count, mesh) for count, mesh in growth if count < known]
     if "grasps.json" in files:
-        content["grasps"] = load_grasps(files["grasps.json"]).grasps
+        content["grasps"] = GraspSearch.load(files["grasps.json"]).grasps
     if "motion.npz" in files:
         content["motion"] = Motion.load(files["motion.npz"])
     return Scene(**content)

@@ -28,6 +28,7 @@ from lis_grasp.visualization.hand_layers import (
     moved_points,
     touch_facts,
 )
+from lis_grasp.visualization.html_page import build_page
 from lis_grasp.visualization.object_layers import (
     draw_contacts,
     draw_estimates,
@@ -35,7 +36,6 @@ from lis_grasp.visualization.object_layers import (
     draw_truth,
 )
 from lis_grasp.visualization.overlay import build_overlay
-from lis_grasp.visualization.scene_page import build_page
 from lis_grasp.visualization.story import Story
 
 if TYPE_CHECKING:

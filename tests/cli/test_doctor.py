@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from lis_grasp.cli.main import main
-from lis_grasp.grasping.grasps import load_grasps
+from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import check_hand
 from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
@@ -156,4 +156,4 @@ def test_the_guide_s_own_hand_touches_and_grasps(tmp_path: Path) -> None:
     assert main(["explore", "cylinder", *options]) == 0
     assert main(["estimate", f"{out}/contacts.ply"]) == 0
     assert main(["grasp", f"{out}/surface.ply", "--hand", hand, "--grasps", "2"]) == 0
-    assert load_grasps(Path(out) / "grasps.json").grasps
+    assert GraspSearch.load(Path(out) / "grasps.json").grasps

@@ -6,7 +6,6 @@ import pytest
 
 from lis_grasp import Grasp, GraspSearch
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.grasping.grasps import load_grasps, save_grasps
 
 
 def make_grasp(**changes: object) -> Grasp:
@@ -29,8 +28,8 @@ def make_grasp(**changes: object) -> Grasp:
 
 def test_a_saved_search_loads_to_the_last_bit(tmp_path: Path) -> None:
     search = GraspSearch((make_grasp(),), {"steep": 3}, 7)
-    save_grasps(tmp_path / "g.json", search, header="who made it")
-    loaded = load_grasps(tmp_path / "g.json")
+    search.save(tmp_path / "g.json", header="who made it")
+    loaded = GraspSearch.load(tmp_path / "g.json")
     assert loaded.candidates == 7
     assert dict(loaded.rejections) == {"steep": 3}
     first, again = search.grasps[0], loaded.grasps[0]
@@ -48,12 +47,12 @@ def test_a_saved_search_loads_to_the_last_bit(tmp_path: Path) -> None:
 
 def test_equal_searches_write_equal_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        save_grasps(tmp_path / name, GraspSearch((make_grasp(),), {"b": 1, "a": 2}, 3))
+        GraspSearch((make_grasp(),), {"b": 1, "a": 2}, 3).save(tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_the_file_says_its_frames_and_units(tmp_path: Path) -> None:
-    save_grasps(tmp_path / "g.json", GraspSearch(()))
+    GraspSearch(()).save(tmp_path / "g.json")
     content = json.loads((tmp_path / "g.json").read_text())
     assert content["units"]["length"] == "m"
     assert "O" in content["frames"]
@@ -71,7 +70,7 @@ def test_the_file_says_its_frames_and_units(tmp_path: Path) -> None:
 def test_a_file_that_holds_no_grasps_is_refused(tmp_path: Path, text: str, reason: str) -> None:
     (tmp_path / "g.json").write_text(text)
     with pytest.raises(InvalidFileError, match=reason):
-        load_grasps(tmp_path / "g.json")
+        GraspSearch.load(tmp_path / "g.json")
 
 
 @pytest.mark.parametrize(

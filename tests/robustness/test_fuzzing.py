@@ -35,7 +35,7 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.experiments.study.study import load_study
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
-from lis_grasp.grasping.grasps import load_grasps
+from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.link_bodies import load_mesh
 from lis_grasp.io.provenance import parse
@@ -373,7 +373,7 @@ def test_json_that_cannot_be_parsed_is_refused(line: str, tmp_path: Path) -> Non
     grasps = tmp_path / "grasps.json"
     grasps.write_text(line)
     with pytest.raises(InvalidFileError) as error:
-        load_grasps(grasps)
+        GraspSearch.load(grasps)
     assert error.value.path == grasps
     contacts = tmp_path / "contacts.ply"
     Contacts([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], fingers=("thumb",)).save(contacts)

@@ -51,8 +51,8 @@ FIGURES: Mapping[int, PaperFigure] = MappingProxyType(
             " section at z = 0). Without β the surface overshoots both corners. Circles show β*"
             " towards each direction: blue is convex, red concave; it is extrapolated to the side"
             " without contacts. With the corrected sign (middle) the overshoot almost vanishes;"
-            " with eq. 10 as published (right) it grows, so the published sign seems to be a"
-            " misprint. The kernel is wider than by default, 0.3 instead of 0.2 of the contacts'"
+            " with eq. 10 as published (right) it grows; the minus sign is our correction."
+            " The kernel is wider than by default, 0.3 instead of 0.2 of the contacts'"
             " spacing, to show the effect clearly; the paper gives no width.",
             figure_2,
         ),

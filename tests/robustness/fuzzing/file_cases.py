@@ -20,7 +20,7 @@ from fuzzing.mutations import damage_bytes, damage_plain
 from lis_grasp import Contacts, shapes
 from lis_grasp.experiments.study.study import Study, load_study
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
-from lis_grasp.grasping.grasps import Grasp, GraspSearch, load_grasps, save_grasps
+from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface, save_surface
 from lis_grasp.motion import Motion
@@ -136,7 +136,7 @@ def _grasps_json() -> bytes:
         accepted="force closure",
     )
     search = GraspSearch((grasp, grasp), {"steep": 3}, 7)
-    return _saved(lambda path: save_grasps(path, search, header=_HEADER), "g.json")
+    return _saved(lambda path: search.save(path, header=_HEADER), "g.json")
 
 
 @cache
@@ -205,11 +205,11 @@ def _check_surface(path: Path) -> None:
 
 def _check_grasps(path: Path) -> None:
     provenance.read(path)
-    search = load_grasps(path)
+    search = GraspSearch.load(path)
     for grasp in search.grasps:
         require(bool(np.isfinite(grasp.X_OH).all()), "poses are finite")
         require(all(isinstance(f, str) for f in grasp.contact_fingers), "fingers have names")
-    save_grasps(path.with_name("again.json"), search)
+    search.save(path.with_name("again.json"))
 
 
 def _check_touches(path: Path) -> None:

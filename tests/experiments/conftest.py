@@ -1,0 +1,13 @@
+"""Marks every test of this folder: the paper, studies and figures run apart from the core's tests."""
+
+from pathlib import Path
+
+import pytest
+
+_HERE = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if _HERE in item.path.parents:
+            item.add_marker(pytest.mark.experiments)
