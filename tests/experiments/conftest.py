@@ -1,4 +1,4 @@
-"""Marks every test of this folder: the paper, studies and figures run apart from the core's tests."""
+"""Marks the tests of this folder, which run apart from the tests of the core."""
 
 from pathlib import Path
 
