@@ -45,7 +45,7 @@ _BLOCK = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendedImplicitSurface:
-    """Patches where they predict contacts better, a Gaussian process where that does.
+    """Weighted mean of a patch surface and a Gaussian process, by their prediction errors.
 
     f = w sharp + (1 - w) smooth
 
@@ -58,21 +58,12 @@ class BlendedImplicitSurface:
     estimate predicts the touches, and the sharp one does not.
 
     Made by `from_contacts`. Near the surface f is about a distance.
-
-    Parameters
-    ----------
-    sharp, smooth
-        The two estimates; smooth is None where sharp is used alone.
-    log_ratios
-        Shape (N,), log (error of smooth / error of sharp) at each contact.
-    mean
-        Over contacts.
     """
 
-    sharp: PatchImplicitSurface
-    smooth: GaussianProcessImplicitSurface | None
-    log_ratios: FloatArray
-    mean: KernelMean
+    sharp: PatchImplicitSurface  #: the estimate with sharp edges
+    smooth: GaussianProcessImplicitSurface | None  #: None where the sharp estimate is used alone
+    log_ratios: FloatArray  #: (N,), log (error of smooth / error of sharp) at each contact
+    mean: KernelMean  #: kernel-weighted mean over contacts
 
     @classmethod
     def from_contacts(
@@ -183,10 +174,8 @@ class BlendedImplicitSurface:
                 points[index], near, weights, constant, with_gradient=with_gradient
             )
         t = np.clip(1.0 + ratios / np.log(_WORSE), 0.0, 1.0)
-        return (
-            t * t * (3.0 - 2.0 * t),
-            (6.0 * t * (1.0 - t) / np.log(_WORSE))[:, None] * slopes,
-        )
+        slopes *= (6.0 * t * (1.0 - t) / np.log(_WORSE))[:, None]
+        return t * t * (3.0 - 2.0 * t), slopes
 
 
 def _mix(weights: FloatArray, sharp: Function, smooth: Function, points: FloatArray) -> FloatArray:

@@ -38,18 +38,11 @@ class CarvedImplicitSurface:
     with the estimate g and balls of centres c_i and radii r_i. It is outside wherever g is, and in
     every ball; elsewhere it is g. If the balls are free in truth, f has the right sign wherever g
     has. Made by `carved`.
-
-    Parameters
-    ----------
-    surface
-        The estimate g.
-    centers, radii
-        Shapes (K, 3) [m] in O, and (K,) [m]; at least one.
     """
 
-    surface: ImplicitSurface
-    centers: FloatArray
-    radii: FloatArray
+    surface: ImplicitSurface  #: the estimate g
+    centers: FloatArray  #: (K, 3) [m], in O; K at least 1
+    radii: FloatArray  #: (K,) [m]
 
     @property
     def bounds(self) -> FloatArray:
@@ -112,16 +105,16 @@ def uncarved(surface: ImplicitSurface) -> ImplicitSurface:
 def carved(
     surface: ImplicitSurface, contacts: Contacts, *, margin: float = 0.0, growth: float = 1.0
 ) -> ImplicitSurface:
-    """Carve the free space of contacts off an estimate.
+    """Remove the free space of contacts from an estimate (space carving).
 
     Only balls that overlap the estimate are kept; without any, the estimate itself is returned. A
     ball is never larger than the distance from its centre to the nearest contact, so every contact
     stays on the surface.
 
-    A free place deep inside the estimate shows an error larger than the hand: carving the hand's
-    path alone would leave a plug with a tunnel. So such a ball grows by the depth of its centre
-    inside the estimate, but at most halfway to the nearest contact. Without growth only certain
-    free space is carved off.
+    A ball of free space deep inside the estimate shows an error larger than the hand: carving the
+    hand's path alone would leave a plug with a tunnel. So such a ball grows by the depth of its
+    centre inside the estimate, but at most halfway to the nearest contact. Without growth only
+    measured free space is removed.
 
     Parameters
     ----------
@@ -160,7 +153,6 @@ def carved(
 
 
 def _nearest_contact_distances(contacts: Contacts, centers: FloatArray) -> FloatArray:
-    """Return the distance from each centre to the nearest contact, shape (K,) [m]."""
     if not len(contacts) or not len(centers):
         return np.full(len(centers), np.inf)
     return np.asarray(cKDTree(contacts.points).query(centers)[0])

@@ -53,10 +53,8 @@ class Convexity:
         on_axis = lengths <= _ON_AXIS * distances
         return cls(
             starts=np.searchsorted(owners, np.arange(len(points) + 1)),
-            directions=np.where(on_axis, 0.0, 1.0)[:, None]
-            * projected
-            / np.where(on_axis, 1.0, lengths)[:, None],
-            log_heights=_log_heights(distances, sigma),
+            directions=np.where(on_axis, 0.0, projected.T / np.where(on_axis, 1.0, lengths)).T,
+            log_heights=-0.5 * (distances / sigma) ** 2,
             # Straight above: the same height in every direction.
             sharpness=np.where(on_axis, 0.0, _sharpness(heights, sigma)),
             sines=np.clip(heights / distances, -1.0, 1.0),
@@ -85,11 +83,6 @@ class Convexity:
         return np.clip(values, -MAX_CONVEXITY, MAX_CONVEXITY), pulls
 
 
-def _log_heights(distances: FloatArray, sigma: float) -> FloatArray:
-    """Return log sigma_h of eq. 12."""
-    return -0.5 * (distances / sigma) ** 2
-
-
 def _sharpness(heights: FloatArray, sigma: float) -> FloatArray:
     """Return 1 / (4 sigma_w^2) of eq. 13."""
     return 0.25 / np.maximum(np.exp(-0.5 * (heights / sigma) ** 2), _MIN_WIDTH) ** 2
@@ -111,7 +104,7 @@ def _visible_pairs(
     while len(pending):
         distances, index = tree.query(points[pending], k=np.arange(1, neighbors + 2))
         heights = np.einsum("ijk,ik->ij", points[index] - points[pending, None], normals[pending])
-        upper = _log_heights(distances, sigma)
+        upper = -0.5 * (distances / sigma) ** 2
         # Contacts that coincide have no angle between them.
         lower = np.where(distances > 0.0, upper - 2.0 * _sharpness(heights, sigma), -np.inf)
         visible = lower.max(axis=1) - NEGLIGIBLE

@@ -63,35 +63,16 @@ class GaussianProcessImplicitSurface:
     Made by `from_contacts`. Near contacts f is about metric [m], because its gradient there has
     unit length. Far from them it flattens to the prior mean, except for the thin plate, which keeps
     rising.
-
-    Parameters
-    ----------
-    points
-        Shape (N, 3) [m], contacts in O.
-    normals
-        Shape (N, 3), unit, outward.
-    kernel
-        Covariance, in scaled coordinates.
-    center
-        Shape (3,) [m], origin of the scaled coordinates.
-    scale
-        Their unit [m]: the largest distance between two contacts.
-    mean
-        Prior mean, scaled.
-    amplitude
-        Standard deviation of the prior, scaled, see `variance`.
-    bounds
-        Shape (2, 3) [m], the contacts' box grown by one spacing.
     """
 
-    points: FloatArray
-    normals: FloatArray
-    kernel: RadialKernel
-    center: FloatArray
-    scale: float
-    mean: float
-    amplitude: float
-    bounds: FloatArray
+    points: FloatArray  #: (N, 3) [m], contacts in O
+    normals: FloatArray  #: (N, 3), unit, outward
+    kernel: RadialKernel  #: covariance, in scaled coordinates
+    center: FloatArray  #: (3,) [m], origin of the scaled coordinates
+    scale: float  #: their unit [m]: the largest distance between two contacts
+    mean: float  #: prior mean, scaled
+    amplitude: float  #: standard deviation of the prior, scaled, see `variance`
+    bounds: FloatArray  #: (2, 3) [m], the contacts' box grown by one spacing
     _process: GradientRegression
 
     @classmethod

@@ -25,7 +25,6 @@ class ImplicitSurface(Protocol):
 
         The contacts' box grown by a margin: outside of it there is a value, but no evidence.
         """
-        ...
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...): negative inside, 0 on the surface.
@@ -35,7 +34,6 @@ class ImplicitSurface(Protocol):
         InvalidOptionError
             If the last axis is not of length 3 or a coordinate is not finite.
         """
-        ...
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3): outward.
@@ -43,11 +41,9 @@ class ImplicitSurface(Protocol):
         Not normalised. Where f has a kink, the result is one of, or between, the one-sided
         gradients.
         """
-        ...
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
         Valid on or near the zero set.
         """
-        ...

@@ -27,15 +27,12 @@ class RadialKernel(Protocol):
 
     def value(self, r: FloatArray) -> FloatArray:
         """Return k(r)."""
-        ...
 
     def first(self, r: FloatArray) -> FloatArray:
         """Return -k'(r) / r."""
-        ...
 
     def second(self, r: FloatArray) -> FloatArray:
         """Return (k''(r) - k'(r) / r) / r^2."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

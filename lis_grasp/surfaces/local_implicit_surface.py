@@ -50,40 +50,21 @@ class LocalImplicitSurface(BlockwiseSurface):
 
     Made by `from_contacts`. Values are not metric: beside a convex edge they are scaled by beta.
 
-    Parameters
-    ----------
-    points
-        Shape (N, 3) [m], contacts without duplicates, in O.
-    normals
-        Shape (N, 3), unit, outward.
-    mean
-        The weights w_i and the kernel k.
-    convexity
-        beta*_i of every contact, or None for beta = 1.
-    beta_sign
-        Sign of sgn(y) beta* in eq. 10.
-    spacing
-        Of the contacts [m].
-    position_noise, normal_noise
-        One standard deviation of a contact's position along its normal [m] and of its normal [rad].
-    bounds
-        Shape (2, 3) [m].
-
     References
     ----------
     S. Ottenhaus, M. Miller, D. Schiebener, N. Vahrenkamp, T. Asfour, "Local implicit surface
     estimation for haptic exploration", Humanoids 2016.
     """
 
-    points: FloatArray
-    normals: FloatArray
-    mean: KernelMean
-    convexity: Convexity | None
-    beta_sign: float
-    spacing: float
-    position_noise: float
-    normal_noise: float
-    bounds: FloatArray
+    points: FloatArray  #: (N, 3) [m], contacts without duplicates, in O
+    normals: FloatArray  #: (N, 3), unit, outward
+    mean: KernelMean  #: the weights w_i and the kernel k
+    convexity: Convexity | None  #: beta*_i of every contact, or None for beta = 1
+    beta_sign: float  #: sign of sgn(y) beta* in eq. 10
+    spacing: float  #: of the contacts [m]
+    position_noise: float  #: one standard deviation of a contact along its normal [m]
+    normal_noise: float  #: one standard deviation of each component of the normals [rad]
+    bounds: FloatArray  #: (2, 3) [m]
 
     @classmethod
     def from_contacts(

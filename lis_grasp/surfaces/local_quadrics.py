@@ -64,15 +64,8 @@ class LocalQuadrics:
         normal_variance = max(normal_noise, _LEAST_NOISE) ** 2
         # An entry off the diagonal of Q occurs twice: this makes the prior the same in all frames.
         twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-        prior = np.diag(
-            np.concatenate(
-                [
-                    [1.0 / position_variance],
-                    np.full(3, 1.0 / normal_variance),
-                    twice / _CURVATURE**2,
-                ]
-            )
-        )
+        flat = twice / _CURVATURE**2
+        prior = np.diag([1.0 / position_variance, *[1.0 / normal_variance] * 3, *flat])
         offsets = (points[others] - points[owners]) / spacing  # (P, 3), in spacings
         designs = _designs(offsets)  # (P, 4, 10)
         gaps = np.empty((len(owners), 4))
@@ -91,9 +84,8 @@ class LocalQuadrics:
             order = np.argsort(owners, kind="stable")
             whose, starts = np.unique(owners[order], return_index=True)
             matrices[whose] += np.add.reduceat((weighted @ designs)[order], starts, axis=0)
-            sides[whose] = np.add.reduceat(
-                (weighted @ gaps[:, :, None])[order, :, 0], starts, axis=0
-            )
+            weighted_gaps = (weighted @ gaps[:, :, None])[order, :, 0]
+            sides[whose] = np.add.reduceat(weighted_gaps, starts, axis=0)
         covariances = np.linalg.inv(matrices)
         solutions = np.einsum("iab,ib->ia", covariances, sides)
         xx, yy, zz, xy, xz, yz = solutions[:, 4:].T / spacing
@@ -152,10 +144,8 @@ class LocalQuadrics:
 def _value_rows(offsets: FloatArray) -> FloatArray:
     """Return the rows that map h, n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz to the value, shape (P, 10)."""
     x, y, z = offsets.T
-    return np.stack(
-        [np.ones_like(x), x, y, z, 0.5 * x * x, 0.5 * y * y, 0.5 * z * z, x * y, x * z, y * z],
-        axis=1,
-    )
+    squares = (0.5 * x * x, 0.5 * y * y, 0.5 * z * z)
+    return np.stack([np.ones_like(x), x, y, z, *squares, x * y, x * z, y * z], axis=1)
 
 
 def _designs(offsets: FloatArray) -> FloatArray:

@@ -1,11 +1,11 @@
 """CSG expressions of patches: the union (min) of intersections (max) round each contact.
 
-At a convex edge the outside of either patch is outside: the larger function holds. At a concave one
-the inside of either is inside: the smaller holds. So round contact i the solid is a union of
-intersections, min over terms of max over patches. Its own term is its patch, cut by the patches
-that it meets at convex edges; further terms are those of contacts across concave edges.
+A convex edge is an intersection of two solids, the maximum of both patches' functions. A concave
+edge is a union, the minimum. So the solid round contact i is a union of intersections: the minimum
+over terms of the maximum over patches. The contact's own term is its patch, cut by the patches that
+it meets at convex edges. Further terms are those of contacts across concave edges.
 
-Two tests keep far-off patches out. Both contacts of a pair must be near the line in which their
+Two tests exclude distant patches. Both contacts of a pair must be near the line in which their
 tangent planes meet. And every contact is a point of the surface: no patch may cut off a supporting
 contact (a neighbour on the same patch), and no term may bury one.
 """
@@ -44,7 +44,7 @@ _MOST_TERMS = 200_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgePairs:
-    """Contacts i, j of two patches on either side of an edge, each pair in both directions."""
+    """Pairs of contacts of two patches, on either side of an edge, in both directions."""
 
     first: IndexArray  # (E,) i
     second: IndexArray  # (E,) j
@@ -53,7 +53,7 @@ class EdgePairs:
 
     @classmethod
     def of(cls, pairs: ContactPairs, patches: IndexArray, spacing: float) -> EdgePairs:
-        """Find them among pairs of contacts."""
+        """Return the pairs of contacts that are on either side of a convex or concave edge."""
         sines = np.sin(pairs.bends)
         parallel = sines < _PARALLEL
         lowest = np.minimum(pairs.heights, pairs.back_heights)
@@ -177,15 +177,13 @@ def _same_patch_within_reach(pairs: ContactPairs, patches: IndexArray) -> csr_ar
     """Return the supporting contacts of each, shape (N, N): itself, and neighbours on its patch."""
     same = patches[pairs.first] == patches[pairs.second]
     first, second, own = pairs.first[same], pairs.second[same], np.arange(len(patches))
-    rows = np.concatenate([first, second, own])
-    columns = np.concatenate([second, first, own])
-    count = len(patches)
-    return csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    rows, columns = np.concatenate([first, second, own]), np.concatenate([second, first, own])
+    return csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(own), len(own)))
 
 
-def _any_supporting(support: csr_array, holds: BoolArray) -> BoolArray:
-    """Return where any supporting contact of a contact is True in `holds`, shape (N, K) both."""
-    found = (support @ csr_array(holds, dtype=np.float64)) > 0.0
+def _any_supporting(support: csr_array, flags: BoolArray) -> BoolArray:
+    """Return where any supporting contact of a contact is True in `flags`, shape (N, K) both."""
+    found = (support @ csr_array(flags, dtype=np.float64)) > 0.0
     return np.asarray(found.toarray())
 
 

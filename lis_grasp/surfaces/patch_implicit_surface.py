@@ -52,33 +52,16 @@ class PatchImplicitSurface(BlockwiseSurface):
     bend. Near the surface f is a distance to first order; far from it only its sign counts.
 
     Made by `from_contacts`.
-
-    Parameters
-    ----------
-    points, normals
-        Shape (N, 3) [m] and (N, 3), contacts without duplicates, in O.
-    patches
-        The smooth patches.
-    expressions
-        The distinct expressions.
-    expression_of
-        Shape (N,), the expression of each contact.
-    mean
-        Over contacts.
-    spacing
-        Of the contacts [m].
-    bounds
-        Shape (2, 3) [m].
     """
 
-    points: FloatArray
-    normals: FloatArray
-    patches: tuple[Patch, ...]
-    expressions: tuple[Expression, ...]
-    expression_of: IndexArray
-    mean: KernelMean
-    spacing: float
-    bounds: FloatArray
+    points: FloatArray  #: (N, 3) [m], contacts without duplicates, in O
+    normals: FloatArray  #: (N, 3), unit, outward
+    patches: tuple[Patch, ...]  #: the smooth patches
+    expressions: tuple[Expression, ...]  #: the distinct CSG expressions
+    expression_of: IndexArray  #: (N,), index of each contact's expression
+    mean: KernelMean  #: kernel-weighted mean over contacts
+    spacing: float  #: of the contacts [m]
+    bounds: FloatArray  #: (2, 3) [m]
 
     @classmethod
     def from_contacts(

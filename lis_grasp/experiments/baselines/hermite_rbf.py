@@ -60,7 +60,7 @@ class HermiteRBFSurface(BaselineSurface):
         matrix[:size, :size] = _interactions(nodes, nodes).reshape(size, size)
         linear = _linear_rows(nodes).reshape(size, 4)
         matrix[:size, size:], matrix[size:, :size] = linear, linear.T
-        if count < 4:  # too few contacts to tell a linear function: the least one
+        if count < 4:  # too few contacts to determine a linear function: the least one
             matrix[size:, size:] = -1e-9 * np.eye(4)
         wanted = np.zeros(size + 4)
         wanted[:size] = np.column_stack([np.zeros(count), normals]).ravel()

@@ -1,4 +1,4 @@
-"""Interpolation of signed offsets beside contacts, for methods without gradient observations."""
+"""Baseline surfaces interpolated from offset points on both sides of each contact."""
 
 from __future__ import annotations
 
@@ -28,11 +28,12 @@ _STEP = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OffsetSurface(BaselineSurface):
-    """A general interpolator through 0 at contacts, +h outside and -h inside of them.
+    """Interpolation of the values 0 at contacts, +h outside and -h inside of them.
 
-    Carr et al. 2001, "Reconstruction and representation of 3D objects with radial basis functions":
-    points at h along and against each normal, here a quarter of the contacts' spacing, replace the
-    normal. Coordinates are centred on the contacts and scaled to about unit size.
+    General interpolators take no normals. So each normal is replaced by two points at a distance h
+    on either side of the contact, with the values +h and -h (Carr et al. 2001, "Reconstruction and
+    representation of 3D objects with radial basis functions"). Here h is a quarter of the contacts'
+    spacing. Coordinates are centred on the contacts and scaled to about unit size.
 
     Made by `thin_plate` (SciPy) or `gaussian_process` (scikit-learn).
     """
