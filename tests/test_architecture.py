@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import networkx as nx
@@ -44,17 +45,23 @@ def _folder(module: str) -> str:
     return module.split(".")[1]
 
 
+@cache
+def _nodes(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+@cache
 def _imports(path: Path) -> list[str]:
     """Return every module that a file imports while it runs, inside functions too."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    nodes = _nodes(path)
     annotations = {
         child
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
         for child in ast.walk(node)
     }
     names = []
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import) and node not in annotations:
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node not in annotations:
@@ -118,7 +125,7 @@ from lis_grasp import ForceClosureSampler, Hand, LocalImplicitSurface, Contacts,
 axes = np.vstack([np.eye(3), -np.eye(3)])
 contacts = Contacts(points=0.03 * axes, normals=axes)
 mesh = extract_mesh(LocalImplicitSurface.from_contacts(contacts))
-search = ForceClosureSampler(Hand.load("wsg50")).sample(
+search = ForceClosureSampler(Hand.load("wsg50"), candidates=20).sample(
     mesh, rng=np.random.default_rng(0), support_height=-0.03, count=1
 )
 assert search.candidates > 0
@@ -143,6 +150,7 @@ def test_unknown_public_name_is_refused() -> None:
 
 def test_no_global_random_state() -> None:
     for path in _modules():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Attribute) and ast.unparse(node).startswith("np.random."):
-                assert node.attr in {"Generator", "default_rng", "SeedSequence"}, path
+        for node in _nodes(path):
+            match node:
+                case ast.Attribute(ast.Attribute(ast.Name("np"), "random"), attribute):
+                    assert attribute in {"Generator", "default_rng", "SeedSequence"}, path
