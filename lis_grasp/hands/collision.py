@@ -73,14 +73,9 @@ class HandCollisionChecker:
     ) -> str | None:
         """Return the first collision: ``"support"``, ``"object"``, ``"self"`` or None.
 
-        Parameters
-        ----------
-        X_OH
-            Shape (4, 4) or (W, 4, 4): pose of the palm in O, or poses along a path.
-        q
-            Shape (J,): joint positions.
-        pads_may_touch
-            Whether the links that carry pads may touch the object (not the support).
+        `X_OH` is the pose of the palm in O, shape (4, 4), or poses along a path, (W, 4, 4); `q` are
+        the joint positions, (J,). With `pads_may_touch` the links that carry pads may touch the
+        object (not the support).
         """
         in_hand = self.poses_in_hand(q)
         for X in X_OH.reshape(-1, 4, 4):
@@ -184,8 +179,7 @@ class HandCollisionChecker:
 def _point_of(geometry: LinkGeometry) -> FloatArray:
     """Return a point of a link's body, shape (3,), in the body's frame."""
     if geometry.kind == "mesh":
-        vertex: FloatArray = np.asarray(geometry.mesh.vertices)[0]
-        return vertex
+        return np.asarray(geometry.mesh.vertices[0])
     return np.zeros(3)
 
 

@@ -21,18 +21,10 @@ _LEAD = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The result of one check.
+    """The result of one check."""
 
-    Parameters
-    ----------
-    fine
-        Whether it passed.
-    text
-        What was found, and what to change if it failed.
-    """
-
-    fine: bool
-    text: str
+    fine: bool  #: whether it passed
+    text: str  #: the observation, and what to change if the check failed
 
 
 def check_hand(hand: Hand) -> list[Finding]:

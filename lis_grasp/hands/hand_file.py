@@ -27,25 +27,16 @@ _LIMIT_TOLERANCE = 1e-4
 
 
 def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
-    """Return the fields of a `Hand`: of one of `HAND_NAMES`, or of the path of a YAML file.
-
-    Raises
-    ------
-    InvalidHandError
-        If there is no such hand, or its YAML or URDF is incomplete or contradicts itself.
-    """
+    """Return the fields of a `Hand`; arguments and errors as of `Hand.load`."""
     path = _find(path_or_name)
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidHandError(
-            f"the hand file {path} cannot be read: {error}", file=path.name
-        ) from None
+        message = f"the hand file {path} cannot be read: {error}"
+        raise InvalidHandError(message, file=path.name) from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InvalidHandError(
-            f"the hand file {path} is not valid YAML: {reason}", file=path.name
-        ) from None
+        message = f"the hand file {path} is not valid YAML: {' '.join(str(error).split())}"
+        raise InvalidHandError(message, file=path.name) from None
     entry = parse_hand(document, path.name)
     try:
         urdf = resolve_uri(entry.urdf, path.parent, "urdf")

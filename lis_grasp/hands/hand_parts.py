@@ -18,37 +18,18 @@ HandKind = Literal["multi_finger", "jaw"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """A joint of the hand's tree.
-
-    Parameters
-    ----------
-    name, kind
-        As in the URDF; a continuous joint is a revolute one without limits.
-    parent, child
-        Names of the two links.
-    X_PJ
-        Shape (4, 4): pose of the joint frame (the child's frame at position 0) in the parent's.
-    axis_J
-        Shape (3,), unit, in the joint frame; zeros for a fixed joint.
-    index
-        Place of the joint in `Hand.joint_names`, or of the joint that it follows; -1 for a fixed
-        joint.
-    follows
-        Whether a transmission couples it to another joint (a URDF's ``mimic``): it has no motor.
-    multiplier, offset
-        Of a joint that follows: its position is ``multiplier * q[index] + offset``.
-    """
+    """A joint of the hand's tree; its position is ``multiplier * q[index] + offset``."""
 
     name: str
-    kind: JointKind
-    parent: str
-    child: str
-    X_PJ: FloatArray
-    axis_J: FloatArray
-    index: int
-    follows: bool = False
+    kind: JointKind  # a URDF's continuous joint is a revolute one without limits
+    parent: str  # name of the link that it moves on
+    child: str  # name of the link that it moves
+    X_PJ: FloatArray  # (4, 4): the joint frame (the child's at position 0) in the parent's
+    axis_J: FloatArray  # (3,), unit, in the joint frame; zeros for a fixed joint
+    index: int  # in `Hand.joint_names`, of the joint or of the one that it follows; -1 if fixed
+    follows: bool = False  # coupled to another joint (a URDF's ``mimic``), without a motor
     multiplier: float = 1.0
-    offset: float = 0.0
+    offset: float = 0.0  # [rad or m]
 
     @property
     def is_actuated(self) -> bool:
@@ -72,97 +53,48 @@ def joints_to(joints: Sequence[Joint], link: str) -> tuple[Joint, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertial:
-    """Mass properties of a link.
+    """Mass properties of a link."""
 
-    Parameters
-    ----------
-    mass
-        [kg]; 0 for a frame without matter.
-    center_L
-        Shape (3,) [m]: centre of mass in the link frame.
-    inertia_L
-        Shape (3, 3) [kg m^2]: about the centre of mass, along the link frame's axes.
-    """
-
-    mass: float
-    center_L: FloatArray
-    inertia_L: FloatArray
+    mass: float  # [kg]; 0 for a frame without matter
+    center_L: FloatArray  # (3,) [m]: centre of mass in the link frame
+    inertia_L: FloatArray  # (3, 3) [kg m^2]: about the centre of mass, along the link's axes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkGeometry:
-    """One collision body of a link.
-
-    Parameters
-    ----------
-    link
-        Name of the link.
-    X_LG
-        Shape (4, 4): pose of the geometry in the link frame.
-    kind
-        What it is.
-    dimensions
-        [m] box: its three sides; sphere: radius; cylinder and capsule: radius and length along z
-        (of the capsule's straight part); mesh: empty.
-    mesh
-        The body as a closed triangle mesh in its own frame G [m].
-    """
+    """One collision body of a link."""
 
     link: str
-    X_LG: FloatArray
+    X_LG: FloatArray  # (4, 4): pose of the body's frame G in the link frame
     kind: GeometryKind
+    # [m] box: its three sides; sphere: radius; cylinder and capsule: radius and length along z (of
+    # the capsule's straight part); mesh: empty
     dimensions: tuple[float, ...]
-    mesh: trimesh.Trimesh
+    mesh: trimesh.Trimesh  # the body as a closed triangle mesh in G [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pad:
     """The part of a finger that is meant to touch.
 
-    Parameters
-    ----------
-    finger
-        Name of the finger.
-    link
-        The link that carries the pad.
-    center_L
-        Shape (3,) [m], in the link frame: centre of the pad's sphere, or of a flat pad's face.
-    radius
-        [m] of the sphere: a surface is touched at p with outward normal n when the centre is at
-        ``p + radius * n``. 0: a flat pad.
-    axis_L
-        Shape (3,), unit, in the link frame: the way out of the finger at the middle of the pad.
-    half_angle
-        [rad] The pad covers the directions within this angle of its axis.
+    A surface is touched at p with outward normal n when the pad's centre is at ``p + radius * n``.
     """
 
     finger: str
-    link: str
-    center_L: FloatArray
-    radius: float
-    axis_L: FloatArray
-    half_angle: float
+    link: str  # the link that carries the pad
+    center_L: FloatArray  # (3,) [m], in the link frame: of the pad's sphere, or of a flat face
+    radius: float  # of the sphere [m]; 0 for a flat pad
+    axis_L: FloatArray  # (3,), unit, in the link frame: outward at the middle of the pad
+    half_angle: float  # [rad]: the pad covers the directions within this angle of its axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbePosture:
-    """A posture in which one fingertip leads, for touching.
-
-    Parameters
-    ----------
-    finger
-        The leading finger.
-    joint_positions
-        Shape (J,) [rad or m].
-    direction_H
-        Shape (3,), unit, in the palm frame: the way the hand moves.
-    link, center_L, radius
-        The leading sphere: its link, its centre in the link frame (3,) [m], its radius [m].
-    """
+    """A posture for touching, in which one fingertip is ahead of the rest of the hand."""
 
     finger: str
-    joint_positions: FloatArray
-    direction_H: FloatArray
-    link: str
-    center_L: FloatArray
-    radius: float
+    joint_positions: FloatArray  # (J,) [rad or m]
+    direction_H: FloatArray  # (3,), unit, in the palm frame: the hand's motion
+    link: str  # of the fingertip's sphere
+    center_L: FloatArray  # (3,) [m], its centre in the link frame
+    radius: float  # of the sphere [m]

@@ -94,28 +94,18 @@ class HandEntry(_Record):
 
 
 def parse_hand(document: Any, file: str) -> HandEntry:
-    """Return the checked content of a hand's YAML file.
-
-    Raises
-    ------
-    InvalidHandError
-        With the dotted key of the first mistake.
-    """
+    """Return the checked content of a hand's YAML file; the error has the first wrong key."""
     try:
         return HandEntry.model_validate(document)
     except ValidationError as invalid:
         first = invalid.errors(include_url=False)[0]
     key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"]).lstrip(".")
-    if first["type"] == "missing":
-        raise InvalidHandError(f"{file}: {key} is missing", file=file, key=key)
-    if first["type"] == "extra_forbidden":
-        raise InvalidHandError(f"{file}: {key} is an unknown key", file=file, key=key)
-    reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
-    reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
-    reason = reason.replace(" after validation", "")
-    raise InvalidHandError(
-        f"{file}: {key or 'the file'} {reason}; it is {shown(first['input'])}", file=file, key=key
-    )
+    reason = {"missing": "is missing", "extra_forbidden": "is an unknown key"}.get(first["type"])
+    if reason is None:
+        reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
+        reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
+        reason = f"{reason.replace(' after validation', '')}; it is {shown(first['input'])}"
+    raise InvalidHandError(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
 
 
 def write_schema(path: Path) -> None:

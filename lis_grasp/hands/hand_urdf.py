@@ -22,9 +22,8 @@ def read_urdf(path: Path) -> HandModel:
         with np.errstate(all="ignore"):  # poses are checked one by one
             urdf = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False)
     except (AttributeError, LookupError, TypeError, ValueError, SyntaxError) as error:
-        raise InvalidHandError(
-            f"{path.name} is not a URDF that can be read: {error}", file=path.name
-        ) from None
+        message = f"{path.name} is not a URDF that can be read: {error}"
+        raise InvalidHandError(message, file=path.name) from None
     return build_hand_model(urdf.robot, path)
 
 

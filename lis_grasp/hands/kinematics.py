@@ -127,8 +127,7 @@ class Kinematics:
         )
         X_JC[..., :3, 3] = positions[..., None] * self._slide_axes.reshape(-1, *batch, 3)
         X_JC[..., 3, 3] = 1.0
-        moved: FloatArray = self._X_PJ.reshape(-1, *batch, 4, 4) @ X_JC
-        return moved
+        return np.asarray(self._X_PJ.reshape(-1, *batch, 4, 4) @ X_JC)
 
     def _pads(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the pads' centres and axes, each of shape (F, ..., 3)."""
@@ -139,12 +138,10 @@ class Kinematics:
 def _rotated(X: FloatArray, vectors: FloatArray) -> FloatArray:
     """Rotate each vector (K, 3) by its poses (K, ..., 4, 4); shape (K, ..., 3)."""
     column = vectors.reshape(len(vectors), *(1,) * (X.ndim - 3), 3, 1)
-    rotated: FloatArray = (X[..., :3, :3] @ column)[..., 0]
-    return rotated
+    return np.asarray((X[..., :3, :3] @ column)[..., 0])
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return a x b, shape (..., 3), faster than NumPy does for many short vectors."""
     following, last = np.array([1, 2, 0]), np.array([2, 0, 1])
-    result: FloatArray = a[..., following] * b[..., last] - a[..., last] * b[..., following]
-    return result
+    return np.asarray(a[..., following] * b[..., last] - a[..., last] * b[..., following])

@@ -1,4 +1,4 @@
-"""Resolution of the paths and package:// URIs that a hand's files contain."""
+"""Resolution of the file paths and package:// URIs in a hand's files."""
 
 from __future__ import annotations
 

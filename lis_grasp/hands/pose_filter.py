@@ -47,14 +47,8 @@ class HandPoseFilter:
     ) -> npt.NDArray[np.bool_]:
         """Return which poses surely collide with the object, shape (N,).
 
-        Parameters
-        ----------
-        X_OH
-            Shape (N, 4, 4): poses of the palm in O.
-        q
-            Shape (J,) or (N, J): joint positions, of all poses or of each.
-        pads_may_touch
-            Whether to leave out links that carry pads.
+        `X_OH` (N, 4, 4) are poses of the palm in O; `q` are joint positions of all poses, (J,), or
+        of each, (N, J). With `pads_may_touch` the links that carry pads are left out.
         """
         centers_H = self._centers_in_hand(q)  # (S, 3) or (N, S, 3)
         kept = ~self._of_pads if pads_may_touch else np.ones(len(self._radii), dtype=bool)
