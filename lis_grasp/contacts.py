@@ -88,11 +88,8 @@ class Contacts:
         if not all(isinstance(finger, str) for finger in self.fingers):
             raise InvalidContactsError("fingers must be strings; some are not", field="fingers")
         if self.fingers and len(self.fingers) != count:
-            raise InvalidContactsError(
-                f"fingers must be one name for each of {count} contacts, or empty;"
-                f" there are {len(self.fingers)}",
-                field="fingers",
-            )
+            message = f"fingers must be {count} names, or empty; there are {len(self.fingers)}"
+            raise InvalidContactsError(message, field="fingers")
         free_points = _frozen_array("free_points", self.free_points, (None, 3))
         _require_near("free_points", free_points)
         object.__setattr__(self, "free_points", free_points)
@@ -108,10 +105,8 @@ class Contacts:
 
     def __repr__(self) -> str:
         free = f", {len(self.free_points)} free points" if len(self.free_points) else ""
-        return (
-            f"Contacts({len(self)} contacts{free}, extent {self.extent:.4g} m,"
-            f" spacing {self.spacing:.4g} m)"
-        )
+        size = f"extent {self.extent:.4g} m, spacing {self.spacing:.4g} m"
+        return f"Contacts({len(self)} contacts{free}, {size})"
 
     @property
     def bounds(self) -> FloatArray:
@@ -190,7 +185,13 @@ class Contacts:
             raise InvalidContactsError(message, field=error.field, row=error.row) from None
 
     def save(self, path: Path | str, *, header: str = "") -> None:
-        """Write contacts to a .ply or .csv file; a PLY keeps `header` as comment lines."""
+        """Write contacts to a .ply or .csv file; a PLY keeps `header` as comment lines.
+
+        Raises
+        ------
+        InvalidFileError
+            If the path has another ending or cannot be written to.
+        """
         write_contact_file(self, Path(path), header=header)
 
 

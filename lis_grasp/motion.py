@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.io.npz_files import read_arrays, write_arrays
+from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
@@ -84,7 +84,9 @@ class Motion:
             "poses": np.array([self.poses[n] for n in names]).reshape(len(names), len(self), 4, 4),
             "header": np.array(header),
         }
-        write_arrays(Path(path), arrays)
+        with whole_file(Path(path)) as whole, whole.open("wb") as stream:
+            # Into a stream: savez would add ".npz" to a path.
+            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
 
     @classmethod
     def load(cls, path: Path | str) -> Motion:
@@ -96,10 +98,14 @@ class Motion:
             If the file is missing or has no motion.
         """
         path = Path(path)
-        times, names, poses = read_arrays(path, ("times", "names", "poses"))
         try:
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+                times, names, poses = (archive[name] for name in ("times", "names", "poses"))
             return cls(times, dict(zip(map(str, names), poses, strict=True)))
-        except (TypeError, ValueError, InvalidOptionError) as error:  # of wrong shapes and types
+        except FileNotFoundError:
+            raise InvalidFileError(f"there is no file '{path}'", path=path) from None
+        # Damaged archives raise errors of zipfile, zlib, tokenize, struct and a dozen other types.
+        except Exception as error:  # noqa: BLE001
             message = f"'{path}' has no motion: {error}"
             raise InvalidFileError(message, path=path) from None
 

@@ -17,10 +17,7 @@ from lis_grasp.exceptions import InvalidFileError
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to; it replaces `path` after the block has succeeded.
 
-    Raises
-    ------
-    InvalidFileError
-        If the folder cannot be written to, or the disk is full.
+    Raises `InvalidFileError` if the folder cannot be written to, or the disk is full.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -49,9 +46,8 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` to `path`, whole or not at all."""
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    """Write `text` to `path` as UTF-8, whole or not at all."""
+    write_bytes(path, text.encode("utf-8"))
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -36,33 +36,12 @@ _PREFIXES = ("", "scalar_")
 
 
 def read_contact_file(path: Path) -> dict[str, Any]:
-    """Return the fields of `Contacts` in a .ply or .csv file, in metres, in frame O.
-
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing, of another format, damaged, or lacks points or normals.
-    """
+    """Return the fields of `Contacts` in a .ply or .csv file; errors as of `Contacts.load`."""
     return _load_ply(path) if _is_ply(path) else _load_csv(path)
 
 
 def write_contact_file(contacts: Contacts, path: Path, *, header: str = "") -> None:
-    """Write contacts to a .ply or .csv file.
-
-    Parameters
-    ----------
-    contacts
-        To write.
-    path
-        Ends in .ply or .csv, which chooses the format.
-    header
-        Lines on the origin of the contacts: comments of a PLY; a CSV has no place for them.
-
-    Raises
-    ------
-    InvalidFileError
-        If the path has another ending or cannot be written to.
-    """
+    """Write contacts to a .ply or .csv file; arguments and errors as of `Contacts.save`."""
     content = _to_ply(contacts, header) if _is_ply(path) else _to_csv(contacts)
     write_bytes(path, content)
 

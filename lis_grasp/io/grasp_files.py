@@ -26,13 +26,7 @@ _CONTACT = ("finger", "point", "normal", "force")
 
 
 def write_grasp_file(search: GraspSearch, path: Path, *, header: str = "") -> None:
-    """Write a search, the best grasp first; `header` says what made it.
-
-    Raises
-    ------
-    InvalidFileError
-        If the file cannot be written.
-    """
+    """Write a search, the best grasp first; `InvalidFileError` if the file cannot be written."""
     content = {
         "format": "lis_grasp grasps 1",
         "header": header,
@@ -48,10 +42,7 @@ def write_grasp_file(search: GraspSearch, path: Path, *, header: str = "") -> No
 def read_grasp_file(path: Path, grasp: Callable[..., Grasp]) -> dict[str, Any]:
     """Return the fields of a `GraspSearch` in a file; `grasp` makes each grasp from its fields.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing, is no JSON, or lacks a field.
+    Errors are as of `GraspSearch.load`.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -23,17 +23,8 @@ def save_growth(results: Path, contacts: int, mesh: trimesh.Trimesh, header: str
 def load_growth(results: Path, facts: Mapping[str, Any]) -> list[tuple[int, trimesh.Trimesh]]:
     """Return the intermediate estimates of a surface, each with its number of contacts, in order.
 
-    Parameters
-    ----------
-    results
-        Folder of results.
-    facts
-        Provenance of the surface. Estimates of another exploration or estimator are left out.
-
-    Raises
-    ------
-    InvalidFileError
-        If a file is damaged.
+    `facts` are the provenance of the surface: estimates of another exploration or estimator are
+    left out. Raises `InvalidFileError` if a file is damaged.
     """
     growth = []
     for contacts, path in sorted(_files(results).items()):

@@ -19,11 +19,7 @@ def read_lines(path: Path) -> tuple[Row, list[Row]]:
     """Return a file's header and its rows; both empty if there is no file yet.
 
     A last line without a line end, left by an interruption, is ignored; `append_lines` removes it.
-
-    Raises
-    ------
-    InvalidFileError
-        If the file cannot be read, or has a line that is not a JSON object.
+    Raises `InvalidFileError` if the file cannot be read, or a line is not a JSON object.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -42,12 +38,9 @@ def read_lines(path: Path) -> tuple[Row, list[Row]]:
 
 
 def append_lines(path: Path, header: Row, rows: Sequence[Row]) -> None:
-    """Append rows, after the header in a new file; they are on the disk when this returns.
+    """Append rows, after the header in a new file, and wait until they are on the disk.
 
-    Raises
-    ------
-    InvalidFileError
-        If the file cannot be written.
+    Raises `InvalidFileError` if the file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

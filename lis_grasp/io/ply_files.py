@@ -15,13 +15,7 @@ from lis_grasp.exceptions import InvalidFileError
 
 
 def read_ply(path: Path) -> PlyData:
-    """Read a PLY file, text or binary.
-
-    Raises
-    ------
-    InvalidFileError
-        If the file is missing, not a PLY, cut off, or shorter than its header says.
-    """
+    """Read a PLY file, text or binary; `InvalidFileError` if it is missing, damaged or no PLY."""
     try:
         return PlyData.read(str(path), mmap=False)
     except OSError as error:
