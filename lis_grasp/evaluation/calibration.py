@@ -25,16 +25,8 @@ def expected_calibration_error(
     """Return the expected calibration error (ECE).
 
     ``sum_b |observed rate in b - mean probability in b| n_b / N`` over bins of equal width
-    (Naeini, Cooper and Hauskrecht, AAAI 2015).
-
-    Parameters
-    ----------
-    predicted
-        Shape (N,): probabilities.
-    observed
-        Shape (N,): whether each event occurred.
-    bins
-        Number of bins.
+    (Naeini, Cooper and Hauskrecht, AAAI 2015). `predicted` are probabilities (N,), `observed` says
+    of each event whether it occurred (N,).
     """
     found = calibration_bins(predicted, observed, bins=bins)
     off = sum(count * abs(rate - probability) for count, probability, rate in found)

@@ -34,8 +34,7 @@ def sample_segments(segments: FloatArray, count: int) -> FloatArray:
     steps = segments[:, 1] - segments[:, 0]
     lengths = np.linalg.norm(steps, axis=1)
     passed = np.cumsum(lengths)
-    where = (np.arange(count) + 0.5) / count * passed[-1]
-    piece = np.searchsorted(passed, where, side="right")
-    fraction = (where - (passed - lengths)[piece]) / lengths[piece]
-    points: FloatArray = segments[piece, 0] + fraction[:, None] * steps[piece]
-    return points
+    along = (np.arange(count) + 0.5) / count * passed[-1]
+    piece = np.searchsorted(passed, along, side="right")
+    fraction = (along - (passed - lengths)[piece]) / lengths[piece]
+    return np.asarray(segments[piece, 0] + fraction[:, None] * steps[piece])

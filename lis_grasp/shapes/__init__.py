@@ -18,9 +18,8 @@ from lis_grasp.shapes.builtin import (
     sphere,
     torus,
 )
-from lis_grasp.shapes.mesh_loading import FORMATS, UNITS, load
+from lis_grasp.shapes.mesh_loading import FORMATS, UNITS, find, load
 from lis_grasp.shapes.shape import SHARP_ANGLE, Shape, sharp_edges
-from lis_grasp.shapes.shape_lookup import find
 
 __all__ = [
     "BUILDERS",

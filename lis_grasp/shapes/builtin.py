@@ -61,12 +61,8 @@ def hollow_cylinder(size: float = PAPER_SIZE) -> Shape:
     _require_size(size)
     outer, inner = circle(0.35 * size, 96), circle(0.225 * size, 96)
     low, high = -size / 2.0, size / 2.0
-    rings = [
-        at_height(outer, low),
-        at_height(outer, high),
-        at_height(inner, high),
-        at_height(inner, low),
-    ]
+    places = ((outer, low), (outer, high), (inner, high), (inner, low))
+    rings = [at_height(ring, z) for ring, z in places]
     mesh = join([stack(rings, [32, 6, 32, 6], closed=True)])
     return Shape.from_mesh("hollow_cylinder", mesh)
 
@@ -78,7 +74,7 @@ def sphere(size: float = PAPER_SIZE) -> Shape:
 
 
 def torus(size: float = PAPER_SIZE) -> Shape:
-    """Return a torus lying flat: `size` across; its tube and its hole are `size` / 3 wide."""
+    """Return a horizontal torus, `size` across; its tube and its hole are `size` / 3 wide."""
     _require_size(size)
     tube = circle(size / 6.0, 60)  # (radial, z) about the tube's centre
     rings = [at_height(circle(size / 3.0 + r, 128), z) for r, z in tube]
@@ -86,9 +82,9 @@ def torus(size: float = PAPER_SIZE) -> Shape:
 
 
 def pentagon(size: float = PAPER_SIZE) -> Shape:
-    """Return an upright regular five-sided prism, `size` high; its corners lie 0.75 `size` across.
+    """Return an upright regular pentagonal prism, `size` high, its corners on a circle.
 
-    One corner looks to +y.
+    The circle is 0.75 `size` in diameter; one corner is in the direction +y.
     """
     _require_size(size)
     radius = 0.375 * size
@@ -107,33 +103,16 @@ def mallet(size: float = PAPER_SIZE) -> Shape:
     head = polygon(_rectangle(0.35 * size, 0.2 * size), 18)
     handle = circle(0.14 * size, len(head), start=-np.pi / 4.0)
     low, neck, high = -size / 2.0, -0.1 * size, size / 2.0
-    rings = [
-        at_height(head, low),
-        at_height(head, neck),
-        at_height(handle, neck),
-        at_height(handle, high),
-    ]
-    mesh = join(
-        [
-            cap(rings[0], 4, up=False),
-            stack(rings, [12, 8, 40]),
-            cap(rings[-1], 4, up=True),
-        ]
-    )
-    return Shape.from_mesh("mallet", mesh)
+    places = ((head, low), (head, neck), (handle, neck), (handle, high))
+    rings = [at_height(ring, z) for ring, z in places]
+    caps = [cap(rings[0], 4, up=False), cap(rings[-1], 4, up=True)]
+    return Shape.from_mesh("mallet", join([caps[0], stack(rings, [12, 8, 40]), caps[1]]))
 
+
+_ALL = (box, cylinder, half_cylinder, hollow_cylinder, sphere, torus, pentagon, mallet)
 
 BUILDERS: Mapping[str, Callable[[float], Shape]] = MappingProxyType(
-    {
-        "box": box,
-        "cylinder": cylinder,
-        "half_cylinder": half_cylinder,
-        "hollow_cylinder": hollow_cylinder,
-        "sphere": sphere,
-        "torus": torus,
-        "pentagon": pentagon,
-        "mallet": mallet,
-    }
+    {builder.__name__: builder for builder in _ALL}
 )
 """The function that builds each built-in shape of a given size [m]."""
 

@@ -35,7 +35,7 @@ def fill_loop(vertices: FloatArray, faces: IntArray, loop: IntArray) -> tuple[In
 
 
 def _forbidden(faces: IntArray, loop: IntArray) -> BoolArray:
-    """Tell the chords, shape (n, n), that are edges of the mesh already and can take no face."""
+    """Return which chords (n, n) are edges of the mesh already and can take no more faces."""
     n = len(loop)
     if n == 3:
         return np.zeros((n, n), dtype=bool)  # no chords

@@ -1,9 +1,9 @@
-"""Loading of objects from mesh files: read, scaled to metres, repaired."""
+"""Loading of objects: mesh files, scaled to metres and repaired, and built-in shapes by name."""
 
 from __future__ import annotations
 
+import difflib
 import os
-import struct
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError
+from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
 from lis_grasp.shapes.repair import repair_mesh
 from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape
 from lis_grasp.typing import FloatArray, IntArray
@@ -26,22 +27,50 @@ FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 # Coordinates beyond this, in whatever unit, are damage.
 _FARTHEST = 1e12
 
-# Errors of trimesh's readers on files of another format.
-_READ_ERRORS = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    BufferError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    NameError,
-    NotImplementedError,
-    OSError,
-    TypeError,
-    ValueError,
-    struct.error,
-)
+
+def find(name_or_path: str | Path, size: float | None = None, units: str = "m") -> Shape:
+    """Return a built-in shape by name, or else the object in a mesh file.
+
+    Parameters
+    ----------
+    name_or_path
+        One of `NAMES`, or the path of a mesh file; write ``./box`` for a file called box.
+    size
+        Largest extent of a built-in shape [m]; None for a graspable one.
+    units
+        Length unit of a mesh file, a key of `UNITS`.
+
+    Raises
+    ------
+    InvalidOptionError
+        If there is neither such a shape nor such a file, the size or the units are not permitted,
+        or a size is given for a mesh file (it has its own).
+    InvalidFileError, InvalidMeshError
+        If the mesh file cannot be used, see `load`.
+    """
+    if str(name_or_path) in BUILDERS:
+        return build(str(name_or_path), size)
+    path = Path(name_or_path)
+    if not os.path.exists(path) and path.suffix.lower() not in FORMATS:
+        close = difflib.get_close_matches(str(name_or_path), NAMES, n=1)
+        hint = f"; did you mean '{close[0]}'?" if close else ""
+        raise InvalidOptionError(
+            f"'{name_or_path}' is neither a built-in shape ({', '.join(NAMES)}) nor a mesh"
+            f" file{hint}",
+            option="object",
+            value=str(name_or_path),
+        )
+    if size is not None:
+        raise InvalidOptionError(
+            f"size is for built-in shapes; the file {path} has its own: give its --units instead",
+            option="size",
+            value=size,
+        )
+    if path.suffix.lower() not in FORMATS and not path.is_file():
+        raise InvalidFileError(
+            f"{path} is a folder; a mesh file is needed ({', '.join(FORMATS)})", path=path
+        )
+    return load(path, units)
 
 
 def load(path: str | Path, units: str = "m") -> Shape:
@@ -109,7 +138,8 @@ def _read(path: Path) -> tuple[FloatArray, IntArray]:
             ).to_mesh()
             vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
             faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    except _READ_ERRORS as error:
+    # On files of another format trimesh's readers raise errors of a dozen built-in types.
+    except Exception as error:  # noqa: BLE001
         detail = " ".join(str(error).split())[:120] or type(error).__name__
         raise InvalidFileError(
             f"{path} cannot be read as {ending[1:].upper()} ({detail}): export it again",

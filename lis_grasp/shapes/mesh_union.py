@@ -19,12 +19,8 @@ _FEW_CROSSINGS = 1000
 def unite(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
     """Return the union of solids, pair by pair.
 
-    They are moved to the origin first, because Manifold computes in single precision.
-
-    Raises
-    ------
-    InvalidMeshError
-        If their faces cross each other nearly everywhere.
+    They are moved to the origin first, because Manifold computes in single precision. Raises
+    `InvalidMeshError` if their faces cross each other nearly everywhere.
     """
     middle = np.mean([part.bounds.mean(axis=0) for part in parts], axis=0)
     parts = [part.copy().apply_translation(-middle) for part in parts]
@@ -47,7 +43,7 @@ def unite(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
 
 def _crossings(a: trimesh.Trimesh, b: trimesh.Trimesh, most: int) -> int:
     """Count the pairs of faces of two meshes that meet, at most `most`."""
-    if not (len(a.faces) and len(b.faces)):  # what Manifold rounds to nothing; FCL would crash
+    if not (len(a.faces) and len(b.faces)):  # Manifold drops tiny parts; FCL would crash on them
         return 0
     request = fcl.CollisionRequest(num_max_contacts=most, enable_contact=False)
     objects = [fcl.CollisionObject(mesh_to_BVH(mesh)) for mesh in (a, b)]

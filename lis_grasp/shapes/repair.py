@@ -45,10 +45,7 @@ _MOST_HOLES = 2000
 def repair_mesh(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     """Return a closed, outward mesh of the triangles, and the repairs, one sentence each.
 
-    Raises
-    ------
-    InvalidMeshError
-        If the triangles enclose no volume, or could not be closed.
+    Raises `InvalidMeshError` if the triangles enclose no volume, or could not be closed.
     """
     repairs: list[str] = []
     mesh = _merged(vertices, faces)
@@ -91,9 +88,7 @@ def _merged(vertices: FloatArray, faces: IntArray) -> trimesh.Trimesh:
 def _drop_degenerate(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     """Drop faces that name a vertex twice, and faces that are there twice."""
     faces = np.asarray(mesh.faces)
-    proper = (
-        (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    )
+    proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     if not proper.all():
         repairs.append(f"dropped {_count(int((~proper).sum()), 'face')} without area")
         mesh.update_faces(proper)
@@ -180,9 +175,8 @@ def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     if dropped:
         repairs.append(f"took away {_count(dropped, 'face')} at edges with more than two faces")
     if filled:
-        repairs.append(
-            f"closed {_count(filled, 'hole')}, the largest {1e3 * longest:.0f} mm around"
-        )
+        holes = _count(filled, "hole")
+        repairs.append(f"closed {holes}, the largest {1e3 * longest:.0f} mm around")
     closed = trimesh.Trimesh(vertices, faces, process=False, validate=False)
     closed.remove_unreferenced_vertices()
     return closed
@@ -219,9 +213,8 @@ def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     """Drop parts so small that they are dirt of a scan."""
     bodies = _each_body(mesh)
     if len(bodies) < 2:
-        return (
-            mesh  # bodies that are all flat have no volume to compare: `repair_mesh` refuses them
-        )
+        return mesh
+    # Of bodies that are all flat none is dropped: `repair_mesh` refuses them.
     volumes = np.array([abs(signed_volume(mesh.triangles[body])) for body in bodies])
     kept = volumes >= _SPECK * volumes.max()
     if kept.all():

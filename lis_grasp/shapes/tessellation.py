@@ -70,7 +70,7 @@ def cap(ring: FloatArray, sectors: int, *, up: bool) -> Patch:
     center = ring.mean(axis=0)
     around = np.concatenate([ring, ring[:1]])
     vertices, faces = [center[None]], []
-    first, inner = 1, 0  # index of the first vertex of the ring at hand, and of the one inside it
+    first, inner = 1, 0  # index of the first vertex of this ring, and of the next inner one
     for j in range(1, k + 1):
         at = np.arange(sectors * j) * (k / j)  # position along the outer ring
         low = np.minimum(at.astype(int), n - 1)
@@ -94,13 +94,8 @@ def cap(ring: FloatArray, sectors: int, *, up: bool) -> Patch:
 def prism(outline: FloatArray, height: float, *, sectors: int, rows: int) -> trimesh.Trimesh:
     """Return the upright prism on an outline (n, 2), from -height/2 to height/2."""
     low, high = at_height(outline, -height / 2), at_height(outline, height / 2)
-    return join(
-        [
-            cap(low, sectors, up=False),
-            stack([low, high], [rows]),
-            cap(high, sectors, up=True),
-        ]
-    )
+    caps = [cap(low, sectors, up=False), cap(high, sectors, up=True)]
+    return join([caps[0], stack([low, high], [rows]), caps[1]])
 
 
 def geodesic_sphere(radius: float, frequency: int) -> trimesh.Trimesh:

@@ -1,4 +1,4 @@
-"""Generalized winding numbers, and with them points inside a triangle mesh."""
+"""Generalized winding numbers, and the point-in-mesh test by them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _ROUNDING = 1e-12
 
 
 def winding_numbers(points: FloatArray, vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return how often triangles wind round each point: 1 inside a closed outward mesh, 0 outside.
+    """Return the winding number at each point: 1 inside a closed outward mesh, 0 outside.
 
     The exact sum of the triangles' solid angles (Van Oosterom and Strackee 1983) over 4 pi. Folded
-    triangles, which scans have, are permitted. There are no bad directions as there are for rays.
-    Points (P, 3) [m], vertices (V, 3) [m] and faces (T, 3) give shape (P,).
+    triangles, which scans have, are permitted; there are no bad directions as for rays. Points
+    (P, 3) [m], vertices (V, 3) [m] and faces (T, 3) give shape (P,).
     """
     return np.asarray(
         igl.winding_number(
@@ -29,7 +29,7 @@ def winding_numbers(points: FloatArray, vertices: FloatArray, faces: IntArray) -
 
 
 def any_inside(mesh: trimesh.Trimesh, points: FloatArray) -> bool:
-    """Tell whether any of the points (P, 3) [m] is inside a closed, outward-oriented mesh.
+    """Return whether any of the points (P, 3) [m] is inside a closed, outward-oriented mesh.
 
     The winding number of a closed mesh is the number of faces through which a line upward leaves,
     less those through which it enters. Counting them takes a tenth of the time of adding up angles.
