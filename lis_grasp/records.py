@@ -1,4 +1,4 @@
-"""Helpers of records: read-only arrays, and pickling of read-only mappings."""
+"""Helpers of records: read-only arrays, subsets, and pickling of read-only mappings."""
 
 from __future__ import annotations
 
@@ -9,12 +9,18 @@ from typing import Any, TypeVar
 import numpy as np
 
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
+_Record = TypeVar("_Record")
 
 
 def read_only(array: _Array) -> _Array:
     """Make an array read-only and return it."""
     array.flags.writeable = False
     return array
+
+
+def subset_of(record: _Record, index: Any) -> _Record:
+    """Return a dataclass of arrays with each array indexed along its first dimension."""
+    return type(record)(*(getattr(record, item.name)[index] for item in fields(record)))  # type: ignore[arg-type]
 
 
 def reduce_record(record: Any) -> tuple[type, tuple[Any, ...]]:

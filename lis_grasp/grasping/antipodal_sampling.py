@@ -1,4 +1,4 @@
-"""Antipodal sampling of contact sets: one contact of the thumb against those of the fingers."""
+"""Antipodal sampling of contact sets: the thumb's contact opposite to those of the fingers."""
 
 from __future__ import annotations
 
@@ -33,21 +33,24 @@ class _Opposition:
 def sample_contact_sets(
     hand: Hand, samples: SurfaceSamples, *, count: int, rng: np.random.Generator
 ) -> tuple[ContactSets, FloatArray, dict[str, int]]:
-    """Draw sets of contacts with one pad against the others.
+    """Sample sets of contacts: one pad, the thumb, opposite to the other pads.
 
-    The thumb's contact is one of the samples. The line against its normal leaves the object on the
-    far side; the other contacts are there, beside each other as the fingers are. Opposed normals
-    make force closure possible (Nguyen 1988), which is checked later.
+    1. The thumb's contact is a random sample of the surface.
+    2. A line from it along the inward normal leaves the object at the opposite point.
+    3. The fingers' contacts are beside the opposite point, as far apart as the fingers are.
+
+    A set is kept if the normals of thumb and fingers are opposed, which makes force closure
+    possible (Nguyen 1988). Force closure itself is checked later.
 
     Returns
     -------
     ContactSets
         B sets; pads that are not used have zeros.
     FloatArray
-        Shape (B, 3, 3): the palm's orientation R_OH that each set is meant for.
+        Shape (B, 3, 3): the palm's orientation R_OH for each set.
     dict
         Number of failed draws by reason. ``steep``: the thumb's normal is far from the horizontal;
-        ``no_opposing_surface``: nothing across from it has an opposed normal;
+        ``no_opposing_surface``: there is no opposite point with an opposed normal;
         ``no_surface_for_a_finger``: a finger has no opposed surface beside that point.
     """
     opposition = _opposition(hand)
@@ -158,7 +161,7 @@ def _orientation(closing: FloatArray, angle: float) -> FloatArray:
 
 
 def _opposing_point(samples: SurfaceSamples, p: FloatArray, n: FloatArray) -> FloatArray | None:
-    """Return where the line from p against n last leaves the object; None if not opposed there."""
+    """Return the last exit of the line from p along -n; None if the normals are not opposed."""
     relative = samples.points - p
     depth = -(relative @ n)  # (S,)
     beside = np.linalg.norm(relative + depth[:, None] * n, axis=1)

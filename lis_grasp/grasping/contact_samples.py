@@ -91,8 +91,7 @@ class SurfaceSamples:
         if not self.flat[j]:
             return self.points[j]
         point, normal = self.points[j], self.normals[j]
-        result: FloatArray = p + direction * (((point - p) @ normal) / (direction @ normal))
-        return result
+        return np.asarray(p + direction * (((point - p) @ normal) / (direction @ normal)))
 
 
 # `trimesh.sample.sample_surface` draws other numbers in another order: its grasps would differ.
@@ -105,12 +104,8 @@ def _on_faces(
     u, v = rng.random((2, _SAMPLES))
     flip = u + v > 1.0
     u, v = np.where(flip, 1.0 - u, u), np.where(flip, 1.0 - v, v)
-    corners = mesh.triangles[faces]  # (S, 3, 3)
-    points = (
-        corners[:, 0]
-        + u[:, None] * (corners[:, 1] - corners[:, 0])
-        + v[:, None] * (corners[:, 2] - corners[:, 0])
-    )
+    a, b, c = np.moveaxis(mesh.triangles[faces], 1, 0)  # (S, 3) each
+    points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
     return points, np.asarray(mesh.face_normals)[faces], faces
 
 
@@ -166,5 +161,4 @@ def _supported(mesh: trimesh.Trimesh) -> BoolArray:
     if uncertainty is None:
         return np.ones(len(mesh.faces), dtype=bool)
     of_face = np.asarray(uncertainty)[mesh.faces].mean(axis=1)  # (faces,)
-    known: BoolArray = of_face <= _UNSUPPORTED * np.median(of_face) + 1e-12
-    return known
+    return np.asarray(of_face <= _UNSUPPORTED * np.median(of_face) + 1e-12)

@@ -1,4 +1,4 @@
-"""Sets of contacts, one contact per pad: what grasp candidates start from."""
+"""Sets of contacts, one contact per pad, from which grasp candidates are made."""
 
 from __future__ import annotations
 
@@ -7,24 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lis_grasp.records import subset_of
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactSets:
-    """B sets of contacts for the F pads of a hand.
+    """B sets of contacts for the F pads of a hand."""
 
-    Parameters
-    ----------
-    points, normals
-        Shape (B, F, 3): in O [m], and unit, outward; anything finite where a pad is not used.
-    used
-        Shape (B, F): which pads have a contact.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    used: BoolArray
+    points: FloatArray  # (B, F, 3) [m], in O; anything finite where a pad is not used
+    normals: FloatArray  # (B, F, 3), unit, outward; likewise
+    used: BoolArray  # (B, F): which pads have a contact
 
     def __len__(self) -> int:
         return len(self.points)
@@ -40,4 +33,4 @@ class ContactSets:
 
     def subset(self, index: IndexArray) -> ContactSets:
         """Return some of the sets."""
-        return ContactSets(self.points[index], self.normals[index], self.used[index])
+        return subset_of(self, index)

@@ -112,8 +112,7 @@ def epsilon_by_expanding_polytope(
         along = (own @ directions[:, None, :, None])[..., 0]
         best = np.take_along_axis(own, along.argmax(axis=-1)[..., None, None], axis=2)[:, :, 0]
         along = (best @ directions[:, :, None])[..., 0]  # (b, C)
-        result: FloatArray = best[np.arange(len(best)), along.argmax(axis=1)]
-        return result
+        return np.asarray(best[np.arange(len(best)), along.argmax(axis=1)])
 
     return inscribed_ball_radii(farthest, len(wrenches), tolerance=tolerance)
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
+from lis_grasp.records import subset_of
 from lis_grasp.typing import FloatArray, IndexArray
 
 # For directions (b, 6) and the bodies (b,) that they are for: the point (b, 6) of each body that is
@@ -43,9 +44,7 @@ class _Facets:
     planes: FloatArray  # (F, 6): v
 
     def subset(self, index: npt.NDArray[np.bool_] | IndexArray) -> _Facets:
-        return _Facets(
-            self.owner[index], self.vertices[index], self.inverses[index], self.planes[index]
-        )
+        return subset_of(self, index)
 
 
 def inscribed_ball_radii(farthest: Farthest, count: int, *, tolerance: float = 1e-6) -> FloatArray:

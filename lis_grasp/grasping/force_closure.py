@@ -122,5 +122,4 @@ def _cancelling_weights(W: FloatArray) -> FloatArray | None:
     # Infeasible: all wrenches are in an open half-space.
     if solution.status != 0 or count * solution.x[-1] <= _NO_WEIGHT:
         return None
-    weights: FloatArray = solution.x[:-1] + solution.x[-1]
-    return weights
+    return np.asarray(solution.x[:-1] + solution.x[-1])

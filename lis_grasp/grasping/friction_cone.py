@@ -16,21 +16,9 @@ def cone_edges(normals: npt.ArrayLike, friction: float, *, edges: int = CONE_EDG
     """Return the edges of linearised Coulomb friction cones.
 
     The cone ``|f_t| <= mu f_n`` becomes the pyramid of forces with normal part 1 and tangential
-    part mu in `edges` directions, so every non-negative combination is inside the cone.
-
-    Parameters
-    ----------
-    normals
-        Shape (..., C, 3), unit, OUTWARD of the object; forces on the object point inward.
-    friction
-        Coulomb coefficient mu.
-    edges
-        Edges of the pyramid, at least 3.
-
-    Returns
-    -------
-    FloatArray
-        Shape (..., C, edges, 3): forces on the object with unit normal part.
+    part mu in `edges` (at least 3) directions, so every non-negative combination is inside the
+    cone. Unit normals (..., C, 3), OUTWARD of the object, give forces on the object (..., C, edges,
+    3), which point inward.
     """
     if not (np.isfinite(friction) and friction >= 0.0):
         raise InvalidOptionError.out_of_range("friction", friction, "a number of at least 0")
@@ -43,9 +31,6 @@ def cone_edges(normals: npt.ArrayLike, friction: float, *, edges: int = CONE_EDG
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     second = np.cross(inward, first)
     angles = 2.0 * np.pi * np.arange(edges) / edges
-    tangents = (
-        np.cos(angles)[:, None] * first[..., None, :]
-        + np.sin(angles)[:, None] * second[..., None, :]
-    )
-    result: FloatArray = inward[..., None, :] + friction * tangents
-    return result
+    tangents = np.cos(angles)[:, None] * first[..., None, :]
+    tangents += np.sin(angles)[:, None] * second[..., None, :]
+    return np.asarray(inward[..., None, :] + friction * tangents)

@@ -30,21 +30,8 @@ def balanced_grip(
     points' centroid and ``l`` their mean distance from it. Contacts without an equilibrium inside
     their cones get the squeeze that is least out of balance.
 
-    Parameters
-    ----------
-    points
-        Shape (C, 3) [m], C >= 1, the contacts in any frame.
-    normals
-        Shape (C, 3), unit, outward of the object, in the same frame.
-    friction
-        Coulomb coefficient of the cones.
-    total
-        Sum of the normal forces [N].
-
-    Returns
-    -------
-    FloatArray
-        Shape (C, 3) [N], forces on the object.
+    Points (C, 3) [m], C >= 1, and unit outward normals (C, 3) in any frame, the cones' Coulomb
+    coefficient and the sum `total` of the normal forces [N] give forces on the object (C, 3) [N].
     """
     arms = points - points.mean(axis=0)  # (C, 3)
     length = max(float(np.linalg.norm(arms, axis=1).mean()), 1e-6)
@@ -53,13 +40,7 @@ def balanced_grip(
     columns = wrenches.reshape(-1, 6).T  # (6, C E)
     unknowns = columns.shape[1]
     even = np.full(unknowns, _EVENNESS_WEIGHT * total / unknowns)
-    matrix = np.vstack(
-        [
-            _BALANCE_WEIGHT * columns,
-            _TOTAL_WEIGHT * np.ones((1, unknowns)),
-            _EVENNESS_WEIGHT * np.eye(unknowns),
-        ]
-    )
+    sums = _TOTAL_WEIGHT * np.ones((1, unknowns))
+    matrix = np.vstack([_BALANCE_WEIGHT * columns, sums, _EVENNESS_WEIGHT * np.eye(unknowns)])
     coefficients, _ = nnls(matrix, np.concatenate([np.zeros(6), [_TOTAL_WEIGHT * total], even]))
-    forces: FloatArray = np.einsum("ce,cek->ck", coefficients.reshape(len(points), -1), edges)
-    return forces
+    return np.einsum("ce,cek->ck", coefficients.reshape(len(points), -1), edges)

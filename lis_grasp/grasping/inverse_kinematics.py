@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.hands.hand import Hand
+from lis_grasp.records import subset_of
 from lis_grasp.typing import FloatArray, IndexArray
 
 _ITERATIONS = 40
@@ -40,9 +41,7 @@ class Postures:
 
     def subset(self, index: IndexArray) -> Postures:
         """Return the postures of some of the candidates."""
-        return Postures(
-            self.X_OH[index], self.q[index], self.position_error[index], self.axis_error[index]
-        )
+        return subset_of(self, index)
 
 
 def solve_ik(
@@ -55,14 +54,8 @@ def solve_ik(
     from its start. Levenberg-Marquardt with projection on the joint limits: a step that does not
     improve a candidate is undone and its damping raised (Marquardt 1963).
 
-    Parameters
-    ----------
-    hand, contacts
-        The hand, and the contacts of B candidates.
-    X_OH, q
-        Shape (B, 4, 4) and (B, J): the initial guess, which is also the preferred posture.
-    palm_fixed
-        Whether only the joints may move.
+    Palm poses `X_OH` (B, 4, 4) and joint positions `q` (B, J) are the initial guess, which is also
+    the preferred posture. With `palm_fixed` only the joints may move.
     """
     problem = _Problem(hand, contacts, X_OH, q, palm_fixed)
     X, joints = X_OH.copy(), np.clip(q, hand.lower, hand.upper)

@@ -44,7 +44,7 @@ class UncertainSurface:
         """Sample the contacts of planned grasps on surfaces that the estimate allows.
 
         Fingers close along the planned normals until they touch: contacts move along them, and
-        normals tilt. All grasps use the same random numbers, so that they are compared alike.
+        normals tilt. All grasps use the same random numbers, which makes their results comparable.
 
         Points (B, C, 3) [m] and normals (B, C, 3) of planned contacts give S samples of each, of
         shape (B, S, C, 3).
@@ -79,5 +79,4 @@ def _gradients(mesh: trimesh.Trimesh, values: FloatArray) -> FloatArray:
     by_face = 0.5 * (values[mesh.faces][..., None] * turned).sum(axis=1)  # gradient times area
     members = mesh.faces_sparse  # (V, F)
     areas = members @ mesh.area_faces
-    gradients: FloatArray = (members @ by_face) / np.where(areas > 0.0, areas, np.inf)[:, None]
-    return gradients
+    return np.asarray((members @ by_face) / np.where(areas > 0.0, areas, np.inf)[:, None])

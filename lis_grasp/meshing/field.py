@@ -10,13 +10,7 @@ from lis_grasp.typing import FloatArray
 
 
 class Field:
-    """Values and gradients of an implicit surface, with counts of evaluations.
-
-    Parameters
-    ----------
-    surface
-        The surface to mesh.
-    """
+    """Values and gradients of an implicit surface, with counts of evaluations."""
 
     def __init__(self, surface: ImplicitSurface) -> None:
         self._surface = surface
@@ -24,13 +18,7 @@ class Field:
         self.gradients = 0
 
     def values(self, points: FloatArray) -> FloatArray:
-        """Return f at points of shape (P, 3) [m], shape (P,); infinities are values too.
-
-        Raises
-        ------
-        EstimationError
-            If f is not a number somewhere.
-        """
+        """Return f at points (P, 3) [m], shape (P,), infinities too; EstimationError for NaN."""
         if not len(points):
             return np.empty(0)
         self.evaluations += len(points)
@@ -61,10 +49,7 @@ class Field:
     def uncertainty(self, points: FloatArray) -> FloatArray:
         """Return one standard deviation of the surface at points (P, 3), shape (P,) [m].
 
-        Raises
-        ------
-        EstimationError
-            If it is negative or not a number somewhere.
+        Raises `EstimationError` if it is negative or NaN somewhere.
         """
         uncertainty = np.asarray(self._surface.uncertainty(points), dtype=np.float64)
         if not (uncertainty >= 0.0).all():

@@ -12,6 +12,7 @@ import numpy as np
 
 from lis_grasp.meshing.grid import Grid
 from lis_grasp.meshing.hermite import Crossings
+from lis_grasp.records import subset_of
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Eigenvalues of a quadric below this fraction of the largest are noise, not an edge: with as many
@@ -42,12 +43,6 @@ class Quadrics:
     matrices: FloatArray  # (V, 3, 3) Q
     targets: FloatArray  # (V, 3) t
     rests: FloatArray  # (V,) r
-
-    def chosen(self, index: IndexArray) -> Quadrics:
-        """Return some of the quadrics."""
-        return Quadrics(
-            self.counts[index], self.matrices[index], self.targets[index], self.rests[index]
-        )
 
     def about(self, centers: FloatArray) -> Quadrics:
         """Return the same quadrics as functions of the step from centers, shape (V, 3)."""
@@ -103,7 +98,7 @@ def place_vertices(
     lowest = grid.coordinates(cells)
     low, high = lowest - slack - means, lowest + 1.0 + slack - means
     out = np.flatnonzero(((steps < low) | (steps > high)).any(axis=1))
-    steps[out] = about_means.chosen(out).minima_in_boxes(low[out], high[out])
+    steps[out] = subset_of(about_means, out).minima_in_boxes(low[out], high[out])
     vertices = means + steps
     _restore_corners(vertices, np.flatnonzero(ranks >= 2), quadrics, corners)
     return np.asarray(grid.origin + grid.cell * vertices)
@@ -163,12 +158,7 @@ def _sums(
     quadrics: Quadrics, candidates: IndexArray, owners: IndexArray, others: IndexArray
 ) -> Quadrics:
     """Return the sum of each candidate's quadric and those of the others it owns."""
-    counts, matrices, targets, rests = (
-        values[candidates].copy()
-        for values in (quadrics.counts, quadrics.matrices, quadrics.targets, quadrics.rests)
-    )
-    np.add.at(counts, owners, quadrics.counts[others])
-    np.add.at(matrices, owners, quadrics.matrices[others])
-    np.add.at(targets, owners, quadrics.targets[others])
-    np.add.at(rests, owners, quadrics.rests[others])
-    return Quadrics(counts, matrices, targets, rests)
+    sums = subset_of(quadrics, candidates)
+    for name in ("counts", "matrices", "targets", "rests"):
+        np.add.at(getattr(sums, name), owners, getattr(quadrics, name)[others])
+    return sums
