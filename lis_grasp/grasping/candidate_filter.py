@@ -66,33 +66,38 @@ class CandidateFilter:
         self.rejected["out_of_reach"] += int((~near).sum())
         self.rejected["pad_does_not_face_the_surface"] += int((near & ~facing).sum())
         kept = np.flatnonzero(near & facing)
-        kept = kept[self._free_at_grasp(postures.X_OH[kept], postures.q[kept])]
+        X_OH, q = postures.X_OH[kept], postures.q[kept]
+        kept = kept[self._free("grasp", X_OH, q, X_OH, pads_may_touch=True)]
         contacts, postures = contacts.subset(kept), postures.subset(kept)
         away = replace(contacts, points=contacts.points + _OPENING * contacts.normals)
         opened = solve_ik(self._hand, away, postures.X_OH, postures.q, palm_fixed=True).q
-        free = np.flatnonzero(self._free_on_approach(postures.X_OH, opened))
+        paths = self._approaches(postures.X_OH)
+        free = np.flatnonzero(self._free("approach", postures.X_OH, opened, paths))
         candidates = GraspCandidates(contacts.subset(free), postures.subset(free), opened[free])
         return kept[free], candidates
 
-    def _free_at_grasp(self, X_OH: FloatArray, q: FloatArray) -> BoolArray:
-        free: BoolArray = ~self._filter.collides(X_OH, q, pads_may_touch=True)
-        self.rejected["grasp_hits_object"] += int((~free).sum())
-        for b in np.flatnonzero(free):
-            hit = self._checker.first_collision(X_OH[b], q[b], pads_may_touch=True)
-            if hit is not None:
-                self.rejected[f"grasp_hits_{hit}"] += 1
-                free[b] = False
-        return free
-
-    def _free_on_approach(self, X_OH: FloatArray, opened: FloatArray) -> BoolArray:
-        free: BoolArray = ~self._filter.collides(X_OH, opened)
-        self.rejected["approach_hits_object"] += int((~free).sum())
+    def _approaches(self, X_OH: FloatArray) -> FloatArray:
+        """Return palm poses along the approach to each pose (B, 4, 4), shape (B, W, 4, 4)."""
         back = np.linspace(0.0, _STANDOFF, _APPROACH_STEPS)
+        paths = np.repeat(X_OH[:, None], len(back), axis=1)
+        paths[:, :, :3, 3] -= back[:, None] * (X_OH[:, :3, :3] @ self._hand.approach_H)[:, None]
+        return paths
+
+    def _free(
+        self,
+        stage: str,
+        X_OH: FloatArray,
+        q: FloatArray,
+        paths: FloatArray,
+        *,
+        pads_may_touch: bool = False,
+    ) -> BoolArray:
+        """Return which postures collide neither at X_OH nor along their paths, shape (B,)."""
+        free = ~self._filter.collides(X_OH, q, pads_may_touch=pads_may_touch)
+        self.rejected[f"{stage}_hits_object"] += int((~free).sum())
         for b in np.flatnonzero(free):
-            path = np.tile(X_OH[b], (len(back), 1, 1))
-            path[:, :3, 3] -= back[:, None] * (X_OH[b, :3, :3] @ self._hand.approach_H)
-            hit = self._checker.first_collision(path, opened[b])
+            hit = self._checker.first_collision(paths[b], q[b], pads_may_touch=pads_may_touch)
             if hit is not None:
-                self.rejected[f"approach_hits_{hit}"] += 1
+                self.rejected[f"{stage}_hits_{hit}"] += 1
                 free[b] = False
         return free

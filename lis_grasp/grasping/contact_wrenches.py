@@ -1,4 +1,4 @@
-"""Contact models, and the wrenches that contacts can apply to an object."""
+"""Contact models: friction cones, and the wrenches that contacts can apply to an object."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
-from lis_grasp.grasping.friction_cone import CONE_EDGES, cone_edges
 from lis_grasp.typing import FloatArray
 
 ContactModel = Literal["frictionless", "coulomb", "soft_finger"]
 
+CONE_EDGES = 8
+"""Edges of a friction pyramid."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WrenchModel:
-    """How contacts become wrenches: friction, contact model, origin and length scale of torques.
+    """The model of contact wrenches: friction, contact model, origin and length scale of torques.
 
     A wrench is ``(f, (p - origin) x f / length_scale)``: torques are divided by a length, so that
     all six parts are forces and a change of units changes nothing (Li and Sastry 1988).
@@ -32,11 +34,11 @@ class WrenchModel:
         normal force (Salisbury and Roth 1983). The torque shrinks as sideways friction is used:
         the linear limit surface, inside the elliptic one (Howe and Cutkosky 1996).
     torsion
-        [m] Of a soft finger.
+        Of a soft finger [m].
     origin
-        Shape (3,) [m]: where torques are taken about; None for the centroid of the contacts.
+        Shape (3,) [m]: reference point of torques; None for the centroid of the contacts.
     length_scale
-        [m] What torques are divided by; None for the largest distance of a contact from the origin.
+        Divisor of torques [m]; None for the largest distance of a contact from the origin.
     edges
         Edges of the friction pyramid.
 
@@ -98,6 +100,30 @@ class WrenchModel:
                 f"contacts must be of shape (C, 3); it is {np.shape(points)}", field="points"
             )
         return wrenches.reshape(-1, 6)
+
+
+def cone_edges(normals: npt.ArrayLike, friction: float, *, edges: int = CONE_EDGES) -> FloatArray:
+    """Return the edges of linearised Coulomb friction cones.
+
+    The cone ``|f_t| <= mu f_n`` becomes the pyramid of forces with normal part 1 and tangential
+    part mu in `edges` (at least 3) directions, so every non-negative combination is inside the
+    cone. Unit normals (..., C, 3), OUTWARD of the object, give forces on the object (..., C, edges,
+    3), which point inward.
+    """
+    if not (np.isfinite(friction) and friction >= 0.0):
+        raise InvalidOptionError.out_of_range("friction", friction, "a number of at least 0")
+    if edges < 3:
+        raise InvalidOptionError.out_of_range("edges", edges, "at least 3")
+    inward = -np.asarray(normals, dtype=np.float64)
+    # The axis least aligned with the normal makes a tangent.
+    helper = np.eye(3)[np.argmin(np.abs(inward), axis=-1)]
+    first = np.cross(inward, helper)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    second = np.cross(inward, first)
+    angles = 2.0 * np.pi * np.arange(edges) / edges
+    tangents = np.cos(angles)[:, None] * first[..., None, :]
+    tangents += np.sin(angles)[:, None] * second[..., None, :]
+    return np.asarray(inward[..., None, :] + friction * tangents)
 
 
 def _checked(points: npt.ArrayLike, normals: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -11,9 +11,8 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.exceptions import InvalidContactsError
-from lis_grasp.grasping.contact_wrenches import ContactModel, WrenchModel
+from lis_grasp.grasping.contact_wrenches import CONE_EDGES, ContactModel, WrenchModel
 from lis_grasp.grasping.expanding_polytope import inscribed_ball_radii
-from lis_grasp.grasping.friction_cone import CONE_EDGES
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Wrenches are of order 1; a hull flatter than this in some direction resists nothing along it.
@@ -44,10 +43,10 @@ def epsilon_quality(
     friction
         Coulomb coefficient.
     origin
-        Shape (3,) [m]: where torques are taken about; None for the centroid of the points. The
-        object's centre of mass is the usual choice where it is known.
+        Shape (3,) [m]: reference point of torques; None for the centroid of the points. The usual
+        choice is the object's centre of mass, if known.
     length_scale
-        [m] What torques are divided by; None for the largest distance of a point from the origin.
+        Divisor of torques [m]; None for the largest distance of a point from the origin.
     model, torsion, edges
         Contact model, torsion [m] of soft fingers and edges of the friction pyramid; see
         `WrenchModel`.

@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linprog
+from scipy.optimize import OptimizeResult, linprog
 
-from lis_grasp.grasping.contact_wrenches import ContactModel, WrenchModel
+from lis_grasp.grasping.contact_wrenches import CONE_EDGES, ContactModel, WrenchModel
 from lis_grasp.grasping.epsilon import span_all_dimensions
-from lis_grasp.grasping.friction_cone import CONE_EDGES
 from lis_grasp.typing import FloatArray
 
 # Smaller weights count as zero.
@@ -90,13 +89,7 @@ def resisted_force(
     """
     W = replace(model, length_scale=None).wrenches_of_grasp(points, normals)
     task = np.concatenate([np.asarray(direction, dtype=np.float64), np.zeros(3)])
-    solution = linprog(
-        c=np.append(np.zeros(len(W)), -1.0),
-        A_eq=np.vstack([np.column_stack([W.T, -task]), np.append(np.ones(len(W)), 0.0)]),
-        b_eq=np.append(np.zeros(6), 1.0),
-        bounds=(0.0, None),
-        method="highs",
-    )
+    solution = _maximise(W, -task, 0.0)
     # Infeasible: every squeeze has a wrench of its own.
     return float(solution.x[-1]) if solution.status == 0 else 0.0
 
@@ -110,16 +103,19 @@ def _cancelling_weights(W: FloatArray) -> FloatArray | None:
         return None
     count = len(W)
     # Unknowns: b = a - t >= 0 and t, so that every bound is the solver's own.
-    solution = linprog(
-        c=np.append(np.zeros(count), -1.0),
-        A_eq=np.vstack(
-            [np.column_stack([W.T, W.sum(axis=0)]), np.append(np.ones(count), float(count))]
-        ),
-        b_eq=np.append(np.zeros(6), 1.0),
-        bounds=(0.0, None),
-        method="highs",
-    )
+    solution = _maximise(W, W.sum(axis=0), float(count))
     # Infeasible: all wrenches are in an open half-space.
     if solution.status != 0 or count * solution.x[-1] <= _NO_WEIGHT:
         return None
     return np.asarray(solution.x[:-1] + solution.x[-1])
+
+
+def _maximise(W: FloatArray, column: FloatArray, weight: float) -> OptimizeResult:
+    """Solve for (b, t) >= 0 with the largest t, W^T b + t column = 0 and sum b + weight t = 1."""
+    return linprog(
+        c=np.append(np.zeros(len(W)), -1.0),
+        A_eq=np.vstack([np.column_stack([W.T, column]), np.append(np.ones(len(W)), weight)]),
+        b_eq=np.append(np.zeros(6), 1.0),
+        bounds=(0.0, None),
+        method="highs",
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
-from lis_grasp.grasping.friction_cone import cone_edges
+from lis_grasp.grasping.contact_wrenches import cone_edges
 from lis_grasp.typing import FloatArray
 
 # Balance first, then the total, then evenness: each two orders of magnitude behind the last.

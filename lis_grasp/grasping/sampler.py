@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,14 +15,13 @@ from lis_grasp.grasping.candidate_filter import CandidateFilter
 from lis_grasp.grasping.contact_samples import SurfaceSamples
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.grasp_ranking import GraspScorer
-from lis_grasp.grasping.grasp_refinement import perturb_grasps
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Contact sets per batch.
 _BATCH = 100
-# Drawing ends once this many times the grasps asked for are robust; ranking gains little from more.
+# Sampling ends after this many times `count` robust grasps; ranking gains little from more.
 _ENOUGH = 5
 # Standard deviations [m] of the steps of refinement. Each step perturbs a grasp so many times, and
 # tries so many of the perturbed grasps, those of the best epsilon.
@@ -48,8 +48,8 @@ class ForceClosureSampler:
     friction
         Coulomb coefficient between pads and object.
     candidates
-        Contact sets to draw at the most, and as many again with bends; fewer, once enough grasps
-        are robust. Refinement tries up to ten more for each grasp asked for.
+        Largest number of sampled contact sets, and as many again with bends. Sampling ends early
+        when enough grasps are robust. Refinement tries up to ten more sets for each grasp.
     """
 
     hand: Hand
@@ -73,7 +73,7 @@ class ForceClosureSampler:
         """Return up to `count` ranked grasps, and the reasons why other candidates were rejected.
 
         Besides the reasons of `sample_contact_sets` and `CandidateFilter` there are
-        ``no_flat_supported_surface``: there is no point to draw; ``no_force_closure``; and
+        ``no_flat_supported_surface``: the mesh has no usable point; ``no_force_closure``; and
         ``outranked``: other grasps are better.
 
         Parameters
@@ -82,7 +82,7 @@ class ForceClosureSampler:
             Closed, outward-oriented surface in O [m], true or estimated. A vertex attribute
             ``"uncertainty"`` [m] keeps contacts where touches support it.
         rng
-            For every draw.
+            For all random numbers.
         support_height
             Height of the plane that the object is on in O [m]; None where there is none.
         count
@@ -126,7 +126,7 @@ class _Search:
     drawn: int = 0
 
     def draw_enough(self, candidates: int, count: int) -> None:
-        """Draw until `candidates` are drawn, or enough grasps close at half the friction."""
+        """Sample until `candidates` are sampled, or enough grasps close at half the friction."""
         while self.drawn < candidates:
             robust = sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self.grasps)
             if robust >= _ENOUGH * count:
@@ -189,3 +189,50 @@ def _best_of_each(parents: IndexArray, epsilons: FloatArray) -> IndexArray:
     order = np.lexsort((-epsilons, parents))
     ranks = np.arange(len(order)) - np.searchsorted(parents[order], parents[order])
     return np.sort(order[(ranks < _TRIED) & (epsilons[order] > 0.0)])
+
+
+def perturb_grasps(
+    hand: Hand,
+    grasps: Sequence[Grasp],
+    samples: SurfaceSamples,
+    *,
+    each: int,
+    distance: float,
+    rng: np.random.Generator,
+) -> tuple[IndexArray, ContactSets, FloatArray, FloatArray]:
+    """Perturb the contacts of grasps, and project them on the surface.
+
+    All contacts of a set move by one common random step, blended with a step of each contact by a
+    random weight. Steps are drawn in the palm's frame, so that grasps turn with the object. Sets
+    with a contact that finds no usable surface are left out.
+
+    Each grasp gets `each` draws, with steps of the standard deviation `distance` [m] in each
+    coordinate. Returned are, of B sets: the index (B,) of the perturbed grasp, the sets, and an
+    initial guess of inverse kinematics: palm poses (B, 4, 4) and joint positions (B, J).
+    """
+    parents = np.repeat(np.arange(len(grasps)), each)
+    points = np.zeros((len(grasps), len(hand.pads), 3))
+    used = np.zeros((len(grasps), len(hand.pads)), dtype=bool)
+    for g, grasp in enumerate(grasps):
+        pads = [hand.fingers.index(finger) for finger in grasp.contact_fingers]
+        points[g, pads], used[g, pads] = grasp.contact_points, True
+    points, used = points[parents], used[parents]
+    alone = rng.random((len(parents), 1, 1))
+    poses = np.array([grasp.X_OH for grasp in grasps])
+    steps_H = rng.normal(scale=distance, size=(len(parents), 1 + len(hand.pads), 3))
+    steps = steps_H @ np.swapaxes(poses[parents, :3, :3], -1, -2)
+    moved = points + (1.0 - alone) * steps[:, :1] + alone * steps[:, 1:]
+    on_surface, normals, usable = samples.nearest(moved)
+    kept = (usable | ~used).all(axis=1)
+    X_OH = poses[parents[kept]]
+    q = np.array([grasp.joint_positions for grasp in grasps])[parents[kept]]
+    mask = used[kept][..., None]
+    sets = ContactSets(
+        np.where(mask, on_surface[kept], 0.0),
+        np.where(mask, normals[kept], 0.0),
+        used[kept],
+    )
+    # The palm moves with the middle of the contacts.
+    shift = ((on_surface - points) * used[..., None]).sum(axis=1) / used.sum(axis=1)[:, None]
+    X_OH[:, :3, 3] += shift[kept]
+    return parents[kept], sets, X_OH, q

@@ -11,7 +11,7 @@ from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping import sampler as sampler_module
 from lis_grasp.grasping.contact_samples import SurfaceSamples
-from lis_grasp.grasping.grasp_refinement import perturb_grasps
+from lis_grasp.grasping.sampler import perturb_grasps
 from lis_grasp.hands.collision import HandCollisionChecker
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
