@@ -37,7 +37,7 @@ class SurfaceError:
     edge_rmsd
         Explored part of the true sharp edges -> estimate [m]; None without such edges.
     hausdorff_95
-        Largest distance but for the worst 5 %, the larger of both directions [m].
+        95 % quantile of the distance, the larger of both directions [m].
     chamfer
         Mean of the two mean distances, estimate -> truth and truth -> estimate [m].
     f_score_1mm, f_score_2mm, f_score_5mm

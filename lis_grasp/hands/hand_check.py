@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import trimesh
@@ -36,10 +37,8 @@ def check_hand(hand: Hand) -> list[Finding]:
 def _masses(hand: Hand) -> Iterator[Finding]:
     faults = []
     for link, inertial in hand.inertials.items():
-        if inertial.mass <= 0.0:
-            continue
-        moments = np.sort(np.linalg.eigvalsh(inertial.inertia_L))
-        if moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6):
+        low, middle, high = np.sort(np.linalg.eigvalsh(inertial.inertia_L))
+        if inertial.mass > 0.0 and (low <= 0.0 or high > (low + middle) * (1.0 + 1e-6)):
             faults.append(link)
     if faults:
         yield Finding(
@@ -59,14 +58,9 @@ def _self_collisions(hand: Hand) -> Iterator[Finding]:
     postures = {f"pregrasp {name}": q for name, q in hand.pregrasps.items()}
     postures |= {f"probe posture {f}": p.joint_positions for f, p in hand.probe_postures.items()}
     hits = [n for n, q in postures.items() if checker.first_collision(np.eye(4), q) == "self"]
-    if hits:
-        text = (
-            f"links collide in {', '.join(hits)}: change the positions, or name pairs that may"
-            " touch under self_collision_exclusions"
-        )
-    else:
-        text = f"no links collide in {len(postures)} postures"
-    yield Finding(not hits, text)
+    advice = "change the positions, or name pairs that may touch under self_collision_exclusions"
+    good = f"no links collide in {len(postures)} postures"
+    yield Finding(not hits, f"links collide in {', '.join(hits)}: {advice}" if hits else good)
 
 
 def _pads(hand: Hand) -> Iterator[Finding]:
@@ -77,33 +71,27 @@ def _pads(hand: Hand) -> Iterator[Finding]:
         axis = X_HL[:3, :3] @ pad.axis_L
         face = float((X_HL[:3, :3] @ pad.center_L + X_HL[:3, 3]) @ axis) + pad.radius
         depth = 1e3 * (_extent_along(hand, links, axis, _body_link(hand, pad)) - face)  # [mm]
-        if depth > 1e3 * _PAD_COVERED:
-            text = (
-                f"pad {pad.finger} is {depth:.0f} mm below its link's surface: move its center, or"
-                " enlarge its radius"
-            )
-        elif depth < -2e3 * _PAD_COVERED:
-            text = (
-                f"pad {pad.finger} is {-depth:.0f} mm outside of its link: grasps will stop short"
-                " of the object by that distance"
+        fine = -2e3 * _PAD_COVERED <= depth <= 1e3 * _PAD_COVERED
+        if fine:
+            place = f"on the surface of {pad.link}"
+        elif depth > 0.0:
+            place = (
+                f"{depth:.0f} mm below its link's surface: move its center or enlarge its radius"
             )
         else:
-            yield Finding(True, f"pad {pad.finger} is on the surface of {pad.link}")
-            continue
-        yield Finding(False, text)
+            place = f"{-depth:.0f} mm outside of its link: grasps will stop so far from the object"
+        yield Finding(fine, f"pad {pad.finger} is {place}")
 
 
 def _opposition(hand: Hand) -> Iterator[Finding]:
     gaps = []
     for name, q in hand.pregrasps.items():
         axes, centers = hand.pad_axes(np.eye(4), q), hand.pad_centers(np.eye(4), q)
-        for i in range(len(hand.pads)):
-            for j in range(i):
-                apart = centers[j] - centers[i]
-                facing = axes[i] @ apart > 0.0 and axes[j] @ apart < 0.0
-                if facing and axes[i] @ axes[j] < 0.0:
-                    radii = hand.pads[i].radius + hand.pads[j].radius
-                    gaps.append((float(np.linalg.norm(apart)) - radii, name))
+        for j, i in combinations(range(len(hand.pads)), 2):
+            apart = centers[j] - centers[i]
+            if axes[i] @ apart > 0.0 > axes[j] @ apart and axes[i] @ axes[j] < 0.0:
+                radii = hand.pads[i].radius + hand.pads[j].radius
+                gaps.append((float(np.linalg.norm(apart)) - radii, name))
     if not gaps:
         yield Finding(
             False,

@@ -35,7 +35,7 @@ class Capsule(yourdfpy.Cylinder):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandModel:
-    """What a URDF or SDF says about a hand; the fields are those of `Hand`."""
+    """Links, joints and collision bodies of a URDF or SDF; the fields are those of `Hand`."""
 
     joint_names: tuple[str, ...]
     lower: FloatArray
@@ -61,7 +61,7 @@ def build_hand_model(robot: yourdfpy.Robot, path: Path) -> HandModel:
 
 
 class _Builder:
-    """Checks the parts of one robot description, and makes a hand's of them."""
+    """Checks the links and joints of one robot description and converts them to a hand's."""
 
     def __init__(self, robot: yourdfpy.Robot, path: Path) -> None:
         self._links = {link.name: link for link in robot.links}

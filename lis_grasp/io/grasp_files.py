@@ -58,7 +58,7 @@ def read_grasp_file(path: Path, grasp: Callable[..., Grasp]) -> dict[str, Any]:
     except KeyError as error:
         reason = f"{path} lacks {error}; write it with `lis-grasp grasp`"
     except (TypeError, ValueError, OverflowError, AttributeError, InvalidOptionError) as error:
-        reason = f"{path} holds no valid grasps: {error}"
+        reason = f"{path} has no valid grasps: {error}"
     raise InvalidFileError(reason, path=path)
 
 

@@ -41,13 +41,13 @@ class Shape:
     Parameters
     ----------
     name
-        What it is called: a built-in name, or the stem of its file.
+        A built-in name, or the stem of the mesh file.
     mesh
         Watertight, faces outward, in metres. Not to be changed in place.
     edges
         Shape (E, 2, 3) [m], its sharp edges as straight pieces.
     repairs
-        Repairs made when it was read, one sentence each.
+        Repairs of the file's mesh, one sentence each.
 
     Raises
     ------

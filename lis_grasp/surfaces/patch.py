@@ -61,23 +61,23 @@ def values_of_patches(
 ) -> FloatArray:
     """Return the function of each of K patches at points, shape (P, K) [m].
 
-    Only `wanted` values, shape (P, K), are computed for certain; the rest may be NaN.
+    The values that are True in `wanted`, shape (P, K), are computed; others may be NaN.
     """
     values = np.full((len(points), len(patches)), np.nan)
     for index in compact_blocks(points, _BLOCK):
-        asked = np.flatnonzero(wanted[index].any(axis=0))
-        if not len(asked):
+        columns = np.flatnonzero(wanted[index].any(axis=0))
+        if not len(columns):
             continue
         nodes, cells, weights = [], [], []
-        for column, patch in enumerate(patches[k] for k in asked):
+        for column, patch in enumerate(patches[k] for k in columns):
             near, normalised = patch.mean.weights(points[index])
             node, row = np.nonzero(normalised > LEAST_WEIGHT)
             nodes.append(patch.members[near[node]])
-            cells.append(row * len(asked) + column)
+            cells.append(row * len(columns) + column)
             weights.append(normalised[node, row])
         cell = np.concatenate(cells)
-        terms = quadrics.values(np.concatenate(nodes), points[index][cell // len(asked)])
+        terms = quadrics.values(np.concatenate(nodes), points[index][cell // len(columns)])
         terms *= np.concatenate(weights)
-        sums = np.bincount(cell, terms, len(index) * len(asked))
-        values[np.ix_(index, asked)] = sums.reshape(len(index), -1)
+        sums = np.bincount(cell, terms, len(index) * len(columns))
+        values[np.ix_(index, columns)] = sums.reshape(len(index), -1)
     return values

@@ -177,18 +177,18 @@ class PatchImplicitSurface(BlockwiseSurface):
         return np.asarray(np.einsum("mp,mp->p", weights, variances))
 
     def _fields(
-        self, near: IndexArray, ask: Callable[[Patch], tuple[FloatArray, FloatArray]]
+        self, near: IndexArray, evaluate: Callable[[Patch], tuple[FloatArray, FloatArray]]
     ) -> dict[int, tuple[FloatArray, FloatArray]]:
         """Evaluate contacts' expressions: values (P,), and attributes (P, K) of the active patch.
 
-        `ask` returns a patch's values, shape (P,), and attributes, shape (P, K).
+        `evaluate` returns a patch's values, shape (P,), and attributes, shape (P, K).
         """
         used = sorted({int(k) for k in self.expression_of[near]})
         terms = sorted({term for k in used for term in self.expressions[k]})
         involved = sorted({p for term in terms for p in term})
-        asked = [ask(self.patches[p]) for p in involved]
-        values = np.stack([value for value, _ in asked])  # (patches, P)
-        attributes = np.stack([attribute for _, attribute in asked])  # (patches, P, K)
+        evaluated = [evaluate(self.patches[p]) for p in involved]
+        values = np.stack([value for value, _ in evaluated])  # (patches, P)
+        attributes = np.stack([attribute for _, attribute in evaluated])  # (patches, P, K)
         place = {p: row for row, p in enumerate(involved)}
         columns = np.arange(values.shape[1])
 

@@ -71,19 +71,12 @@ def flat_points(points: npt.ArrayLike) -> tuple[FloatArray, tuple[int, ...]]:
     """Return query points as rows, shape (P, 3), and the shape (...) that results go back to."""
     array = np.asarray(points, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != 3:
-        raise InvalidOptionError(
-            f"points must have shape (..., 3); they have shape {array.shape}", option="points"
-        )
-    if not np.isfinite(array).all():
-        raise InvalidOptionError(
-            "points must be finite; at least one coordinate is NaN or infinite", option="points"
-        )
-    if np.abs(array).max(initial=0.0) > _FARTHEST:
-        raise InvalidOptionError(
-            f"points must be within {_FARTHEST:g} m of the origin; the farthest coordinate is"
-            f" {np.abs(array).max():g} m",
-            option="points",
-        )
+        message = f"points must have shape (..., 3); they have shape {array.shape}"
+        raise InvalidOptionError(message, option="points")
+    farthest = np.abs(array).max(initial=0.0)
+    if not farthest <= _FARTHEST:  # NaN, too
+        message = f"points must be within {_FARTHEST:g} m of the origin; one is at {farthest:g} m"
+        raise InvalidOptionError(message, option="points")
     return array.reshape(-1, 3), array.shape[:-1]
 
 
