@@ -17,14 +17,16 @@ from lis_grasp.hands.collision import HandCollisionChecker
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
 
 
-def _search(hand: Hand, name: str, seed: int = 0, candidates: int = 200) -> GraspSearch:
+def _search(
+    hand: Hand, name: str, seed: int = 0, candidates: int = 200, count: int = 5
+) -> GraspSearch:
     shape = shapes.build(name)
     sampler = ForceClosureSampler(hand, friction=0.8, candidates=candidates)
     return sampler.sample(
         shape.mesh,
         rng=np.random.default_rng(seed),
         support_height=float(shape.mesh.bounds[0, 2]),
-        count=5,
+        count=count,
     )
 
 
@@ -149,7 +151,7 @@ def test_grasps_turn_and_move_with_the_object(hand: Hand, name: str) -> None:
     moved = mesh.copy()
     moved.apply_transform(X)
     here, there = (
-        ForceClosureSampler(hand, candidates=100).sample(
+        ForceClosureSampler(hand, candidates=50).sample(
             body,
             rng=np.random.default_rng(0),
             support_height=float(body.bounds[0, 2]),
@@ -216,7 +218,7 @@ def test_perturbed_contacts_stay_on_usable_surface(box_search: GraspSearch) -> N
 
 
 def test_the_same_seed_finds_the_same_grasps_and_another_seed_others() -> None:
-    first, again, other = (_search(JAW, "box", seed, 20) for seed in (1, 1, 2))
+    first, again, other = (_search(JAW, "box", seed, 20, count=1) for seed in (1, 1, 2))
     assert np.array_equal(first.grasps[0].X_OH, again.grasps[0].X_OH)
     assert not np.array_equal(first.grasps[0].X_OH, other.grasps[0].X_OH)
 
@@ -307,8 +309,8 @@ def test_surface_that_no_touch_supports_is_not_grasped() -> None:
     # Only the part with z > 0 was touched.
     uncertain = np.where(mesh.vertices[:, 2] > 0.0, 0.001, 0.05)
     mesh.vertex_attributes["uncertainty"] = uncertain
-    search = ForceClosureSampler(JAW, candidates=200).sample(
-        mesh, rng=np.random.default_rng(0), support_height=-0.05, count=3
+    search = ForceClosureSampler(JAW, candidates=100).sample(
+        mesh, rng=np.random.default_rng(0), support_height=-0.05, count=1
     )
     assert search.grasps
     for grasp in search.grasps:

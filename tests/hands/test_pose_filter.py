@@ -1,5 +1,7 @@
 """The filter of hand poses rejects only poses that collide by FCL, and most of those."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import trimesh
@@ -18,8 +20,16 @@ def _poses(count: int, spread: float, seed: int) -> np.ndarray:
     return X
 
 
-@pytest.mark.parametrize("hand_name", ["allegro", "wsg50", "barrett"])
-@pytest.mark.parametrize("name", ["box", "torus", "hollow_cylinder"])
+SHAPE_OF_HAND = {"allegro": "box", "wsg50": "torus", "barrett": "hollow_cylinder"}
+
+
+@pytest.mark.parametrize(
+    ("hand_name", "name"),
+    [
+        pytest.param(hand, name, marks=[] if name == SHAPE_OF_HAND[hand] else [pytest.mark.slow])
+        for hand, name in product(SHAPE_OF_HAND, SHAPE_OF_HAND.values())
+    ],
+)
 def test_rejected_poses_collide_and_most_colliding_poses_are_rejected(
     hand_name: str, name: str
 ) -> None:
