@@ -96,14 +96,15 @@ def _lifts_on(
     rows = []
     for grasp in dict.fromkeys([*found[:1], *found[-1:]]):
         outcome = lift(shape, hand, grasp, mass=0.2, friction=0.8)
-        felt = outcome.measured_contacts
+        measured = outcome.measured_contacts
+        points, normals = measured.points, measured.normals
         rows.append(
             {
                 **grasp.quality,
                 "held": outcome.held,
                 "reason": outcome.reason,
-                "measured": robust_epsilon_on(mesh, hand, felt.points, felt.normals, friction=0.8)
-                if len(felt) >= 2
+                "measured": robust_epsilon_on(mesh, hand, points, normals, friction=0.8)
+                if len(measured) >= 2
                 else None,
             }
         )

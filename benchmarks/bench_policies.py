@@ -30,10 +30,10 @@ from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
 from lis_grasp.experiments.runner import local_scheduler, run_trials, single_thread
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.exploration import Exploration, Workspace, explore
-from lis_grasp.exploration.motion_time import transfer_seconds
+from lis_grasp.exploration.target_candidates import transfer_seconds
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.stages import make_policy
+from lis_grasp.pipeline.stages import make_policy, workspace
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS
@@ -90,7 +90,7 @@ def explore_with(policy: str, trial: PolicyTrial) -> Row:
     name, seed, touches = trial.object, trial.seed, trial.touches
     shape = shapes.build(name, shapes.PAPER_SIZE)
     config = RunConfig(object=name, policy=policy, estimator=POLICIES[policy])
-    space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
+    space = workspace(shape)
     with single_thread():
         exploration = explore(
             KinematicProber(Hand.load("allegro"), shape.mesh),

@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lis_grasp import Contacts, Hand, extract_mesh, shapes, surface_error
-from lis_grasp.exploration import STEP_FRACTION, TargetPolicy, Workspace, explore
-from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp import Contacts, Hand, extract_mesh, pipeline, shapes, surface_error
 
 
 class NearestPlane:
@@ -42,15 +40,13 @@ def main() -> None:
     output.mkdir(parents=True, exist_ok=True)
 
     pentagon, hand = shapes.build("pentagon"), Hand.load("allegro")
-    center = pentagon.mesh.bounds.mean(axis=0)
-    space = Workspace(STEP_FRACTION * pentagon.size, center, pentagon.size)
-    prober, rng = KinematicProber(hand, pentagon.mesh), np.random.default_rng(0)
-    exploration = explore(
-        prober, TargetPolicy(space), NearestPlane, touches=15, rng=rng, space=space
-    )
+    config = pipeline.RunConfig(prober="kinematic", policy="frontier", touches=15)
+    exploration = pipeline.touch(pentagon, hand, config, estimator=NearestPlane)
     mesh = extract_mesh(NearestPlane(exploration.contacts))
     mesh.export(output / "surface.ply")
-    error = surface_error(mesh, pentagon, exploration.contacts, explored_radius=space.step)
+    error = surface_error(
+        mesh, pentagon, exploration.contacts, explored_radius=0.25 * pentagon.size
+    )
     print(exploration.summary())
     print(f"error {1e3 * error.rmsd:.1f} mm where explored; wrote {output / 'surface.ply'}")
 

@@ -8,11 +8,8 @@ The policy here touches the object from above at random places. A class with `ne
 import argparse
 from pathlib import Path
 
-import numpy as np
-
-from lis_grasp import BlendedImplicitSurface, Hand, extract_mesh, shapes
-from lis_grasp.exploration import STEP_FRACTION, Probe, Workspace, explore
-from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp import Hand, pipeline, shapes
+from lis_grasp.exploration import Probe, Workspace
 
 
 class FromAbove:
@@ -35,19 +32,13 @@ def main() -> None:
     output.mkdir(parents=True, exist_ok=True)
 
     mallet, hand = shapes.build("mallet"), Hand.load("allegro")
-    center = mallet.mesh.bounds.mean(axis=0)
-    space = Workspace(STEP_FRACTION * mallet.size, center, mallet.size)
-    exploration = explore(
-        KinematicProber(hand, mallet.mesh),
-        FromAbove(space),
-        BlendedImplicitSurface.from_contacts,
-        touches=12,
-        rng=np.random.default_rng(0),
-        space=space,
-    )
+    config = pipeline.RunConfig(prober="kinematic", touches=12)
+    policy = FromAbove(pipeline.workspace(mallet))
+    exploration = pipeline.touch(mallet, hand, config, policy=policy)
     contacts = exploration.contacts
     contacts.save(output / "contacts.ply")
-    extract_mesh(BlendedImplicitSurface.from_contacts(contacts)).export(output / "surface.ply")
+    _, mesh = pipeline.estimate(contacts, config.estimator)
+    mesh.export(output / "surface.ply")
 
     low, high = 1e3 * contacts.bounds[:, 2]
     print(exploration.summary())

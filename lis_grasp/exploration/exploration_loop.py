@@ -1,4 +1,4 @@
-"""The exploration loop, touch, estimate, choose again, and the record of an exploration."""
+"""Exploration loop (touch, estimate, choose the next touch) and the record of an exploration."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration.obstacle_model import ObstacleModel
 from lis_grasp.exploration.policy import Policy
-from lis_grasp.exploration.probe import HandPose, ProbeOutcome, Prober, ProbeStatus
+from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.tactile_sensor import TactileSensor
-from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import IndexArray
 
@@ -28,46 +27,22 @@ _PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exploration:
-    """Result of an exploration.
+    """Result of an exploration."""
 
-    Parameters
-    ----------
-    contacts
-        All contacts in O, without duplicates, and all free space.
-    outcomes
-        Every probe and its outcome, in order.
-    ended
-        Why it ended.
-    """
-
-    contacts: Contacts
-    outcomes: tuple[ProbeOutcome, ...]
-    ended: str = ""
+    contacts: Contacts  # in O, without duplicates, with all free space
+    outcomes: tuple[ProbeOutcome, ...]  # of every probe, in order
+    ended: str = ""  # why it ended
 
     @classmethod
     def replay(cls, outcomes: Sequence[ProbeOutcome], *, touches: int | None = None) -> Exploration:
-        """Return the exploration that recorded outcomes make.
-
-        Parameters
-        ----------
-        outcomes
-            Every probe and its outcome, in order.
-        touches
-            Largest number of contacts to keep; None for all.
-        """
+        """Rebuild an exploration from its recorded outcomes, up to `touches` contacts."""
         contacts = Contacts.empty()
         for contacts in _accumulated(outcomes, touches):  # noqa: B007, the last ones are wanted
             pass
         return cls(contacts, tuple(outcomes), "replayed")
 
     def first(self, touches: int) -> Contacts:
-        """Return the first contacts, and the free space known when the last of them was made.
-
-        Parameters
-        ----------
-        touches
-            Number of contacts, at least 1; all if there are fewer.
-        """
+        """Return the first contacts, and the free space known when the last of them was made."""
         contacts = Contacts.empty()
         for contacts in _accumulated(self.outcomes, touches):
             if len(contacts) >= touches:
@@ -82,11 +57,6 @@ class Exploration:
         for outcome, contacts in zip(self.outcomes, accumulated, strict=True):
             touches += [outcome] * (len(contacts) - len(touches))
         return tuple(touches)
-
-    @property
-    def hand_poses(self) -> tuple[HandPose | None, ...]:
-        """Pose of the hand at each contact, in the contacts' order; None where it is not known."""
-        return tuple(outcome.hand_pose for outcome in self.touches)
 
     @property
     def duration(self) -> float:
@@ -119,12 +89,11 @@ def explore(
 ) -> Exploration:
     """Explore an object by touch; the surface estimated so far guides every probe.
 
-    The exploration ends with `touches` contacts, when a stop rule applies, when the policy has no
-    probe left, or after ``4 touches + 20`` probes. Fewer contacts than wanted are a result, not an
-    error.
+    The exploration ends after `touches` contacts, when a stop rule applies, when the policy has no
+    probe left, or after ``4 touches + 20`` probes. Fewer contacts are a result, not an error.
 
-    Every probe draws from a generator of its own. So an exploration resumed from its recorded
-    outcomes makes the same probes as one without an interruption.
+    Every probe draws from a generator of its own, so a resumed exploration makes the same probes as
+    an uninterrupted one.
 
     Parameters
     ----------

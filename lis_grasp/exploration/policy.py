@@ -1,4 +1,4 @@
-"""Exploration policies: the protocol, and policies that touch points of the estimated surface."""
+"""Exploration policies: decide what to touch next."""
 
 from __future__ import annotations
 
@@ -10,20 +10,26 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import target_selection
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
-from lis_grasp.exploration.probe_planning import (
+from lis_grasp.exploration.probe_motions import (
     AXES,
     axis_probe,
     concavity_probe,
     random_pass,
     surface_probe,
 )
-from lis_grasp.exploration.target_selection import TargetSelector
-from lis_grasp.exploration.targets import Targets
+from lis_grasp.exploration.target_candidates import Targets
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
+
+# Distance of the frontier from the nearest contact, in steps.
+_FRONTIER = (0.8, 1.2)
+# Weights of a frontier target's cost besides its distance to the nearest contact: the distance to
+# the second contact, and the distance to free space.
+_SECOND_WEIGHT, _FREE_WEIGHT = 0.25, 0.5
+# Random part of the cost, so that explorations differ, in steps.
+_RANDOM_WEIGHT = 0.1
 
 
 class Policy(Protocol):
@@ -43,24 +49,85 @@ class Policy(Protocol):
     ) -> Probe | None:
         """Return the next probe, or None to end the exploration.
 
-        Parameters
-        ----------
-        contacts
-            All contacts so far, in O; may be empty.
-        surface
-            Estimated from these contacts, before free space is carved off: the walls that carving
-            leaves must not be touched. None without contacts.
-        outcomes
-            Every probe so far and its outcome, in order.
-        rng
-            For every random draw.
+        `contacts`, in O, are all so far. `surface` is estimated from them (None without contacts)
+        before free space is carved off: the walls that carving leaves must not be touched.
+        `outcomes` are those of every probe so far, in order. Draw random numbers from `rng`.
         """
         ...
 
 
+TargetSelector = Callable[..., "int | None"]
+"""Returns the index of the next target, or None to select none; called as `frontier`."""
+
+
+def frontier(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
+    """Select a target about one step from the nearest contact.
+
+    Without a frontier, select the target farthest from any contact. Ottenhaus et al. 2016, section
+    IV.B, give the step (50 mm on objects of 20 cm) and derive the next target from the contacts
+    and the estimated surface; the rest is ours.
+    """
+    nearest, step = targets.nearest, targets.step
+    # Surface farther away is not connected to the contacts and seldom true, so it comes last.
+    connected = targets.eligible & (nearest <= _FRONTIER[1] * step)
+    candidates = np.flatnonzero(connected & (nearest >= _FRONTIER[0] * step))
+    if len(candidates):
+        cost = np.abs(nearest - step)
+        cost += _SECOND_WEIGHT * np.minimum(targets.second, 2.0 * step)
+        cost -= _FREE_WEIGHT * np.minimum(targets.free_distance, step)
+        cost += _RANDOM_WEIGHT * step * rng.random(len(cost))
+        return int(candidates[np.argmin(cost[candidates])])
+    if targets.eligible.any():
+        left = np.flatnonzero(connected if connected.any() else targets.eligible)
+        return int(left[np.argmax(nearest[left])])
+    return None
+
+
+def farthest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
+    """Select the target farthest from any contact on its side.
+
+    Farthest-first traversal: no placement of as few touches leaves gaps of less than half the size
+    (Gonzalez 1985).
+    """
+    return _best(targets, targets.nearest)
+
+
+def fastest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
+    """Select the target that covers the most area per second of motion.
+
+    A touch covers about the square of its distance to the nearest contact.
+    """
+    return _best(targets, targets.nearest**2 / targets.seconds)
+
+
+def most_uncertain(
+    targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator
+) -> int | None:
+    """Select the target with the greatest standard deviation of the estimate.
+
+    With a Gaussian process this is the usual active learning rule of tactile exploration (Yi et al.
+    2016; Jamali et al. 2016).
+    """
+    eligible = np.flatnonzero(targets.eligible)
+    if not len(eligible):
+        return None
+    return int(eligible[np.argmax(surface.uncertainty(targets.points[eligible]))])
+
+
+def uniform(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
+    """Select a target uniformly at random."""
+    eligible = np.flatnonzero(targets.eligible)
+    return int(rng.choice(eligible)) if len(eligible) else None
+
+
+def _best(targets: Targets, score: FloatArray) -> int | None:
+    eligible = np.flatnonzero(targets.eligible)
+    return int(eligible[np.argmax(score[eligible])]) if len(eligible) else None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetPolicy:
-    """Touch a point of the estimated surface, selected by one of `target_selection`.
+    """Touch a point of the estimated surface, selected by a `TargetSelector`.
 
     The first six probes go along the axes to the object's centre. Later ones approach the selected
     target against the estimated outward normal; after a miss obliquely, from beyond the edge that
@@ -83,7 +150,7 @@ class TargetPolicy:
     """
 
     space: Workspace
-    select: TargetSelector = target_selection.frontier
+    select: TargetSelector = frontier
     guess: Callable[[Contacts], ImplicitSurface] | None = None
 
     def next_probe(
@@ -143,11 +210,11 @@ class PolicyKind:
 
 POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
     {
-        "spread": PolicyKind(target_selection.farthest, uses_gaussian_process=True),
-        "swift": PolicyKind(target_selection.fastest, uses_gaussian_process=True),
-        "frontier": PolicyKind(target_selection.frontier),
-        "uncertainty": PolicyKind(target_selection.most_uncertain),
-        "random": PolicyKind(target_selection.uniform),
+        "spread": PolicyKind(farthest, uses_gaussian_process=True),
+        "swift": PolicyKind(fastest, uses_gaussian_process=True),
+        "frontier": PolicyKind(frontier),
+        "uncertainty": PolicyKind(most_uncertain),
+        "random": PolicyKind(uniform),
     }
 )
 """Policies by name; ``frontier`` is the paper's."""

@@ -1,4 +1,4 @@
-"""A probe, its outcome, the hand's pose at a touch, and the protocol of a prober."""
+"""Probe, probe outcome, hand pose at a touch, and the prober protocol."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration.obstacle_model import ObstacleModel
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
 ProbeStatus = Literal["touched", "missed", "blocked"]
+
+PROBE_SPEED = 0.1
+"""Speed of a guarded motion, which may touch at any time [m/s]."""
+
+TRANSIT_SPEED = 0.25
+"""Speed of approach, retreat, and the transfer from one probe to the next [m/s]."""
 
 # Largest change of a length by normalisation.
 _ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
@@ -30,7 +36,7 @@ class Probe:
     Parameters
     ----------
     target
-        Shape (3,) [m], in the object frame O: where surface is expected.
+        Shape (3,) [m], in the object frame O: expected point of the surface.
     direction
         Shape (3,), in O: direction of the motion; normalised here.
     standoff
@@ -71,23 +77,10 @@ class Probe:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandPose:
-    """Pose of a hand and positions of its joints.
+    """Pose of a hand and positions of its joints."""
 
-    Parameters
-    ----------
-    X_OH
-        Shape (4, 4): pose of the palm frame H in the object frame O.
-    joint_positions
-        Shape (J,) [rad or m], in the order of the hand's joints.
-
-    Raises
-    ------
-    InvalidOptionError
-        If a shape is wrong or a number is not finite.
-    """
-
-    X_OH: FloatArray
-    joint_positions: FloatArray
+    X_OH: FloatArray  # (4, 4): pose of the palm frame H in the object frame O
+    joint_positions: FloatArray  # (J,) [rad or m], in the order of the hand's joints
 
     def __post_init__(self) -> None:
         for name, required in (("X_OH", "4 x 4"), ("joint_positions", "a list of")):
@@ -127,8 +120,8 @@ class ProbeOutcome:
         Shape (K,) [m]: radius of the free ball around each free point; 0 if only the point is known
         to be free. Empty for all 0.
     hand_pose
-        Where the hand and its joints were when it made the contacts, in the object frame O at that
-        time; None if the prober does not know.
+        Pose of the hand when it made the contacts, in the object frame O at that time; None if
+        unknown.
 
     Raises
     ------
@@ -187,12 +180,7 @@ class Prober(Protocol):
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe and return its outcome.
 
-        Parameters
-        ----------
-        probe
-            The probe.
-        obstacles
-            What the hand avoids on its approach; None for a hand that is at the start already.
+        The approach avoids `obstacles`; None is for a hand that is already at the probe's start.
         """
         ...
 

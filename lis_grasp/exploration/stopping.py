@@ -9,15 +9,14 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.probe import ProbeOutcome
-from lis_grasp.exploration.targets import gaps
+from lis_grasp.exploration.target_candidates import gaps
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 
 StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | None"]
 """Returns why to stop, or None to continue, from contacts, estimate and outcomes."""
 
-# Quantile of the surface that has to be certain: the rest is where the estimate leaves the
-# workspace.
+# Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
 _CERTAIN_QUANTILE = 0.95
 
 

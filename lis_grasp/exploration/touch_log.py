@@ -17,7 +17,7 @@ from lis_grasp.typing import FloatArray
 
 _END = "ended"
 
-# Errors of values that are no probe.
+# Errors raised by values that are no probe.
 _DAMAGE = (KeyError, OverflowError, TypeError, ValueError, InvalidInputError)
 
 
@@ -27,22 +27,15 @@ class TouchLog:
 
     Lengths are in metres, times in seconds, everything in the object frame O. Numbers are kept to
     the last bit. `Exploration.replay` makes the contacts from the outcomes.
-
-    Parameters
-    ----------
-    path
-        Path of the file; need not exist.
-    facts
-        Configuration of the exploration, as plain values; the header.
     """
 
-    path: Path
-    facts: Mapping[str, Any]
+    path: Path  # of a file that need not exist
+    facts: Mapping[str, Any]  # configuration of the exploration, as plain values: the header
 
     def resume(self) -> tuple[ProbeOutcome, ...]:
         """Return the outcomes of an interrupted exploration with the same facts.
 
-        A log that has ended or has other facts is removed, and gives no outcomes.
+        The log of a finished exploration, or of one with other facts, is deleted.
 
         Raises
         ------
@@ -56,7 +49,7 @@ class TouchLog:
         return _outcomes(self.path, rows)
 
     def differing(self) -> tuple[str, ...]:
-        """Return the names of the facts that keep an interrupted exploration from being resumed.
+        """Return the names of the facts that prevent resuming an interrupted exploration.
 
         Raises
         ------

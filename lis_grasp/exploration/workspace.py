@@ -1,16 +1,18 @@
-"""Prior knowledge of an object: its position, size, support, and the spacing of touches."""
+"""Workspace: prior knowledge of the object, and the obstacles known while it is explored."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.level_set_samples import sample_zero_level_set
 from lis_grasp.records import read_only
 from lis_grasp.surfaces import ImplicitSurface
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 STEP_FRACTION = 0.25
 """Length of a step in sizes of the object: 50 mm on 20 cm (Ottenhaus et al. 2016, IV.B)."""
@@ -63,12 +65,10 @@ class Workspace:
         return 0.5 * float(np.sqrt(3.0)) * self.size
 
     def approach_distance(self, points: FloatArray, directions: FloatArray) -> FloatArray:
-        """Return how far outside of the object's ball, against a direction, each point is [m].
+        """Return the distance from the object's ball to each point along its direction [m].
 
-        Parameters
-        ----------
-        points, directions
-            Shapes (..., 3) [m] and (..., 3), unit. 0 for lines that miss the ball or end before it.
+        Points and unit directions have shapes (..., 3) [m] and (..., 3). The distance is measured
+        backwards to where the line enters the ball; 0 if it misses the ball or ends before it.
         """
         offsets = points - self.center
         along = np.sum(offsets * directions, axis=-1)
@@ -90,3 +90,29 @@ class Workspace:
         shift = 0.0 if rng is None else cell * rng.random(3)
         low = self.center - half - shift
         return sample_zero_level_set(surface, np.array([low, self.center + half]), cell)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObstacleModel:
+    """Known object and table, which the hand avoids on its approach to a probe."""
+
+    space: Workspace
+    contacts: Contacts
+    surface: ImplicitSurface | None  # estimated from the contacts, free space carved off
+
+    def occupies(self, points: FloatArray) -> BoolArray:
+        """Return which points (P, 3) [m], in O, are inside known object or table, shape (P,).
+
+        The estimate counts within half a step of a contact. Farther away it is a guess, which a
+        guarded motion may test.
+        """
+        height = self.space.support_height
+        occupied = points[:, 2] < (-np.inf if height is None else height)
+        if self.surface is None or not len(points):
+            return occupied
+        tree = cKDTree(self.contacts.points)
+        distances, _ = tree.query(points, distance_upper_bound=0.5 * self.space.step)
+        near = np.flatnonzero(np.isfinite(distances))
+        if len(near):
+            occupied[near] |= self.surface.evaluate(points[near]) < 0.0
+        return occupied

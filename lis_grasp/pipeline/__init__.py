@@ -11,6 +11,7 @@ from lis_grasp.pipeline.stages import (
     plan,
     support_height,
     touch,
+    workspace,
 )
 
 __all__ = [
@@ -24,4 +25,5 @@ __all__ = [
     "plan",
     "support_height",
     "touch",
+    "workspace",
 ]

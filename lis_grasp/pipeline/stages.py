@@ -17,6 +17,7 @@ from lis_grasp.exploration import (
     POLICIES,
     STEP_FRACTION,
     Exploration,
+    Policy,
     ProbeOutcome,
     Prober,
     TactileSensor,
@@ -64,11 +65,23 @@ def support_height(shape: Shape) -> float:
     return float(shape.mesh.bounds[0, 2])
 
 
+def workspace(shape: Shape, *, free: bool = False) -> Workspace:
+    """Return the prior knowledge of an object: centre of its bounding box and largest extent.
+
+    An object that is `free` rests on a table.
+    """
+    center = shape.mesh.bounds.mean(axis=0)
+    table = support_height(shape) if free else None
+    return Workspace(STEP_FRACTION * shape.size, center, shape.size, table)
+
+
 def touch(
     shape: Shape,
     hand: Hand,
     config: RunConfig,
     *,
+    estimator: Estimator | None = None,
+    policy: Policy | None = None,
     log: TouchLog | None = None,
     recorded: Sequence[ProbeOutcome] = (),
     progress: Callable[[int, int], None] | None = None,
@@ -76,21 +89,16 @@ def touch(
 ) -> Exploration:
     """Explore the object by touch as configured; resume an interrupted log.
 
-    Without a log, `recorded` are the outcomes to resume: those of the same exploration for fewer
-    touches. The object is fixed, or free on a table. The prior knowledge is the centre of its
-    bounding box and its largest extent. `progress` and `observe` are those of `explore`.
+    Your own `estimator` or `policy` replaces the configured one. Without a log, `recorded` are the
+    outcomes to resume: those of the same exploration for fewer touches. The object is fixed, or
+    free on a table. `progress` and `observe` are those of `explore`.
     """
-    space = Workspace(
-        STEP_FRACTION * shape.size,
-        shape.mesh.bounds.mean(axis=0),
-        shape.size,
-        support_height(shape) if config.free else None,
-    )
+    space = workspace(shape, free=config.free)
     recorded = log.resume() if log is not None else recorded
     exploration = explore(
         _make_prober(config, hand, shape),
-        make_policy(config, space),
-        make_estimator(config.estimator, config.sensor()),
+        policy or make_policy(config, space),
+        estimator or make_estimator(config.estimator, config.sensor()),
         touches=config.touches,
         rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
         space=space,

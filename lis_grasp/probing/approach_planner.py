@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.exploration.obstacle_model import ObstacleModel
 from lis_grasp.exploration.probe import Probe
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray

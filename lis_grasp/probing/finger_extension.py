@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import trimesh
 
-from lis_grasp.exploration.motion_time import PROBE_SPEED, TRANSIT_SPEED
+from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.hands.collision import HandCollisionChecker, NearestLink
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import Joint

@@ -8,9 +8,8 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError
-from lis_grasp.exploration.motion_time import PROBE_SPEED, TRANSIT_SPEED
-from lis_grasp.exploration.obstacle_model import ObstacleModel
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, Probe, ProbeOutcome
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.collision import HandCollisionChecker, NearestLink
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import ProbePosture

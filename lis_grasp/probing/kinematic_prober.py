@@ -9,8 +9,8 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.obstacle_model import ObstacleModel
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.finger_extension import FingerExtender
 from lis_grasp.probing.guarded_motion import GuardedMotion

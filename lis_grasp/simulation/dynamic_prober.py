@@ -8,9 +8,8 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.motion_time import PROBE_SPEED
-from lis_grasp.exploration.obstacle_model import ObstacleModel
-from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.probe import PROBE_SPEED, HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
 from lis_grasp.simulation.contact_patches import Patch

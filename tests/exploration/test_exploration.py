@@ -23,7 +23,7 @@ from lis_grasp.exploration import (
     explore,
 )
 from lis_grasp.exploration.level_set_samples import sample_zero_level_set
-from lis_grasp.exploration.targets import Targets
+from lis_grasp.exploration.target_candidates import Targets
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 from lis_grasp.typing import FloatArray
@@ -502,12 +502,12 @@ def test_the_first_contacts_have_the_free_space_known_by_then() -> None:
     assert len(exploration.first(9)) == len(exploration.contacts)
 
 
-def test_hand_poses_are_one_per_kept_contact_in_order() -> None:
+def test_touches_are_one_per_kept_contact_in_order() -> None:
     answers = [touch_at(0.0, 0.0005), Contacts.empty(), touch_at(0.0009, 0.1), touch_at(0.2, 0.3)]
     exploration = run(Scripted(answers, poses=True), 3)
     np.testing.assert_array_equal(exploration.contacts.points[:, 2], [0.0, 0.1, 0.2])
-    assert [pose.joint_positions[0] for pose in exploration.hand_poses if pose] == [3, 1, 0]
-    assert run(Scripted(answers), 3).hand_poses == (None, None, None)
+    poses = [outcome.hand_pose for outcome in exploration.touches]
+    assert [pose.joint_positions[0] for pose in poses if pose] == [3, 1, 0]
 
 
 @pytest.mark.parametrize(

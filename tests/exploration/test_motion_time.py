@@ -6,12 +6,9 @@ import pytest
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Probe, ProbeOutcome, Workspace
-from lis_grasp.exploration.motion_time import (
-    PROBE_SPEED,
-    TRANSIT_SPEED,
-    seconds_to_touch,
-)
-from lis_grasp.exploration.obstacle_model import ObstacleModel
+from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED
+from lis_grasp.exploration.target_candidates import seconds_to_touch
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.kinematic_prober import KinematicProber
 

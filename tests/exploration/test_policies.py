@@ -14,10 +14,15 @@ from lis_grasp.exploration import (
     TargetPolicy,
     Workspace,
     explore,
-    target_selection,
 )
-from lis_grasp.exploration.target_selection import TargetSelector
-from lis_grasp.exploration.targets import Targets
+from lis_grasp.exploration.policy import (
+    TargetSelector,
+    farthest,
+    fastest,
+    most_uncertain,
+    uniform,
+)
+from lis_grasp.exploration.target_candidates import Targets
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.surfaces import ESTIMATORS
@@ -56,25 +61,23 @@ def selected(select: TargetSelector, eligible: list[bool], seed: int = 0) -> int
 
 
 def test_farthest_selects_the_eligible_target_with_the_largest_gap() -> None:
-    assert selected(target_selection.farthest, [True] * 5) == 2
-    assert selected(target_selection.farthest, [True, True, False, True, True]) == 4
+    assert selected(farthest, [True] * 5) == 2
+    assert selected(farthest, [True, True, False, True, True]) == 4
 
 
 def test_fastest_selects_the_largest_squared_gap_per_second() -> None:
-    assert selected(target_selection.fastest, [True] * 5) == 4  # 11 cm^2 / s, of 1, 9, 8 and 4
-    assert selected(target_selection.fastest, [True, True, True, True, False]) == 1
+    assert selected(fastest, [True] * 5) == 4  # 11 cm^2 / s, of 1, 9, 8 and 4
+    assert selected(fastest, [True, True, True, True, False]) == 1
 
 
 def test_most_uncertain_selects_the_largest_deviation() -> None:
-    assert selected(target_selection.most_uncertain, [True] * 5) == 0
-    assert selected(target_selection.most_uncertain, [False, True, True, True, True]) == 3
+    assert selected(most_uncertain, [True] * 5) == 0
+    assert selected(most_uncertain, [False, True, True, True, True]) == 3
 
 
 def test_uniform_selects_every_eligible_target_equally_often() -> None:
     eligible = [True, False, True, True, True]
-    counts = np.bincount(
-        [selected(target_selection.uniform, eligible, seed) for seed in range(800)], minlength=5
-    )
+    counts = np.bincount([selected(uniform, eligible, seed) for seed in range(800)], minlength=5)
     assert counts[1] == 0
     # A quarter of 800 has a standard deviation of 12; four of them.
     np.testing.assert_allclose(counts[[0, 2, 3, 4]], 200, atol=49)
@@ -101,7 +104,7 @@ def test_the_guess_is_searched_before_the_estimate(step: float, radius: float) -
     # and farther from the contacts, is searched.
     contacts, outcomes = six_touches()
     space = Workspace(step, np.zeros(3), 0.12)
-    policy = TargetPolicy(space, target_selection.farthest, guess=lambda _: Ball(RADIUS))
+    policy = TargetPolicy(space, farthest, guess=lambda _: Ball(RADIUS))
     rng = np.random.default_rng(0)
     probe = policy.next_probe(contacts, Ball(0.055), outcomes=outcomes, rng=rng)
     # Samples are on the surface within a percent of a cell of 5 mm and more.

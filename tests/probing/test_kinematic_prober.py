@@ -8,8 +8,8 @@ from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration import Workspace
-from lis_grasp.exploration.obstacle_model import ObstacleModel
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.approach_planner import NO_FREE_APPROACH

@@ -7,7 +7,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe, Workspace
-from lis_grasp.exploration.obstacle_model import ObstacleModel
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.probing.guarded_motion import AT_TABLE

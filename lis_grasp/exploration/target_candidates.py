@@ -1,4 +1,4 @@
-"""Targets of the next touch: points of the estimated surface, and what is known around each."""
+"""Candidate targets of the next touch: surface points, distances to contacts, motion times."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.motion_time import seconds_to_touch
-from lis_grasp.exploration.probe import ProbeOutcome
-from lis_grasp.exploration.probe_planning import SAME_DIRECTION
+from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
+from lis_grasp.exploration.probe_motions import SAME_DIRECTION
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import BoolArray, FloatArray
 
 # A target equals an earlier one within this fraction of its gap, if their directions agree.
 _SAME_TARGET = 0.4
-# There is no surface so near to the path of a tip that missed, in steps.
+# Free space around the path of a tip that missed: no surface is this near, in steps.
 _FREE_RADIUS = 0.2
-# Nor so deep in free space that any link passed, in steps: links end at the touch.
+# Largest depth of a target in free space that a link passed, in steps.
 _IN_FREE_SPACE = 0.05
 # Above a table, surface that faces down more than this (45 degrees) cannot be touched.
 _FACES_DOWN = -float(np.sqrt(0.5))
@@ -97,3 +96,35 @@ def _distance_to_misses(points: FloatArray, outcomes: Sequence[ProbeOutcome]) ->
             path = probe.target + along[:, None] * probe.direction
             distance = np.minimum(distance, np.linalg.norm(points - path, axis=1))
     return distance
+
+
+def seconds_to_touch(
+    points: FloatArray, normals: FloatArray, space: Workspace, outcomes: Sequence[ProbeOutcome]
+) -> FloatArray:
+    """Return the time that touching each of several points next would take, shape (P,) [s].
+
+    The hand moves on a ball around the object to the start of its approach. It approaches against
+    the normal, is guarded from a step before the point on, and retreats the same way.
+
+    Points and outward unit normals have shapes (P, 3) [m] and (P, 3), in O. The hand is at the end
+    of the last of `outcomes` with a motion.
+    """
+    starts = points + space.step * normals
+    approach = space.approach_distance(starts, -normals)
+    touching = approach / TRANSIT_SPEED + space.step / PROBE_SPEED
+    retreat = (approach + space.step) / TRANSIT_SPEED
+    moved = [outcome.probe for outcome in outcomes if outcome.duration > 0.0]
+    if not moved:
+        return touching + retreat
+    last = moved[-1]
+    outside = last.start - space.approach_distance(last.start, last.direction) * last.direction
+    transfer = transfer_seconds(outside, starts + approach[:, None] * normals, space)
+    return touching + retreat + transfer
+
+
+def transfer_seconds(start: FloatArray, ends: FloatArray, space: Workspace) -> FloatArray:
+    """Return the times from a point (3,) to others (P, 3) on a ball around the object, (P,) [s]."""
+    first, second = start - space.center, ends - space.center
+    lengths = np.linalg.norm(first) * np.linalg.norm(second, axis=1)
+    angles = np.arccos(np.clip(second @ first / np.maximum(lengths, 1e-12), -1.0, 1.0))
+    return np.asarray(space.radius * angles / TRANSIT_SPEED)

@@ -1,13 +1,13 @@
-"""Probes that touch a target: along the axes, against the normal, and inside concavities."""
+"""Probe motions to a chosen target: along axes, against the normal, and inside concavities."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.concavities import bridged_points
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
@@ -19,6 +19,8 @@ AXES = np.vstack([np.eye(3), -np.eye(3)])
 SAME_DIRECTION = float(np.cos(np.radians(50.0)))
 """Two directions count as one if their cosine is above this."""
 
+# Distance between the points checked along a tip's path, in steps.
+_SPACING = 0.25
 # Random offset of the first probes from the centre, in sizes of the object.
 _AXIS_SPREAD = 0.1
 # Length of the motion beyond the target, in steps.
@@ -55,7 +57,7 @@ def concavity_probe(
     rng: np.random.Generator,
 ) -> Probe | None:
     """Return a probe to the wall of a concavity that the estimate bridges, or None."""
-    points, directions = bridged_points(contacts, surface, outcomes, space.step)
+    points, directions = _bridged_points(contacts, surface, outcomes, space.step)
     starts = np.array([outcome.probe.start for outcome in outcomes])
     probed = np.array([outcome.probe.direction for outcome in outcomes])
     # Perpendicular to the tip's motion, to a side drawn once for all points.
@@ -101,3 +103,45 @@ def surface_probe(
     inside = surface.evaluate(target + distances[:, None] * retreat) < 0.0
     standoff = 0.5 * float(distances[np.argmax(inside)]) if inside.any() else space.step
     return Probe(target, -retreat, standoff, _OVERSHOOT * space.step)
+
+
+def _bridged_points(
+    contacts: Contacts,
+    surface: ImplicitSurface,
+    outcomes: Sequence[ProbeOutcome],
+    step: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return points of free space inside the estimate, and the tip's direction of motion there.
+
+    An estimate closes holes between contacts; a tip that passed through one contradicts it. Only
+    points within the contacts' convex hull count, because the estimate is extrapolated outside.
+
+    Points (K, 3) [m] and unit directions (K, 3) are in the order of `outcomes`.
+    """
+    points, directions = _tip_path(outcomes, step)
+    if not len(points):
+        return points, directions
+    try:
+        sides = ConvexHull(contacts.points).equations  # (S, 4): outward normal and offset
+    except QhullError:  # fewer than four contacts, or all in a plane
+        return points[:0], directions[:0]
+    within = np.all(points @ sides[:, :3].T + sides[:, 3] < -_SPACING * step, axis=1)
+    points, directions = points[within], directions[within]
+    inside = surface.evaluate(points) < 0.0
+    return points[inside], directions[inside]
+
+
+def _tip_path(outcomes: Sequence[ProbeOutcome], step: float) -> tuple[FloatArray, FloatArray]:
+    """Return points that tips passed in free space, and the direction of motion at each."""
+    points, directions = [np.empty((0, 3))], [np.empty((0, 3))]
+    for outcome in outcomes:
+        if outcome.status == "blocked":
+            continue
+        probe, end = outcome.probe, outcome.probe.overshoot
+        if outcome.status == "touched":
+            along = (outcome.contacts.points - probe.target) @ probe.direction
+            end = min(end, float(along.min()) - _SPACING * step)
+        path = np.arange(-probe.standoff, end, _SPACING * step)
+        points.append(probe.target + path[:, None] * probe.direction)
+        directions.append(np.tile(probe.direction, (len(path), 1)))
+    return np.concatenate(points), np.concatenate(directions)
