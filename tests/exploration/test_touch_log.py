@@ -70,7 +70,7 @@ def undisturbed() -> Exploration:
     return explored(None)
 
 
-@pytest.mark.parametrize("stop_after", [1, 5, 9])
+@pytest.mark.parametrize("stop_after", [1, 9])
 def test_a_resumed_exploration_equals_one_without_interruption(
     stop_after: int, undisturbed: Exploration, tmp_path: Path
 ) -> None:

@@ -65,7 +65,9 @@ def test_a_spherical_tip_touches_a_slope_beside_the_target() -> None:
     assert outcome.contacts.points[0, 0] == pytest.approx(-0.5 * radius, abs=5e-5)
 
 
-@pytest.mark.parametrize("name", ["cylinder", "hollow_cylinder", "mallet"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("cylinder", marks=pytest.mark.slow), "hollow_cylinder", "mallet"]
+)
 def test_both_probers_agree(name: str, hand: Hand) -> None:
     shape = shapes.build(name, 0.2)
     kinematic, dynamic = KinematicProber(hand, shape.mesh), DynamicProber(hand, shape.mesh)

@@ -156,7 +156,8 @@ def test_a_parallel_jaw_gripper_holds_rods_thinner_than_its_pads(wsg50: Hand, co
         rod, rng=np.random.default_rng(0), support_height=-0.06, count=1
     )
     (grasp,) = search.grasps
-    outcome = simulate_lift(rod, wsg50, grasp, support_height=-0.06, mass=0.1, options=SHORT)
+    options = QUICK if corners == 4 else SHORT
+    outcome = simulate_lift(rod, wsg50, grasp, support_height=-0.06, mass=0.1, options=options)
     assert outcome.held
     assert outcome.slip < 0.005
 
@@ -361,15 +362,15 @@ def test_merging_flat_faces_keeps_the_solid() -> None:
 def test_the_shakes_have_the_wanted_acceleration_along_and_about_every_axis(
     wsg50: Hand,
 ) -> None:
-    # Steps of half and of one g: the hand's own motion, recorded at the rate of the time step.
-    options = LiftOptions(hold_time=0.5, lift_time=0.6, frame_rate=200.0)
+    # The hand's own motion, recorded at the rate of the time step.
+    options = replace(SHORT, frame_rate=200.0)
     grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
     outcome = simulate_lift(box_mesh(), wsg50, grasp, support_height=-0.05, options=options)
     assert outcome.reason == "held"
     assert outcome.acceleration_survived == pytest.approx(9.81)
     palm = outcome.motion.poses[wsg50.base_link]
     times = outcome.motion.times
-    shaken = times > times[-1] - 0.5 - 12 * 0.5
+    shaken = times > times[-1] - 0.5 - 6 * 0.5
     center = palm[:, :3, 3]
     turns = Rotation.from_matrix(palm[0, :3, :3].T @ palm[:, :3, :3])
     turned = turns.magnitude()[shaken].max()
