@@ -29,9 +29,9 @@ _PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
 class Exploration:
     """Result of an exploration."""
 
-    contacts: Contacts  # in O, without duplicates, with all free space
-    outcomes: tuple[ProbeOutcome, ...]  # of every probe, in order
-    ended: str = ""  # why it ended
+    contacts: Contacts  #: in O, without duplicates, with all free space
+    outcomes: tuple[ProbeOutcome, ...]  #: of every probe, in order
+    ended: str = ""  #: why it ended
 
     @classmethod
     def replay(cls, outcomes: Sequence[ProbeOutcome], *, touches: int | None = None) -> Exploration:

@@ -79,8 +79,8 @@ class Probe:
 class HandPose:
     """Pose of a hand and positions of its joints."""
 
-    X_OH: FloatArray  # (4, 4): pose of the palm frame H in the object frame O
-    joint_positions: FloatArray  # (J,) [rad or m], in the order of the hand's joints
+    X_OH: FloatArray  #: (4, 4): pose of the palm frame H in the object frame O
+    joint_positions: FloatArray  #: (J,) [rad or m], in the order of the hand's joints
 
     def __post_init__(self) -> None:
         for name, required in (("X_OH", "4 x 4"), ("joint_positions", "a list of")):

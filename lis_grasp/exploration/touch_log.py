@@ -29,8 +29,8 @@ class TouchLog:
     the last bit. `Exploration.replay` makes the contacts from the outcomes.
     """
 
-    path: Path  # of a file that need not exist
-    facts: Mapping[str, Any]  # configuration of the exploration, as plain values: the header
+    path: Path  #: of a file that need not exist
+    facts: Mapping[str, Any]  #: configuration of the exploration, as plain values: the header
 
     def resume(self) -> tuple[ProbeOutcome, ...]:
         """Return the outcomes of an interrupted exploration with the same facts.

@@ -31,27 +31,13 @@ Planner = Callable[[Contacts], tuple[trimesh.Trimesh, GraspSearch]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
-    """One executed grasp, with the contacts and the estimate that it was planned on.
+    """One executed grasp, with the contacts and the estimate that it was planned on."""
 
-    Parameters
-    ----------
-    contacts
-        All contacts known before the attempt.
-    mesh
-        The surface estimated from them, in O [m].
-    search
-        The grasps planned on it.
-    rank
-        Index of the executed grasp in the search.
-    outcome
-        Outcome of the lift; None if no grasp was found.
-    """
-
-    contacts: Contacts
-    mesh: trimesh.Trimesh
-    search: GraspSearch
-    rank: int
-    outcome: LiftOutcome | None
+    contacts: Contacts  #: all known before the attempt
+    mesh: trimesh.Trimesh  #: the surface estimated from them, in O [m]
+    search: GraspSearch  #: the grasps planned on it
+    rank: int  #: of the executed grasp in the search
+    outcome: LiftOutcome | None  #: of the lift; None if no grasp was found
 
 
 def grasp_with_tactile_check(
@@ -72,20 +58,8 @@ def grasp_with_tactile_check(
     `RunConfig.attempts` is executed without the check. An aborted attempt may push the object; the
     next one starts from its new pose, but is planned for the old one.
 
-    Parameters
-    ----------
-    shape
-        The true object.
-    hand
-        The hand.
-    contacts
-        Contacts of the exploration.
-    config
-        Estimator, sensor noise, friction, mass, grasps, attempts and seed.
-    planner
-        Estimates the surface and plans grasps; None does so with the configuration.
-    lift
-        Simulates the lift; called as `pipeline.lift`.
+    `shape` is the true object, `contacts` are those of the exploration. `planner` estimates the
+    surface and plans grasps; None does so as configured. `lift` is called as `pipeline.lift`.
     """
     planner = planner or make_planner(shape, hand, config)
     missed = np.empty((0, 3))

@@ -57,17 +57,7 @@ class ApproachPlanner:
     A hand in a probe posture is one rigid body with a leading finger. So its pose at a start
     follows in closed form from the direction of the finger and the roll about it. The finger
     points along the probe's motion; if that collides, as in a bore, it is oblique or perpendicular
-    to the motion, and touches with its side.
-
-    Parameters
-    ----------
-    hand
-        The hand; it needs a probe posture.
-
-    Raises
-    ------
-    InvalidHandError
-        If the hand has no probe posture.
+    to the motion, and touches with its side. Without a probe posture, raises InvalidHandError.
     """
 
     def __init__(self, hand: Hand) -> None:

@@ -43,8 +43,8 @@ class Course:
     approach: Approach
     arrived: bool
     travelled: float  # length of the last leg up to its end or the contact [m]
-    remaining: float  # what was left of the last leg [m]
-    touched: NearestLink | None  # the link that touches the object, and where
+    remaining: float  # rest of the last leg [m]
+    touched: NearestLink | None  # the touching link and its contact
     at_table: bool = False  # whether the table ended the motion before the probe's target
 
     @property
@@ -96,21 +96,8 @@ class GuardedMotion:
     """Moves a hand through the true scene until a link touches.
 
     Conservative advancement (Mirtich 1996): move as far as the distance between links and object
-    allows, repeatedly. Distances are python-fcl's, on the exact mesh.
-
-    Parameters
-    ----------
-    hand
-        The hand; it needs a probe posture.
-    mesh
-        The true object in O [m], watertight.
-
-    Raises
-    ------
-    InvalidHandError
-        If the hand has no probe posture.
-    InvalidMeshError
-        If the mesh is not watertight.
+    allows, repeatedly. Distances are python-fcl's, on the exact mesh: the true object in O [m]. A
+    hand without probe posture and a mesh that is not watertight are refused.
     """
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh) -> None:
@@ -128,10 +115,10 @@ class GuardedMotion:
         }
 
     def run(self, probe: Probe, obstacles: ObstacleModel | None = None) -> Course | str:
-        """Move up to the first contact; return the course, or why the probe is blocked.
+        """Move up to the first contact; return the course, or the reason that blocks the probe.
 
-        With `obstacles`, the hand approaches from outside of the object's ball, avoids what is
-        known, and stops above the table. Without, it starts wherever no link touches the object.
+        With `obstacles`, the hand approaches from outside of the object's ball, avoids the known
+        object, and stops above the table. Without, it starts where no link touches the object.
         """
         if obstacles is None:
             approach = self._free_start(probe)
@@ -172,8 +159,8 @@ class GuardedMotion:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the free balls of a course: centres (K, 3) in O, and radii (K,) [m].
 
-        The leading sphere's come first, along the whole course. Then those inside all links, if
-        they overlap the object's ball.
+        Those of the leading sphere come first, along the whole course; then the balls inside all
+        links that overlap the object's ball.
         """
         balls = self._balls[course.approach.posture.finger]
         X_OH = course.poses()

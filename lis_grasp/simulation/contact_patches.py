@@ -1,4 +1,4 @@
-"""Drake's hydroelastic contact results, decoded: contacts of links, and their flat parts."""
+"""Hydroelastic contacts of the hand's links, and their flat parts, from Drake's results."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Patch:
 def link_contacts(
     results: ContactResults, object_geometry: GeometryId, link_of_geometry: Mapping[GeometryId, str]
 ) -> list[LinkContact]:
-    """Return the contacts between the hand's links and the object, in a fixed order."""
+    """Return the contacts between the hand's links and the object, in Drake's order."""
     contacts = []
     for i in range(results.num_hydroelastic_contacts()):
         info = results.hydroelastic_contact_info(i)
@@ -110,9 +110,9 @@ def split_patch(
 ) -> list[Patch]:
     """Split a contact patch at gaps and at the object's edges, convex or concave.
 
-    A tip in a corner touches two faces, and the mean of their normals is the normal of neither; a
-    tip across a groove touches both sides, and their mean is in the air. Faces of one connected
-    piece within 35 degrees of a part's area-weighted mean normal form that part, the largest first.
+    A tip in a corner touches two faces: their mean normal is the normal of neither. A tip across a
+    groove touches both sides: their mean point is not on the object. Faces of one connected piece
+    within 35 degrees of a part's area-weighted mean normal form that part, the largest first.
 
     The faces have areas (F,) [m^2], centroids (F, 3) [m], outward unit normals (F, 3), and pieces
     (F,). `force` is the normal force of the whole patch [N]. A patch with area has at least one

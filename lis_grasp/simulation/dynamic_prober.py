@@ -51,9 +51,9 @@ class DynamicProber:
     mesh
         The true object in O [m], watertight.
     free
-        Makes the object free to move on a table; None fixes it. Its motion is measured: contacts
-        are in the object's frame at that time, and the next probe finds the object where it was at
-        first. A touch that topples it is not used.
+        Makes the object free to move on a table; None fixes it. Contacts are in the object's frame
+        at that time. Each probe starts with the object at its first pose. A touch that topples it
+        is not used.
 
     Raises
     ------
@@ -100,7 +100,7 @@ class DynamicProber:
         )
 
     def _touch(self, course: Course) -> tuple[list[Patch], FloatArray, HandPose]:
-        """Simulate the end of a course; return the patches, and the poses of object and hand."""
+        """Simulate the last part of a course; return contact patches, X_WO and the hand's pose."""
         scene, posture = self._scene, course.approach.posture
         palm_to_base = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
         X_OB = course.X_OH @ palm_to_base[self._hand.base_link]

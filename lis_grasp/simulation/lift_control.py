@@ -11,16 +11,15 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.hands.hand import Hand
-from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.simulation.contact_patches import LinkContact
-from lis_grasp.simulation.lift_scene import LiftScene
+from lis_grasp.simulation.lift_scene import LiftScene, LiftSetup
 from lis_grasp.typing import FloatArray
 
 # Force at which a finger stops closing: the weight of a few coins.
 _TOUCH_FORCE = 0.2  # [N]
 _CLOSING_SPEED = 0.05  # [m/s] of the fastest pad
 _SEARCH_SPEED = 0.03  # [m/s] of a pad beyond its planned contact
-# Squeezing forces are well inside the friction cones if possible: a load is yet to come.
+# Squeezing forces are well inside the friction cones if possible: the lift adds a load.
 _CONE_FRACTIONS = (0.6, 0.8, 1.0)
 _ENOUGH = 0.9  # fraction of the wanted grip that a narrower cone must give
 # Fraction of the joint efforts for the squeeze: the springs need some to keep the posture.
@@ -45,17 +44,10 @@ class _FingerContact:
 class FingerControl:
     """Controls the fingers of a hand through a grasp, from measured contacts.
 
-    Guarded closing: every finger moves from the pregrasp to its planned posture, and on along the
+    Guarded closing: every finger moves from the pregrasp to its planned posture, then along the
     planned contact normal, until it touches. Then all touching fingers push with forces that
     balance each other at the measured points and normals (`balanced_grip`): joint torques
     ``tau = J^T f`` on top of soft springs that hold the posture.
-
-    Parameters
-    ----------
-    scene
-        The running simulation.
-    setup
-        Hand, grasp, friction and options.
     """
 
     def __init__(self, scene: LiftScene, setup: LiftSetup) -> None:

@@ -1,6 +1,8 @@
-"""Drake scene of a lift: a free object on a table, and a hand on a wrist."""
+"""Setup and Drake scene of a lift: a free object on a table, and a hand on a wrist."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
@@ -11,8 +13,10 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.exceptions import SimulationError
-from lis_grasp.lifting.lift_setup import LiftSetup
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, SimulationError
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.advance_simulation import advance
@@ -36,8 +40,45 @@ _WRIST_LIMITS = (150.0, 15.0)  # [N, N m]
 # an object that is not where the estimate has it, stiff enough to carry it.
 _FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
 _DAMPING_TIME = 0.035  # [s], damping by stiffness
+_GRAVITY = 9.81  # [m/s^2]
 # An object farther than this from the origin gets a body frame of its own [m].
 _FAR = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiftSetup:
+    """Object, hand, grasp, table and options; arguments and errors of `simulate_lift`."""
+
+    mesh: trimesh.Trimesh
+    hand: Hand
+    grasp: Grasp
+    support_height: float
+    mass: float
+    friction: float
+    options: LiftOptions
+    X_WO: FloatArray
+
+    def __post_init__(self) -> None:
+        if not self.mesh.is_watertight:
+            raise InvalidMeshError("a lift needs a watertight mesh: load it with `shapes.load`")
+        for name in ("mass", "friction"):
+            value = getattr(self, name)
+            if not 0.0 < value < np.inf:
+                raise InvalidOptionError.out_of_range(name, value, "a positive number")
+        if tuple(self.grasp.joint_names) != tuple(self.hand.joint_names):
+            raise InvalidOptionError(
+                f"the grasp must be for the joints of '{self.hand.name}'; it is for those of"
+                f" '{self.grasp.hand}'",
+                option="grasp",
+                value=self.grasp.hand,
+            )
+
+    @property
+    def grip_force(self) -> float:
+        """Wanted sum of the fingers' normal forces [N]; see `LiftOptions.grip_margin`."""
+        options = self.options
+        load = self.mass * (_GRAVITY + max(options.shake_accelerations, default=0.0))
+        return max(options.grip_margin * load / self.friction, options.least_grip_force)
 
 
 class LiftScene:
@@ -45,12 +86,8 @@ class LiftScene:
 
     The world frame W is the object's frame O in which the grasp was planned. All contacts are
     hydroelastic: the object is its exact rigid mesh, never its hull; the hand's links and the table
-    are compliant. The hand's links do not collide with each other.
-
-    Parameters
-    ----------
-    setup
-        Object, hand, grasp, table and options. The wrist is at zero where the grasp has the palm.
+    are compliant. The hand's links do not collide with each other. The wrist's zero is the palm
+    pose of the grasp.
     """
 
     def __init__(self, setup: LiftSetup) -> None:

@@ -9,11 +9,10 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.lifting.lift_outcome import LiftOutcome, Reason
-from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.wrist_trajectory import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.simulation.lift_control import FingerControl
-from lis_grasp.simulation.lift_scene import LiftScene
+from lis_grasp.simulation.lift_scene import LiftScene, LiftSetup
 from lis_grasp.typing import FloatArray
 
 # Fingers are commanded at this rate, the wrist in each time step.

@@ -76,19 +76,10 @@ class FreeObject:
 
 
 class ProbingScene:
-    """A hand on a rail, and an object, in Drake; the world W is the object's frame O at rest.
+    """A Drake simulation of a hand on a rail and an object; W is the object's frame O at rest.
 
-    Rail, hand and object can be placed anew at any time: their joints are locked during the motion,
-    so that one plant serves every probe. Only the joint of a free object is not locked.
-
-    Parameters
-    ----------
-    hand
-        The hand.
-    mesh
-        The object in O [m], watertight.
-    free
-        Makes the object free to move on a table; None fixes it.
+    One plant serves every probe: `place` sets the poses of rail, hand and object, and locks their
+    joints for the motion. The joint of a `free` object stays unlocked.
     """
 
     time_step = _TIME_STEP

@@ -8,7 +8,7 @@ import trimesh
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome, Reason
-from lis_grasp.lifting.lift_setup import LiftSetup
+from lis_grasp.simulation.lift_scene import LiftSetup
 from lis_grasp.simulation.lift_trial import AcceptGrasp, LiftTrial
 from lis_grasp.typing import FloatArray
 

@@ -10,9 +10,8 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.probing.finger_extension import FingerExtender
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
-from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.probing.kinematic_prober import FingerExtender, KinematicProber
 
 DOWN = Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.02)
 
