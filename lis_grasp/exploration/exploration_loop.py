@@ -36,9 +36,7 @@ class Exploration:
     @classmethod
     def replay(cls, outcomes: Sequence[ProbeOutcome], *, touches: int | None = None) -> Exploration:
         """Rebuild an exploration from its recorded outcomes, up to `touches` contacts."""
-        contacts = Contacts.empty()
-        for contacts in _accumulated(outcomes, touches):  # noqa: B007, the last ones are wanted
-            pass
+        *_, contacts = Contacts.empty(), *_accumulated(outcomes, touches)
         return cls(contacts, tuple(outcomes), "replayed")
 
     def first(self, touches: int) -> Contacts:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -172,13 +172,14 @@ class TargetPolicy:
         if sideways is not None:
             return sideways
         best = self._target(searched, contacts, outcomes, rng)
-        if self.guess is not None and (best is None or best.gap <= space.step):
+        if self.guess is not None and (best is None or best[2] <= space.step):
             own = self._target(surface, contacts, outcomes, rng)
-            if own is not None and (best is None or own.gap > best.gap):
+            if own is not None and (best is None or own[2] > best[2]):
                 best, searched = own, surface
         if best is None:
             return random_pass(space, rng)
-        return surface_probe(best.point, best.normal, space, contacts, searched, outcomes)
+        point, normal, _ = best
+        return surface_probe(point, normal, space, contacts, searched, outcomes)
 
     def _target(
         self,
@@ -186,18 +187,11 @@ class TargetPolicy:
         contacts: Contacts,
         outcomes: Sequence[ProbeOutcome],
         rng: np.random.Generator,
-    ) -> _Target | None:
+    ) -> tuple[FloatArray, FloatArray, float] | None:
+        """Return the selected target, its normal, and its distance to the nearest contact [m]."""
         targets = Targets.find(self.space, contacts, surface, outcomes, rng=rng)
         i = self.select(targets, surface, rng=rng)
-        if i is None:
-            return None
-        return _Target(targets.points[i], targets.normals[i], float(targets.nearest[i]))
-
-
-class _Target(NamedTuple):
-    point: FloatArray
-    normal: FloatArray
-    gap: float  # distance to the nearest contact [m]
+        return None if i is None else (targets.points[i], targets.normals[i], targets.nearest[i])
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Stop rules of an exploration: by coverage, by uncertainty, or by time."""
+"""Stop rules of an exploration: coverage, uncertainty and time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 
 StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | None"]
-"""Returns why to stop, or None to continue, from contacts, estimate and outcomes."""
+"""Returns the reason to stop, or None to continue, from contacts, estimate and outcomes."""
 
 # Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
 _CERTAIN_QUANTILE = 0.95

@@ -237,18 +237,11 @@ def _spatial_inertia(inertial: Inertial | None) -> SpatialInertia:
 
 
 def _shape(geometry: LinkGeometry) -> Shape:
-    match geometry.kind:
-        case "box":
-            return Box(*geometry.dimensions)
-        case "sphere":
-            return Sphere(*geometry.dimensions)
-        case "cylinder":
-            return Cylinder(*geometry.dimensions)
-        case "capsule":
-            return Capsule(*geometry.dimensions)
-        case "mesh":
-            obj = geometry.mesh.convex_hull.export(file_type="obj", include_normals=False)
-            return Convex(InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", geometry.link)))
+    if geometry.kind == "mesh":
+        obj = geometry.mesh.convex_hull.export(file_type="obj", include_normals=False)
+        return Convex(InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", geometry.link)))
+    primitives = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
+    return primitives[geometry.kind](*geometry.dimensions)
 
 
 def _skin(geometry: LinkGeometry, friction: float, modulus: float) -> ProximityProperties:

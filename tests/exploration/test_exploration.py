@@ -23,8 +23,8 @@ from lis_grasp.exploration import (
     Workspace,
     explore,
 )
-from lis_grasp.exploration.level_set_samples import sample_zero_level_set
 from lis_grasp.exploration.target_candidates import Targets
+from lis_grasp.exploration.workspace import sample_zero_level_set
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 from lis_grasp.typing import FloatArray
