@@ -1,4 +1,4 @@
-"""What a sensor reports of touches, against the statistics it states."""
+"""Tactile sensor: reported touches against the configured statistics."""
 
 from dataclasses import replace
 

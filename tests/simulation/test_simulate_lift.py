@@ -251,6 +251,7 @@ def coupled(hand: Hand) -> Hand:
     )
 
 
+@pytest.mark.slow
 def test_a_gripper_with_one_motor_squeezes_as_one_with_two(wsg50: Hand) -> None:
     grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
     one = coupled(wsg50)
