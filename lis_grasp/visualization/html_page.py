@@ -16,7 +16,7 @@ from lis_grasp.exceptions import InvalidFileError
 
 _ASSETS = "lis_grasp.visualization"
 # In the order of their dependencies.
-_SCRIPTS = ("look.js", "story.js", "camera.js", "scene.js")
+_SCRIPTS = ("appearance.js", "story.js", "camera.js", "scene.js")
 
 
 def build_page(

@@ -30,14 +30,14 @@ from lis_grasp.experiments.figures import (
     curve_panels,
     png_of,
 )
-from lis_grasp.experiments.figures.angular_kernel import angular_kernel
-from lis_grasp.experiments.figures.convexity_discs import around, tangent_axes
-from lis_grasp.experiments.figures.cutting import cut_segments, cut_triangles
+from lis_grasp.experiments.figures.convexity_figures import angular_kernel, around, tangent_axes
 from lis_grasp.experiments.figures.error_figures import error_lines
-from lis_grasp.experiments.figures.experiment import explored_object, view_on
+from lis_grasp.experiments.figures.figure_inputs import explored_object, view_on
 from lis_grasp.experiments.figures.painter import (
     Patches,
     View,
+    cut_segments,
+    cut_triangles,
     edge_patches,
     frame_of,
     line_patches,

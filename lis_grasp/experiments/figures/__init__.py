@@ -13,9 +13,8 @@ from types import MappingProxyType
 
 from matplotlib.figure import Figure
 
-from lis_grasp.experiments.figures.angular_kernel import figure_4
 from lis_grasp.experiments.figures.charts import bars, calibration, curve_panels
-from lis_grasp.experiments.figures.convexity_discs import figure_5
+from lis_grasp.experiments.figures.convexity_figures import figure_4, figure_5
 from lis_grasp.experiments.figures.error_figures import figure_8, figure_11
 from lis_grasp.experiments.figures.object_figures import figure_6, figure_7
 from lis_grasp.experiments.figures.patch_map import patch_map

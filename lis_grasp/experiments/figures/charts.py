@@ -12,15 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.experiments.figures.palette import INK, estimator_colour, estimator_label
-from lis_grasp.experiments.figures.style import (
-    LARGE,
-    NORMAL,
-    SMALL,
-    add_panel,
-    new_figure,
-    plain_axes,
-)
+from lis_grasp.experiments.figures import palette, style
 from lis_grasp.typing import FloatArray
 
 _MEAN = "mean"  # the group that is the mean over objects
@@ -57,8 +49,8 @@ def bars(values: Mapping[str, Mapping[str, Sequence[float]]], *, title: str, yla
             "bars need the values of at least one estimator and object", option="values"
         )
     groups = [*objects, _MEAN] if len(objects) > 1 else objects
-    figure = new_figure(3.7)
-    axes = add_panel(figure, _LEFT, 0.12, _WIDE, 0.66)
+    figure = style.new_figure(3.7)
+    axes = style.add_panel(figure, _LEFT, 0.12, _WIDE, 0.66)
     width = _GROUP / len(known)
     handles = []
     for k, (name, of) in enumerate(known.items()):
@@ -67,18 +59,18 @@ def bars(values: Mapping[str, Mapping[str, Sequence[float]]], *, title: str, yla
             seeds = means if group == _MEAN else of.get(group, np.empty(0))
             if len(seeds):
                 at = g + (k + 0.5) * width - 0.5 * _GROUP
-                _bar(axes, at, 0.88 * width, seeds, estimator_colour(name))
+                _bar(axes, at, 0.88 * width, seeds, palette.estimator_colour(name))
         if of:
             mean = means.mean()
             text = f"{mean:.1f}" if mean >= 0.95 else f"{mean:.2f}"
-            handles.append(_handle(name, f"{estimator_label(name)} ({text})", lw=7.0))
+            handles.append(_handle(name, f"{palette.estimator_label(name)} ({text})", lw=7.0))
     if len(groups) > len(objects):
         axes.axvspan(len(objects) - 0.5, len(objects) + 0.5, color="#f4f4f4", lw=0.0, zorder=0)
     axes.set_xlim(-0.55, len(groups) - 0.45)
     axes.set_ylim(bottom=0.0)
     axes.set_xticks(range(len(groups)), [group.replace("_", "\n") for group in groups])
     _finish(axes, "", ylabel)
-    axes.tick_params(axis="x", length=0, labelsize=NORMAL)
+    axes.tick_params(axis="x", length=0, labelsize=style.NORMAL)
     _head(figure, title, handles)
     return figure
 
@@ -106,31 +98,32 @@ def curve_panels(
     InvalidOptionError
         If values have another shape.
     """
-    figure = new_figure(3.7)
+    figure = style.new_figure(3.7)
     names = list(dict.fromkeys(name for values in panels.values() for name in values))
     markers = {name: _MARKERS[k % len(_MARKERS)] for k, name in enumerate(names)}
     width, top = _WIDE / len(panels), 0.0
     place = np.arange(len(levels), dtype=np.float64)
     for p, (title, values) in enumerate(panels.items()):
-        axes = add_panel(
+        axes = style.add_panel(
             figure, _LEFT + p * width, 0.2, (0.94 if len(panels) > 1 else 1) * width, 0.56
         )
         for name, table in values.items():
             mean, spread = _statistics(name, table, len(levels))
             low, high = np.maximum(mean - spread, 0.0), mean + spread
-            colour = estimator_colour(name)
+            colour = palette.estimator_colour(name)
             axes.fill_between(place, low, high, color=colour, alpha=0.15, lw=0.0)
             axes.plot(place, mean, color=colour, marker=markers[name], **_CURVE)
             top = max(top, float(np.nanmax(high, initial=0.0)))
         axes.set_xticks(range(len(levels)), list(levels))
-        axes.set_xlabel(xlabel, fontsize=NORMAL, color=INK)
+        axes.set_xlabel(xlabel, fontsize=style.NORMAL, color=palette.INK)
         axes.set_xlim(-0.15, len(levels) - 0.85)
         _finish(axes, title, ylabel if p == 0 else "")
         axes.tick_params(labelleft=p == 0)
     for axes in figure.axes:
         axes.set_ylim(0.0, 1.03 * top or 1.0)
     handles = [
-        _handle(name, estimator_label(name), marker=markers[name], **_CURVE) for name in names
+        _handle(name, palette.estimator_label(name), marker=markers[name], **_CURVE)
+        for name in names
     ]
     _head(figure, "", handles)
     return figure
@@ -157,27 +150,30 @@ def calibration(
     """
     rows = np.arange(len(covered))
     height = 1.15 + 0.3 * len(rows)
-    figure = new_figure(height)
+    figure = style.new_figure(height)
     left, width = 0.2, 0.78 / len(nominal)
     low, high = 0.55 / height, 0.3 * len(rows) / height
     for p, predicted in enumerate(nominal):
-        axes = add_panel(figure, left + p * width, low, 0.9 * width, high)
-        axes.axvline(predicted, color=INK, lw=1.0, ls=(0, (4, 3)))
+        axes = style.add_panel(figure, left + p * width, low, 0.9 * width, high)
+        axes.axvline(predicted, color=palette.INK, lw=1.0, ls=(0, (4, 3)))
         for row, (name, table) in zip(rows, covered.items(), strict=True):
             observed = np.asarray(table, dtype=np.float64)
             columns = observed[:, None] if observed.ndim == 1 else observed
             mean, spread = (a[p] for a in _statistics(name, columns, len(nominal)))
-            colour = estimator_colour(name)
+            colour = palette.estimator_colour(name)
             axes.hlines(row, mean - spread, min(mean + spread, 1.0), color=colour, lw=2.0)
             axes.plot([mean], [row], "o", ms=7.0, mfc=colour, mec="white", mew=0.8)
         axes.set(xlim=(0.0, 1.02), ylim=(len(rows) - 0.5, -0.5))
         axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25", "50", "75", "100 %"])
         axes.set_yticks(
-            rows, [estimator_label(name) for name in covered] if p == 0 else [""] * len(rows)
+            rows,
+            [palette.estimator_label(name) for name in covered] if p == 0 else [""] * len(rows),
         )
-        axes.set_xlabel("fraction of the truth inside the band", fontsize=NORMAL, color=INK)
+        axes.set_xlabel(
+            "fraction of the truth inside the band", fontsize=style.NORMAL, color=palette.INK
+        )
         _finish(axes, f"predicted: {100 * predicted:.3g} %", "")
-        axes.tick_params(axis="y", length=0, labelsize=NORMAL)
+        axes.tick_params(axis="y", length=0, labelsize=style.NORMAL)
     _head(figure, title, [])
     return figure
 
@@ -185,10 +181,10 @@ def calibration(
 def _bar(axes: Axes, at: float, width: float, seeds: FloatArray, colour: str) -> None:
     mean, spread = float(seeds.mean()), float(seeds.std())
     axes.bar(at, mean, width, color=colour, alpha=0.85, lw=0.0)
-    axes.vlines(at, max(mean - spread, 0.0), mean + spread, color=INK, lw=0.9)
+    axes.vlines(at, max(mean - spread, 0.0), mean + spread, color=palette.INK, lw=0.9)
     # Side by side in their order, not jittered at random.
     places = at + 0.5 * width * np.linspace(-0.7, 0.7, len(seeds)) if len(seeds) > 1 else [at]
-    axes.plot(places, seeds, "o", ms=1.8, mfc=INK, mew=0.0, alpha=0.45)
+    axes.plot(places, seeds, "o", ms=1.8, mfc=palette.INK, mew=0.0, alpha=0.45)
 
 
 def _known(objects: Mapping[str, Sequence[float]]) -> dict[str, FloatArray]:
@@ -223,20 +219,24 @@ def _statistics(name: str, table: npt.ArrayLike, levels: int) -> tuple[FloatArra
 
 def _handle(name: str, label: str, **style: Any) -> Line2D:
     """Return an estimator's line in the legend."""
-    return Line2D([], [], color=estimator_colour(name), label=label, solid_capstyle="butt", **style)
+    return Line2D(
+        [], [], color=palette.estimator_colour(name), label=label, solid_capstyle="butt", **style
+    )
 
 
 def _finish(axes: Axes, title: str, ylabel: str) -> None:
-    plain_axes(axes)
-    axes.set_ylabel(ylabel, fontsize=NORMAL, color=INK)
-    axes.set_title(title, fontsize=NORMAL, color=INK, loc="left", pad=6)
+    style.plain_axes(axes)
+    axes.set_ylabel(ylabel, fontsize=style.NORMAL, color=palette.INK)
+    axes.set_title(title, fontsize=style.NORMAL, color=palette.INK, loc="left", pad=6)
 
 
 def _head(figure: Figure, title: str, handles: Sequence[Line2D]) -> None:
     """Write a chart's title and, below it, its legend."""
     inches = figure.get_figheight()
     if title:
-        figure.text(0.012, 1.0 - 0.06 / inches, title, fontsize=LARGE, color=INK, va="top")
+        figure.text(
+            0.012, 1.0 - 0.06 / inches, title, fontsize=style.LARGE, color=palette.INK, va="top"
+        )
     if handles:
         figure.legend(
             handles=handles,
@@ -244,8 +244,8 @@ def _head(figure: Figure, title: str, handles: Sequence[Line2D]) -> None:
             bbox_to_anchor=(0.005, 1.0 - (0.25 if title else 0.0) / inches),
             ncols=min(len(handles), 5),
             frameon=False,
-            fontsize=SMALL,
-            labelcolor=INK,
+            fontsize=style.SMALL,
+            labelcolor=palette.INK,
             handlelength=1.4,
             columnspacing=1.4,
         )

@@ -14,33 +14,22 @@ from scipy.spatial import cKDTree
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
-from lis_grasp.experiments.figures.cutting import cut_segments
-from lis_grasp.experiments.figures.experiment import (
+from lis_grasp.experiments.figures import palette, style
+from lis_grasp.experiments.figures.figure_inputs import (
     COLUMNS,
     estimated_mesh,
     explored_object,
     view_of,
     view_on,
 )
-from lis_grasp.experiments.figures.painter import View, line_patches, overlay_lines, paint
-from lis_grasp.experiments.figures.palette import (
-    BEYOND,
-    CONTACT,
-    QUIET,
-    SMALL_LARGE,
-    SURFACE,
-    error_colours,
-    rgba,
+from lis_grasp.experiments.figures.painter import (
+    View,
+    cut_segments,
+    line_patches,
+    overlay_lines,
+    paint,
 )
 from lis_grasp.experiments.figures.solids import LIFT, contact_patches, two_tone_patches
-from lis_grasp.experiments.figures.style import (
-    add_panel,
-    colour_bar,
-    foot_note,
-    head_estimator,
-    new_figure,
-    side_note,
-)
 from lis_grasp.experiments.paper.paper_trials import EXPLORED_RADIUS
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
@@ -145,25 +134,25 @@ def _draw_cases(
     """Draw each case by each estimator, `groups` cases beside each other, rows `height` [in]."""
     rows = -(-len(cases) // groups)
     total = _TOP + _BOTTOM + height * rows
-    figure = new_figure(total)
+    figure = style.new_figure(total)
     for k, case in enumerate(cases):
         row, group = divmod(k, groups)
         left, width = (group + 0.05) / groups, 0.95 / groups / len(names)
         bottom = (total - _TOP - (row + 1) * height) / total
         low, high = bottom + 0.22 / total, (height - 0.26) / total
         panels = [
-            add_panel(figure, left + column * width, low, 0.97 * width, high)
+            style.add_panel(figure, left + column * width, low, 0.97 * width, high)
             for column in range(len(names))
         ]
         _draw_case(panels, case, names)
-        side_note(figure, left, bottom + 0.5 * height / total, case.title)
+        style.side_note(figure, left, bottom + 0.5 * height / total, case.title)
         if row == 0:
             for axes, name in zip(panels, names, strict=True):
-                head_estimator(figure, axes, name)
-    colour_bar(
+                style.head_estimator(figure, axes, name)
+    style.colour_bar(
         figure,
         (0.33, 0.4 / total, 0.34, 0.1 / total),
-        SMALL_LARGE,
+        palette.SMALL_LARGE,
         "distance from a true edge to the estimate [mm]; numbers: its root mean square",
         {0.0: "0", _LARGEST / 3.0: "5", _LARGEST / 1.5: "10", _LARGEST: "≥ 15"},
     )
@@ -186,22 +175,26 @@ def _draw_errors(axes: Axes, case: _Case, estimate: trimesh.Trimesh, frame: Floa
     """
     view, contacts = case.view, case.contacts
     lines = error_lines(estimate, case.shape, contacts)
-    colours = error_colours(lines.errors, _LARGEST)
+    colours = palette.error_colours(lines.errors, _LARGEST)
     pieces, _ = cut_segments(case.shape.edges, _PIECE)
     far = cKDTree(contacts.points).query(pieces.mean(axis=1))[0] > EXPLORED_RADIUS
-    surface = two_tone_patches(view, estimate, contacts, EXPLORED_RADIUS, (SURFACE, BEYOND))
+    surface = two_tone_patches(
+        view, estimate, contacts, EXPLORED_RADIUS, (palette.SURFACE, palette.BEYOND)
+    )
     patches = [
         surface,
-        line_patches(view, pieces[far], QUIET, width=0.5 * _EDGE_WIDTH, lift=LIFT),
+        line_patches(view, pieces[far], palette.QUIET, width=0.5 * _EDGE_WIDTH, lift=LIFT),
         line_patches(view, lines.lines, colours, width=_LINE_WIDTH, lift=LIFT),
         line_patches(view, lines.pieces, colours, width=_EDGE_WIDTH, lift=LIFT),
         *contact_patches(view, contacts),
     ]
     paint(axes, patches, frame=frame)
     faded = colours * [1.0, 1.0, 1.0, _BEHIND]
-    overlay_lines(axes, view, pieces[far], rgba(QUIET, _BEHIND)[None], points=0.6)
+    overlay_lines(axes, view, pieces[far], palette.rgba(palette.QUIET, _BEHIND)[None], points=0.6)
     overlay_lines(axes, view, lines.lines, faded, points=0.5)
     overlay_lines(axes, view, lines.pieces, faded, points=1.0)
     hidden = view.project(contacts.points[~view.faces(contacts.normals)])[0]
-    axes.plot(hidden[:, 0], hidden[:, 1], "o", ms=2.6, mfc=CONTACT, mew=0.0, alpha=0.5 * _BEHIND)
-    foot_note(axes, lines.note)
+    axes.plot(
+        hidden[:, 0], hidden[:, 1], "o", ms=2.6, mfc=palette.CONTACT, mew=0.0, alpha=0.5 * _BEHIND
+    )
+    style.foot_note(axes, lines.note)

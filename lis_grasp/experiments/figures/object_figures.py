@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from lis_grasp import shapes
-from lis_grasp.experiments.figures.experiment import explored_object, view_of, view_on
+from lis_grasp.experiments.figures.figure_inputs import explored_object, view_of, view_on
 from lis_grasp.experiments.figures.painter import View, frame_of, paint
 from lis_grasp.experiments.figures.palette import EXPLORED, INK, UNEXPLORED
 from lis_grasp.experiments.figures.solids import (

@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from lis_grasp.experiments.figures.experiment import explored_object, view_of
+from lis_grasp.experiments.figures.figure_inputs import explored_object, view_of
 from lis_grasp.experiments.figures.painter import mesh_patches, paint, point_patches
 from lis_grasp.experiments.figures.palette import INK, rgba
 from lis_grasp.experiments.figures.solids import LIFT, sharp_patches

@@ -17,30 +17,15 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.experiments.figures.experiment import (
+from lis_grasp.experiments.figures import palette, style
+from lis_grasp.experiments.figures.figure_inputs import (
     COLUMNS,
     KERNEL_WIDTH,
     estimate,
     estimated_mesh,
 )
 from lis_grasp.experiments.figures.painter import View, frame_of, paint
-from lis_grasp.experiments.figures.palette import (
-    CONTACT,
-    CONVEX_CONCAVE,
-    INK,
-    INSIDE_OUTSIDE,
-    SURFACE,
-    convexity_colours,
-)
 from lis_grasp.experiments.figures.solids import contact_patches, solid_patches
-from lis_grasp.experiments.figures.style import (
-    add_panel,
-    colour_bar,
-    head,
-    head_estimator,
-    new_figure,
-    side_note,
-)
 from lis_grasp.surfaces import ImplicitSurface, LocalImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import Beta
 from lis_grasp.typing import FloatArray
@@ -70,27 +55,29 @@ def figure_1(*, names: Sequence[str] = COLUMNS) -> Figure:
     corner = planar_contacts([[0.0, _ARM], [_ARM, 0.0]], [[0.0, 1.0], [1.0, 0.0]])
     axes3 = np.vstack([np.eye(3), -np.eye(3)])
     cube = Contacts(_ARM * axes3, axes3)
-    figure = new_figure(6.9)
+    figure = style.new_figure(6.9)
     width = 0.94 / len(names)
     solids = [
-        solid_patches(_CUBE_VIEW, estimated_mesh(name, cube, resolution=0.0023), SURFACE)
+        solid_patches(_CUBE_VIEW, estimated_mesh(name, cube, resolution=0.0023), palette.SURFACE)
         for name in names
     ]
     touches = contact_patches(_CUBE_VIEW, cube, scale=0.8)
     frame = frame_of([patch for solid in solids for patch in [*solid, *touches]])
     for k, name in enumerate(names):
         left = 0.05 + k * width
-        axes = add_panel(figure, left, 0.53, 0.95 * width, 0.42)
+        axes = style.add_panel(figure, left, 0.53, 0.95 * width, 0.42)
         draw_field(axes, estimate(name, corner), _CUBE_FRAME, largest=0.05)
         _draw_contacts(axes, corner, length=0.016)
-        head_estimator(figure, axes, name)
+        style.head_estimator(figure, axes, name)
         paint(
-            add_panel(figure, left, 0.09, 0.95 * width, 0.42), [*solids[k], *touches], frame=frame
+            style.add_panel(figure, left, 0.09, 0.95 * width, 0.42),
+            [*solids[k], *touches],
+            frame=frame,
         )
         if k == 0:
             _draw_scale(axes, _CUBE_FRAME, 0.05)
-            side_note(figure, left - 0.01, 0.74, "two contacts, z = 0")
-            side_note(figure, left - 0.01, 0.3, "cube, six contacts")
+            style.side_note(figure, left - 0.01, 0.74, "two contacts, z = 0")
+            style.side_note(figure, left - 0.01, 0.3, "cube, six contacts")
     _potential_bar(
         figure, (0.3, 0.065, 0.4, 0.014), {-0.05: "≤ −50, inside", 0.0: "0", 0.05: "≥ 50, outside"}
     )
@@ -100,21 +87,21 @@ def figure_1(*, names: Sequence[str] = COLUMNS) -> Figure:
 def figure_2() -> Figure:
     """Draw three contacts of a step and the LIS surface without beta and with either sign."""
     contacts = step_contacts()
-    figure = new_figure(3.45)
+    figure = style.new_figure(3.45)
     width = 0.98 / len(_PANELS)
     for k, (beta, title) in enumerate(_PANELS):
         surface = LocalImplicitSurface.from_contacts(
             contacts, beta=beta, sigma=KERNEL_WIDTH * contacts.spacing
         )
-        axes = add_panel(figure, 0.01 + k * width, 0.2, 0.97 * width, 0.7)
+        axes = style.add_panel(figure, 0.01 + k * width, 0.2, 0.97 * width, 0.7)
         draw_field(axes, surface, _STEP_FRAME, largest=0.04)
         axes.plot(*OUTLINE.T, "--", color="white", lw=2.4, dashes=(3, 2))
-        axes.plot(*OUTLINE.T, "--", color=INK, lw=1.0, dashes=(7.2, 4.8))
+        axes.plot(*OUTLINE.T, "--", color=palette.INK, lw=1.0, dashes=(7.2, 4.8))
         if surface.convexity is not None:
             _draw_convexity(axes, surface)
         _draw_contacts(axes, contacts, length=0.021)
         axes.set(xlim=_STEP_FRAME[:, 0], ylim=_STEP_FRAME[:, 1])
-        head(axes, title)
+        style.head(axes, title)
         if k == 0:
             _draw_scale(axes, _STEP_FRAME, 0.03)
     _potential_bar(
@@ -122,7 +109,7 @@ def figure_2() -> Figure:
     )
     ticks = {-1.0: "−1, convex", 0.0: "0", 1.0: "1, concave"}
     place = (0.58, 0.135, 0.3, 0.026)
-    colour_bar(figure, place, CONVEX_CONCAVE, "β* in circles round contacts", ticks)
+    style.colour_bar(figure, place, palette.CONVEX_CONCAVE, "β* in circles round contacts", ticks)
     return figure
 
 
@@ -180,16 +167,22 @@ def draw_field(
         values,
         extent=(frame[0, 0], frame[1, 0], frame[0, 1], frame[1, 1]),
         origin="lower",
-        cmap=INSIDE_OUTSIDE,
+        cmap=palette.INSIDE_OUTSIDE,
         vmin=-largest,
         vmax=largest,
         interpolation="bilinear",
     )
     levels = np.linspace(-largest, largest, 11)
     axes.contour(
-        x, y, values, levels=levels[np.abs(levels) > 1e-9], colors=INK, linewidths=0.35, alpha=0.3
+        x,
+        y,
+        values,
+        levels=levels[np.abs(levels) > 1e-9],
+        colors=palette.INK,
+        linewidths=0.35,
+        alpha=0.3,
     )
-    zero = axes.contour(x, y, values, levels=[0.0], colors=INK, linewidths=2.2)
+    zero = axes.contour(x, y, values, levels=[0.0], colors=palette.INK, linewidths=2.2)
     axes.set(aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     return zero
@@ -201,28 +194,28 @@ def _draw_convexity(axes: Axes, surface: LocalImplicitSurface) -> None:
     rim = _RADIUS * np.column_stack([np.cos(edges), np.sin(edges)])  # (W + 1, 2)
     towards = np.column_stack([0.5 * (rim[1:] + rim[:-1]), np.zeros(_WEDGES)])
     for i, point in enumerate(surface.points[:, :2]):
-        colours = convexity_colours(convexity_towards(surface, i, towards))
+        colours = palette.convexity_colours(convexity_towards(surface, i, towards))
         corners = [np.array([point, point + a, point + b]) for a, b in pairwise(rim)]
         axes.add_collection(
             PolyCollection(
                 corners, facecolors=colours, edgecolors=colours, linewidths=0.6, zorder=3
             )
         )
-        axes.plot(*(point + rim).T, color=INK, lw=0.9, zorder=3)
+        axes.plot(*(point + rim).T, color=palette.INK, lw=0.9, zorder=3)
 
 
 def _draw_contacts(axes: Axes, contacts: Contacts, *, length: float) -> None:
-    arrow = {"arrowstyle": "-|>", "color": CONTACT, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+    arrow = {"arrowstyle": "-|>", "color": palette.CONTACT, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
     for point, normal in zip(contacts.points[:, :2], contacts.normals[:, :2], strict=True):
         axes.annotate("", xy=tuple(point + length * normal), xytext=tuple(point), arrowprops=arrow)
     points = contacts.points[:, :2].T
-    axes.plot(*points, "o", ms=6.5, mfc=CONTACT, mec="white", mew=1.0, zorder=4)
+    axes.plot(*points, "o", ms=6.5, mfc=palette.CONTACT, mec="white", mew=1.0, zorder=4)
 
 
 def _draw_scale(axes: Axes, frame: FloatArray, length: float) -> None:
     """Draw a bar of a length [m] in the lower left corner of a frame (2, 2) [m]."""
     x, y = frame[0] + 0.05 * (frame[1] - frame[0])
-    axes.plot([x, x + length], [y, y], color=INK, lw=1.6)
+    axes.plot([x, x + length], [y, y], color=palette.INK, lw=1.6)
     axes.annotate(
         f"{1e3 * length:.0f} mm",
         (x + 0.5 * length, y),
@@ -231,11 +224,13 @@ def _draw_scale(axes: Axes, frame: FloatArray, length: float) -> None:
         ha="center",
         va="bottom",
         fontsize=8,
-        color=INK,
+        color=palette.INK,
     )
 
 
 def _potential_bar(
     figure: Figure, place: tuple[float, float, float, float], ticks: dict[float, str]
 ) -> None:
-    colour_bar(figure, place, INSIDE_OUTSIDE, "implicit shape potential f [mm]", ticks)
+    style.colour_bar(
+        figure, place, palette.INSIDE_OUTSIDE, "implicit shape potential f [mm]", ticks
+    )

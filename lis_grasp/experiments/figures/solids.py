@@ -8,10 +8,10 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.experiments.figures.cutting import cut_triangles
 from lis_grasp.experiments.figures.painter import (
     Patches,
     View,
+    cut_triangles,
     edge_patches,
     line_patches,
     mesh_patches,

@@ -14,7 +14,7 @@ from lis_grasp import pipeline
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.experiments.figures import png_of
 from lis_grasp.experiments.figures.palette import estimator_label
-from lis_grasp.experiments.figures.still import draw_still
+from lis_grasp.experiments.figures.static_scene import draw_still
 from lis_grasp.experiments.figures.style import add_panel, foot_note, head_estimator, new_figure
 from lis_grasp.experiments.report_page import Picture
 from lis_grasp.experiments.runner import single_thread

@@ -58,7 +58,7 @@ const Eye = (viewer, scene, story) => {
   const centre = new THREE.Box3().setFromPoints(vectors(scene.camera.object)).getCenter(new THREE.Vector3());
   const withArrows = (p) => new THREE.Vector3(...p).sub(centre).multiplyScalar(1.25).add(centre).toArray();
 
-  const aimLights = Look.addLights(viewer.scene, middle, reach);
+  const aimLights = Appearance.addLights(viewer.scene, middle, reach);
 
   // Finds the views for the window and the chosen direction.
   function frame(handShown, time) {

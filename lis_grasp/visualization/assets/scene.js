@@ -2,7 +2,7 @@
 (() => {
   "use strict";
   const THREE = MeshCat.THREE;
-  const { addEdges, fade, makeGlass, meshes, pushBack, reveal, setUpCopies } = Look;
+  const { addEdges, fade, makeGlass, meshes, pushBack, reveal, setUpCopies } = Appearance;
   const scene = JSON.parse(document.getElementById("scene-data").textContent);
   const element = (id) => document.getElementById(id);
   const pane = element("meshcat-pane");
@@ -32,7 +32,7 @@
     viewer.scene.traverse((o) => {
       if (o.material && o.material.color) o.material.color.convertSRGBToLinear();
     });
-    viewer.scene.environment = Look.studio(renderer);
+    viewer.scene.environment = Appearance.studio(renderer);
   }
 
   // ---- layers ----------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from matplotlib.colors import ListedColormap, Normalize
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.experiments.figures.experiment import VIEW
+from lis_grasp.experiments.figures.figure_inputs import VIEW
 from lis_grasp.experiments.figures.painter import (
     Patches,
     View,

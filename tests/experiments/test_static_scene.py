@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from lis_grasp import Contacts, Hand, PatchImplicitSurface, extract_mesh, shapes
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.experiments.figures.still import draw_still
+from lis_grasp.experiments.figures.static_scene import draw_still
 from lis_grasp.visualization.colours import ColourScale
 
 

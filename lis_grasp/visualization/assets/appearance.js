@@ -1,5 +1,5 @@
 // Appearance: lights, fading, and the glass shell of the true object.
-const Look = (() => {
+const Appearance = (() => {
   "use strict";
   const THREE = MeshCat.THREE;
 
