@@ -37,13 +37,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Print what is fine and what to fix.
-
-    Raises
-    ------
-    LisGraspError
-        If something must be fixed.
-    """
+    """Print what is fine and what to fix; LisGraspError if something must be fixed."""
     findings = check_machine() if options.hand is None else check_hand(Hand.load(options.hand))
     for finding in findings:
         say(f"{'ok  ' if finding.fine else 'FIX '}  {finding.text}")
@@ -54,18 +48,12 @@ def execute(options: argparse.Namespace) -> None:
 
 def check_machine() -> list[Finding]:
     """Return the findings on versions, Drake, memory, browser, and a short run up to grasps."""
-    found = [
-        Finding(
-            True,
-            f"lis-grasp {lis_grasp.__version__}, Python {platform.python_version()},"
-            f" {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
-        ),
-        _packages(),
-        _drake(),
-        _memory(),
-        _browser(),
-    ]
-    return [*found, _self_test()]
+    machine = (
+        f"lis-grasp {lis_grasp.__version__}, Python {platform.python_version()},"
+        f" {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    )
+    checks = _packages(), _drake(), _memory(), _browser(), _self_test()
+    return [Finding(True, machine), *checks]
 
 
 def _packages() -> Finding:
@@ -104,10 +92,8 @@ def _memory() -> Finding:
 
 def _browser() -> Finding:
     browser = next((name for name in _BROWSERS if shutil.which(name)), None)
-    if browser is None:
-        text = "no browser found: open scene.html on another machine, it is one file"
-        return Finding(True, text)
-    return Finding(True, f"browser for scene.html: {browser}")
+    absent = "none found; open it on another machine, it is one file"
+    return Finding(True, f"browser for scene.html: {browser or absent}")
 
 
 def _self_test() -> Finding:

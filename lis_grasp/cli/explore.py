@@ -30,7 +30,7 @@ TOUCH_OPTIONS = (
 )
 """The options of an exploration, beside its object."""
 
-# Estimates kept on the way to the last one; each takes some tenths of a second and half a megabyte.
+# Intermediate estimates that are kept; each takes some tenths of a second and half a megabyte.
 _STEPS = 8
 # The first of them; with fewer contacts the surface is nearly a guess.
 _FIRST = 3
@@ -62,10 +62,10 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) -> Exploration:
-    """Explore, and write touches.jsonl, contacts.ply and some estimates on the way (growth/).
+    """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
 
     An interrupted exploration is resumed from its log. With another configuration or another state
-    of the package it is started anew, and the earlier results are removed.
+    of the package it starts from the beginning, and the earlier results are removed.
     """
     later = ("grasps", "attempts", *(() if config.free else ("mass", "friction")))
     facts = {name: value for name, value in config.facts().items() if name not in later}
@@ -77,11 +77,11 @@ def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) 
         say(f"resuming after {len(known)} probes in {log.path}")
     elif differing:
         names = ", ".join(_MEANING.get(name, name) for name in differing)
-        say(f"starting anew: {log.path} has another {names}")
+        say(f"starting from the beginning: {log.path} has another {names}")
     if not known:
         remove_growth(output)
         remove_made_from(output / "contacts.ply", with_itself=True)
-    counts = counts_on_the_way(config.touches)
+    counts = growth_counts(config.touches)
     last = len(Exploration.replay(known[:-1], touches=config.touches).contacts)
 
     def keep_growth(contacts: int, surface: ImplicitSurface) -> None:
@@ -101,10 +101,7 @@ def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) 
     return exploration
 
 
-def counts_on_the_way(contacts: int) -> list[int]:
-    """Return the numbers of contacts whose estimates are kept, all below the last number."""
-    return sorted(
-        count
-        for count in {_FIRST, *(round(k * contacts / _STEPS) for k in range(1, _STEPS))}
-        if 2 <= count < contacts
-    )
+def growth_counts(contacts: int) -> list[int]:
+    """Return the numbers of contacts whose estimates are kept, all below `contacts`."""
+    counts = {_FIRST, *(round(k * contacts / _STEPS) for k in range(1, _STEPS))}
+    return sorted(count for count in counts if 2 <= count < contacts)

@@ -33,14 +33,8 @@ def result_file(path: Path) -> Iterator[Path]:
 def remove_made_from(path: Path, *, with_itself: bool = False) -> None:
     """Remove the files that later stages made from a stage's file, and print their names.
 
-    Nothing is removed if the file is missing or was not written by this package.
-
-    Parameters
-    ----------
-    path
-        Path of ``contacts.ply``, ``surface.ply`` or ``grasps.json``.
-    with_itself
-        Whether the file itself is removed too.
+    `with_itself` removes the file itself too. Nothing is removed if the file is missing or was not
+    written by this package.
     """
     if not path.exists() or not provenance.read(path):
         return

@@ -39,11 +39,11 @@ def surface_points(mesh: trimesh.Trimesh, count: int = 2000) -> FloatArray:
     return np.einsum("pk,fkd->fpd", weights, mesh.triangles).reshape(-1, 3)
 
 
-def box_corners(points: FloatArray) -> FloatArray:
-    """Return the corners (8, 3) of the bounding box of `points` (N, 3), N >= 1."""
-    low_high = np.array([points.min(axis=0), points.max(axis=0)])
-    choice = np.indices((2, 2, 2)).reshape(3, 8).T
-    return low_high[choice, np.arange(3)]
+def view_axes(azimuth: float, elevation: float) -> FloatArray:
+    """Return a picture's right, its up, and the direction towards the eye, as rows (3, 3)."""
+    ca, sa = np.cos(azimuth), np.sin(azimuth)
+    ce, se = np.cos(elevation), np.sin(elevation)
+    return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
 
 def outermost(points: FloatArray) -> FloatArray:
@@ -59,9 +59,7 @@ def outermost(points: FloatArray) -> FloatArray:
 
 
 def _score(subject: FloatArray, obstacle: FloatArray, azimuth: float) -> float:
-    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(ELEVATION), np.sin(ELEVATION)
-    axes = np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
-    both = np.vstack([subject, obstacle]) @ axes.T  # (N + M, 3) right, up, towards the camera
+    both = np.vstack([subject, obstacle]) @ view_axes(azimuth, ELEVATION).T  # (N + M, 3)
     low = both[:, :2].min(axis=0)
     # Cells are larger than the distance of neighbouring points, so that surfaces have no holes.
     cell = np.ptp(subject, axis=0).max() / _CELLS * 2.0 or 1.0
@@ -70,6 +68,4 @@ def _score(subject: FloatArray, obstacle: FloatArray, azimuth: float) -> float:
     nearest = np.full((2, index.max() + 1), -np.inf)
     owner = np.repeat([0, 1], [len(subject), len(obstacle)])
     np.maximum.at(nearest, (owner, index), both[:, 2])
-    subject_first = np.sum(nearest[0] > nearest[1])
-    obstacle_first = np.sum(nearest[1] > nearest[0])
-    return float(subject_first + 0.15 * obstacle_first)
+    return float(np.sum(nearest[0] > nearest[1]) + 0.15 * np.sum(nearest[1] > nearest[0]))

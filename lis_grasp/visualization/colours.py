@@ -45,19 +45,11 @@ def viridis(values: npt.ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class ColourScale:
-    """Colour scale of lengths [m]: viridis from `low` to `high`, clipped at both ends.
-
-    Parameters
-    ----------
-    low, high
-        Ends of the scale [m], ``low < high``.
-    clipped
-        Whether some values are above `high`.
-    """
+    """Colour scale of lengths: viridis from `low` to `high` [m], ``low < high``, clipped there."""
 
     low: float
     high: float
-    clipped: bool = False
+    clipped: bool = False  # whether some values are above `high`
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.low, self.high]).all() and self.low < self.high):
@@ -90,8 +82,5 @@ class ColourScale:
 
 def round_up(value: float) -> float:
     """Return the smallest of 1, 2, 3, 4, 6, 8 times 10^k that is >= `value` > 0."""
-    power = 10.0 ** np.floor(np.log10(value))
-    for step in (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0):  # whose quarters have few digits
-        if step * power >= value * (1.0 - 1e-9):
-            return float(step * power)
-    return float(10.0 * power)
+    rounds = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0])
+    return float(rounds[rounds >= value * (1.0 - 1e-9)][0])  # its quarters have few digits

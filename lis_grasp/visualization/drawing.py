@@ -1,9 +1,10 @@
-"""Deterministic drawing commands of the meshcat viewer, made without a server."""
+"""Layers of a scene page, and deterministic drawing commands of the meshcat viewer."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,32 @@ with warnings.catch_warnings():
     from meshcat.path import Path as ScenePath
 
 
+# Nodes of the viewer's scene tree. A lift moves all nodes below that of the object.
+ROOT = "lis_grasp"
+OBJECT_NODE = f"{ROOT}/object"
+
 # Neighbouring faces that meet at a larger angle are drawn with an edge between them.
 _CREASE = np.deg2rad(35.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """Part of the page that can be shown or hidden; all texts are plain."""
+
+    identity: str  # in the page's address, for example "grasp-1"
+    label: str
+    on: bool  # whether it is visible at first
+    colour: str  # #rrggbb
+    note: str = ""  # a line below the label
+    detail: str = ""  # a tooltip
+
+
+@dataclass(slots=True)
+class Canvas:
+    """Drawing commands and layers of a scene page, collected in order."""
+
+    commands: list[bytes] = field(default_factory=list)
+    layers: list[Layer] = field(default_factory=list)
 
 
 class _ShadedMesh(geometry.TriangularMeshGeometry):  # type: ignore[misc]
@@ -104,26 +129,18 @@ def draw_segments(path: str, segments: FloatArray, colour: str) -> bytes:
 def animate(times: FloatArray, poses: Sequence[tuple[str, FloatArray]]) -> bytes:
     """Return the command that loads an animation, paused.
 
-    Parameters
-    ----------
-    times
-        Shape (T,) [s], increasing from 0.
-    poses
-        Node path and its poses, shape (T, 4, 4), in the frame of the node's parent.
+    `times` (T,) [s] increase from 0. Each node path has its poses (T, 4, 4) in its parent's frame.
     """
     clips = {}
     for path, X in poses:
         quaternions = Rotation.from_matrix(X[:, :3, :3]).as_quat()  # (T, 4) x, y, z, w
         clip = animation.AnimationClip(fps=1)  # keys are then in seconds
-        for name, kind, values in (
-            ("position", "vector3", X[:, :3, 3]),
-            ("quaternion", "quaternion", quaternions),
-        ):
+        tracks = ("position", "vector3", X[:, :3, 3]), ("quaternion", "quaternion", quaternions)
+        for name, kind, values in tracks:
             keep = _bends(times, values)
-            clip.tracks[name] = animation.AnimationTrack(
-                name, kind, times[keep].tolist(), values[keep].tolist()
-            )
-        clips[_path(path)] = clip
+            keys = times[keep].tolist(), values[keep].tolist()
+            clip.tracks[name] = animation.AnimationTrack(name, kind, *keys)
+        clips[ScenePath(tuple(path.split("/")))] = clip
     motion = animation.Animation(clips=clips)
     return _pack(commands.SetAnimation(motion, play=False, repetitions=1))
 
@@ -133,7 +150,7 @@ def _draw(path: str, drawn: Any) -> bytes:
     # within one command; numbers give equal bytes for equal scenes.
     for number, part in enumerate((drawn, drawn.geometry, drawn.material)):
         part.uuid = f"00000000-0000-4000-8000-{number:012x}"
-    return _pack(commands.SetObject(drawn, path=_path(path)))
+    return _pack(commands.SetObject(drawn, path=ScenePath(tuple(path.split("/")))))
 
 
 def _pack(command: Any) -> bytes:
@@ -147,12 +164,8 @@ def shade(
     """Return vertices, faces, unit normals and source vertices of `mesh`, split at its edges.
 
     A corner's normal is the area-weighted mean over the faces round its vertex within 35 deg of
-    its own face. Corners of one vertex with equal normals become one drawn vertex.
-
-    Returns
-    -------
-    vertices, faces, normals, source
-        Shapes (K, 3) [m], (F, 3), (K, 3), (K,): `source` is the vertex of `mesh` drawn.
+    its own face. Corners of one vertex with equal normals become one drawn vertex. Shapes are
+    (K, 3) [m], (F, 3), (K, 3) and (K,): `source` is the vertex of `mesh` that each is drawn for.
     """
     faces = np.asarray(mesh.faces, dtype=np.int64)
     cross = np.cross(*(np.diff(mesh.triangles, axis=1).transpose(1, 0, 2)))  # (F, 3), 2 area
@@ -168,26 +181,15 @@ def shade(
     within = np.arange(len(left)) - np.repeat(np.cumsum(many) - many, many)
     right = order[first[corners[left]] + within]
     close = np.einsum("ij,ij->i", unit[left // 3], unit[right // 3]) > np.cos(_CREASE)
-    normals = np.zeros((len(corners), 3))
+    normals, terms = np.zeros((len(corners), 3)), cross[right[close] // 3]
     for k in range(3):
-        normals[:, k] = np.bincount(
-            left[close], cross[right[close] // 3, k], minlength=len(corners)
-        )
+        normals[:, k] = np.bincount(left[close], terms[:, k], len(corners))
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-300), [0.0, 0.0, 1.0])
     key = np.column_stack([corners, np.round(normals * 200.0).astype(np.int64)])
     _, chosen, index = np.unique(key, axis=0, return_index=True, return_inverse=True)
     source = corners[chosen]
-    return (
-        np.asarray(mesh.vertices)[source],
-        index.reshape(-1, 3),
-        normals[chosen],
-        source,
-    )
-
-
-def _path(path: str) -> Any:
-    return ScenePath(tuple(path.strip("/").split("/")))
+    return np.asarray(mesh.vertices)[source], index.reshape(-1, 3), normals[chosen], source
 
 
 def _bends(times: FloatArray, values: FloatArray) -> npt.NDArray[np.bool_]:

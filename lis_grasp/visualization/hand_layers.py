@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import drawing
-from lis_grasp.visualization.camera import box_corners, outermost, surface_points
-from lis_grasp.visualization.canvas import OBJECT_NODE, ROOT, Canvas, Layer
+from lis_grasp.visualization.camera import outermost, surface_points
+from lis_grasp.visualization.drawing import OBJECT_NODE, ROOT, Canvas, Layer
 
 if TYPE_CHECKING:
     from lis_grasp.exploration import ProbeOutcome
@@ -49,15 +50,11 @@ def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
     for rank, grasp in enumerate(grasps, start=1):
         quality = ", ".join(f"{name} {value:.3g}" for name, value in grasp.quality.items())
         turn = rank - 1 if rank <= len(GRASP_COLOURS) else 1 + (rank - 2) % (len(GRASP_COLOURS) - 1)
-        layer = Layer(
-            f"grasp-{rank}",
-            f"Grasp {rank}" + (", the best" if rank == 1 and len(grasps) > 1 else ""),
-            True,
-            GRASP_COLOURS[turn],
-            note=_note(grasp),
-            detail=f"{grasp.accepted}: {quality}",
+        label = f"Grasp {rank}" + (", the best" if rank == 1 and len(grasps) > 1 else "")
+        detail = f"{grasp.accepted}: {quality}"
+        canvas.layers.append(
+            Layer(f"grasp-{rank}", label, True, GRASP_COLOURS[turn], _note(grasp), detail)
         )
-        canvas.layers.append(layer)
     if len(grasps) > 1:
         together = "instead of one by one"
         canvas.layers.append(Layer("together", "All at once", False, LINK_COLOUR, together))
@@ -124,10 +121,11 @@ def hand_points(hand: Hand, posture: Sequence[FloatArray]) -> FloatArray:
 
 def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> FloatArray:
     """Return the outermost points, shape (N, 3) [m], of object and hand during a motion."""
-    outlines = {OBJECT: box_corners(object_points)}
+    ends = np.stack([object_points.min(axis=0), object_points.max(axis=0)])
+    outlines = {OBJECT: trimesh.bounds.corners(ends)}
     for geometry in hand.link_geometries:
         X = geometry.X_LG
-        corners = box_corners(geometry.mesh.vertices) @ X[:3, :3].T + X[:3, 3]
+        corners = trimesh.bounds.corners(geometry.mesh.bounds) @ X[:3, :3].T + X[:3, 3]
         outlines[geometry.link] = np.vstack([outlines.get(geometry.link, corners[:0]), corners])
     moments = np.unique(np.linspace(0, len(motion) - 1, _MOMENTS).astype(int))
     points = [

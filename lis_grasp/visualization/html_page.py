@@ -24,29 +24,17 @@ def build_page(
 ) -> str:
     """Return a page that draws `commands` with meshcat's viewer, offline.
 
-    Its Content Security Policy allows no connection and only its own two scripts, so that names
-    that look like markup cannot run.
-
-    Parameters
-    ----------
-    title
-        Plain text.
-    overlay
-        Escaped HTML.
-    scene
-        JSON values for the page's script.
-    commands
-        Packed drawing commands, in order.
+    `title` is plain text, `overlay` is escaped HTML, `scene` has JSON values for the page's script.
+    The Content Security Policy allows no connection and only the page's own two scripts, so that
+    names that look like markup cannot run.
     """
     viewer = _script_text(_viewer_source())
     script = _script_text("".join(_asset(name) for name in _SCRIPTS))
     style = _asset("scene.css")
-    data = json.dumps(
-        {**scene, "commands": [base64.b64encode(c).decode("ascii") for c in commands]},
-        allow_nan=False,
-        separators=(",", ":"),
-    ).replace("<", "\\u003c")
-    hashes = " ".join(f"'sha256-{_sha256(text)}'" for text in (viewer, script))
+    facts = {**scene, "commands": [_base64(command) for command in commands]}
+    data = json.dumps(facts, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    digests = [hashlib.sha256(text.encode("utf-8")).digest() for text in (viewer, script)]
+    hashes = " ".join(f"'sha256-{_base64(digest)}'" for digest in digests)
     policy = (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:;"
         " base-uri 'none'; form-action 'none'"
@@ -96,5 +84,5 @@ def _script_text(source: str) -> str:
     return source.replace("\r\n", "\n").replace("</script", "<\\/script")
 
 
-def _sha256(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")

@@ -10,9 +10,8 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import drawing
-from lis_grasp.visualization.camera import box_corners
-from lis_grasp.visualization.canvas import OBJECT_NODE, ROOT, Canvas, Layer
 from lis_grasp.visualization.colours import ColourScale, round_up
+from lis_grasp.visualization.drawing import OBJECT_NODE, ROOT, Canvas, Layer
 
 TRUTH_COLOUR = "#5f86bd"
 CONTACT_COLOUR, NORMAL_COLOUR = "#ff4d4d", "#f2912c"
@@ -31,9 +30,9 @@ _MOST_FREE_POINTS = 5000
 def draw_estimates(
     canvas: Canvas, surfaces: Sequence[tuple[int, trimesh.Trimesh]]
 ) -> ColourScale | None:
-    """Draw the estimates from increasing numbers of contacts, and return their colour scale.
+    """Draw the estimates from increasing numbers of contacts; return the last one's colour scale.
 
-    It is that of the last estimate; None if that has no finite uncertainty.
+    None if that has no finite uncertainty.
     """
     surfaces = [(count, mesh) for count, mesh in surfaces if len(mesh.faces)]
     if not surfaces:
@@ -69,13 +68,11 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
     """Draw contacts, normals and free points, scaled to an object of `size` [m]."""
     if len(contacts):
         at = _poses_along(contacts.points, contacts.normals)
-        surface = {
-            "contacts": drawing.material(CONTACT_COLOUR, roughness=0.4),
-            "normals": drawing.material(NORMAL_COLOUR, roughness=0.4),
-        }
+        colours = {"contacts": CONTACT_COLOUR, "normals": NORMAL_COLOUR}
         for layer, part, mesh in _marker(size):
             path = f"{OBJECT_NODE}/{layer}/{part}"
-            canvas.commands.append(drawing.draw_copies(path, mesh, surface[layer], at))
+            surface = drawing.material(colours[layer], roughness=0.4)
+            canvas.commands.append(drawing.draw_copies(path, mesh, surface, at))
         many = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}"
         canvas.layers.append(Layer("contacts", many, True, CONTACT_COLOUR, "measured positions"))
         canvas.layers.append(Layer("normals", "Normals", True, NORMAL_COLOUR, "measured normals"))
@@ -93,14 +90,14 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
 def draw_table(
     canvas: Canvas, object_points: FloatArray, outline: FloatArray, support_height: float
 ) -> float:
-    """Draw a round table with a grid at `support_height` in O, and return the grid's spacing [m].
+    """Draw a round table with a grid at `support_height` in O [m]; return the grid's spacing [m].
 
-    `object_points` (N, 3) and `outline` (K, 3) [m] are of the object and of all that is drawn.
+    `outline` (K, 3) [m] has points of everything that is drawn.
     """
     size = max(float(np.ptp(object_points, axis=0).max()), 1e-3)
-    middle = box_corners(object_points)[:, :2].mean(axis=0)
-    reach = float(np.linalg.norm(outline[:, :2] - middle, axis=1).max())
-    radius = max(1.15 * reach, 1.2 * size)
+    middle = 0.5 * (object_points.min(axis=0) + object_points.max(axis=0))[:2]
+    farthest = float(np.linalg.norm(outline[:, :2] - middle, axis=1).max())
+    radius = max(1.15 * farthest, 1.2 * size)
     thickness = 0.035 * radius
     centre = np.array([*middle, support_height])
     top = trimesh.creation.cylinder(radius, thickness, sections=160)
@@ -129,10 +126,8 @@ def _grid_lines(radius: float, spacing: float) -> FloatArray:
     many = int(radius / spacing)
     offset = np.arange(-many, many + 1) * spacing
     half = np.sqrt(np.maximum(radius**2 - offset**2, 0.0))
-    along = np.stack(
-        [np.stack([offset, -half], axis=1), np.stack([offset, half], axis=1)], axis=1
-    )  # (2 many + 1, 2, 2)
-    both = np.vstack([along, along[:, :, ::-1]])
+    along = np.stack([np.column_stack([offset, s * half]) for s in (-1.0, 1.0)], axis=1)
+    both = np.vstack([along, along[:, :, ::-1]])  # (2 (2 many + 1), 2, 2)
     return np.dstack([both, np.zeros(both.shape[:2])])
 
 

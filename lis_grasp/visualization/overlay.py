@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from lis_grasp.visualization.canvas import Layer
 from lis_grasp.visualization.colours import VIRIDIS, ColourScale
+from lis_grasp.visualization.drawing import Layer
 from lis_grasp.visualization.story import Story
 
 _RAMP = f"linear-gradient(90deg,{','.join(VIRIDIS)})"

@@ -17,7 +17,7 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.camera import ELEVATION, choose_azimuth, outermost, surface_points
-from lis_grasp.visualization.canvas import Canvas
+from lis_grasp.visualization.drawing import Canvas
 from lis_grasp.visualization.hand_layers import (
     column_major,
     draw_grasps,

@@ -15,7 +15,7 @@ _LOCALHOST = "127.0.0.1"
 
 
 class SceneServer(ThreadingHTTPServer):
-    """Web server on localhost for the scene.html of one folder, read anew at each request.
+    """Web server on localhost for the scene.html of one folder, which is read at each request.
 
     Parameters
     ----------

@@ -18,25 +18,13 @@ _SECONDS_A_GRASP = 1.4
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """Part of the time line.
+    """Part of the time line; at its start [s] the page still shows the chapter before."""
 
-    Parameters
-    ----------
-    name
-        "touch", "grasp" or "lift".
-    label
-        Name on the page, plain text.
-    start, end
-        Times [s]; at `start` the page still shows the chapter before.
-    facts
-        Further JSON values for the page.
-    """
-
-    name: str
-    label: str
+    name: str  # "touch", "grasp" or "lift"
+    label: str  # on the page, plain text
     start: float
     end: float
-    facts: dict[str, Any]
+    facts: dict[str, Any]  # further JSON values for the page
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,18 +37,10 @@ class Story:
     def of(
         cls, *, contacts: int, surfaces: Sequence[int], grasps: int, lift_seconds: float
     ) -> Story:
-        """Return the chapters of a scene.
+        """Return the chapters of a scene with these numbers of contacts and grasps.
 
-        Parameters
-        ----------
-        contacts
-            Number of contacts; a single one has no chapter.
-        surfaces
-            Numbers of contacts at which the estimate changes, increasing.
-        grasps
-            Number of candidate grasps, shown from the worst to the best.
-        lift_seconds
-            Duration of the lift [s]; 0 for none.
+        A single contact has no chapter. `surfaces` are the numbers of contacts, increasing, at
+        which the estimate changes. `lift_seconds` is the duration of the lift [s]; 0 for none.
         """
         chapters: list[Chapter] = []
 

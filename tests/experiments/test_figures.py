@@ -33,6 +33,7 @@ from lis_grasp.experiments.figures import (
 from lis_grasp.experiments.figures.convexity_figures import angular_kernel, around, tangent_axes
 from lis_grasp.experiments.figures.error_figures import error_lines
 from lis_grasp.experiments.figures.figure_inputs import explored_object, view_on
+from lis_grasp.experiments.figures.object_figures import _owners, _patch_of, patch_map
 from lis_grasp.experiments.figures.painter import (
     Patches,
     View,
@@ -54,7 +55,6 @@ from lis_grasp.experiments.figures.palette import (
     estimator_label,
     rgba,
 )
-from lis_grasp.experiments.figures.patch_map import _owners, _patch_of, patch_map
 from lis_grasp.experiments.figures.planar_figures import (
     OUTLINE,
     convexity_towards,

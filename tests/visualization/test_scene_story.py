@@ -14,7 +14,7 @@ import scenes
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lis_grasp import pipeline, shapes
-from lis_grasp.cli.explore import counts_on_the_way
+from lis_grasp.cli.explore import growth_counts
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
@@ -104,8 +104,8 @@ def test_the_page_has_the_recorded_hand_and_direction_of_each_touch() -> None:
 
 
 @pytest.mark.parametrize("contacts", [*range(12), 40, 300, 10_000])
-def test_estimates_on_the_way_are_few_and_before_the_last_contact(contacts: int) -> None:
-    counts = counts_on_the_way(contacts)
+def test_kept_estimates_are_few_and_before_the_last_contact(contacts: int) -> None:
+    counts = growth_counts(contacts)
     assert counts == sorted(set(counts))
     assert len(counts) <= 8
     assert all(2 <= count < contacts for count in counts)
@@ -115,7 +115,7 @@ def test_estimates_on_the_way_are_few_and_before_the_last_contact(contacts: int)
 # ---- a folder of results --------------------------------------------------------------------
 
 EXPLORE = ["explore", "box", "--prober", "kinematic", "--touches", "8", "--seed", "4"]
-ON_THE_WAY = [2, 3, 4, 5, 6, 7]
+GROWTH = [2, 3, 4, 5, 6, 7]
 
 
 def scene_counts(folder: Path) -> list[int]:
@@ -139,7 +139,7 @@ def folder(explored: Path, tmp_path: Path) -> Path:
 def test_growth_is_the_estimate_from_the_first_contacts(explored: Path) -> None:
     outcomes = load_outcomes(explored / "touches.jsonl")
     growth = scene_of(explored).growth
-    assert [count for count, _ in growth] == ON_THE_WAY
+    assert [count for count, _ in growth] == GROWTH
     for count, mesh in growth[1::3]:
         first = Exploration.replay(outcomes).first(count)
         _, expected = pipeline.estimate(first, "blend")
@@ -180,7 +180,7 @@ def test_growth_of_another_estimator_is_not_drawn(folder: Path) -> None:
     assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "lis"]) == 0
     assert scene_counts(folder) == []
     assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "blend"]) == 0
-    assert scene_counts(folder) == ON_THE_WAY
+    assert scene_counts(folder) == GROWTH
 
 
 def test_a_new_exploration_replaces_the_growth(folder: Path) -> None:
@@ -203,13 +203,13 @@ def test_a_resumed_exploration_keeps_the_same_growth(folder: Path) -> None:
     after = {path.name: path.read_bytes() for path in (folder / "growth").iterdir()}
     assert after == {name: before[name] for name in before if name != "2.ply"}
     assert main(["estimate", str(folder / "contacts.ply")]) == 0
-    assert scene_counts(folder) == ON_THE_WAY[1:]
+    assert scene_counts(folder) == GROWTH[1:]
 
 
 def test_the_scene_of_a_folder_has_equal_bytes_each_time(folder: Path) -> None:
     assert write_scene_of(folder).read_bytes() == write_scene_of(folder).read_bytes()
     [touch] = page_facts(scene_of(folder))["story"]["chapters"]
-    assert touch["surfaces"] == [*ON_THE_WAY, 8]
+    assert touch["surfaces"] == [*GROWTH, 8]
 
 
 @pytest.mark.slow

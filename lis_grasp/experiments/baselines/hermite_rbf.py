@@ -27,10 +27,7 @@ class HermiteRBFSurface(BaselineSurface):
 
     with coefficients that make f(c_i) = 0 and grad f(c_i) = n_i, and are orthogonal to linear
     functions (Wendland 2005, chapter 16; Macedo, Gois and Velho 2011). It has no parameters and
-    takes no noise.
-    Coordinates are centred on the contacts and scaled to about unit size.
-
-    Made by `from_contacts`. Near contacts f is about metric [m].
+    takes no noise. Near contacts f is about metric [m].
     """
 
     error: ClassVar[float] = 0.16
@@ -42,15 +39,7 @@ class HermiteRBFSurface(BaselineSurface):
 
     @classmethod
     def from_contacts(cls, contacts: Contacts) -> HermiteRBFSurface:
-        """Interpolate at least one contact.
-
-        Raises
-        ------
-        InvalidContactsError
-            If there is no contact.
-        EstimationError
-            If the equations are singular to working precision.
-        """
+        """Interpolate at least one contact; EstimationError if the equations are singular."""
         support = Support.of(contacts)
         points, normals = support.contacts.points, support.contacts.normals
         nodes = support.scaled(points)
@@ -60,7 +49,7 @@ class HermiteRBFSurface(BaselineSurface):
         matrix[:size, :size] = _interactions(nodes, nodes).reshape(size, size)
         linear = _linear_rows(nodes).reshape(size, 4)
         matrix[:size, size:], matrix[size:, :size] = linear, linear.T
-        if count < 4:  # too few contacts to determine a linear function: the least one
+        if count < 4:  # too few contacts to determine the linear part: take the smallest
             matrix[size:, size:] = -1e-9 * np.eye(4)
         wanted = np.zeros(size + 4)
         wanted[:size] = np.column_stack([np.zeros(count), normals]).ravel()
@@ -77,14 +66,14 @@ class HermiteRBFSurface(BaselineSurface):
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...) [m]."""
         rows, shape = flat_points(points)
-        return self.support.scale * self._ask(rows)[:, 0].reshape(shape)
+        return self.support.scale * self._value_and_gradient(rows)[:, 0].reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
         rows, shape = flat_points(points)
-        return self._ask(rows)[:, 1:].reshape(*shape, 3)
+        return self._value_and_gradient(rows)[:, 1:].reshape(*shape, 3)
 
-    def _ask(self, rows: FloatArray) -> FloatArray:
+    def _value_and_gradient(self, rows: FloatArray) -> FloatArray:
         """Return f and its gradient, scaled, at rows (P, 3) [m], shape (P, 4)."""
         scaled = self.support.scaled(rows)
         return map_rows(self._interpolate, scaled, max(1, _CHUNK // (16 * len(self._nodes))))
@@ -96,9 +85,9 @@ class HermiteRBFSurface(BaselineSurface):
 
 
 def _interactions(queries: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Return the kernel blocks from value and slopes of nodes to value and slopes of queries.
+    """Return the kernel blocks (P, 4, N, 4) from value and slopes of nodes to those of queries.
 
-    Shape (P, 4, N, 4). With phi = r^3: grad phi = 3 r d, its derivative 3 (r I + d d^T / r).
+    With phi = r^3: grad phi = 3 r d, its derivative 3 (r I + d d^T / r).
     """
     d = queries[:, None] - nodes  # (P, N, 3)
     r = np.linalg.norm(d, axis=2)

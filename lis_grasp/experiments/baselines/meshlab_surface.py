@@ -11,8 +11,12 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidContactsError, InvalidOptionError
-from lis_grasp.experiments.baselines.baseline_support import BaselineSurface, Support
+from lis_grasp.exceptions import EstimationError, InvalidContactsError
+from lis_grasp.experiments.baselines.baseline_support import (
+    BaselineSurface,
+    Support,
+    needed_package,
+)
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
 
@@ -20,8 +24,8 @@ from lis_grasp.typing import FloatArray
 # objects 1.5 is sharper at edges (RIMLS 1.9 mm instead of 2.9) but has larger phantom sheets, 3
 # loses faces.
 _MARCHING_CUBES = {"resolution": 120, "filterscale": 2.0}
-# Interpolation against smoothness, of screened Poisson.
-_POINT_WEIGHT = 10.0
+# The point weight favours interpolation over smoothness.
+_POISSON = {"depth": 7, "pointweight": 10.0, "samplespernode": 1.0}
 
 # These methods search neighbours of their own and need this many.
 _LEAST_CONTACTS = 6
@@ -46,13 +50,8 @@ class MeshLabSurface(BaselineSurface):
     @classmethod
     def poisson(cls, contacts: Contacts) -> MeshLabSurface:
         """Reconstruct by screened Poisson (Kazhdan and Hoppe 2013)."""
-        return cls._filtered(
-            contacts,
-            "generate_surface_reconstruction_screened_poisson",
-            depth=7,
-            pointweight=_POINT_WEIGHT,
-            samplespernode=1.0,
-        )
+        name = "generate_surface_reconstruction_screened_poisson"
+        return cls._filtered(contacts, name, **_POISSON)
 
     @classmethod
     def rimls(cls, contacts: Contacts) -> MeshLabSurface:
@@ -66,24 +65,16 @@ class MeshLabSurface(BaselineSurface):
 
     @classmethod
     def _filtered(cls, contacts: Contacts, name: str, **options: Any) -> MeshLabSurface:
-        try:
+        with needed_package("pymeshlab"):
             import pymeshlab
-        except ImportError:
-            raise InvalidOptionError(
-                "this estimator needs pymeshlab, which is not installed: pip install"
-                " 'lis-grasp[baselines]'"
-            ) from None
         support = Support.of(contacts)
         if len(support.contacts) < _LEAST_CONTACTS:
             raise InvalidContactsError(
                 f"this estimator needs at least {_LEAST_CONTACTS} contacts at different places;"
                 f" there are {len(support.contacts)}"
             )
-        scene = pymeshlab.MeshSet(verbose=False)
-        cloud = pymeshlab.Mesh(
-            vertex_matrix=support.contacts.points, v_normals_matrix=support.contacts.normals
-        )
-        scene.add_mesh(cloud)
+        scene, cloud = pymeshlab.MeshSet(verbose=False), support.contacts
+        scene.add_mesh(pymeshlab.Mesh(cloud.points, v_normals_matrix=cloud.normals))
         try:
             getattr(scene, name)(**options)
         except pymeshlab.PyMeshLabException as error:

@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 from lis_grasp.experiments.figures.charts import bars, calibration, curve_panels
 from lis_grasp.experiments.figures.convexity_figures import figure_4, figure_5
 from lis_grasp.experiments.figures.error_figures import figure_8, figure_11
-from lis_grasp.experiments.figures.object_figures import figure_6, figure_7
-from lis_grasp.experiments.figures.patch_map import patch_map
+from lis_grasp.experiments.figures.object_figures import figure_6, figure_7, patch_map
 from lis_grasp.experiments.figures.planar_figures import figure_1, figure_2
 from lis_grasp.experiments.figures.style import png_of
 
@@ -35,24 +34,20 @@ FIGURES: Mapping[int, PaperFigure] = MappingProxyType(
     {
         1: PaperFigure(
             "Contacts with orthogonal normals",
-            "Top: two contacts and the estimated implicit shape potential, violet inside and orange"
-            " outside; the thick line is the surface, f = 0. The contacts have z = 0 and normals in"
-            " the plane; f is shown at z = 0. Bottom: a cube of 10 cm, touched in the middle of"
-            " each face. GPIS rounds corners and closes behind the contacts; LIS and blend keep"
-            " corners sharp and extrapolate where there is no contact. Only the sign and the zero"
-            " set of f are guaranteed: LIS scales f by β, so its values inside are small. With so"
-            " few contacts blend equals patch.",
+            "Top: two contacts and the estimated implicit shape potential f at z = 0, violet inside"
+            " and orange outside; the thick line is the surface, f = 0. Bottom: a cube of 10 cm,"
+            " touched in the middle of each face. GPIS rounds corners and closes behind the"
+            " contacts; LIS and blend keep corners sharp and extrapolate where there is no contact."
+            " LIS scales f by β, so its values inside are small.",
             figure_1,
         ),
         2: PaperFigure(
             "Local convexity at corners",
-            "LIS on three contacts of a step, a concave and a convex corner (true outline dashed,"
-            " section at z = 0). Without β the surface overshoots both corners. Circles show β*"
-            " towards each direction: blue is convex, red concave; it is extrapolated to the side"
-            " without contacts. With the corrected sign (middle) the overshoot almost vanishes;"
-            " with eq. 10 as published (right) it grows; the minus sign is our correction."
-            " The kernel is wider than by default, 0.3 instead of 0.2 of the contacts'"
-            " spacing, to show the effect clearly; the paper gives no width.",
+            "LIS on three contacts of a step (true outline dashed, section at z = 0). Without β"
+            " the surface overshoots both corners. Circles show β* towards each direction: blue is"
+            " convex, red concave. With the corrected sign (middle) the overshoot almost vanishes;"
+            " with eq. 10 as published (right) it grows. The kernel is 0.3 of the contacts' spacing"
+            " wide, instead of 0.2, to show the effect clearly; the paper gives no width.",
             figure_2,
         ),
         4: PaperFigure(
@@ -65,11 +60,9 @@ FIGURES: Mapping[int, PaperFigure] = MappingProxyType(
         5: PaperFigure(
             "Local convexity of every contact",
             "Each contact of two fully explored objects with its β* towards each direction of its"
-            " tangent plane: blue is convex, red concave, white flat. The handle's foot is concave"
-            " towards the head and convex round the handle; the bore of the hollow cylinder is"
-            " concave round its axis. Narrow blue wedges in the bore point at contacts on the other"
-            " side of the wall, which LIS cannot distinguish from the same side. The kernel is 0.3"
-            " of the contacts' spacing wide, as in figure 2.",
+            " tangent plane: blue is convex, red concave, white flat. Narrow blue wedges in the"
+            " bore point at contacts on the other side of the wall, which LIS cannot distinguish"
+            " from the same side. The kernel is as wide as in figure 2.",
             figure_5,
         ),
         6: PaperFigure(
@@ -81,8 +74,7 @@ FIGURES: Mapping[int, PaperFigure] = MappingProxyType(
         7: PaperFigure(
             "Explored region",
             "A half-explored object from two opposite sides. Yellow is within 50 mm of a contact"
-            " and counts as explored, red does not. Distances are straight lines, so a contact also"
-            " explores a little round the corner.",
+            " and counts as explored, red does not.",
             figure_7,
         ),
         8: PaperFigure(
@@ -91,17 +83,15 @@ FIGURES: Mapping[int, PaperFigure] = MappingProxyType(
             " where explored, cream beyond, where errors are not measured. Lines connect the true"
             " edges with the nearest point of the estimate, at true scale, from green (small) to"
             " red (large); the number is their root mean square. Hidden lines are faint; unexplored"
-            " true edges are thin and grey. LIS and blend extrapolate beyond the contacts up to the"
-            " bounds. LIS is closer to the true edges than GPIS, yet its planes overshoot beside"
-            " them: an error at edges does not measure overshoot, fig. 9 does.",
+            " true edges are thin and grey. The error at edges does not measure the overshoot of"
+            " LIS beside them; fig. 9 does.",
             figure_8,
         ),
         11: PaperFigure(
             "Errors at edges, fully explored",
             "The six objects that have edges, drawn as in figure 8, from all contacts of one walk"
             " each. The distance from an edge is 0 where a surface passes through it, even if the"
-            " surface then extends beyond the object. Every estimate does so above the mallet's"
-            " handle if its end was not touched.",
+            " surface then extends beyond the object.",
             figure_11,
         ),
     }
@@ -129,14 +119,6 @@ __all__ = [
     "bars",
     "calibration",
     "curve_panels",
-    "figure_1",
-    "figure_2",
-    "figure_4",
-    "figure_5",
-    "figure_6",
-    "figure_7",
-    "figure_8",
-    "figure_11",
     "patch_map",
     "png_of",
 ]

@@ -25,22 +25,9 @@ _CURVE: dict[str, Any] = {"lw": 2.0, "ms": 5.5, "mec": "white", "mew": 0.7}
 def bars(values: Mapping[str, Mapping[str, Sequence[float]]], *, title: str, ylabel: str) -> Figure:
     """Draw a bar for each estimator and object: the mean, one standard deviation, and every seed.
 
-    The last group is the mean over objects, with its value in the legend. Its spread is over seeds
-    where all objects have equally many. Seeds without a value (NaN) are left out.
-
-    Parameters
-    ----------
-    values
-        Estimator -> object -> value of each seed, in mm.
-    title
-        Above the chart.
-    ylabel
-        Quantity and unit of the values.
-
-    Raises
-    ------
-    InvalidOptionError
-        If there are no values.
+    `values` maps estimator and object to the value [mm] of each seed; NaN is left out. The last
+    group is the mean over objects; its spread is over seeds where all objects have equally many.
+    InvalidOptionError if there are no values.
     """
     known = {name: _known(objects) for name, objects in values.items()}
     objects = list(dict.fromkeys(name for of in known.values() for name in of))
@@ -84,19 +71,8 @@ def curve_panels(
 ) -> Figure:
     """Draw panels of curves with one scale: for each estimator the mean and a standard deviation.
 
-    Parameters
-    ----------
-    levels
-        Labels of the L levels, in order.
-    panels
-        Title -> estimator -> values, shape (L, repeats), in the unit of `ylabel`; NaN is left out.
-    xlabel, ylabel
-        Quantities of the axes.
-
-    Raises
-    ------
-    InvalidOptionError
-        If values have another shape.
+    `panels` maps title and estimator to values, shape (L, repeats) for the labels of L `levels`;
+    NaN is left out. InvalidOptionError if values have another shape.
     """
     figure = style.new_figure(3.7)
     names = list(dict.fromkeys(name for values in panels.values() for name in values))
@@ -134,19 +110,9 @@ def calibration(
 ) -> Figure:
     """Draw the observed coverage of each estimator's uncertainty bands against the predicted one.
 
-    Parameters
-    ----------
-    nominal
-        Predicted coverage of the M bands, from 0 to 1, one a panel.
-    covered
-        Estimator -> observed coverage, shape (M,) or (M, repeats), from 0 to 1; NaN is left out.
-    title
-        Above the chart.
-
-    Raises
-    ------
-    InvalidOptionError
-        If the observed coverage has another shape.
+    `nominal` is the predicted coverage of M bands, one a panel; `covered` maps an estimator to the
+    observed coverage, shape (M,) or (M, repeats), NaN left out; all from 0 to 1.
+    InvalidOptionError if `covered` has another shape.
     """
     rows = np.arange(len(covered))
     height = 1.15 + 0.3 * len(rows)

@@ -38,12 +38,8 @@ _ABOVE = 0.001  # height of a disc above the surface [m]
 def angular_kernel(phi: npt.ArrayLike, *, width: float, height: float) -> FloatArray:
     """Return k_phi = height exp(-sin^2(phi / 2) / (2 width^2)) (Ottenhaus et al. 2016, eq. 11).
 
-    Parameters
-    ----------
-    phi
-        Angle from the neighbour's direction [rad], any shape.
-    width, height
-        sigma_w (eq. 13) and sigma_h (eq. 12), above 0.
+    `phi` is the angle from the neighbour's direction [rad], any shape; `width` is sigma_w (eq. 13)
+    and `height` sigma_h (eq. 12), both above 0.
     """
     return height * np.exp(-0.5 * (np.sin(0.5 * np.asarray(phi)) / width) ** 2)
 
@@ -77,13 +73,8 @@ def _draw_kernels(
         "φ, angle from the neighbour’s direction", fontsize=style.NORMAL, color=palette.INK
     )
     style.plain_axes(axes)
-    axes.legend(
-        loc="center left",
-        bbox_to_anchor=(1.0, 0.5),
-        frameon=False,
-        fontsize=style.SMALL,
-        handlelength=1.4,
-    )
+    legend = axes.legend(loc="center left", frameon=False, fontsize=style.SMALL, handlelength=1.4)
+    legend.set_bbox_to_anchor((1.0, 0.5))
     style.head(axes, title)
 
 

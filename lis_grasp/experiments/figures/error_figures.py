@@ -53,18 +53,10 @@ class _Case:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorLines:
-    """Short pieces of the explored true edges, and how far the estimate is from each.
+    """Short pieces of the explored true edges, and their distances from the estimate."""
 
-    Parameters
-    ----------
-    pieces
-        Shape (S, 2, 3) [m], of the true edges.
-    lines
-        Shape (S, 2, 3) [m], from the middle of each piece to the nearest point of the estimate.
-    """
-
-    pieces: FloatArray
-    lines: FloatArray
+    pieces: FloatArray  # (S, 2, 3) [m]
+    lines: FloatArray  # (S, 2, 3) [m], from the pieces' middles to the nearest points
 
     @property
     def errors(self) -> FloatArray:
@@ -148,7 +140,7 @@ def _draw_cases(
         style.side_note(figure, left, bottom + 0.5 * height / total, case.title)
         if row == 0:
             for axes, name in zip(panels, names, strict=True):
-                style.head_estimator(figure, axes, name)
+                style.head_estimator(axes, name)
     style.colour_bar(
         figure,
         (0.33, 0.4 / total, 0.34, 0.1 / total),

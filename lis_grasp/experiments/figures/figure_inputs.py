@@ -51,7 +51,7 @@ def explored_object(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
 
 
 def estimate(name: str, contacts: Contacts) -> ImplicitSurface:
-    """Return the surface of an estimator, by its name in the experiments, from exact contacts."""
+    """Return the surface that a compared estimator, given by its name, makes of exact contacts."""
     return compared_estimator(name)(contacts, Noise())
 
 

@@ -20,6 +20,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from lis_grasp.experiments.figures.palette import rgba
 from lis_grasp.shapes import SHARP_ANGLE
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.visualization.camera import view_axes
 
 # Direction to the light in the view's axes: right, up, towards the eye.
 _LIGHT = np.array([-0.35, 0.6, 0.72]) / np.linalg.norm([-0.35, 0.6, 0.72])
@@ -33,12 +34,8 @@ _DISC = 2.0 * np.pi * np.arange(16) / 16
 class View:
     """An orthographic view of the object frame O, with z upwards on the picture.
 
-    Parameters
-    ----------
-    azimuth
-        Direction from which the eye looks, about z from +x towards +y [rad].
-    elevation
-        Of the eye above the plane z = 0 [rad], below a right angle.
+    The eye is at `azimuth` about z from +x towards +y [rad], and at `elevation` above the plane
+    z = 0 [rad], below a right angle.
     """
 
     azimuth: float
@@ -47,9 +44,7 @@ class View:
     @property
     def axes(self) -> FloatArray:
         """Rows: the picture's right, its up, and towards the eye, unit, in O; shape (3, 3)."""
-        ca, sa = np.cos(self.azimuth), np.sin(self.azimuth)
-        ce, se = np.cos(self.elevation), np.sin(self.elevation)
-        return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
+        return view_axes(self.azimuth, self.elevation)
 
     def project(self, points: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return places on the picture (..., 2) [m] of points (..., 3), and their depths (...).
@@ -66,24 +61,12 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """Flat polygons of one kind, with the depths that they are sorted by.
+    """Flat polygons of one kind, with the depths that they are sorted by."""
 
-    Parameters
-    ----------
-    outlines
-        Shape (P, K, 2) [m], on the picture.
-    depths
-        Shape (P,) [m], larger is nearer to the eye.
-    colours
-        Shape (P, 4), RGBA.
-    seam
-        Width of the outline that each gets in its own colour [pt].
-    """
-
-    outlines: FloatArray
-    depths: FloatArray
-    colours: FloatArray
-    seam: float = 0.0
+    outlines: FloatArray  # (P, K, 2) [m], on the picture
+    depths: FloatArray  # (P,) [m], larger is nearer to the eye
+    colours: FloatArray  # (P, 4), RGBA
+    seam: float = 0.0  # width of the outline that each gets in its own colour [pt]
 
 
 def mesh_patches(
@@ -180,13 +163,8 @@ def paint(axes: Axes, patches: Iterable[Patches], *, frame: FloatArray | None = 
     seams = np.repeat([kind.seam for kind in kinds], [len(kind.depths) for kind in kinds])
     outlines = [outline for kind in kinds for outline in kind.outlines]
     colours = np.concatenate([kind.colours for kind in kinds])[order]
-    collection = PolyCollection(
-        [outlines[k] for k in order],
-        facecolors=colours,
-        edgecolors=colours,
-        linewidths=seams[order],
-        rasterized=True,
-    )
+    collection = PolyCollection([outlines[k] for k in order], linewidths=seams[order])
+    collection.set(facecolor=colours, edgecolor=colours, rasterized=True)
     axes.add_collection(collection, autolim=False)
     low, high = frame_of(kinds) if frame is None else frame
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -205,10 +183,8 @@ def overlay_lines(
     axes: Axes, view: View, segments: FloatArray, colours: npt.ArrayLike, *, points: float
 ) -> None:
     """Draw lines (S, 2, 3) [m] on top of everything, `points` wide [pt]."""
-    axes.add_collection(
-        LineCollection(list(view.project(segments)[0]), colors=np.asarray(colours), lw=points),
-        autolim=False,
-    )
+    lines = LineCollection(list(view.project(segments)[0]), colors=np.asarray(colours), lw=points)
+    axes.add_collection(lines, autolim=False)
 
 
 def _each(colours: npt.ArrayLike | str, count: int) -> FloatArray:

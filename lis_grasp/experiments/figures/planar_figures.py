@@ -68,7 +68,7 @@ def figure_1(*, names: Sequence[str] = COLUMNS) -> Figure:
         axes = style.add_panel(figure, left, 0.53, 0.95 * width, 0.42)
         draw_field(axes, estimate(name, corner), _CUBE_FRAME, largest=0.05)
         _draw_contacts(axes, corner, length=0.016)
-        style.head_estimator(figure, axes, name)
+        style.head_estimator(axes, name)
         paint(
             style.add_panel(figure, left, 0.09, 0.95 * width, 0.42),
             [*solids[k], *touches],
@@ -140,23 +140,9 @@ def convexity_towards(
 def draw_field(
     axes: Axes, surface: ImplicitSurface, frame: FloatArray, *, largest: float
 ) -> QuadContourSet:
-    """Draw a potential on the plane z = 0 with thin level lines and a thick zero line.
+    """Draw a potential on the plane z = 0 with thin level lines; return its thick zero line.
 
-    Parameters
-    ----------
-    axes
-        Show the frame afterwards, at equal scales, without ticks.
-    surface
-        With a zero line in the frame.
-    frame
-        Lowest and highest corner, shape (2, 2) [m].
-    largest
-        |f| at which colours end [m].
-
-    Returns
-    -------
-    QuadContourSet
-        The zero line.
+    `frame` has the lowest and highest corner, shape (2, 2) [m]; colours end at |f| = `largest` [m].
     """
     extent = frame[1] - frame[0]
     counts = np.ceil(_NODES * extent / extent.max()).astype(int)
@@ -196,11 +182,9 @@ def _draw_convexity(axes: Axes, surface: LocalImplicitSurface) -> None:
     for i, point in enumerate(surface.points[:, :2]):
         colours = palette.convexity_colours(convexity_towards(surface, i, towards))
         corners = [np.array([point, point + a, point + b]) for a, b in pairwise(rim)]
-        axes.add_collection(
-            PolyCollection(
-                corners, facecolors=colours, edgecolors=colours, linewidths=0.6, zorder=3
-            )
-        )
+        wedges = PolyCollection(corners, facecolors=colours, edgecolors=colours, linewidths=0.6)
+        wedges.set_zorder(3)
+        axes.add_collection(wedges)
         axes.plot(*(point + rim).T, color=palette.INK, lw=0.9, zorder=3)
 
 

@@ -1,4 +1,4 @@
-"""Still pictures of an object, an estimate, contacts and a hand on matplotlib axes."""
+"""Static pictures of an object, an estimate, contacts and a hand on matplotlib axes."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def draw_still(
     scale: ColourScale | None = None,
     view: View = VIEW,
 ) -> ScalarMappable | None:
-    """Draw the scene of `lis_grasp.visualization.show` as a picture on matplotlib's axes.
+    """Draw an object, an estimate, contacts and a hand as a picture on matplotlib's axes.
 
     Parameters
     ----------
     axes
-        To draw on; their frame and ticks are removed.
+        Matplotlib's axes; their frame and ticks are removed.
     truth
         The true object, in O: as a solid, or as its sharp edges if there is an estimate too.
     estimate
@@ -69,7 +69,7 @@ def draw_still(
     scale
         Colours of the uncertainty; None for a scale that fits this estimate.
     view
-        Where the eye is.
+        Direction from which the eye looks.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def draw_still(
     solid = estimate if estimate is not None else None if truth is None else truth.mesh
     if solid is None:
         raise InvalidOptionError(
-            "a still needs a true object or an estimate; it has neither", option="truth"
+            "a picture needs a true object or an estimate; it has neither", option="truth"
         )
     sized = solid if truth is None else truth.mesh
     factor = _PAINTED / float(sized.extents.max())

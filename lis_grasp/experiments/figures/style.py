@@ -49,7 +49,7 @@ def head(axes: Axes, text: str) -> None:
     axes.set_title(text, fontsize=NORMAL, color=INK, pad=6)
 
 
-def head_estimator(figure: Figure, axes: Axes, name: str) -> None:
+def head_estimator(axes: Axes, name: str) -> None:
     """Write an estimator's name, in its colour, above a panel."""
     colour = estimator_colour(name)
     _write_at(axes, "top", estimator_label(name), fontsize=LARGE, color=colour, fontweight="bold")

@@ -118,7 +118,7 @@ def _picture(shown: Sequence[tuple[Row, dict[str, Any]]]) -> bytes:
             hand=hand,
             links=links,
         )
-        head_estimator(figure, axes, row["estimator"])
+        head_estimator(axes, row["estimator"])
         foot_note(axes, _result(row))
     return png_of(figure)
 
