@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
@@ -23,7 +24,7 @@ CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
 
 @pytest.fixture(scope="module")
 def cube(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with six contacts of a cube, the surface and two grasps of a jaw."""
+    """Return a folder with six contacts of a cube, the surface and grasps of a parallel-jaw gripper."""
     folder = tmp_path_factory.mktemp("cube")
     rows = np.hstack([0.03 * CUBE_AXES, CUBE_AXES])
     path = folder / "contacts.csv"
@@ -60,6 +61,19 @@ def test_the_same_seed_writes_the_same_bytes(cube: Path, tmp_path: Path) -> None
         assert (tmp_path / name).read_bytes() == (cube / name).read_bytes()
 
 
+def test_a_command_computes_in_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+
+    def execute(options: argparse.Namespace) -> None:
+        counts.extend(pool["num_threads"] for pool in threadpool_info())
+
+    monkeypatch.setattr("lis_grasp.cli.doctor.execute", execute)
+    with threadpool_limits(2):
+        assert main(["doctor"]) == 0
+    assert set(counts) == {1}
+
+
+@pytest.mark.slow
 def test_the_number_of_threads_changes_no_byte(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(60, 3))
@@ -175,7 +189,8 @@ def test_stages_run_alone_repeat_the_run_byte_for_byte(estimator: str, tmp_path:
 
 
 def test_sensor_noise_is_recorded_and_given_to_the_estimator(tmp_path: Path) -> None:
-    options = ["--prober", "kinematic", "--touches", "12", "--position-noise", "0.002"]
+    options = ["--hand", "wsg50", "--prober", "kinematic", "--touches", "12"]
+    options += ["--position-noise", "0.002"]
     assert main(["explore", "box", *options, "--output", str(tmp_path)]) == 0
     path = tmp_path / "contacts.ply"
     assert provenance.read(path)["position_noise"] == 0.002

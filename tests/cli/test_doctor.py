@@ -1,4 +1,4 @@
-"""The doctor: shipped hands are healthy, and each fault put into one is named."""
+"""`lis-grasp doctor`: shipped hands are healthy, and each injected fault is named."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -52,7 +52,7 @@ def folder(tmp_path: Path) -> Path:
         (change_urdf('ixx="1.960e-05"', 'ixx="1.960e-02"'), "is impossible"),
         (change_urdf('<mass value="0.54"/>', '<mass value="540"/>'), "masses must be in kg"),
         (
-            # Fingers bent until they run into the palm.
+            # Fingers bent into the palm.
             change_yaml(lambda d: d["pregrasps"].update(fist=[0, 1.6, 1.7, 1.6] * 3 + [0.3] * 4)),
             "links collide in pregrasp fist",
         ),
@@ -81,7 +81,7 @@ def folder(tmp_path: Path) -> Path:
         (change_yaml(lambda d: d.update(max_contact_force=60)), "lower it, or check"),
     ],
 )
-def test_a_fault_is_named_with_what_to_mend(
+def test_a_fault_of_a_hand_is_named(
     change: Callable[[Path], None],
     message: str,
     folder: Path,
@@ -102,7 +102,7 @@ def test_this_machine_is_fit(capsys: pytest.CaptureFixture[str]) -> None:
     assert "15 touches of a box" in output
 
 
-def test_a_hand_s_urdf_may_lie_in_a_package(
+def test_the_urdf_of_a_hand_may_be_in_a_package(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     elsewhere = tmp_path / "models" / "my_hands" / "urdf"
@@ -142,18 +142,27 @@ FINGER = """<link name="{side}_finger">
     <origin xyz="0 0 0.1"/></joint>"""
 
 
-def test_the_guide_s_own_hand_touches_and_grasps(tmp_path: Path) -> None:
+@pytest.fixture
+def guide_hand(tmp_path: Path) -> str:
+    """Return the file of the hand that the guide builds."""
     guide = Path(__file__).parents[2] / "docs" / "adding-a-hand.md"
     text = guide.read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0]
     (tmp_path / "claw.yaml").write_text(text)
     places = {"left": (-0.025, -0.025, -1), "right": (-0.025, 0.025, -1), "thumb": (0.025, 0, 1)}
     fingers = [FINGER.format(side=side, x=x, y=y, turn=t) for side, (x, y, t) in places.items()]
     (tmp_path / "claw.urdf").write_text(CLAW.format(fingers="".join(fingers)))
-    hand = str(tmp_path / "claw.yaml")
-    assert main(["doctor", "--hand", hand]) == 0
+    return str(tmp_path / "claw.yaml")
+
+
+def test_the_hand_of_the_guide_is_healthy(guide_hand: str) -> None:
+    assert main(["doctor", "--hand", guide_hand]) == 0
+
+
+@pytest.mark.slow
+def test_the_hand_of_the_guide_touches_and_grasps(guide_hand: str, tmp_path: Path) -> None:
     out = str(tmp_path / "out")
-    options = ["--hand", hand, "--output", out, "--touches", "12", "--prober", "kinematic"]
+    options = ["--hand", guide_hand, "--output", out, "--touches", "12", "--prober", "kinematic"]
     assert main(["explore", "cylinder", *options]) == 0
     assert main(["estimate", f"{out}/contacts.ply"]) == 0
-    assert main(["grasp", f"{out}/surface.ply", "--hand", hand, "--grasps", "2"]) == 0
+    assert main(["grasp", f"{out}/surface.ply", "--hand", guide_hand, "--grasps", "2"]) == 0
     assert GraspSearch.load(Path(out) / "grasps.json").grasps

@@ -42,7 +42,7 @@ print(*{{library["architecture"] for library in threadpoolctl.threadpool_info()}
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="of that processor's instructions")
 def test_an_old_processor_finds_the_same_contacts_surfaces_and_grasps(tmp_path: Path) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
-    # Each stage goes on from the same file, so that each is judged alone.
+    # Each stage reads the same file, so that each is compared alone.
     inputs = {
         "contacts": str(here / "contacts" / "contacts.ply"),
         "surface": str(here / "blend" / "surface.ply"),
