@@ -91,7 +91,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run what trials are missing, and write tables and report; or repeat one row."""
+    """Run the missing trials, and write tables and report; or repeat one row."""
     from lis_grasp.experiments.runner import run_trials
     from lis_grasp.experiments.study.study import Study
     from lis_grasp.experiments.study.study_results import StudyResults

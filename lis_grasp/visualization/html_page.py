@@ -8,13 +8,9 @@ import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
-from lis_grasp.exceptions import InvalidFileError
-
-_ASSETS = "lis_grasp.visualization"
+_HERE = "lis_grasp.visualization"
 # In the order of their dependencies.
 _SCRIPTS = ("appearance.js", "story.js", "camera.js", "scene.js")
 
@@ -28,9 +24,9 @@ def build_page(
     The Content Security Policy allows no connection and only the page's own two scripts, so that
     names that look like markup cannot run.
     """
-    viewer = _script_text(_viewer_source())
-    script = _script_text("".join(_asset(name) for name in _SCRIPTS))
-    style = _asset("scene.css")
+    viewer = _script_text(_asset("meshcat", "viewer/dist/main.min.js"))  # has three.js
+    script = _script_text("".join(_asset(_HERE, f"assets/{name}") for name in _SCRIPTS))
+    style = _asset(_HERE, "assets/scene.css")
     facts = {**scene, "commands": [_base64(command) for command in commands]}
     data = json.dumps(facts, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     digests = [hashlib.sha256(text.encode("utf-8")).digest() for text in (viewer, script)]
@@ -60,22 +56,8 @@ def build_page(
 """
 
 
-def _asset(name: str) -> str:
-    return resources.files(_ASSETS).joinpath("assets", name).read_text(encoding="utf-8")
-
-
-def _viewer_source() -> str:
-    """Return the source of meshcat's viewer (three.js included), as its package ships it."""
-    package = find_spec("meshcat")
-    if package is None or package.origin is None:
-        raise InvalidFileError("the package meshcat is missing: install it with pip")
-    path = Path(package.origin).parent / "viewer" / "dist" / "main.min.js"
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InvalidFileError(
-            f"cannot read {path} ({error.strerror}): install meshcat again", path=path
-        ) from None
+def _asset(package: str, path: str) -> str:
+    return resources.files(package).joinpath(path).read_text(encoding="utf-8")
 
 
 def _script_text(source: str) -> str:

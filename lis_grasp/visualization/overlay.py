@@ -44,7 +44,10 @@ def build_overlay(
         '<div class="content">',
         f'<p class="explained">Press play: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
-        _grasp_rows(grasps) if grasps else "",
+        f'<h2>Candidate grasps</h2><ul class="layers">{"".join(map(_row, grasps))}</ul>'
+        '<p class="fine">Ranked by predicted success on the uncertain estimate.</p>'
+        if grasps
+        else "",
         f'<h2>Result</h2><div class="lines">{lines}</div>' if lines else "",
         f'<p class="fine">Grid {_millimetres(grid)}. Drag to turn, wheel or pinch to zoom,'
         " right button or two fingers to move.</p>",
@@ -62,15 +65,7 @@ def _is_grasp(layer: Layer) -> bool:
     return layer.identity.startswith("grasp-") or layer.identity == "together"
 
 
-def _grasp_rows(grasps: Sequence[Layer]) -> str:
-    return (
-        '<h2>Candidate grasps</h2><ul class="layers">'
-        f"{''.join(_row(grasp, None) for grasp in grasps)}</ul>"
-        '<p class="fine">Ranked by predicted success on the uncertain estimate.</p>'
-    )
-
-
-def _row(layer: Layer, scale: ColourScale | None) -> str:
+def _row(layer: Layer, scale: ColourScale | None = None) -> str:
     checked = " checked" if layer.on else ""
     note = f"<small>{escape(layer.note)}</small>" if layer.note else ""
     hint = f' title="{escape(layer.detail)}"' if layer.detail else ""

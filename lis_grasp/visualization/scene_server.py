@@ -15,14 +15,9 @@ _LOCALHOST = "127.0.0.1"
 
 
 class SceneServer(ThreadingHTTPServer):
-    """Web server on localhost for the scene.html of one folder, which is read at each request.
+    """Web server on 127.0.0.1 for the scene.html of a folder, which is read at each request.
 
-    Parameters
-    ----------
-    directory
-        Folder with a ``scene.html``.
-    port
-        Port on 127.0.0.1; 0 takes a free one.
+    Port 0 takes a free port.
 
     Raises
     ------

@@ -15,46 +15,31 @@ from matplotlib.colors import LinearSegmentedColormap, to_rgba
 
 from lis_grasp.typing import FloatArray
 
-ESTIMATOR_COLOURS: Mapping[str, str] = MappingProxyType(
-    {
-        "gpis": "#e69f00",
-        "gpis_rbf": "#a86b00",
-        "gpis_thin_plate": "#d8c62f",
-        "lis": "#0072b2",
-        "lis_no_beta": "#8cb8d9",
-        "lis_as_published": "#cc79a7",
-        "patch": "#56b4e9",
-        "blend": "#009e73",
-        "hermite_rbf": "#7a7a7a",
-        "offset_rbf": "#b5b5b5",
-        "truth": "#262626",
-    }
-)
-"""Colour of each estimator, by its short name."""
-
-ESTIMATOR_LABELS: Mapping[str, str] = MappingProxyType(
-    {
-        "gpis": "GPIS",
-        "gpis_rbf": "GPIS, RBF",
-        "gpis_thin_plate": "GPIS, thin plate",
-        "lis": "LIS",
-        "lis_no_beta": "LIS, β = 1",
-        "lis_as_published": "LIS, eq. 10 as published",
-        "hermite_rbf": "Hermite RBF",
-        "offset_rbf": "offset RBF",
-        "offset_gp": "offset GP",
-        "poisson": "screened Poisson",
-        "rimls": "RIMLS",
-        "apss": "APSS",
-        "truth": "the true mesh",
-    }
-)
-"""Display name of each estimator; others are shown by their short name."""
-
 INK = "#262626"
 QUIET = "#8a8a8a"
 FAINT = "#ececec"
 """Text and axes; secondary lines; grids."""
+
+ESTIMATORS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "gpis": ("#e69f00", "GPIS"),
+        "gpis_rbf": ("#a86b00", "GPIS, RBF"),
+        "gpis_thin_plate": ("#d8c62f", "GPIS, thin plate"),
+        "lis": ("#0072b2", "LIS"),
+        "lis_no_beta": ("#8cb8d9", "LIS, β = 1"),
+        "lis_as_published": ("#cc79a7", "LIS, eq. 10 as published"),
+        "patch": ("#56b4e9", "patch"),
+        "blend": ("#009e73", "blend"),
+        "hermite_rbf": ("#7a7a7a", "Hermite RBF"),
+        "offset_rbf": ("#b5b5b5", "offset RBF"),
+        "offset_gp": (QUIET, "offset GP"),
+        "poisson": (QUIET, "screened Poisson"),
+        "rimls": (QUIET, "RIMLS"),
+        "apss": (QUIET, "APSS"),
+        "truth": ("#262626", "the true mesh"),
+    }
+)
+"""Colour and display name of each estimator, by its short name."""
 
 SURFACE = "#dcdfe4"
 BEYOND = "#f4f1ea"
@@ -84,12 +69,12 @@ SMALL_LARGE = LinearSegmentedColormap.from_list(
 
 def estimator_colour(name: str) -> str:
     """Return an estimator's colour; grey for one that has none of its own."""
-    return ESTIMATOR_COLOURS.get(name, QUIET)
+    return ESTIMATORS.get(name, (QUIET, name))[0]
 
 
 def estimator_label(name: str) -> str:
-    """Return an estimator's display name."""
-    return ESTIMATOR_LABELS.get(name, name)
+    """Return an estimator's display name; its short name if it has none."""
+    return ESTIMATORS.get(name, (QUIET, name))[1]
 
 
 def convexity_colours(values: npt.ArrayLike) -> FloatArray:
