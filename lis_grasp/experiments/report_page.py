@@ -26,17 +26,10 @@ td:first-child, th:first-child { text-align: left; font-weight: 500; }
 code { background: #f3f3f3; padding: .1rem .3rem; }
 """
 
+_VERDICTS = ("reproduced", "not reproduced")
+
 _LATEX = str.maketrans(
-    {
-        "%": r"\%",
-        "_": r"\_",
-        "&": r"\&",
-        "#": r"\#",
-        "β": r"$\beta$",
-        "−": "$-$",
-        "–": "--",
-        "<": "$<$",
-    }
+    {**{c: f"\\{c}" for c in "%_&#"}, "β": r"$\beta$", "−": "$-$", "–": "--", "<": "$<$"}
 )
 
 
@@ -59,52 +52,24 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class TextTable:
-    """A table of texts.
-
-    Parameters
-    ----------
-    name
-        Of its files.
-    title
-        What it shows.
-    head
-        Of its columns.
-    body
-        Its rows, each as long as the head.
-    """
+    """A table of texts: the name of its files, its title, column headings and rows."""
 
     name: str
     title: str
     head: tuple[str, ...]
     body: tuple[tuple[str, ...], ...]
 
-    def html(self, *, classed: Iterable[str] = ()) -> str:
-        """Return the table as HTML, in a box that scrolls.
-
-        Parameters
-        ----------
-        classed
-            Texts of cells whose first word is also their CSS class.
-        """
-        marked = set(classed)
+    def section(self) -> str:
+        """Return the title, and the table in a box that scrolls, as HTML."""
+        title = f"<h2>{escape(self.title)}</h2>"
+        if not self.body:
+            return f"{title}<p>None.</p>"
         head = "".join(f"<th>{escape(text)}</th>" for text in self.head)
-        body = ""
-        for row in self.body:
-            cells = (
-                f'<td class="{text.split()[0]}">{escape(text)}</td>'
-                if text in marked
-                else f"<td>{escape(text)}</td>"
-                for text in row
-            )
-            body += f"<tr>{''.join(cells)}</tr>"
+        body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in self.body)
         return (
-            f'<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+            f'{title}<div class="scroll"><table><thead><tr>{head}</tr></thead>'
             f"<tbody>{body}</tbody></table></div>"
         )
-
-    def section(self) -> str:
-        """Return the title and the table as HTML."""
-        return f"<h2>{escape(self.title)}</h2>{self.html() if self.body else '<p>None.</p>'}"
 
     def csv(self) -> str:
         """Return the table as CSV."""
@@ -125,6 +90,12 @@ class TextTable:
             f"% {self.title}\n\\begin{{tabular}}{{l{'r' * (len(self.head) - 1)}}}\n\\toprule\n"
             f"{head} \\\\\n\\midrule\n{rows}\\bottomrule\n\\end{{tabular}}\n"
         )
+
+
+def _cell(text: str) -> str:
+    # A verdict has a colour: its first word is its CSS class.
+    verdict = f' class="{text.split()[0]}"' if text in _VERDICTS else ""
+    return f"<td{verdict}>{escape(text)}</td>"
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:

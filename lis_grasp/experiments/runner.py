@@ -9,6 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -52,14 +53,9 @@ class InProcess:
 
 @dataclass(frozen=True, slots=True)
 class LocalPool:
-    """Runs jobs in processes of this machine, and starts new ones where some were killed.
+    """Runs jobs in so many processes of this machine, and replaces processes that were killed.
 
     Jobs of killed processes are tried again at the end, alone.
-
-    Parameters
-    ----------
-    processes
-        How many.
     """
 
     processes: int
@@ -105,18 +101,19 @@ class DaskCluster:
     """Runs jobs on a Dask cluster, whose workers need this package and the files of the trials.
 
     Dask runs the jobs of a lost worker again, on another.
-
-    Parameters
-    ----------
-    address
-        Of its scheduler, such as ``tcp://host:8786``.
     """
 
     address: str
+    """Address of its scheduler, such as ``tcp://host:8786``."""
 
     def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Yield the result of each job; see `Scheduler`."""
-        distributed = _distributed()
+        try:
+            import distributed
+        except ModuleNotFoundError:
+            raise InvalidOptionError(
+                "--scheduler needs Dask: pip install 'lis-grasp[study]'", option="scheduler"
+            ) from None
         try:
             client = distributed.Client(self.address, timeout=_CONNECT)
         except (OSError, ValueError) as error:
@@ -181,27 +178,14 @@ def single_thread() -> Iterator[None]:
         yield
 
 
-@dataclass(frozen=True, slots=True)
-class _ProgramError:
-    """An unexpected error: its job, and its traceback."""
-
-    job: Job
-    traceback: str
-
-
-@dataclass(frozen=True, slots=True)
-class _Guarded:
-    """Runs a job; returns an unexpected error as a result, so that other jobs are not lost."""
-
-    runner: Runner
-
-    def __call__(self, job: Job) -> list[Row] | _ProgramError:
-        try:
-            return self.runner(job)
-        except LisGraspError:
-            raise
-        except Exception as error:  # noqa: BLE001 - reported after all other jobs
-            return _ProgramError(job, "".join(traceback.format_exception(error)))
+def _rows_or_traceback(runner: Runner, job: Job) -> list[Row] | str:
+    """Run a job; return an unexpected error as text, so that other jobs are not lost."""
+    try:
+        return runner(job)
+    except LisGraspError:
+        raise
+    except Exception:  # noqa: BLE001 - reported after all other jobs
+        return f"{job.trial}\n{traceback.format_exc()}"
 
 
 def run_trials(
@@ -218,15 +202,13 @@ def run_trials(
     Parameters
     ----------
     jobs
-        What is missing, see `missing_jobs`.
+        See `missing_jobs`.
     total
         Number of trials of the experiment, finished ones included.
     results
         Receives the rows of each job when it ends.
-    scheduler
-        Runs the jobs.
-    runner
-        Returns the rows of one job.
+    scheduler, runner
+        Runs the jobs; returns the rows of one.
 
     Raises
     ------
@@ -242,18 +224,17 @@ def run_trials(
     if not jobs:
         return
     errors = []
-    for result in scheduler.run(_Guarded(runner), jobs):
-        if isinstance(result, _ProgramError):
+    for result in scheduler.run(partial(_rows_or_traceback, runner), jobs):
+        if isinstance(result, str):
             errors.append(result)
             continue
         results.append(result)
         done += 1
         yield done, total
     if errors:
-        first = errors[0]
         raise EstimationError(
-            f"{len(errors)} trials met an error of the program, all others are done; the first is"
-            f" {first.job.trial}: please report it with what follows\n{first.traceback}"
+            f"{len(errors)} trials met an error of the program, all others are done; please report"
+            f" the first with its traceback: {errors[0]}"
         )
 
 
@@ -262,13 +243,3 @@ def _unfinished(count: int, reason: str, advice: str) -> EstimationError:
         f"{count} trials were not finished, because {reason}: run the command again to go on,"
         f" {advice}"
     )
-
-
-def _distributed() -> Any:
-    try:
-        import distributed
-    except ModuleNotFoundError:
-        raise InvalidOptionError(
-            "--scheduler needs Dask: pip install 'lis-grasp[study]'", option="scheduler"
-        ) from None
-    return distributed

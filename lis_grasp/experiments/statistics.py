@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -175,14 +176,7 @@ def interval_over_seeds(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
 
     Whole seeds are the units, because all objects of a seed share its random numbers. With fewer
     than `LEAST_SEEDS` seeds, or without differences between seeds, clusters of object and seed are
-    drawn instead.
-
-    Parameters
-    ----------
-    rows
-        Rows of the values, N.
-    values
-        Shape (N,).
+    drawn instead. The values have shape (N,), one for each row.
 
     Returns
     -------
@@ -204,21 +198,12 @@ def interval_over_objects(rows: Sequence[Row], values: npt.ArrayLike) -> Interva
 
 @dataclass(frozen=True, slots=True)
 class SuccessRate:
-    """A success rate with its 95 % interval.
-
-    Parameters
-    ----------
-    held, trials
-        Number of successes and of trials.
-    clusters
-        Number of clusters of trials, see `clusters_of`.
-    low, high
-        The interval, from 0 to 1; None with too few clusters.
-    """
+    """A success rate with its 95 % interval from 0 to 1; None with too few clusters."""
 
     held: int
     trials: int
     clusters: int
+    """Number of clusters of trials, see `clusters_of`."""
     low: float | None
     high: float | None
 
@@ -249,20 +234,13 @@ def success_rate(rows: Sequence[Row]) -> SuccessRate | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasureTable:
-    """One measure: estimators by objects by seeds.
-
-    Parameters
-    ----------
-    estimators, objects, seeds
-        Names along the axes.
-    values
-        Shape (estimators, objects, seeds); NaN where a value is missing.
-    """
+    """One measure: estimators by objects by seeds."""
 
     estimators: tuple[str, ...]
     objects: tuple[str, ...]
     seeds: tuple[int, ...]
     values: FloatArray
+    """Shape (estimators, objects, seeds); NaN where a value is missing."""
 
     def of(self, estimator: str) -> FloatArray:
         """Return the values of one estimator, shape (objects, seeds)."""
@@ -302,12 +280,10 @@ def measure_table(rows: Sequence[Row], measure: str) -> MeasureTable:
     estimators = tuple(dict.fromkeys(row["estimator"] for row in rows))
     objects = tuple(sorted({row["object"] for row in rows}))
     seeds = tuple(sorted({row["seed"] for row in rows}))
-    values = np.full((len(estimators), len(objects), len(seeds)), np.nan)
-    for row in rows:
-        value = row.get(measure)
-        if value is not None:
-            i, j = estimators.index(row["estimator"]), objects.index(row["object"])
-            values[i, j, seeds.index(row["seed"])] = value
+    found = {(row["estimator"], row["object"], row["seed"]): row.get(measure) for row in rows}
+    cells = [found.get(cell) for cell in product(estimators, objects, seeds)]
+    values = np.array(cells, dtype=np.float64)  # None becomes NaN
+    values = values.reshape(len(estimators), len(objects), len(seeds))
     return MeasureTable(estimators, objects, seeds, values)
 
 

@@ -14,42 +14,26 @@ from lis_grasp.io.json_lines import Row, append_lines, read_lines
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A trial to run, for those of its variants that have no row yet.
-
-    Parameters
-    ----------
-    trial
-        Frozen record of what the variants have in common: the object, the seed, ...
-    variants
-        Names, such as those of estimators; each makes one row.
-    """
+    """A trial to run, for those of its variants that have no row yet."""
 
     trial: Any
+    """Frozen record of what the variants have in common: the object, the seed, ..."""
     variants: tuple[str, ...]
+    """Names, such as those of estimators; each makes one row."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrialResults:
-    """Rows of finished trials in a file that only grows; its header names kind and version.
+    """Rows of finished trials of one kind, such as "paper", in a file that only grows.
 
-    Parameters
-    ----------
-    path
-        Of the file; need not exist.
-    kind
-        Of the trials, such as "paper".
+    Its header names the kind and the version. The file need not exist.
     """
 
     path: Path
     kind: str
 
     def read(self, *, any_version: bool = False) -> list[Row]:
-        """Return the rows so far.
-
-        Parameters
-        ----------
-        any_version
-            Whether the rows may come from another version of the package.
+        """Return the rows so far, by default of this version of the package only.
 
         Raises
         ------
@@ -97,20 +81,10 @@ def missing_jobs(
 ) -> list[Job]:
     """Return a job for each trial that lacks a row, with the variants that it lacks.
 
-    Parameters
-    ----------
-    trials
-        In the order to run them.
-    variants
-        Wanted of each trial.
-    known
-        Keys of the rows that exist.
-    key
-        Returns the key of the row of a trial and a variant.
+    Known are the keys of existing rows; `key` returns that of a trial and a variant.
     """
-    jobs = []
-    for trial in trials:
-        names = tuple(name for name in variants if key(trial, name) not in known)
-        if names:
-            jobs.append(Job(trial, names))
-    return jobs
+    return [
+        Job(trial, names)
+        for trial in trials
+        if (names := tuple(name for name in variants if key(trial, name) not in known))
+    ]

@@ -12,7 +12,7 @@ from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
 from lis_grasp.experiments.baselines import BASELINES
-from lis_grasp.experiments.paper.surface_walk import walk_surface
+from lis_grasp.experiments.paper.paper_contacts import walk_surface
 from lis_grasp.surfaces import ImplicitSurface
 
 NEEDS = {"offset_gp": "sklearn", "poisson": "pymeshlab", "rimls": "pymeshlab", "apss": "pymeshlab"}

@@ -15,15 +15,19 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.compared_estimators import OURS, Noise
+from lis_grasp.experiments.paper.paper_contacts import (
+    NOISE_LEVELS,
+    random_contacts,
+    touch_wedge,
+    wedge,
+)
 from lis_grasp.experiments.paper.paper_trials import (
     PaperTrial,
     key_of,
     paper_trials,
-    random_contacts,
     run_paper_trial,
     trial_key,
 )
-from lis_grasp.experiments.paper.wedge import NOISE_LEVELS, touch_wedge, wedge
 from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.statistics import measure_table
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs

@@ -17,7 +17,7 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.report_page import Picture, TextTable
 from lis_grasp.experiments.study.cases import draw_cases
 from lis_grasp.experiments.study.comparison import clearest_pairs, compare
-from lis_grasp.experiments.study.keys import row_key
+from lis_grasp.experiments.study.row_keys import row_key
 from lis_grasp.experiments.study.study import Setup, Study, load_study
 from lis_grasp.experiments.study.study_figures import draw_pictures
 from lis_grasp.experiments.study.study_page import write_report

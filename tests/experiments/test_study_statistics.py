@@ -356,5 +356,5 @@ def test_agreement_counts_pairs_of_which_the_nearer_surface_held() -> None:
     held = {"gpis": [1, 0, 1], "lis": [0, 1, 1]}
     rows = study_rows(held, rmsd={"gpis": 1e-3, "lis": 2e-3})
     (found,) = agreements(rows, "gpis")
-    assert (found.measure, found.agree, found.disagree, found.p) == ("rmsd", 1, 1, 1.0)
+    assert (found.measure, found.agree, found.pairs, found.p) == ("rmsd", 1, 2, 1.0)
     assert not agreements(study_rows({"gpis": [1], "lis": [0]}), "gpis")

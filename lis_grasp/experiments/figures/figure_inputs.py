@@ -10,8 +10,8 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
 from lis_grasp.experiments.figures.painter import View
+from lis_grasp.experiments.paper.paper_contacts import SurfaceWalk
 from lis_grasp.experiments.paper.paper_trials import explored
-from lis_grasp.experiments.paper.surface_walk import SurfaceWalk
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ImplicitSurface

@@ -16,8 +16,8 @@ from lis_grasp.experiments.figures import (
     curve_panels,
     png_of,
 )
-from lis_grasp.experiments.paper.claims import experiment_table
-from lis_grasp.experiments.paper.wedge import NOISE_LEVELS
+from lis_grasp.experiments.paper.paper_contacts import NOISE_LEVELS
+from lis_grasp.experiments.paper.paper_tables import experiment_table
 from lis_grasp.experiments.report_page import Picture
 from lis_grasp.experiments.statistics import MeasureTable
 from lis_grasp.io.json_lines import Row
@@ -31,15 +31,7 @@ Entry = tuple[str, str, Callable[[], Figure]]
 def draw_pictures(
     rows: Sequence[Row], *, progress: Callable[[int, int], None] | None = None
 ) -> Iterator[Picture]:
-    """Draw the figures one after the other.
-
-    Parameters
-    ----------
-    rows
-        Results of the trials, for the charts.
-    progress
-        Called after each with the figures drawn and all.
-    """
+    """Draw the figures one after the other; `progress` gets the figures drawn, and their total."""
     entries = [
         *(_drawn(number) for number in (1, 2, 4, 5, 6, 7, 8)),
         *_charts_of_objects(rows),
@@ -59,21 +51,18 @@ def _drawn(number: int) -> Entry:
 
 def _charts_of_objects(rows: Sequence[Row]) -> list[Entry]:
     either = " The paper shows one direction of the two and does not say which."
+    # Title and caption of the figure; measure, and title of the chart.
+    charts = (
+        ("Figure 9, estimate to truth", CHART_CAPTIONS[9] + either, "rmsd", "Estimate to truth"),
+        (
+            *("Figure 9, truth to estimate", CHART_CAPTIONS[9]),
+            *("rmsd_truth_to_estimate", "Truth to estimate"),
+        ),
+        ("Figure 10", CHART_CAPTIONS[10], "edge_rmsd", "True edges to estimate"),
+    )
     return [
-        (title, caption, partial(_bars, experiment_table(rows, "whole", measure), what))
-        for title, caption, measure, what in (
-            (
-                "Figure 9, estimate to truth",
-                CHART_CAPTIONS[9] + either,
-                "rmsd",
-                "Estimate to truth",
-            ),
-            (
-                *("Figure 9, truth to estimate", CHART_CAPTIONS[9]),
-                *("rmsd_truth_to_estimate", "Truth to estimate"),
-            ),
-            ("Figure 10", CHART_CAPTIONS[10], "edge_rmsd", "True edges to estimate"),
-        )
+        (title, caption, partial(_bars, experiment_table(rows, "whole", measure), chart))
+        for title, caption, measure, chart in charts
     ]
 
 

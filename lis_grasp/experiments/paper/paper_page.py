@@ -31,20 +31,9 @@ _EXPERIMENTS = {
 def write_report(
     path: Path, rows: Sequence[Row], pictures: Iterable[Picture], *, command: str, estimator: str
 ) -> None:
-    """Write the report.
+    """Write the report as one HTML file.
 
-    Parameters
-    ----------
-    path
-        Of the HTML file.
-    rows
-        Results of the trials.
-    pictures
-        In the order of the page.
-    command
-        That makes the report again.
-    estimator
-        The default estimator, which is compared with GPIS.
+    The page names the command that makes it, and compares the default estimator with GPIS.
     """
     seeds = len({row["seed"] for row in rows})
     sections = [
@@ -59,10 +48,8 @@ def write_report(
         " contacts shows by how much. Intervals are 95 % bootstrap intervals over seeds,"
         " paired.</p>",
     ]
-    claims = claims_table(rows)
     sections += [
-        f"<h2>{claims.title}</h2>",
-        claims.html(classed=("reproduced", "not reproduced")),
+        claims_table(rows).section(),
         changes_table(rows, estimator, _EXPERIMENTS).section(),
         exactness_table(estimator).section(),
     ]

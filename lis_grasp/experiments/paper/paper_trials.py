@@ -17,8 +17,14 @@ from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
-from lis_grasp.experiments.paper.surface_walk import SurfaceWalk, walk_surface
-from lis_grasp.experiments.paper.wedge import NOISE_LEVELS, touch_wedge, wedge
+from lis_grasp.experiments.paper.paper_contacts import (
+    NOISE_LEVELS,
+    SurfaceWalk,
+    random_contacts,
+    touch_wedge,
+    walk_surface,
+    wedge,
+)
 from lis_grasp.experiments.runner import single_thread
 from lis_grasp.experiments.trial_results import Job
 from lis_grasp.io.json_lines import Row
@@ -37,8 +43,6 @@ SENSOR_NOISE = Noise(position=0.001, normal=float(np.deg2rad(3.0)))
 
 # Points at which the estimate's uncertainty is compared with its error.
 _BAND_SAMPLES = 2000
-# Places that random contacts are drawn from, even in area.
-_PLACES = 20_000
 
 _WALK, _NOISE, _RANDOM = 1, 2, 3
 
@@ -80,13 +84,6 @@ def explored(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
     shape = shapes.build(name, shapes.PAPER_SIZE)
     index = shapes.NAMES.index(name)
     return shape, walk_surface(shape, rng=np.random.default_rng([_WALK, index, seed]))
-
-
-def random_contacts(shape: Shape, count: int, *, rng: np.random.Generator) -> Contacts:
-    """Return exact contacts drawn at random from a surface, uniformly in area."""
-    points, faces = sample_mesh(shape.mesh, _PLACES)
-    drawn = rng.choice(_PLACES, count, replace=False)
-    return Contacts(points[drawn], np.asarray(shape.mesh.face_normals)[faces[drawn]])
 
 
 def paper_trials(experiments: Sequence[Experiment], seeds: int) -> list[PaperTrial]:

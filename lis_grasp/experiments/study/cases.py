@@ -19,7 +19,7 @@ from lis_grasp.experiments.figures.style import add_panel, foot_note, head_estim
 from lis_grasp.experiments.report_page import Picture
 from lis_grasp.experiments.runner import single_thread
 from lis_grasp.experiments.study.comparison import clearest_pairs
-from lis_grasp.experiments.study.keys import label
+from lis_grasp.experiments.study.row_keys import label
 from lis_grasp.experiments.study.study_results import job_of
 from lis_grasp.experiments.study.study_trial import contacts_of, estimate, lift, plan
 from lis_grasp.hands.hand import Hand
@@ -31,21 +31,10 @@ from lis_grasp.visualization.hand_layers import link_poses
 def draw_cases(
     folder: Path, rows: Sequence[Row], reference: str, files: Sequence[str]
 ) -> Iterator[Picture]:
-    """Draw the clearest win and the clearest loss, and write a scene of each of their rows.
+    """Draw the clearest win and the clearest loss of a study, and write a scene of each row.
 
-    Scenes are ``cases/<key>.html`` in the folder. Rows whose files are missing, or that another
-    version made, are left out.
-
-    Parameters
-    ----------
-    folder
-        Of the study.
-    rows
-        Its results.
-    reference
-        The estimator that the others are compared with.
-    files
-        Paths of objects and hands.
+    Scenes are ``cases/<key>.html`` in the study's folder. The files are paths of objects and hands.
+    Rows whose files are missing, or that another version made, are left out.
     """
     for winner, loser in clearest_pairs(rows, reference):
         first, second = (_repeat(row, files) for row in (winner, loser))
@@ -105,18 +94,17 @@ def _picture(shown: Sequence[tuple[Row, dict[str, Any]]]) -> bytes:
     figure = new_figure(4.4)
     for k, (row, scene) in enumerate(shown):
         axes = add_panel(figure, 0.02 + 0.49 * k, 0.1, 0.47, 0.8)
-        mesh, hand, links = scene["estimate"], scene["hand"], None
+        mesh, hand, grasps = scene["estimate"], scene["hand"], scene["grasps"]
         # One colour scale for both would hide the more certain surface: no colours.
         plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-        if scene["grasps"]:
-            links = dict(zip(hand.links, link_poses(hand, scene["grasps"][0]), strict=True))
+        poses = dict(zip(hand.links, link_poses(hand, grasps[0]), strict=True)) if grasps else None
         draw_still(
             axes,
             truth=scene["truth"],
             estimate=plain,
             contacts=scene["contacts"],
             hand=hand,
-            links=links,
+            links=poses,
         )
         head_estimator(axes, row["estimator"])
         foot_note(axes, _result(row))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -109,11 +110,11 @@ def compare(rows: Sequence[Row], reference: str) -> list[Comparison]:
 
     Planning on the truth is no estimator, and is left out; so is a comparison without pairs.
     """
-    found = []
-    for measure in MEASURES:
-        for kind in kinds_of(rows):
-            found += _family(rows, reference, measure, kind, names(rows, "noise"))
-    return found
+    return [
+        comparison
+        for measure, kind in product(MEASURES, kinds_of(rows))
+        for comparison in _family(rows, reference, measure, kind, names(rows, "noise"))
+    ]
 
 
 def compare_held(rows: Sequence[Row], reference: str) -> list[Comparison]:
@@ -193,34 +194,16 @@ def compare_one(
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How often the more accurate surface of a pair had the better grasp.
-
-    Only pairs count in which exactly one of the two held.
-
-    Parameters
-    ----------
-    measure
-        A surface error.
-    agree, disagree
-        Pairs in which the one that held had the smaller error, and the larger.
-    p
-        The exact sign test in which all pairs of one object and seed flip together.
-    """
+    """How often the estimator with the smaller surface error held, in pairs where only one did."""
 
     measure: Measure
+    """The surface error."""
     agree: int
-    disagree: int
+    """Pairs in which the one that held had the smaller error."""
+    pairs: int
+    """Pairs whose errors differ."""
     p: float
-
-    @property
-    def pairs(self) -> int:
-        """Number of pairs."""
-        return self.agree + self.disagree
-
-    @property
-    def rate(self) -> float:
-        """The fraction of pairs that agree, from 0 to 1."""
-        return self.agree / self.pairs
+    """The exact sign test in which all pairs of one object and seed flip together."""
 
 
 def agreements(rows: Sequence[Row], reference: str) -> list[Agreement]:
@@ -233,16 +216,12 @@ def agreements(rows: Sequence[Row], reference: str) -> list[Agreement]:
     found = []
     for measure in ERRORS:
         known = [pair for pair in split if None not in (pair[0][measure], pair[1][measure])]
-        signs = np.array(
-            [
-                np.sign(its[measure] - mine[measure]) * (1 if mine["held"] else -1)
-                for mine, its in known
-            ]
-        )
+        gains = [its[measure] - mine[measure] for mine, its in known]
+        signs = np.sign(gains) * [1 if mine["held"] else -1 for mine, _ in known]
         if signs.any():
             sums = cluster_sums(signs, clusters_of([mine for mine, _ in known]))
-            agree, disagree = int((signs > 0).sum()), int((signs < 0).sum())
-            found.append(Agreement(measure, agree, disagree, sign_flip_p_value(sums)))
+            agree, pairs = int((signs > 0).sum()), int(np.count_nonzero(signs))
+            found.append(Agreement(measure, agree, pairs, sign_flip_p_value(sums)))
     return found
 
 
@@ -274,10 +253,8 @@ def clearest_pairs(rows: Sequence[Row], reference: str) -> list[tuple[Row, Row]]
 def value_of(row: Row, measure: str) -> float | None:
     """Return the value of a row that is compared; see `Comparison` for a row without a grasp."""
     value = row[measure]
-    if measure == "held":
-        return float(bool(value))
-    if measure == "epsilon_truth":
-        return 0.0 if value is None else float(value)
+    if measure in ("held", "epsilon_truth"):
+        return float(value or 0.0)
     if value is None:
         return None
     return abs(float(value)) if measure == "epsilon_gap" else float(value)

@@ -25,7 +25,7 @@ from lis_grasp.exceptions import (
     shown,
 )
 from lis_grasp.experiments.compared_estimators import COMPARED, Noise, compared_estimator
-from lis_grasp.experiments.study.keys import HAND_SUFFIXES, label
+from lis_grasp.experiments.study.row_keys import HAND_SUFFIXES, label
 from lis_grasp.exploration import POLICIES
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import PROBERS, RunConfig
@@ -115,13 +115,7 @@ class Setup:
     def __post_init__(self) -> None:
         _require("explorer", self.explorer, (*ESTIMATORS, OWN))
         _require("units", self.units, tuple(UNITS))
-        RunConfig(
-            prober=self.prober,
-            policy=self.policy,
-            mass=self.mass,
-            friction=self.friction,
-            grasps=self.grasps,
-        )
+        self.run_config()
         if self.explorer == OWN and POLICIES[self.policy].uses_gaussian_process:
             raise InvalidOptionError(
                 "explorer 'own' needs a policy that uses the estimate, such as frontier or"
@@ -129,6 +123,11 @@ class Setup:
                 option="policy",
                 value=self.policy,
             )
+
+    def run_config(self, **more: Any) -> RunConfig:
+        """Return the configuration of a run with these settings and `more` of `RunConfig`."""
+        names = ("prober", "policy", "mass", "friction", "grasps")
+        return RunConfig(**{name: getattr(self, name) for name in names}, **more)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +170,9 @@ class Trial:
         # Planning on the truth needs no contacts; they measure what was explored.
         return Setup().explorer if estimator == TRUTH else estimator
 
+
+SETTINGS = tuple(item.name for item in fields(Setup))
+"""Columns of a row with the settings of its study."""
 
 TRIAL_COLUMNS = tuple(item.name for item in fields(Trial) if item.name != "setup")
 """Columns of a row that identify its trial within a study."""
@@ -233,8 +235,8 @@ class Study(Setup):
             _require_unique(name, getattr(self, name))
         for name in ("objects", "hands"):
             _require_unique(name, [label(path) for path in getattr(self, name)])
+        permitted = ESTIMATORS if self.explorer == OWN else COMPARED
         for estimator in self.estimators:
-            permitted = ESTIMATORS if self.explorer == OWN else COMPARED
             _require("estimators", estimator, (*permitted, TRUTH))
             if estimator not in (*ESTIMATORS, TRUTH):
                 _require_installed(estimator)
@@ -251,7 +253,7 @@ class Study(Setup):
     @property
     def setup(self) -> Setup:
         """The settings that all trials have in common."""
-        return Setup(**{item.name: getattr(self, item.name) for item in fields(Setup)})
+        return Setup(**{name: getattr(self, name) for name in SETTINGS})
 
     def require_files(self) -> None:
         """Read all files of objects and hands, before any work.
@@ -280,8 +282,7 @@ class Study(Setup):
 
     def facts(self) -> dict[str, Any]:
         """Return the study as plain values, as `from_facts` takes them."""
-        order = [*_LISTS, "reference", *(item.name for item in fields(Setup))]
-        values = {name: getattr(self, name) for name in order}
+        values = {name: getattr(self, name) for name in (*_LISTS, "reference", *SETTINGS)}
         return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
 
     @classmethod
@@ -307,12 +308,7 @@ class Study(Setup):
 def load_study(path: Path, meshes: Path | None = None) -> dict[str, Any]:
     """Read the facts of a study from a YAML file, for `Study.from_facts`.
 
-    Parameters
-    ----------
-    path
-        Of the file; relative paths in it start at its folder.
-    meshes
-        Folder of mesh files, if not that of the file.
+    Relative paths in it start at its folder, those of mesh files at `meshes` if given.
 
     Raises
     ------
@@ -338,29 +334,16 @@ def load_study(path: Path, meshes: Path | None = None) -> dict[str, Any]:
 def with_absolute_paths(
     facts: dict[str, Any], folder: Path, meshes: Path | None = None
 ) -> dict[str, Any]:
-    """Return the facts of a study with absolute paths of files.
+    """Return the facts of a study with absolute paths; values of wrong types stay as they are."""
+    starts = {"objects": (meshes or folder, FORMATS), "hands": (folder, HAND_SUFFIXES)}
 
-    Parameters
-    ----------
-    facts
-        Of the study; wrong types stay as they are.
-    folder
-        Start of relative paths.
-    meshes
-        Start of relative paths of meshes; None for the same.
-    """
-    found = dict(facts)
-    for key, start, suffixes in (
-        ("objects", meshes or folder, FORMATS),
-        ("hands", folder, HAND_SUFFIXES),
-    ):
-        names = found.get(key)
-        if isinstance(names, list) and all(isinstance(item, str) for item in names):
-            found[key] = [
-                str((start / name).absolute()) if Path(name).suffix.lower() in suffixes else name
-                for name in names
-            ]
-    return found
+    def absolute(key: str, name: Any) -> Any:
+        start, suffixes = starts[key]
+        is_file = isinstance(name, str) and Path(name).suffix.lower() in suffixes
+        return str((start / name).absolute()) if is_file else name
+
+    lists = {key: facts[key] for key in starts if isinstance(facts.get(key), list)}
+    return facts | {key: [absolute(key, name) for name in lists[key]] for key in lists}
 
 
 def parse_noise(level: str) -> Noise:

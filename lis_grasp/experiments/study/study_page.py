@@ -12,7 +12,7 @@ from lis_grasp.experiments.figures.palette import estimator_label
 from lis_grasp.experiments.report_page import Picture, TextTable, write_page
 from lis_grasp.experiments.statistics import LEAST_CLUSTERS, LEAST_SEEDS
 from lis_grasp.experiments.study.comparison import losses, names
-from lis_grasp.experiments.study.keys import label
+from lis_grasp.experiments.study.row_keys import label
 from lis_grasp.experiments.study.study import OWN, Study
 from lis_grasp.io.json_lines import Row
 
@@ -28,20 +28,9 @@ def write_report(
     *,
     command: str,
 ) -> None:
-    """Write the report.
+    """Write the report of a study and its rows as one HTML file.
 
-    Parameters
-    ----------
-    path
-        Of the HTML file.
-    study
-        What was compared.
-    rows
-        Its results.
-    tables, pictures
-        In the order of the page; the first table is the summary.
-    command
-        That makes the report again.
+    The first table is the summary; `command` makes the report again.
     """
     summary, *others = tables
     write_page(

@@ -11,9 +11,9 @@ from typing import Any
 
 import lis_grasp
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.experiments.study.keys import columns_of, label, row_key
-from lis_grasp.experiments.study.study import TRIAL_COLUMNS, Setup, Study, Trial
-from lis_grasp.experiments.study.study_trial import MACHINE, TIMES
+from lis_grasp.experiments.study.row_keys import columns_of, label, row_key
+from lis_grasp.experiments.study.study import SETTINGS, TRIAL_COLUMNS, Setup, Study, Trial
+from lis_grasp.experiments.study.study_trial import COLUMNS, MACHINE, TIMES
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.io.atomic_writing import whole_file
@@ -26,12 +26,7 @@ class StudyResults:
     """The rows of a study in a folder: ``rows.jsonl``, which grows, and ``rows.parquet``.
 
     A row's key is a hash of everything that decides its content, so that no row is made twice and
-    a killed study continues where it was. A study also continues from ``rows.parquet`` alone.
-
-    Parameters
-    ----------
-    folder
-        Of the study; need not exist.
+    a killed study can be continued, also from ``rows.parquet`` alone. The folder need not exist.
     """
 
     folder: Path
@@ -55,13 +50,7 @@ class StudyResults:
         return self.merged
 
     def read(self, *, any_version: bool = False) -> list[Row]:
-        """Return all rows, ordered by key.
-
-        Parameters
-        ----------
-        any_version
-            Whether the rows may come from another version of the package; to continue a study they
-            must not.
+        """Return all rows, ordered by key, by default of this version of the package only.
 
         Raises
         ------
@@ -163,14 +152,9 @@ class StudyResults:
 
 
 def job_of(row: Row, files: Iterable[str] = ()) -> Job:
-    """Return the job that makes a row again.
+    """Return the job that makes a recorded row again.
 
-    Parameters
-    ----------
-    row
-        As it was recorded.
-    files
-        Paths of objects and hands; rows have only the names of the files.
+    The files are paths of objects and hands, of which rows have only the names.
 
     Raises
     ------
@@ -189,7 +173,7 @@ def job_of(row: Row, files: Iterable[str] = ()) -> Job:
                     value=named[what],
                 )
             named[what] = places[named[what]]
-    trial = Trial(**named, setup=Setup(**{name: row[name] for name in _SETUP}))
+    trial = Trial(**named, setup=Setup(**{name: row[name] for name in SETTINGS}))
     if row_key(trial, row["estimator"]) != row["key"]:
         raise InvalidOptionError(
             f"the files of row {row['key']} must be those that it was made of; {row['object']} or"
@@ -212,28 +196,12 @@ def _schema(arrow: ModuleType) -> Any:
     return arrow.schema([(name, types.get(name, arrow.float64())) for name in COLUMNS])
 
 
-_SETUP = tuple(Setup.__dataclass_fields__)
-
 _TYPES = {
     "whole": "touches seed grasps contacts triangles grasps_found candidates",
     "yes_no": "edged watertight lifted held",
     "text": "key object object_digest hand noise estimator prober explorer policy units version"
     f" {MACHINE} contacts_digest rejections reason failure",
 }
-
-COLUMNS = (
-    *("key", "object", "object_digest", "edged", "hand", "touches", "noise", "seed", "estimator"),
-    *("held", "lifted", "reason", "slip", "acceleration_survived"),
-    *("epsilon_estimate", "epsilon_truth", "epsilon_gap"),
-    *("closure_probability", "success_probability"),
-    *("grasps_found", "candidates", "rejections"),
-    *("rmsd", "rmsd_truth_to_estimate", "edge_rmsd", "hausdorff_95", "chamfer"),
-    *("f_score_1mm", "f_score_2mm", "f_score_5mm", "iou", "normal_error", "coverage"),
-    *("explored_radius", "triangles", "watertight", "contacts", "contacts_digest", "failure"),
-    *_SETUP,
-    *("version", MACHINE, *TIMES),
-)
-"""Columns of the files of results, in their order; lengths in metres, times in seconds."""
 
 
 def _pyarrow() -> tuple[ModuleType, ModuleType]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -30,29 +29,25 @@ from lis_grasp.experiments.study.comparison import (
     value_of,
 )
 from lis_grasp.experiments.study.study import TRIAL_COLUMNS, TRUTH
-from lis_grasp.experiments.study.study_results import COLUMNS
+from lis_grasp.experiments.study.study_trial import COLUMNS
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 
-MEASURE_LABELS: Mapping[Measure, str] = MappingProxyType(
-    {
-        "held": "held [%]",
-        "epsilon_truth": "epsilon on the truth",
-        "epsilon_gap": "gap of epsilon",
-        "rmsd": "estimate to truth [mm]",
-        "rmsd_truth_to_estimate": "truth to estimate [mm]",
-        "edge_rmsd": "edges to estimate [mm]",
-    }
-)
+MEASURE_LABELS: Mapping[Measure, str] = {
+    "held": "held [%]",
+    "epsilon_truth": "epsilon on the truth",
+    "epsilon_gap": "gap of epsilon",
+    "rmsd": "estimate to truth [mm]",
+    "rmsd_truth_to_estimate": "truth to estimate [mm]",
+    "edge_rmsd": "edges to estimate [mm]",
+}
 
-KIND_LABELS: Mapping[Kind, str] = MappingProxyType(
-    {
-        "all": "all objects",
-        "edged": "edged objects",
-        "curved": "curved objects",
-        "files": "objects of mesh files",
-    }
-)
+KIND_LABELS: Mapping[Kind, str] = {
+    "all": "all objects",
+    "edged": "edged objects",
+    "curved": "curved objects",
+    "files": "objects of mesh files",
+}
 
 # Measure -> factor to what is printed, and its digits.
 _PRINTED = {"held": (1e2, 1), "epsilon_truth": (1.0, 3), "epsilon_gap": (1.0, 3)}
@@ -97,7 +92,7 @@ def summary_table(rows: Sequence[Row], reference: str) -> TextTable:
         of = _of(rows, estimator=name)
         parts = [*(_of(of, touches=n) for n in budgets), of, *(_of(of, hand=h) for h in hands)]
         found = against.get(name)
-        last = ("–", "–") if found is None else (difference_text(found), p_value(found.p_holm))
+        last = (difference_text(found), "–" if found is None else p_value(found.p_holm))
         body.append((estimator_label(name), *(rate_text(success_rate(p)) for p in parts), *last))
     head = ("estimator", *_touches(budgets), "all", *hands)
     head = (*head, f"minus {estimator_label(reference)}", "p, Holm")
@@ -107,36 +102,45 @@ def summary_table(rows: Sequence[Row], reference: str) -> TextTable:
 
 def held_table(rows: Sequence[Row], kind: Kind) -> TextTable:
     """Return the success rate of each estimator at each budget and level of noise."""
+
+    def cell(part: Sequence[Row], name: str, noise: str) -> str:
+        return rate_text(success_rate(_of(part, noise=noise, estimator=name)))
+
     chosen = [row for row in rows if is_kind(row, kind)]
-    budgets = sorted(names(chosen, "touches"))
-    body = []
-    for noise in names(chosen, "noise"):
-        for name in names(chosen, "estimator"):
-            of = _of(chosen, noise=noise, estimator=name)
-            rates = [success_rate(part) for part in (*(_of(of, touches=n) for n in budgets), of)]
-            body.append((estimator_label(name), noise, *map(rate_text, rates)))
-    head = ("estimator", "noise", *_touches(budgets), "all")
     title = f"Held, in percent, with 95 % intervals: {KIND_LABELS[kind]}"
-    return TextTable(f"held_{kind}", title, head, tuple(body))
+    return _budgets_table(f"held_{kind}", title, chosen, names(chosen, "estimator"), cell)
 
 
 def differences_table(rows: Sequence[Row], reference: str) -> TextTable:
     """Return the difference of success rates from the reference, at each budget and noise."""
-    budgets = sorted(names(rows, "touches"))
     kind = kinds_of(rows)[0]
-    parts = [*(_of(rows, touches=n) for n in budgets), rows]
-    body = []
-    for noise in names(rows, "noise"):
-        for name in compared(rows, reference):
-            found = [compare_one(part, name, reference, "held", kind, noise) for part in parts]
-            cells = ("–" if c is None else difference_text(c) for c in found)
-            body.append((estimator_label(name), noise, *cells))
-    head = ("estimator", "noise", *_touches(budgets), "all")
+
+    def cell(part: Sequence[Row], name: str, noise: str) -> str:
+        return difference_text(compare_one(part, name, reference, "held", kind, noise))
+
     title = (
         f"Held, difference from {estimator_label(reference)}, in points, with 95 % intervals:"
         f" {KIND_LABELS[kind]}"
     )
-    return TextTable("differences", title, head, tuple(body))
+    return _budgets_table("differences", title, rows, compared(rows, reference), cell)
+
+
+def _budgets_table(
+    table: str,
+    title: str,
+    rows: Sequence[Row],
+    estimators: Sequence[str],
+    cell: Callable[[Sequence[Row], str, str], str],
+) -> TextTable:
+    """Return a cell for each estimator and level of noise, at each budget and at all of them."""
+    budgets = sorted(names(rows, "touches"))
+    parts = [*(_of(rows, touches=n) for n in budgets), rows]
+    body = tuple(
+        (estimator_label(name), noise, *(cell(part, name, noise) for part in parts))
+        for noise in names(rows, "noise")
+        for name in estimators
+    )
+    return TextTable(table, title, ("estimator", "noise", *_touches(budgets), "all"), body)
 
 
 def comparisons_table(comparisons: Sequence[Comparison]) -> TextTable:
@@ -171,7 +175,7 @@ def nearer_table(rows: Sequence[Row], reference: str) -> TextTable:
         chosen = [row for row in rows if row["estimator"] in (reference, *members)]
         found = {a.measure: a for a in agreements(chosen, reference)}
         cells = (
-            f"{100.0 * a.rate:.0f} % of {a.pairs}, p {p_phrase(a.p)}" if a else "–"
+            f"{100.0 * a.agree / a.pairs:.0f} % of {a.pairs}, p {p_phrase(a.p)}" if a else "–"
             for a in map(found.get, ERRORS)
         )
         body.append((title, *cells))
@@ -198,15 +202,12 @@ def calibration_table(rows: Sequence[Row]) -> TextTable:
             tried = [r for r in of if r["success_probability"] is not None]
             if not tried:
                 continue
-            predicted = np.mean([r["success_probability"] for r in tried])
-            observed = np.mean([bool(r["held"]) for r in tried])
-            gaps = [r["success_probability"] - bool(r["held"]) for r in tried]
+            predicted = np.array([row["success_probability"] for row in tried])
+            held = np.array([bool(row["held"]) for row in tried])
             objects = objects_of(tried)
-            by_object = np.abs(cluster_sums(gaps, objects)) / np.bincount(objects)
-            error = expected_calibration_error(
-                [r["success_probability"] for r in tried], [bool(r["held"]) for r in tried]
-            )
-            values = (predicted, observed, error, by_object.mean())
+            by_object = np.abs(cluster_sums(predicted - held, objects)) / np.bincount(objects)
+            error = expected_calibration_error(predicted, held)
+            values = (predicted.mean(), held.mean(), error, by_object.mean())
             cells = (f"{100.0 * value:.1f}" for value in values)
             body.append((estimator_label(name), hand, str(len(tried)), *cells))
     head = (
@@ -220,20 +221,17 @@ def calibration_table(rows: Sequence[Row]) -> TextTable:
 def objects_table(rows: Sequence[Row], measure: Measure) -> TextTable:
     """Return the mean of a measure for each object, level of noise and number of touches."""
     estimators = names(rows, "estimator")
-    cells: dict[tuple[str, str, int], dict[str, list[float]]] = {}
+    cells: dict[tuple[str, str, str], dict[str, list[float]]] = {}
     for row in rows:
         value = value_of(row, measure)
         if value is not None:
-            of = cells.setdefault((row["object"], row["noise"], row["touches"]), {})
+            of = cells.setdefault((row["object"], row["noise"], str(row["touches"])), {})
             of.setdefault(row["estimator"], []).append(value)
     body = tuple(
-        (
-            *(cell[0], cell[1], str(cell[2])),
-            *(printed(measure, float(np.mean(of[n])) if n in of else None) for n in estimators),
-        )
+        (*cell, *(printed(measure, float(np.mean(of.get(n, np.nan)))) for n in estimators))
         for cell, of in cells.items()
     )
-    head = ("object", "noise", "touches", *(estimator_label(name) for name in estimators))
+    head = ("object", "noise", "touches", *map(estimator_label, estimators))
     title = f"By object: {MEASURE_LABELS[measure]}"
     return TextTable(f"objects_{measure}", title, head, body)
 
@@ -247,7 +245,7 @@ def reasons_table(rows: Sequence[Row]) -> TextTable:
     body = tuple(
         (reason, *(str(counts[reason, name]) for name in estimators)) for reason in ordered
     )
-    head = ("reason", *(estimator_label(name) for name in estimators))
+    head = ("reason", *map(estimator_label, estimators))
     return TextTable("reasons", "How trials ended", head, body)
 
 
@@ -263,10 +261,8 @@ def losses_table(rows: Sequence[Row], reference: str) -> TextTable:
             estimator_label(mine["estimator"]),
             *(str(mine[name]) for name in TRIAL_COLUMNS),
             str(mine["failure"] or mine["reason"]),
-            printed("epsilon_truth", mine["epsilon_estimate"]),
-            printed("epsilon_truth", mine["epsilon_truth"]),
-            printed("rmsd", mine["rmsd"]),
-            printed("edge_rmsd", mine["edge_rmsd"]),
+            *(printed("epsilon_truth", mine[f"epsilon_{on}"]) for on in ("estimate", "truth")),
+            *(printed(measure, mine[measure]) for measure in ("rmsd", "edge_rmsd")),
             printed("epsilon_truth", theirs["epsilon_truth"]),
             mine["key"],
         )
@@ -301,9 +297,11 @@ def rate_text(rate: SuccessRate | None) -> str:
     return f"{text} ({100.0 * rate.low:.0f} to {100.0 * rate.high:.0f})"
 
 
-def difference_text(comparison: Comparison) -> str:
-    """Return a comparison's effect with its interval, as text."""
+def difference_text(comparison: Comparison | None) -> str:
+    """Return a comparison's effect with its interval, as text; a dash for none."""
     c = comparison
+    if c is None:
+        return "–"
     text = printed(c.measure, c.effect, signed=True)
     return text if c.low is None else f"{text} ({interval_text(c.measure, c.low, c.high)})"
 

@@ -20,25 +20,24 @@ import lis_grasp
 from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
-from lis_grasp.evaluation.surface_error import SurfaceError, surface_error
+from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.exceptions import EstimationError, LisGraspError
 from lis_grasp.experiments.compared_estimators import compared_estimator
 from lis_grasp.experiments.runner import single_thread
-from lis_grasp.experiments.study.keys import (
+from lis_grasp.experiments.study.row_keys import (
     KEY_LENGTH,
     columns_of,
     file_digests,
     object_digest,
     row_key,
 )
-from lis_grasp.experiments.study.study import TRUTH, Trial, parse_noise
+from lis_grasp.experiments.study.study import SETTINGS, TRUTH, Trial, parse_noise
 from lis_grasp.experiments.trial_results import Job
 from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape
 
 if TYPE_CHECKING:
@@ -121,21 +120,14 @@ def _fill(
 
 @dataclass(frozen=True, slots=True)
 class GraspTask:
-    """A grasp to plan and to lift; equal tasks have equal results.
-
-    Parameters
-    ----------
-    mesh_digest, files
-        Hashes of the mesh to plan on, and of the files of object and hand.
-    trial
-        Its object, hand, seed and setup.
-    mesh, shape, hand
-        Not compared: the digests and names identify them.
-    """
+    """A grasp to plan and to lift; equal tasks have equal results."""
 
     mesh_digest: str
     files: tuple[str, ...]
+    """Hashes of the files of object and hand."""
     trial: Trial
+    """The object, hand, seed and setup; without touches and noise."""
+    # Not compared: the hashes and names identify them.
     mesh: trimesh.Trimesh = field(compare=False)
     shape: Shape = field(compare=False)
     hand: Hand = field(compare=False)
@@ -190,10 +182,12 @@ def _fill_grasp(row: Row, task: GraspTask, watch: pipeline.Stopwatch) -> None:
 
 @dataclass(slots=True)
 class _Explored:
-    """Progress of an exploration: all outcomes, contacts asked for, time [s]."""
+    """Progress of an exploration."""
 
     outcomes: tuple[ProbeOutcome, ...] = ()
+    contacts: Contacts | None = None
     touches: int = 0
+    """Contacts requested so far."""
     seconds: float = 0.0
 
 
@@ -203,34 +197,29 @@ def contacts_of(trial: Trial, explorer: str) -> tuple[Contacts, float]:
     Continues what this process explored for a smaller budget of the same trial: all choices depend
     on the past only, so that the contacts of a smaller budget are the first ones of a larger.
     """
-    return _contacts_of(trial, explorer, file_digests(trial.object, trial.hand))
-
-
-@lru_cache(maxsize=4)
-def _contacts_of(trial: Trial, explorer: str, files: tuple[str, ...]) -> tuple[Contacts, float]:
+    files = file_digests(trial.object, trial.hand)
     known = _explored(replace(trial, touches=1), explorer, files)
-    if known.touches > trial.touches:  # the order of a study is from small to large
-        known = _Explored()
+    if known.contacts is not None and known.touches == trial.touches:
+        return known.contacts, known.seconds
     start = time.perf_counter()
+    if known.touches > trial.touches:  # the order of a study is from small to large
+        known.outcomes, known.seconds = (), 0.0
     noise = parse_noise(trial.noise)
-    config = RunConfig(
+    config = trial.setup.run_config(
         object=trial.object,
         estimator=explorer,
         touches=trial.touches,
         seed=trial.seed,
-        prober=trial.setup.prober,
-        policy=trial.setup.policy,
-        mass=trial.setup.mass,
-        friction=trial.setup.friction,
         position_noise=noise.position,
         normal_noise=noise.normal,
     )
     exploration = pipeline.touch(
         trial.find_object(), Hand.load(trial.hand), config, recorded=known.outcomes
     )
-    known.outcomes, known.touches = exploration.outcomes, trial.touches
+    known.outcomes, known.contacts = exploration.outcomes, exploration.contacts
+    known.touches = trial.touches
     known.seconds += time.perf_counter() - start
-    return exploration.contacts, known.seconds
+    return known.contacts, known.seconds
 
 
 @lru_cache(maxsize=4)
@@ -239,9 +228,25 @@ def _explored(start: Trial, explorer: str, files: tuple[str, ...]) -> _Explored:
     return _Explored()
 
 
+COLUMNS = (
+    *("key", "object", "object_digest", "edged", "hand", "touches", "noise", "seed", "estimator"),
+    *("held", "lifted", "reason", "slip", "acceleration_survived"),
+    *("epsilon_estimate", "epsilon_truth", "epsilon_gap"),
+    *("closure_probability", "success_probability"),
+    *("grasps_found", "candidates", "rejections"),
+    *("rmsd", "rmsd_truth_to_estimate", "edge_rmsd", "hausdorff_95", "chamfer"),
+    *("f_score_1mm", "f_score_2mm", "f_score_5mm", "iou", "normal_error", "coverage"),
+    *("explored_radius", "triangles", "watertight", "contacts", "contacts_digest", "failure"),
+    *SETTINGS,
+    *("version", MACHINE, *TIMES),
+)
+"""Columns of the files of results, in their order; lengths in metres, times in seconds."""
+
+
 def blank_row(trial: Trial, estimator: str, shape: Shape) -> Row:
     """Return the row of a trial without any result: not lifted, not held."""
     return {
+        **{name: None for name in COLUMNS if name not in TIMES},
         "key": row_key(trial, estimator),
         **columns_of(trial),
         "object_digest": object_digest(trial.object),
@@ -250,14 +255,8 @@ def blank_row(trial: Trial, estimator: str, shape: Shape) -> Row:
         "version": lis_grasp.__version__,
         MACHINE: json.dumps(_versions(), sort_keys=True),
         "edged": bool(len(shape.edges)),
-        **dict.fromkeys(("contacts", "contacts_digest", "triangles", "watertight")),
-        **dict.fromkeys(SurfaceError.__dataclass_fields__),
-        **dict.fromkeys(("grasps_found", "candidates", "rejections")),
-        **dict.fromkeys(("epsilon_estimate", "epsilon_truth", "epsilon_gap")),
-        **dict.fromkeys(("closure_probability", "success_probability")),
         "lifted": False,
         "held": False,
-        **dict.fromkeys(("slip", "acceleration_survived", "reason", "failure")),
     }
 
 

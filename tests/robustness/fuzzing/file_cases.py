@@ -264,7 +264,8 @@ def _rows_reader() -> dict[str, Any]:
         import pyarrow  # noqa: F401
     except ModuleNotFoundError:
         return {}
-    from lis_grasp.experiments.study.study_results import COLUMNS, StudyResults
+    from lis_grasp.experiments.study.study_results import StudyResults
+    from lis_grasp.experiments.study.study_trial import COLUMNS
 
     @cache
     def content() -> bytes:

@@ -7,8 +7,7 @@ from scipy.spatial import cKDTree
 from lis_grasp import shapes
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
-from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.experiments.paper.surface_walk import walk_surface
+from lis_grasp.experiments.paper.paper_contacts import walk_surface
 
 
 @pytest.mark.parametrize("name", shapes.NAMES)
@@ -51,9 +50,3 @@ def test_the_seed_decides_the_walk() -> None:
     )
     np.testing.assert_array_equal(first.points, again.points)
     assert not np.array_equal(first.points[0], other.points[0])
-
-
-def test_a_step_without_length_is_an_error() -> None:
-    with pytest.raises(InvalidOptionError) as error:
-        walk_surface(shapes.build("box"), rng=np.random.default_rng(0), step=0.0)
-    assert (error.value.option, error.value.value) == ("step", 0.0)
