@@ -41,6 +41,7 @@ from lis_grasp.experiments.study.study_tables import (
     interval_text,
     nearer_table,
     p_phrase,
+    p_value,
     printed,
     reasons_table,
     summary_table,
@@ -192,7 +193,7 @@ def _units(pairs: Pairs) -> TextTable:
         ("shape family", [_family(row) for row in mine]),
     ):
         p = sign_flip_p_value(cluster_sums(_gains(pairs), numbered(keys)))
-        body.append((name, str(len(set(keys))), "< 0.001" if p < 0.001 else f"{p:.3f}"))
+        body.append((name, str(len(set(keys))), p_value(p)))
     return TextTable("units", "p by unit", ("unit that flips", "units", "p"), tuple(body))
 
 
@@ -211,13 +212,11 @@ def _losses(pairs: Pairs) -> TextTable:
         if _gains(of).mean() < 0.0:
             parts = [[pair for pair in of if pair[0]["noise"] == noise] for noise in noises]
             gains = [float(_gains(part).mean()) for part in (of, *parts)]
-            body.append((gains[0], (name, str(touches), *(_points(g) for g in gains))))
+            body.append(
+                (gains[0], (name, str(touches), *(printed("held", g, signed=True) for g in gains)))
+            )
     head = ("object", "touches", "difference in points", *(f"noise {noise}" for noise in noises))
     return TextTable("losses", "Losses", head, tuple(row for _, row in sorted(body)))
-
-
-def _points(gain: float) -> str:
-    return printed("held", gain, signed=True)
 
 
 def _by_object(pairs: Pairs, measure: Measure) -> TextTable:

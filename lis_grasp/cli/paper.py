@@ -58,8 +58,7 @@ def add_parser(verbs: Any) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, draw the figures, write the report."""
-    from lis_grasp.experiments.paper.paper_figures import draw_pictures
-    from lis_grasp.experiments.paper.paper_page import write_report
+    from lis_grasp.experiments.paper.paper_report import draw_pictures, write_report
     from lis_grasp.experiments.paper.paper_tables import rows_as_csv
 
     default = _QUICK_SEEDS if options.quick else _SEEDS

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -54,7 +53,7 @@ class Noise:
 
 Estimator = Callable[[Contacts, Noise], ImplicitSurface]
 
-_FROM_CONTACTS: Mapping[str, Callable[..., ImplicitSurface]] = {
+OURS: Mapping[str, Callable[..., ImplicitSurface]] = {
     "lis": partial(LocalImplicitSurface.from_contacts, beta="corrected"),
     "lis_as_published": partial(LocalImplicitSurface.from_contacts, beta="as_published"),
     "lis_no_beta": partial(LocalImplicitSurface.from_contacts, beta="none"),
@@ -64,16 +63,7 @@ _FROM_CONTACTS: Mapping[str, Callable[..., ImplicitSurface]] = {
     "patch": PatchImplicitSurface.from_contacts,
     "blend": BlendedImplicitSurface.from_contacts,
 }
-
-
-def _given_noise(build: Callable[..., ImplicitSurface]) -> Estimator:
-    return lambda contacts, noise: build(contacts, **noise.options())
-
-
-OURS: Mapping[str, Estimator] = MappingProxyType(
-    {name: _given_noise(build) for name, build in _FROM_CONTACTS.items()}
-)
-"""Estimators of this package, each given the sensor's noise."""
+"""Estimators of this package by name; each takes contacts, and options for the sensor's noise."""
 
 COMPARED: tuple[str, ...] = (*OURS, *BASELINES)
 """Every name that `compared_estimator` knows; some baselines need packages of their own."""
@@ -85,5 +75,5 @@ def compared_estimator(name: str) -> Estimator:
     Baselines have no option for the sensor's noise.
     """
     if name in OURS:
-        return OURS[name]
+        return lambda contacts, noise: OURS[name](contacts, **noise.options())
     return lambda contacts, noise: BASELINES[name](contacts)

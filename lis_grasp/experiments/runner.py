@@ -23,7 +23,7 @@ Runner = Callable[[Job], list[Row]]
 Result = TypeVar("Result")
 
 _TRIES = 3  # of a job alone
-_KILLED = "their processes were killed again and again"
+_KILLED = "their processes were killed repeatedly"
 _CONNECT = 15  # [s] to wait for a cluster
 _ALONE = threading.Lock()
 
@@ -32,7 +32,7 @@ class Scheduler(Protocol):
     """Runs jobs somewhere."""
 
     def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
-        """Yield the result of each job as soon as it is there, in any order.
+        """Yield the result of each job as soon as it is complete, in any order.
 
         Raises
         ------
@@ -206,7 +206,7 @@ def run_trials(
     total
         Number of trials of the experiment, finished ones included.
     results
-        Receives the rows of each job when it ends.
+        Receives the rows of each finished job.
     scheduler, runner
         Runs the jobs; returns the rows of one.
 
@@ -240,6 +240,6 @@ def run_trials(
 
 def _unfinished(count: int, reason: str, advice: str) -> EstimationError:
     return EstimationError(
-        f"{count} trials were not finished, because {reason}: run the command again to go on,"
+        f"{count} trials were not finished, because {reason}: run the command again to continue,"
         f" {advice}"
     )

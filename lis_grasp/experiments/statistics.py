@@ -162,7 +162,7 @@ def numbered(keys: Sequence[Any]) -> IntArray:
 
 
 def clusters_of(rows: Sequence[Row]) -> IntArray:
-    """Return the cluster of each row, shape (N,): trials of one object and seed share touches."""
+    """Return the cluster of each row, shape (N,): one for each object and seed."""
     return numbered([(row["object"], row["seed"]) for row in rows])
 
 
@@ -174,7 +174,7 @@ def objects_of(rows: Sequence[Row]) -> IntArray:
 def interval_over_seeds(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
     """Return the 95 % interval of a mean for other seeds on the same objects.
 
-    Whole seeds are the units, because all objects of a seed share its random numbers. With fewer
+    Whole seeds are the units, because a seed gives all objects the same random numbers. With fewer
     than `LEAST_SEEDS` seeds, or without differences between seeds, clusters of object and seed are
     drawn instead. The values have shape (N,), one for each row.
 

@@ -14,7 +14,7 @@ from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.experiments.compared_estimators import OURS, Noise
+from lis_grasp.experiments.compared_estimators import OURS, Noise, compared_estimator
 from lis_grasp.experiments.paper.paper_contacts import (
     NOISE_LEVELS,
     random_contacts,
@@ -78,7 +78,7 @@ def test_noise_moves_contacts_by_its_deviations() -> None:
 
 def test_an_estimator_that_is_exact_on_planes_is_exact_at_the_wedge() -> None:
     rows = {r["estimator"]: r for r in run_trial(WEDGE[0], ["lis", "gpis", "patch"])}
-    # Two planes and contacts that lie alike on both: the edge is where they meet, for either LIS.
+    # Contacts are arranged alike on both planes: either LIS has its edge where the planes meet.
     # The mesh is 2 mm fine, and cut off where bounds close it.
     assert rows["patch"]["edge_rmsd"] < 1e-4
     assert rows["lis"]["edge_rmsd"] < 1e-4
@@ -110,7 +110,7 @@ def test_an_estimator_that_fails_leaves_its_reason(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(
         "lis_grasp.experiments.paper.paper_trials.compared_estimator",
-        lambda name: OURS.get(name, nothing),
+        lambda name: compared_estimator(name) if name in OURS else nothing,
     )
     first, second = run_trial(WEDGE[0], ["nothing", "patch"])
     assert "at least one contact" in first["failure"]

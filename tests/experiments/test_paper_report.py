@@ -9,7 +9,7 @@ import pytest
 
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
-from lis_grasp.experiments.paper.paper_page import write_report
+from lis_grasp.experiments.paper.paper_report import write_report
 from lis_grasp.experiments.paper.paper_tables import (
     changes_table,
     claims_table,
@@ -102,7 +102,7 @@ def test_the_page_is_whole_and_loads_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     exact = TextTable("exact", "exact", ("",), (("0",),))
-    monkeypatch.setattr("lis_grasp.experiments.paper.paper_page.exactness_table", lambda _: exact)
+    monkeypatch.setattr("lis_grasp.experiments.paper.paper_report.exactness_table", lambda _: exact)
     path = tmp_path / "report.html"
     failed = {
         "experiment": "few",

@@ -36,19 +36,13 @@ _SIDE = 0.6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceWalk:
-    """The contacts of one walk over an object, in order, and what was explored after each.
-
-    Parameters
-    ----------
-    contacts
-        Exact points and normals of the true surface, in O.
-    coverage
-        Shape (N,), fraction of the true area within a step of a contact that does not face away,
-        after each contact.
-    """
+    """The contacts of one walk over an object, in order, and what was explored after each."""
 
     contacts: Contacts
+    """Exact points and normals of the true surface, in O."""
     coverage: FloatArray
+    """Shape (N,), fraction of the true area within a step of a contact that does not face away,
+    after each contact."""
 
     def until(self, coverage: float) -> Contacts:
         """Return the contacts up to the one that explored at least this fraction of the object."""

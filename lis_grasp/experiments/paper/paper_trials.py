@@ -49,24 +49,17 @@ _WALK, _NOISE, _RANDOM = 1, 2, 3
 
 @dataclass(frozen=True, slots=True)
 class PaperTrial:
-    """An experiment on one object with one seed.
-
-    Parameters
-    ----------
-    experiment
-        "whole": the object fully explored; "half": until half of its surface is; "few": the first
-        5 to 8 contacts; "noisy": fully explored, with 1 mm and 3 degrees of noise; "wedge": 12
-        contacts round a 90 degree edge, under a level of noise; "random": as many contacts as
-        "whole" has, drawn at random from the surface, uniformly in area.
-    object
-        Name of a built-in shape, at 20 cm; for "wedge" the index of the level in NOISE_LEVELS.
-    seed
-        Of the contacts and the noise. Experiments on one object and seed share the walk.
-    """
+    """An experiment on one object with one seed."""
 
     experiment: Experiment
+    """Contacts: a walk over the whole object ("whole"), over half of it ("half"), its first 5 to 8
+    contacts ("few"), all with 1 mm and 3 degrees of noise ("noisy"); as many as "whole" has, drawn
+    from the surface uniformly in area ("random"); or 12 contacts round a 90 degree edge, under a
+    level of noise ("wedge")."""
     object: str
+    """Name of a built-in shape, at 20 cm; for "wedge" the index of the level in NOISE_LEVELS."""
     seed: int
+    """Seed of contacts and noise. Experiments on one object and seed have the same walk."""
 
 
 def trial_key(trial: PaperTrial, estimator: str) -> tuple[Any, ...]:
@@ -80,7 +73,7 @@ def key_of(row: Row) -> tuple[Any, ...]:
 
 
 def explored(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
-    """Return an object at the paper's size, and the walk over it that trials of a seed share."""
+    """Return an object at the paper's size, and the walk over it that belongs to a seed."""
     shape = shapes.build(name, shapes.PAPER_SIZE)
     index = shapes.NAMES.index(name)
     return shape, walk_surface(shape, rng=np.random.default_rng([_WALK, index, seed]))

@@ -41,68 +41,49 @@ _LESS_IS_BETTER = ("epsilon_gap", *ERRORS)
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One estimator against the reference, by one measure, on one kind of objects.
-
-    Parameters
-    ----------
-    estimator, reference
-        The two that are compared.
-    measure
-        "held": success rate of trials, no grasp being not held. "epsilon_truth": epsilon of the
-        best grasp on the true object, 0 without a grasp. "epsilon_gap": absolute difference between
-        epsilon on the estimate and on the truth, where both found a grasp. The rest are surface
-        errors [m], where both have them.
-    kind
-        Of the objects, see `KINDS`.
-    noise
-        Of the sensor; None for all levels together.
-    pairs
-        Number of trials: same object, hand, touches, noise and seed.
-    clusters
-        Number of clusters of pairs: those of one object and seed share their first touches.
-    wins, losses
-        Pairs in which the estimator is better, and worse.
-    mean, mean_reference
-        Over the pairs.
-    effect, low, high
-        Difference of the two means (of "held": the risk difference), with its 95 % interval for
-        other seeds, see `interval_over_seeds`.
-    objects_low, objects_high
-        The interval of the effect for other objects, see `interval_over_objects`.
-    rank_biserial
-        Effect size of the measures other than "held": 1 where the estimator is always better, -1
-        where it is always worse.
-    p
-        The exact two-sided test of McNemar ("held") or of Wilcoxon's signed ranks in which all
-        pairs of a cluster flip together.
-    p_seeds, p_objects
-        The same with all pairs of a seed, or of an object, as one cluster.
-    p_holm
-        `p`, adjusted for all comparisons of the same measure and kind of objects, those of single
-        levels of noise and those of all together apart.
-    """
+    """One estimator against the reference, by one measure, on one kind of objects."""
 
     estimator: str
     reference: str
     measure: Measure
+    """Success rate ("held"; a trial without a grasp is not held); epsilon of the best grasp on the
+    true object ("epsilon_truth"; 0 without a grasp); absolute difference between epsilon on the
+    estimate and on the truth ("epsilon_gap", where both found a grasp); or a surface error [m],
+    where both have one."""
     kind: Kind
+    """Kind of the objects, see `KINDS`."""
     noise: str | None
+    """Level of sensor noise; None for all levels together."""
     pairs: int
+    """Number of trials: same object, hand, touches, noise and seed."""
     clusters: int
+    """Number of clusters of pairs: those of one object and seed share their first touches."""
     wins: int
     losses: int
+    """`wins` and `losses`: pairs in which the estimator is better, and worse."""
     mean: float
     mean_reference: float
+    """`mean` and `mean_reference`: means of the measure over the pairs."""
     effect: float
     low: float | None
     high: float | None
+    """`effect`: difference of the two means (of "held": the risk difference); `low` and `high`: its
+    95 % interval for other seeds, see `interval_over_seeds`."""
     objects_low: float | None
     objects_high: float | None
+    """Its interval for other objects, see `interval_over_objects`."""
     rank_biserial: float | None
+    """Effect size of the measures other than "held": 1 where the estimator is always better, -1
+    where it is always worse."""
     p: float
+    """The exact two-sided test of McNemar ("held") or of Wilcoxon's signed ranks in which all pairs
+    of a cluster flip together."""
     p_seeds: float
     p_objects: float
+    """`p_seeds` and `p_objects`: `p` with all pairs of a seed, or of an object, as one cluster."""
     p_holm: float = 1.0
+    """`p`, adjusted for all comparisons of the same measure and kind of objects, those of single
+    levels of noise and those of all together apart."""
 
 
 def compare(rows: Sequence[Row], reference: str) -> list[Comparison]:

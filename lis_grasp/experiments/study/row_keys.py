@@ -53,21 +53,16 @@ def label(name: str) -> str:
 
 def file_digests(object_name: str, hand_name: str) -> tuple[str, ...]:
     """Return hashes of the files of an object and a hand; none of built-in ones."""
-    of_object = object_digest(object_name)
-    return (*([] if of_object is None else [of_object]), *_hand_digests(hand_name))
+    files = [] if object_name in NAMES else [Path(object_name)]
+    if hand_name not in HAND_NAMES:
+        hand = Path(hand_name)
+        files += [hand, *sorted(hand.parent.glob("*.urdf")), *sorted(hand.parent.glob("*.sdf"))]
+    return tuple(map(_file_digest, files))
 
 
 def object_digest(name: str) -> str | None:
     """Return a hash of an object's mesh file; None for a built-in shape."""
     return None if name in NAMES else _file_digest(Path(name))
-
-
-def _hand_digests(name: str) -> list[str]:
-    if name in HAND_NAMES:
-        return []
-    path = Path(name)
-    models = (*sorted(path.parent.glob("*.urdf")), *sorted(path.parent.glob("*.sdf")))
-    return [_file_digest(file) for file in (path, *models)]
 
 
 def _file_digest(path: Path) -> str:

@@ -79,24 +79,6 @@ def _one_of(choices: Sequence[str], default: str) -> Any:
 class Setup:
     """Settings that all trials of a study have in common.
 
-    Parameters
-    ----------
-    prober
-        "kinematic" or "dynamic", see `RunConfig`.
-    explorer
-        Estimator that drives the exploration, whose contacts all estimators get; "own": each
-        estimator drives its own, and contacts differ.
-    policy
-        Chooses the next touch, see `RunConfig`; "spread" uses no explorer.
-    size
-        Largest extent of built-in shapes [m]; None for one that a hand can grasp.
-    units
-        Length unit of mesh files.
-    mass, friction
-        Of the true object in the lift [kg], and between hand and object.
-    grasps
-        Ranked grasps to plan; the first is executed.
-
     Raises
     ------
     InvalidOptionError
@@ -104,13 +86,22 @@ class Setup:
     """
 
     prober: StrictStr = _one_of(PROBERS, "kinematic")
+    """Prober, "kinematic" or "dynamic", see `RunConfig`."""
     explorer: StrictStr = _one_of([*ESTIMATORS, OWN], "blend")
+    """Estimator that drives the exploration, whose contacts all estimators get; "own": each
+    estimator drives its own, and contacts differ."""
     policy: StrictStr = _one_of(list(POLICIES), "spread")
+    """Chooses the next touch, see `RunConfig`; "spread" uses no explorer."""
     size: StrictFloat | None = None
+    """Largest extent of built-in shapes [m]; None for one that a hand can grasp."""
     units: StrictStr = _one_of(list(UNITS), "m")
+    """Length unit of mesh files."""
     mass: StrictFloat = 0.2
+    """Mass of the true object in the lift [kg]."""
     friction: StrictFloat = 0.8
+    """Coefficient between hand and object."""
     grasps: StrictInt = 5
+    """Ranked grasps to plan; the first is executed."""
 
     def __post_init__(self) -> None:
         _require("explorer", self.explorer, (*ESTIMATORS, OWN))
@@ -132,32 +123,20 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One object, touched by one hand, with one level of noise, from one seed.
-
-    Its contacts are made once, for all estimators.
-
-    Parameters
-    ----------
-    object
-        Name of a built-in shape, or path of a mesh file.
-    hand
-        Name of a shipped hand, or path of a hand's YAML file.
-    touches
-        Contacts to make: those of a larger budget begin with those of a smaller one.
-    noise
-        Of the tactile sensor: "none", or one standard deviation as "1mm/3deg".
-    seed
-        Of exploration, sensor and planning.
-    setup
-        What all trials of a study have in common.
-    """
+    """One object, touched by one hand, with one level of noise and one seed, for all estimators."""
 
     object: str
+    """Name of a built-in shape, or path of a mesh file."""
     hand: str
+    """Name of a shipped hand, or path of a hand's YAML file."""
     touches: int
+    """Contacts to make: those of a larger budget begin with those of a smaller one."""
     noise: str
+    """Noise of the tactile sensor: "none", or standard deviations as "1mm/3deg"."""
     seed: int
+    """Seed of exploration, sensor and planning."""
     setup: Setup = field(default_factory=Setup)
+    """Settings that all trials of a study have in common."""
 
     def find_object(self) -> Shape:
         """Return the true object."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import cycle, pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -90,6 +91,7 @@ def epsilon_against_truth(rows: Sequence[Row]) -> Figure:
     who = names(rows, "estimator")
     figure, panels = _panels(len(who), columns=4, high=2.1, legend=0.15)
     known = [row for row in rows if row["epsilon_truth"] is not None]
+    few = len(known) < 500
     largest = 1.05 * max(
         [max(row["epsilon_estimate"], row["epsilon_truth"]) for row in known], default=1.0
     )
@@ -97,17 +99,11 @@ def epsilon_against_truth(rows: Sequence[Row]) -> Figure:
         axes.plot([0.0, largest], [0.0, largest], color=QUIET, lw=1.0, ls=(0, (4, 3)))
         for held in (False, True):
             of = [row for row in known if row["estimator"] == name and row["held"] == held]
-            axes.plot(
-                [row["epsilon_estimate"] for row in of],
-                [row["epsilon_truth"] for row in of],
-                "o",
-                ms=3.5 if len(known) < 500 else 2.0,
-                mec=estimator_colour(name),
-                mfc=estimator_colour(name) if held else "none",
-                mew=0.8,
-                alpha=0.75 if len(known) < 500 else 0.45,
-                rasterized=True,
-            )
+            points = ([row[f"epsilon_{on}"] for row in of] for on in ("estimate", "truth"))
+            colour = estimator_colour(name)
+            size, alpha = (3.5, 0.75) if few else (2.0, 0.45)
+            face = colour if held else "none"
+            axes.plot(*points, "o", ms=size, mec=colour, mfc=face, mew=0.8, alpha=alpha)
         axes.set_xlim(0.0, largest)
         axes.set_ylim(-0.02 * largest, largest)
         axes.locator_params(nbins=4)
@@ -151,24 +147,10 @@ def _rates(
     """Draw rates in percent with their intervals; None is left out."""
     known = [(x, rate) for x, rate in zip(places, rates, strict=True) if rate is not None]
     intervals = [(x, s.low, s.high) for x, s in known if s.low is not None and s.high is not None]
-    axes.vlines(
-        [x for x, _, _ in intervals],
-        [100.0 * low for _, low, _ in intervals],
-        [100.0 * high for _, _, high in intervals],
-        color=colour,
-        lw=1.2,
-        alpha=0.6,
-    )
-    axes.plot(
-        [x for x, _ in known],
-        [100.0 * rate.value for _, rate in known],
-        color=colour,
-        marker=marker,
-        lw=1.5,
-        ms=5.0,
-        mec="white",
-        mew=0.7,
-    )
+    for x, low, high in intervals:
+        axes.vlines(x, 100.0 * low, 100.0 * high, color=colour, lw=1.2, alpha=0.6)
+    shown = [x for x, _ in known], [100.0 * rate.value for _, rate in known]
+    axes.plot(*shown, color=colour, marker=marker, lw=1.5, ms=5.0, mec="white", mew=0.7)
 
 
 def _panels(
@@ -198,24 +180,11 @@ def _finish(axes: Axes, title: str, xlabel: str, ylabel: str) -> None:
 
 def _legend(figure: Figure, names: Sequence[str], *, more: Sequence[Line2D] = ()) -> None:
     handles = [
-        Line2D(
-            [],
-            [],
-            color=estimator_colour(name),
-            marker=_MARKERS[n % len(_MARKERS)],
-            lw=2.0,
-            label=estimator_label(name),
-        )
-        for n, name in enumerate(names)
+        Line2D([], [], color=estimator_colour(name), marker=marker, lw=2.0, label=label)
+        for name, marker, label in zip(names, cycle(_MARKERS), map(estimator_label, names))
     ]
-    figure.legend(
-        handles=[*handles, *more],
-        loc="upper left",
-        ncols=6,
-        frameon=False,
-        fontsize=SMALL,
-        labelcolor=INK,
-    )
+    style: dict[str, Any] = {"ncols": 6, "frameon": False, "fontsize": SMALL, "labelcolor": INK}
+    figure.legend(handles=[*handles, *more], loc="upper left", **style)
 
 
 def _of(rows: Sequence[Row], kind: Kind) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Rows of a study: JSON lines as they come, and one Parquet file of all at the end."""
+"""Rows of a study: a file of JSON lines while it runs, and one Parquet file at the end."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ class StudyResults:
 def job_of(row: Row, files: Iterable[str] = ()) -> Job:
     """Return the job that makes a recorded row again.
 
-    The files are paths of objects and hands, of which rows have only the names.
+    `files` are paths of objects and hands: rows have only the names of the files.
 
     Raises
     ------
