@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.io.contact_files import read_contact_file, write_contact_file
-from lis_grasp.records import read_only
+from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
 FARTHEST = 1e7
@@ -192,7 +192,7 @@ class Contacts:
         InvalidFileError
             If the path has another ending or cannot be written to.
         """
-        write_contact_file(self, Path(path), header=header)
+        write_contact_file(fields_of(self), Path(path), header=header)
 
 
 def _join(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:

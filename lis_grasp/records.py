@@ -23,11 +23,16 @@ def subset_of(record: _Record, index: Any) -> _Record:
     return type(record)(*(getattr(record, item.name)[index] for item in fields(record)))  # type: ignore[arg-type]
 
 
+def fields_of(record: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass by name, without copying them."""
+    return {item.name: getattr(record, item.name) for item in fields(record)}
+
+
 def reduce_record(record: Any) -> tuple[type, tuple[Any, ...]]:
     """Return the value of `__reduce__` for a dataclass with read-only mappings.
 
     These cannot be pickled: the other process makes new ones from dictionaries.
     """
-    values = (getattr(record, item.name) for item in fields(record))
+    values = fields_of(record).values()
     plain = (dict(value) if isinstance(value, MappingProxyType) else value for value in values)
     return type(record), tuple(plain)

@@ -13,7 +13,7 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
-from lis_grasp.records import read_only, reduce_record
+from lis_grasp.records import fields_of, read_only, reduce_record
 from lis_grasp.typing import FloatArray
 
 
@@ -126,5 +126,5 @@ class GraspSearch:
         return cls(**read_grasp_file(Path(path), Grasp))
 
     def save(self, path: Path | str, *, header: str = "") -> None:
-        """Write a grasps.json file; `header` says what made it."""
-        write_grasp_file(self, Path(path), header=header)
+        """Write a grasps.json file, the best grasp first; `header` says what made it."""
+        write_grasp_file(fields_of(self), Path(path), header=header)

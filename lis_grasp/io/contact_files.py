@@ -13,9 +13,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,9 +24,6 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.ply_files import ply_bytes, ply_element, read_ply
 from lis_grasp.typing import FloatArray
-
-if TYPE_CHECKING:
-    from lis_grasp.contacts import Contacts
 
 _POINT = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
@@ -40,8 +37,8 @@ def read_contact_file(path: Path) -> dict[str, Any]:
     return _load_ply(path) if _is_ply(path) else _load_csv(path)
 
 
-def write_contact_file(contacts: Contacts, path: Path, *, header: str = "") -> None:
-    """Write contacts to a .ply or .csv file; arguments and errors as of `Contacts.save`."""
+def write_contact_file(contacts: Mapping[str, Any], path: Path, *, header: str = "") -> None:
+    """Write the fields of `Contacts`; arguments and errors as of `Contacts.save`."""
     content = _to_ply(contacts, header) if _is_ply(path) else _to_csv(contacts)
     write_bytes(path, content)
 
@@ -53,23 +50,23 @@ def _is_ply(path: Path) -> bool:
     return ending == ".ply"
 
 
-def _columns(contacts: Contacts) -> dict[str, npt.NDArray[Any]]:
-    columns = dict(zip(_POINT, contacts.points.T, strict=True))
-    columns |= dict(zip(_NORMAL, contacts.normals.T, strict=True))
-    columns |= {} if contacts.forces is None else {"force": contacts.forces}
-    return columns | ({} if contacts.times is None else {"time": contacts.times})
+def _columns(contacts: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
+    columns = dict(zip(_POINT, contacts["points"].T, strict=True))
+    columns |= dict(zip(_NORMAL, contacts["normals"].T, strict=True))
+    columns |= {} if contacts["forces"] is None else {"force": contacts["forces"]}
+    return columns | ({} if contacts["times"] is None else {"time": contacts["times"]})
 
 
-def _to_ply(contacts: Contacts, header: str) -> bytes:
+def _to_ply(contacts: Mapping[str, Any], header: str) -> bytes:
     columns = _columns(contacts)
-    if contacts.fingers:
-        names = sorted(set(contacts.fingers))
-        columns["finger"] = np.array([names.index(f) for f in contacts.fingers], dtype=np.int32)
+    if contacts["fingers"]:
+        names = sorted(set(contacts["fingers"]))
+        columns["finger"] = np.array([names.index(f) for f in contacts["fingers"]], dtype=np.int32)
         header += "\n" + _FINGERS + json.dumps(names)
     elements = [ply_element("vertex", columns)]
-    if len(contacts.free_points):
-        free = dict(zip(_POINT, contacts.free_points.T, strict=True))
-        elements.append(ply_element("free_point", free | {"radius": contacts.free_radii}))
+    if len(contacts["free_points"]):
+        free = dict(zip(_POINT, contacts["free_points"].T, strict=True))
+        elements.append(ply_element("free_point", free | {"radius": contacts["free_radii"]}))
     return ply_bytes(elements, header, text=True)
 
 
@@ -129,16 +126,16 @@ def _finger_names(path: Path, comments: list[str], index: FloatArray) -> tuple[s
     return tuple(names[i] for i in whole)
 
 
-def _to_csv(contacts: Contacts) -> bytes:
+def _to_csv(contacts: Mapping[str, Any]) -> bytes:
     columns = {name: column.tolist() for name, column in _columns(contacts).items()}
-    columns |= {"finger": list(contacts.fingers)} if contacts.fingers else {}
-    names = [*columns, *(("kind", "radius") if len(contacts.free_points) else ())]
+    columns |= {"finger": list(contacts["fingers"])} if contacts["fingers"] else {}
+    names = [*columns, *(("kind", "radius") if len(contacts["free_points"]) else ())]
     text = io.StringIO()
     writer = csv.DictWriter(text, names, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for row in zip(*columns.values(), strict=True):
         writer.writerow(dict(zip(columns, row, strict=True)) | {"kind": "contact"})
-    free = zip(contacts.free_points.tolist(), contacts.free_radii.tolist(), strict=True)
+    free = zip(contacts["free_points"].tolist(), contacts["free_radii"].tolist(), strict=True)
     for point, radius in free:
         place = dict(zip(_POINT, point, strict=True))
         writer.writerow(place | {"kind": "free", "radius": radius})

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.atomic_writing import write_json
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.records import fields_of
 
 _FRAMES = {
     "O": "object frame: the frame of the contacts and the surface; gravity is -z",
@@ -25,21 +22,21 @@ _UNITS = {"length": "m", "angle": "rad", "force": "N"}
 _CONTACT = ("finger", "point", "normal", "force")
 
 
-def write_grasp_file(search: GraspSearch, path: Path, *, header: str = "") -> None:
-    """Write a search, the best grasp first; `InvalidFileError` if the file cannot be written."""
+def write_grasp_file(search: Mapping[str, Any], path: Path, *, header: str = "") -> None:
+    """Write the fields of a `GraspSearch`; arguments and errors as of `GraspSearch.save`."""
     content = {
         "format": "lis_grasp grasps 1",
         "header": header,
         "frames": _FRAMES,
         "units": _UNITS,
-        "candidates": search.candidates,
-        "rejections": dict(sorted(search.rejections.items())),
-        "grasps": [_to_plain(grasp) for grasp in search.grasps],
+        "candidates": search["candidates"],
+        "rejections": dict(sorted(search["rejections"].items())),
+        "grasps": [_to_plain(fields_of(grasp)) for grasp in search["grasps"]],
     }
     write_json(path, content)
 
 
-def read_grasp_file(path: Path, grasp: Callable[..., Grasp]) -> dict[str, Any]:
+def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
     """Return the fields of a `GraspSearch` in a file; `grasp` makes each grasp from its fields.
 
     Errors are as of `GraspSearch.load`.
@@ -62,26 +59,19 @@ def read_grasp_file(path: Path, grasp: Callable[..., Grasp]) -> dict[str, Any]:
     raise InvalidFileError(reason, path=path)
 
 
-def _to_plain(grasp: Grasp) -> dict[str, Any]:
+def _to_plain(grasp: Mapping[str, Any]) -> dict[str, Any]:
+    fingers, *arrays = (grasp[f"contact_{name}s"] for name in _CONTACT)
+    rows = zip(fingers, *(array.tolist() for array in arrays), strict=True)
     return {
-        "hand": grasp.hand,
-        "X_OH": grasp.X_OH.tolist(),
-        "joint_names": list(grasp.joint_names),
-        "joint_positions": grasp.joint_positions.tolist(),
-        "pregrasp_positions": grasp.pregrasp_positions.tolist(),
-        "approach_O": grasp.approach_O.tolist(),
-        "contacts": [
-            dict(zip(_CONTACT, (finger, *(array.tolist() for array in arrays)), strict=True))
-            for finger, *arrays in zip(
-                grasp.contact_fingers,
-                grasp.contact_points,
-                grasp.contact_normals,
-                grasp.contact_forces,
-                strict=True,
-            )
-        ],
-        "quality": dict(grasp.quality),
-        "accepted": grasp.accepted,
+        "hand": grasp["hand"],
+        "X_OH": grasp["X_OH"].tolist(),
+        "joint_names": list(grasp["joint_names"]),
+        "joint_positions": grasp["joint_positions"].tolist(),
+        "pregrasp_positions": grasp["pregrasp_positions"].tolist(),
+        "approach_O": grasp["approach_O"].tolist(),
+        "contacts": [dict(zip(_CONTACT, row, strict=True)) for row in rows],
+        "quality": dict(grasp["quality"]),
+        "accepted": grasp["accepted"],
     }
 
 

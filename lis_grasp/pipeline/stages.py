@@ -94,16 +94,18 @@ def touch(
     free on a table. `progress` and `observe` are those of `explore`.
     """
     space = workspace(shape, free=config.free)
+    policy = policy or make_policy(config, space)
+    stop = config.stop_rules(space)
     recorded = log.resume() if log is not None else recorded
     exploration = explore(
         _make_prober(config, hand, shape),
-        policy or make_policy(config, space),
+        policy,
         estimator or make_estimator(config.estimator, config.sensor()),
         touches=config.touches,
         rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
         space=space,
         sensor=config.sensor(),
-        stop=config.stop_rules(space),
+        stop=stop,
         recorded=recorded,
         record=log.append if log is not None else None,
         progress=progress,
@@ -136,17 +138,16 @@ def make_estimator(name: str, sensor: TactileSensor | None = None) -> Estimator:
 
 
 def _make_prober(config: RunConfig, hand: Hand, shape: Shape) -> Prober:
-    if config.prober == "kinematic":
-        from lis_grasp.probing.kinematic_prober import KinematicProber
+    if config.prober == "dynamic":
+        from lis_grasp.simulation.dynamic_prober import DynamicProber
+        from lis_grasp.simulation.probing_scene import FreeObject
 
-        return KinematicProber(
-            hand, shape.mesh, fingers="all" if config.fingers == "all" else "one"
-        )
-    from lis_grasp.simulation.dynamic_prober import DynamicProber
-    from lis_grasp.simulation.probing_scene import FreeObject
+        height = support_height(shape)
+        free = FreeObject(height, config.mass, config.friction) if config.free else None
+        return DynamicProber(hand, shape.mesh, free=free)
+    from lis_grasp.probing.kinematic_prober import KinematicProber
 
-    free = FreeObject(support_height(shape), config.mass, config.friction) if config.free else None
-    return DynamicProber(hand, shape.mesh, free=free)
+    return KinematicProber(hand, shape.mesh, fingers="all" if config.fingers == "all" else "one")
 
 
 def estimate(

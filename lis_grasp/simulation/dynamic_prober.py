@@ -66,9 +66,9 @@ class DynamicProber:
     def __init__(
         self, hand: Hand, mesh: trimesh.Trimesh, *, free: FreeObject | None = None
     ) -> None:
+        self._scene = ProbingScene(hand, mesh, free)
         self._motion = GuardedMotion(hand, mesh)
         self._hand = hand
-        self._scene = ProbingScene(hand, mesh, free)
         self._free = free
         self._hull = np.asarray(mesh.convex_hull.vertices)
 

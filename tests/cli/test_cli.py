@@ -24,7 +24,7 @@ CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
 
 @pytest.fixture(scope="module")
 def cube(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with six contacts of a cube, the surface and grasps of a parallel-jaw gripper."""
+    """Return a folder with six contacts of a cube, the surface, and grasps of a gripper."""
     folder = tmp_path_factory.mktemp("cube")
     rows = np.hstack([0.03 * CUBE_AXES, CUBE_AXES])
     path = folder / "contacts.csv"
