@@ -153,7 +153,7 @@ def test_the_hand_comes_in_touches_and_leaves(browser: Browser, page: str) -> No
         picture = _look(browser, page, f"layers=hand&zoom=0.4&t={touches * STEP}")
         shares.append(_dark(picture))
     none = _dark(_look(browser, page, "layers=&zoom=0.4&t=0"))
-    assert shares[4] == pytest.approx(none, abs=1e-4)  # looking at what came of it
+    assert shares[4] == pytest.approx(none, abs=1e-4)  # the hand has left
     assert min(shares[:4]) > none + 0.005
 
 
