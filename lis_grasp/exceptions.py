@@ -33,7 +33,7 @@ class InvalidInputError(LisGraspError):
 
 
 class InvalidContactsError(InvalidInputError):
-    """Contacts that no surface can be estimated from, or that contradict their own format.
+    """Contacts that are malformed, or from which no surface can be estimated.
 
     Attributes
     ----------

@@ -104,7 +104,7 @@ def seconds_to_touch(
     """Return the time that touching each of several points next would take, shape (P,) [s].
 
     The hand moves on a ball around the object to the start of its approach. It approaches against
-    the normal, is guarded from a step before the point on, and retreats the same way.
+    the normal, guarded from one step before the point, and retreats along the same path.
 
     Points and outward unit normals have shapes (P, 3) [m] and (P, 3), in O. The hand is at the end
     of the last of `outcomes` with a motion.

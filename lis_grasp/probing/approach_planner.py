@@ -36,7 +36,7 @@ NO_FREE_APPROACH = "no finger and roll of the hand has a collision-free straight
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Approach:
-    """A hand at the start of a probe, and the straight approach to it."""
+    """Pose of a hand at the start of a probe, and the straight path to that pose."""
 
     posture: ProbePosture  # the leading finger, and the positions of all joints
     X_OH: FloatArray  # (4, 4): pose of the palm at the start of the probe

@@ -143,7 +143,7 @@ class GuardedMotion:
         return Course(probe, approach, True, travelled, length - travelled, touched, at_table)
 
     def missed(self, course: Course, obstacles: ObstacleModel | None) -> ProbeOutcome:
-        """Return the outcome of a course without a contact: the free space that it passed."""
+        """Return the outcome of a motion without contact: the free space that it swept."""
         free_points, free_radii = self._free_space(course, obstacles)
         return ProbeOutcome(
             course.probe,

@@ -31,8 +31,8 @@ def winding_numbers(points: FloatArray, vertices: FloatArray, faces: IntArray) -
 def any_inside(mesh: trimesh.Trimesh, points: FloatArray) -> bool:
     """Return whether any of the points (P, 3) [m] is inside a closed, outward-oriented mesh.
 
-    The winding number of a closed mesh is the number of faces through which a line upward leaves,
-    less those through which it enters. Counting them takes a tenth of the time of adding up angles.
+    The winding number at a point: cast a ray upward, count the faces where it leaves the mesh, and
+    subtract those where it enters. This takes a tenth of the time of adding up solid angles.
     """
     low, high = mesh.bounds
     boxed = points[np.all((points > low) & (points < high), axis=1)]

@@ -61,7 +61,7 @@ def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
 
 
 def draw_motion(canvas: Canvas, motion: Motion, hand: Hand) -> None:
-    """Load the motion of the object and of the hand's links, at rest."""
+    """Add the recorded poses of the object and the hand's links, for playback on demand."""
     times = motion.times - motion.times[0]
     tracks = [(OBJECT_NODE, motion.poses[OBJECT])]
     tracks += [

@@ -59,7 +59,7 @@ class Support:
 
 
 class BaselineSurface:
-    """Bounds and uncertainty of a surface with a `support`."""
+    """Bounds and uncertainty of a baseline, both from its field `support`."""
 
     __slots__ = ()
     support: Support

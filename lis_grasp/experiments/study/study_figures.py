@@ -87,7 +87,7 @@ def held_against_touches(rows: Sequence[Row]) -> Figure:
 
 
 def epsilon_against_truth(rows: Sequence[Row]) -> Figure:
-    """Draw epsilon on the truth over epsilon on the estimate, a panel each estimator."""
+    """Plot epsilon on the true mesh against epsilon on the estimate, one panel per estimator."""
     who = names(rows, "estimator")
     figure, panels = _panels(len(who), columns=4, high=2.1, legend=0.15)
     known = [row for row in rows if row["epsilon_truth"] is not None]

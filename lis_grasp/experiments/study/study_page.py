@@ -28,7 +28,7 @@ def write_report(
     *,
     command: str,
 ) -> None:
-    """Write the report of a study and its rows as one HTML file.
+    """Write one HTML file with a study's report and its rows.
 
     The first table is the summary; `command` makes the report again.
     """
