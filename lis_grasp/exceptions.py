@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import reprlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -97,6 +98,22 @@ class InvalidOptionError(InvalidInputError):
     def out_of_range(cls, option: str, value: object, required: str) -> InvalidOptionError:
         """Return the error of a value out of range; `required` ends "<option> must be ..."."""
         return cls(f"{option} must be {required}; it is {shown(value)}", option=option, value=value)
+
+
+def require_positive(**options: float) -> None:
+    """Raise `InvalidOptionError` for the first option that is not above 0 and finite."""
+    for option, value in options.items():
+        if not 0.0 < value < math.inf:
+            required = "above 0" if value <= 0.0 else "finite"
+            raise InvalidOptionError.out_of_range(option, value, required)
+
+
+def require_at_least(least: float, **options: float) -> None:
+    """Raise `InvalidOptionError` for the first option that is below `least` or not finite."""
+    for option, value in options.items():
+        if not least <= value < math.inf:
+            required = f"at least {least:g}" if value < least else "finite"
+            raise InvalidOptionError.out_of_range(option, value, required)
 
 
 class InvalidFileError(InvalidInputError):

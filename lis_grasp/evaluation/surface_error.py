@@ -12,7 +12,12 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
-from lis_grasp.exceptions import EstimationError, InvalidContactsError, InvalidOptionError
+from lis_grasp.exceptions import (
+    EstimationError,
+    InvalidContactsError,
+    require_at_least,
+    require_positive,
+)
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -105,12 +110,8 @@ def surface_error(
     EstimationError
         If no part of the estimate is.
     """
-    if not (np.isfinite(explored_radius) and explored_radius > 0.0):
-        raise InvalidOptionError.out_of_range(
-            "explored_radius", explored_radius, "above 0 and finite [m]"
-        )
-    if samples < 1:
-        raise InvalidOptionError.out_of_range("samples", samples, "at least 1")
+    require_positive(explored_radius=explored_radius)
+    require_at_least(1, samples=samples)
     on_estimate, estimate_faces = sample_mesh(estimate, samples)
     on_truth, _ = sample_mesh(truth.mesh, samples)
     known = _explored(on_estimate, contacts, explored_radius)

@@ -10,7 +10,7 @@ from typing import get_args
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import require_at_least
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import StopRule
@@ -127,8 +127,7 @@ def explore(
     InvalidOptionError
         If `touches` is below 1.
     """
-    if touches < 1:
-        raise InvalidOptionError.out_of_range("touches", touches, "at least 1")
+    require_at_least(1, touches=touches)
     rng.spawn(len(recorded))  # the generators of the recorded probes
     outcomes = list(recorded)
     contacts = Exploration.replay(outcomes, touches=touches).contacts

@@ -25,8 +25,7 @@ from lis_grasp.typing import FloatArray
 
 # Distance of the frontier from the nearest contact, in steps.
 _FRONTIER = (0.8, 1.2)
-# Weights of a frontier target's cost besides its distance to the nearest contact: the distance to
-# the second contact, and the distance to free space.
+# Weights in a frontier target's cost: the distances to the second contact and to free space.
 _SECOND_WEIGHT, _FREE_WEIGHT = 0.25, 0.5
 # Random part of the cost, so that explorations differ, in steps.
 _RANDOM_WEIGHT = 0.1

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
@@ -60,8 +60,7 @@ class Probe:
         object.__setattr__(self, "direction", _unit("direction", self.direction))
         for name in ("standoff", "overshoot"):
             value = float(getattr(self, name))
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidOptionError.out_of_range(name, value, "a length of at least 0 m")
+            require_at_least(0, **{name: value})
             object.__setattr__(self, name, value)
 
     @property
@@ -162,10 +161,7 @@ class ProbeOutcome:
             )
         object.__setattr__(self, "free_points", read_only(free_points))
         object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
-        for name, unit in (("duration", "s"), ("moved", "m")):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidOptionError.out_of_range(name, value, f"at least 0 {unit}")
+        require_at_least(0, duration=self.duration, moved=self.moved)
         if not isinstance(self.reason, str):
             raise InvalidOptionError.out_of_range("reason", self.reason, "text")
 

@@ -113,10 +113,8 @@ def _bridged_points(
 ) -> tuple[FloatArray, FloatArray]:
     """Return points of free space inside the estimate, and the tip's direction of motion there.
 
-    An estimate closes holes between contacts; a tip that passed through one contradicts it. Only
-    points within the contacts' convex hull count, because the estimate is extrapolated outside.
-
-    Points (K, 3) [m] and unit directions (K, 3) are in the order of `outcomes`.
+    Points (K, 3) [m] and unit directions (K, 3) are in the order of `outcomes`, and only within
+    the contacts' convex hull, because the estimate is extrapolated outside.
     """
     points, directions = _tip_path(outcomes, step)
     if not len(points):

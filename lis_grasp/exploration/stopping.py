@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.exploration.target_candidates import gaps
 from lis_grasp.exploration.workspace import Workspace
@@ -54,7 +54,7 @@ def stop_when_certain(deviation: float, space: Workspace) -> StopRule:
     InvalidOptionError
         If the deviation is not positive.
     """
-    _require_positive("uncertainty", deviation, "m")
+    require_positive(uncertainty=deviation)
 
     def rule(
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
@@ -78,7 +78,7 @@ def stop_after(seconds: float) -> StopRule:
     InvalidOptionError
         If the time is not positive.
     """
-    _require_positive("max_seconds", seconds, "s")
+    require_positive(max_seconds=seconds)
 
     def rule(
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
@@ -87,8 +87,3 @@ def stop_after(seconds: float) -> StopRule:
         return f"{spent:.0f} s are spent" if spent >= seconds else None
 
     return rule
-
-
-def _require_positive(option: str, value: float, unit: str) -> None:
-    if not (np.isfinite(value) and value > 0.0):
-        raise InvalidOptionError.out_of_range(option, value, f"above 0 {unit}")

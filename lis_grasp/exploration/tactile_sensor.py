@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.typing import FloatArray
 
@@ -49,10 +49,8 @@ class TactileSensor:
     false_rate: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("force_threshold", "position_noise", "normal_noise", "taxel_pitch"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise InvalidOptionError.out_of_range(name, value, "at least 0 and finite")
+        require_at_least(0, force_threshold=self.force_threshold, taxel_pitch=self.taxel_pitch)
+        require_at_least(0, position_noise=self.position_noise, normal_noise=self.normal_noise)
         for name in ("miss_rate", "false_rate"):
             value = getattr(self, name)
             if not 0.0 <= value <= 1.0:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.records import read_only
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray
@@ -18,8 +18,7 @@ STEP_FRACTION = 0.25
 
 # Each round, a secant and a bisection step, at least halves the bracket.
 _ROUNDS = 2
-# An estimate is sampled on a grid of this many cells a step, in a box larger than the object's by
-# this fraction of its size.
+# Grid that samples an estimate: cells a step, and margin of its box in sizes of the object.
 _CELLS_PER_STEP, _MARGIN = 4.0, 0.05
 
 
@@ -51,10 +50,7 @@ class Workspace:
     support_height: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("step", "size"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise InvalidOptionError.out_of_range(name, value, "a positive length [m]")
+        require_positive(step=self.step, size=self.size)
         center = np.array(self.center, dtype=np.float64)
         if center.shape != (3,) or not np.isfinite(center).all():
             raise InvalidOptionError.out_of_range("center", self.center, "3 finite numbers")

@@ -8,7 +8,12 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
+from lis_grasp.exceptions import (
+    InvalidContactsError,
+    InvalidOptionError,
+    require_at_least,
+    require_positive,
+)
 from lis_grasp.typing import FloatArray
 
 ContactModel = Literal["frictionless", "coulomb", "soft_finger"]
@@ -59,9 +64,8 @@ class WrenchModel:
         if self.contact_model not in get_args(ContactModel):
             choices = get_args(ContactModel)
             raise InvalidOptionError.not_one_of("model", self.contact_model, choices)
-        length = self.length_scale
-        if length is not None and not (np.isfinite(length) and length > 0.0):
-            raise InvalidOptionError.out_of_range("length_scale", length, "a positive length [m]")
+        if self.length_scale is not None:
+            require_positive(length_scale=self.length_scale)
 
     def wrenches(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> FloatArray:
         """Return the primitive wrenches of contacts, each with unit normal force.
@@ -110,10 +114,8 @@ def cone_edges(normals: npt.ArrayLike, friction: float, *, edges: int = CONE_EDG
     cone. Unit normals (..., C, 3), OUTWARD of the object, give forces on the object (..., C, edges,
     3), which point inward.
     """
-    if not (np.isfinite(friction) and friction >= 0.0):
-        raise InvalidOptionError.out_of_range("friction", friction, "a number of at least 0")
-    if edges < 3:
-        raise InvalidOptionError.out_of_range("edges", edges, "at least 3")
+    require_at_least(0, friction=friction)
+    require_at_least(3, edges=edges)
     inward = -np.asarray(normals, dtype=np.float64)
     # The axis least aligned with the normal makes a tangent.
     helper = np.eye(3)[np.argmin(np.abs(inward), axis=-1)]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
+from lis_grasp.exceptions import InvalidMeshError, require_at_least, require_positive
 from lis_grasp.grasping.antipodal_sampling import initial_postures, sample_contact_sets
 from lis_grasp.grasping.candidate_filter import CandidateFilter
 from lis_grasp.grasping.contact_samples import SurfaceSamples
@@ -23,8 +23,7 @@ from lis_grasp.typing import FloatArray, IndexArray
 _BATCH = 100
 # Sampling ends after this many times `count` robust grasps; ranking gains little from more.
 _ENOUGH = 5
-# Standard deviations [m] of the steps of refinement. Each step perturbs a grasp so many times, and
-# tries so many of the perturbed grasps, those of the best epsilon.
+# Refinement: standard deviations of the steps [m]; perturbed grasps, of which the best are tried.
 _STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
 _PERTURBATIONS, _TRIED = 20, 2
 
@@ -57,10 +56,8 @@ class ForceClosureSampler:
     candidates: int = 4000
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.friction) and self.friction > 0.0):
-            raise InvalidOptionError.out_of_range("friction", self.friction, "a positive number")
-        if self.candidates < 1:
-            raise InvalidOptionError.out_of_range("candidates", self.candidates, "at least 1")
+        require_positive(friction=self.friction)
+        require_at_least(1, candidates=self.candidates)
 
     def sample(
         self,

@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Literal
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, require_at_least, require_positive
 from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
 
@@ -85,14 +85,12 @@ class LiftOptions:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            if not all(0.0 < number < float("inf") for number in numbers):
-                raise InvalidOptionError.out_of_range(item.name, value, "positive")
+            for number in value if isinstance(value, tuple) else (value,):
+                require_positive(**{item.name: number})
         shakes = self.shake_accelerations
         if any(later <= sooner for sooner, later in pairwise(shakes)):
             raise InvalidOptionError.out_of_range("shake_accelerations", shakes, "increasing")
-        if self.shake_cycles < 2:
-            raise InvalidOptionError.out_of_range("shake_cycles", self.shake_cycles, "at least 2")
+        require_at_least(2, shake_cycles=self.shake_cycles)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

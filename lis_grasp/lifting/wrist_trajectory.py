@@ -9,8 +9,7 @@ import numpy as np
 
 from lis_grasp.typing import FloatArray
 
-# Time since the start [s] -> displacement (6,) and its rate (6,): x, y, z [m], then roll, pitch and
-# yaw [rad] about the axes of W.
+# Time [s] -> displacement (6,) and its rate (6,): x, y, z [m], roll, pitch, yaw [rad], in W.
 WristPath = Callable[[float], tuple[FloatArray, FloatArray]]
 
 

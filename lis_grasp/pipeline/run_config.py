@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration import (
     POLICIES,
     StopRule,
@@ -109,10 +109,8 @@ class RunConfig:
         ):
             if getattr(self, name) not in choices:
                 raise InvalidOptionError.not_one_of(name, getattr(self, name), choices)
-        least = {"touches": 1, "grasps": 1, "attempts": 1, "seed": 0}
-        for name, low in least.items():
-            if getattr(self, name) < low:
-                raise InvalidOptionError.out_of_range(name, getattr(self, name), f"at least {low}")
+        require_at_least(1, touches=self.touches, grasps=self.grasps, attempts=self.attempts)
+        require_at_least(0, seed=self.seed)
         for name in ("mass", "friction"):
             if not 0 < getattr(self, name) <= 1e9:
                 raise InvalidOptionError.out_of_range(name, getattr(self, name), "positive")

@@ -95,7 +95,6 @@ def touch(
     """
     space = workspace(shape, free=config.free)
     policy = policy or make_policy(config, space)
-    stop = config.stop_rules(space)
     recorded = log.resume() if log is not None else recorded
     exploration = explore(
         _make_prober(config, hand, shape),
@@ -105,7 +104,7 @@ def touch(
         rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
         space=space,
         sensor=config.sensor(),
-        stop=stop,
+        stop=config.stop_rules(space),
         recorded=recorded,
         record=log.append if log is not None else None,
         progress=progress,

@@ -13,7 +13,12 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, SimulationError
+from lis_grasp.exceptions import (
+    InvalidMeshError,
+    InvalidOptionError,
+    SimulationError,
+    require_positive,
+)
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_outcome import LiftOptions
@@ -31,13 +36,11 @@ from lis_grasp.simulation.hand_plant import (
 from lis_grasp.simulation.object_plant import add_object, add_table
 from lis_grasp.typing import FloatArray
 
-# Gains of the wrist's prismatic and revolute joints: a hand of a kilogram follows 1 g within a
-# millimetre, and a wrist that meets an obstacle pushes no harder than an arm would.
+# Gains of the wrist's prismatic and revolute joints: a hand of 1 kg follows 1 g within 1 mm.
 _WRIST_STIFFNESS = (2e4, 3e2)  # [N/m, N m/rad]
 _WRIST_DAMPING = (4e2, 6.0)  # [N s/m, N m s/rad]
 _WRIST_LIMITS = (150.0, 15.0)  # [N, N m]
-# A finger's spring gives its whole effort when its joint is this far off: soft enough to yield to
-# an object that is not where the estimate has it, stiff enough to carry it.
+# Joint error at which a finger's spring gives full effort: it yields to errors of the estimate.
 _FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
 _DAMPING_TIME = 0.035  # [s], damping by stiffness
 _GRAVITY = 9.81  # [m/s^2]
@@ -61,10 +64,7 @@ class LiftSetup:
     def __post_init__(self) -> None:
         if not self.mesh.is_watertight:
             raise InvalidMeshError("a lift needs a watertight mesh: load it with `shapes.load`")
-        for name in ("mass", "friction"):
-            value = getattr(self, name)
-            if not 0.0 < value < np.inf:
-                raise InvalidOptionError.out_of_range(name, value, "a positive number")
+        require_positive(mass=self.mass, friction=self.friction)
         if tuple(self.grasp.joint_names) != tuple(self.hand.joint_names):
             raise InvalidOptionError(
                 f"the grasp must be for the joints of '{self.hand.name}'; it is for those of"
@@ -275,11 +275,8 @@ class LiftScene:
 
 
 def _near_its_frame(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, FloatArray]:
-    """Return the mesh in its body's frame B, and p_OB: the centre of an object far from O.
-
-    A time step rotates a body about its frame: about one that is a metre away it would be wrong by
-    tenths of a millimetre.
-    """
+    """Return the mesh in its body's frame B, and p_OB: the centre of an object far from O."""
+    # A time step rotates a body about its frame: with error if that is a metre away.
     middle: FloatArray = mesh.bounds.mean(axis=0)
     if np.linalg.norm(middle) <= _FAR:
         return mesh, np.zeros(3)

@@ -19,7 +19,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import require_positive
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.approach_planner import rotation_to_x
 from lis_grasp.shapes.simplification import merge_flat_faces
@@ -69,10 +69,7 @@ class FreeObject:
     friction: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("mass", "friction"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
-                raise InvalidOptionError.out_of_range(name, value, "a positive number")
+        require_positive(mass=self.mass, friction=self.friction)
 
 
 class ProbingScene:
