@@ -14,7 +14,7 @@ from lis_grasp.surfaces.contact_merging import SMALLEST, merge_duplicates, spaci
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
-from lis_grasp.surfaces.queries import compact_blocks, flat_points, require_contacts
+from lis_grasp.surfaces.queries import compact_blocks, flat_points
 from lis_grasp.typing import FloatArray, IndexArray
 
 Function = Callable[[FloatArray], FloatArray]
@@ -22,8 +22,7 @@ Function = Callable[[FloatArray], FloatArray]
 # Folds of the cross-validation.
 _FOLDS = 4
 
-# Fewer contacts do not decide which estimate is better. With more, the Gaussian process takes
-# seconds, and patches are found without its help.
+# Fewer contacts cannot compare the estimates; with more, the Gaussian process takes seconds.
 _LEAST_CONTACTS = 10
 _MOST_CONTACTS = 400
 
@@ -92,7 +91,6 @@ class BlendedImplicitSurface:
         InvalidOptionError
             If an option is outside its range.
         """
-        require_contacts(contacts)
         merged = merge_duplicates(contacts, position_noise)
         spacing = spacing_of(merged)
         noise = {"position_noise": position_noise, "normal_noise": normal_noise}
@@ -190,11 +188,8 @@ def _mix(weights: FloatArray, sharp: Function, smooth: Function, points: FloatAr
 
 
 def _folds(contacts: Contacts) -> IndexArray:
-    """Return the fold of each contact, shape (N,): every fourth, in order from the centroid.
-
-    The order of distances does not depend on the order of contacts, nor on the frame, except for
-    equal distances: there the coordinates decide.
-    """
+    """Return the fold of each contact, shape (N,): every fourth, in order from the centroid."""
+    # Independent of the order of contacts; of the frame, too, except for equal distances.
     relative = contacts.points - contacts.points.mean(axis=0)
     distances = np.linalg.norm(relative, axis=1)
     keys = np.column_stack([distances, relative])
@@ -221,11 +216,7 @@ def _predict_left_out(
 def _log_errors(
     values: FloatArray, gradients: FloatArray, contacts: Contacts, spacing: float
 ) -> FloatArray:
-    """Return the logarithm of each contact's prediction error, shape (N,), in spacings.
-
-    The contact's distance from the surface, at most one spacing, plus a quarter spacing times the
-    length by which the unit normals differ.
-    """
+    """Return the logarithm of each contact's prediction error in distance and normal, (N,)."""
     slopes = np.linalg.norm(gradients, axis=1)
     distances = np.abs(values) / np.maximum(slopes, 0.3) / spacing
     units = gradients / np.maximum(slopes, 1e-9)[:, None]

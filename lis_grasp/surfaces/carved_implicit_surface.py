@@ -15,14 +15,13 @@ from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Points of a unit ball at which an estimate is evaluated: its centre, and on its surface towards
-# the faces and the corners of a cube. A cap without any is lower than a fifth of the radius.
+# Points of a unit ball: its centre, and on its surface towards the faces and corners of a cube. A
+# cap without any is lower than a fifth of the radius.
 _FACES = np.vstack([np.eye(3), -np.eye(3)])
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3))) / np.sqrt(3.0)
 _PLACES = np.vstack([np.zeros((1, 3)), _FACES, _CORNERS])  # (15, 3)
 
-# Near its zero set an estimate is about a distance: a ball whose centre has a value of this many
-# radii is free of the estimate.
+# An estimate is about a distance: a ball whose centre has a value of this many radii is free.
 _FAR = 1.5
 
 # Pairs of points and balls held at once.

@@ -8,14 +8,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.surfaces.queries import require_contacts
 from lis_grasp.typing import FloatArray
 
-# Spacing of a lone contact [m], for which contacts give no length: the average exploration step
-# of the paper (Ottenhaus et al. 2016, section IV.B).
+# Spacing of a lone contact [m]: the average exploration step of Ottenhaus et al. 2016, IV.B.
 LONE_CONTACT_SPACING = 0.05
 
-# Contacts closer than a nanometre, or than rounding at their distance from the origin, are at one
-# place.
+# Contacts closer than 1 nm, or than rounding at their distance from the origin, are at one place.
 SMALLEST = 1e-9
 _ROUNDING = 1e-12
 
@@ -38,6 +37,7 @@ def merge_duplicates(contacts: Contacts, position_noise: float | None = None) ->
     is no more than noise explains, contacts within the noise are merged too, if that leaves places
     that are clearly farther apart.
     """
+    require_contacts(contacts)
     merged = _merged(contacts, max(_SAME_PLACE * contacts.extent, resolution_of(contacts)))
     reach = _NOISE_REACH * (position_noise or 0.0)
     if len(merged) < 2 or not merged.spacing < reach < np.inf:

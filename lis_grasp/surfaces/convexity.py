@@ -10,8 +10,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.surfaces.kernel_mean import NEGLIGIBLE
 from lis_grasp.typing import FloatArray, IndexArray
 
-# |beta*| stays below 1: at 1, f between two contacts straight opposite each other would be exactly
-# 0, which a mesher takes for surface.
+# Bound of |beta*|: at 1, f between two exactly opposite contacts would be 0, a false surface.
 MAX_CONVEXITY = 0.98
 
 # Floor of the angular width, eq. 13, which otherwise underflows to 0 a few sigma off the plane.
@@ -30,11 +29,9 @@ class Convexity:
     axes are needed and no angle is computed.
     """
 
-    # (N + 1,): contact i owns the rows starts[i]:starts[i + 1] of the arrays below, one row for
-    # each neighbour j
+    # (N + 1,): contact i owns the rows starts[i]:starts[i + 1] below, one for each neighbour j
     starts: IndexArray
-    # (P, 3) from c_i to c_j projected on the tangent plane of i, unit; 0 where c_j is straight
-    # above or below
+    # (P, 3), unit: from c_i to c_j in the tangent plane of i; 0 if c_j is straight above or below
     directions: FloatArray
     log_heights: FloatArray  # (P,) log sigma_h of eq. 12
     # (P,) 1 / (4 sigma_w^2) of eq. 13: the kernel is exp(-sharpness (1 - cos phi))

@@ -33,11 +33,10 @@ _KERNELS: dict[KernelName, type[SquaredExponential] | type[Matern52] | type[Thin
     "thin_plate": ThinPlate,
 }
 
-# Length of each kernel, in units of the largest distance between two contacts; of the thin plate,
-# in diagonals of the bounds: with gradient blocks its matrix is positive definite only if the
-# length exceeds the largest distance by about a third. Chosen on eight objects of 0.2 m, five walks
-# each. Lengths of maximum marginal likelihood or leave-one-out density suit faces, where contacts
-# are, and lose edges (matern52: 6.5 and 6.3 mm rms there, instead of 5.8 mm).
+# Length of each kernel, in largest distances between two contacts; of the thin plate, in diagonals
+# of the bounds: its matrix is positive definite only above about 4/3 of the largest distance.
+# Chosen on eight objects of 0.2 m, five walks each. Maximum marginal likelihood and leave-one-out
+# density lose edges (matern52: 6.5 and 6.3 mm rms there, instead of 5.8 mm).
 _LENGTHS: dict[KernelName, float] = {"rbf": 0.4, "matern52": 0.8, "thin_plate": 1.5}
 
 # Below this slope the gradient does not locate the surface.

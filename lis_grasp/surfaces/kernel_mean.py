@@ -57,10 +57,8 @@ class KernelMean:
         return near, exponents
 
     def _near(self, points: FloatArray) -> IndexArray:
-        """Return the nodes whose kernel is not negligible at some of the points.
-
-        A point at a distance d from its nearest node needs those within sqrt(d^2 + reach^2).
-        """
+        """Return the nodes whose kernel is not negligible at some of the points."""
+        # A point at a distance d from its nearest node needs those within sqrt(d^2 + reach^2).
         center = 0.5 * (points.min(axis=0) + points.max(axis=0))
         radius = np.linalg.norm(points - center, axis=1).max()
         nearest = self._tree.query(center)[0] + radius

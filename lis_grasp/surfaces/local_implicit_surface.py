@@ -13,12 +13,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.convexity import Convexity
 from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
-from lis_grasp.surfaces.queries import (
-    BlockwiseSurface,
-    flat_points,
-    require_contacts,
-    require_range,
-)
+from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
 Beta = Literal["corrected", "as_published", "none"]
@@ -29,8 +24,7 @@ _BETA_SIGN: dict[Beta, float] = {"corrected": -1.0, "as_published": 1.0, "none":
 _SIGMA = 0.2
 
 # Error of the surface at distance d from the nearest contact, in units of d^2 / spacing. It bounds
-# 70 % of the surface of eight fully explored solids, with noise and without; twice as much bounds
-# 90 %. Half explored it is 63 % and 86 %.
+# 70 % of the surface of eight fully explored solids (half explored: 63 %), twice as much 90 %.
 _EXTRAPOLATION_ERROR = 0.27
 
 # Nearer than this to a contact's axis, in heights above it, directions are rounding.
@@ -100,11 +94,9 @@ class LocalImplicitSurface(BlockwiseSurface):
         InvalidOptionError
             If an option is outside its range or set.
         """
-        require_contacts(contacts)
         merged = merge_duplicates(contacts, position_noise)
         spacing = spacing_of(merged)
-        if sigma is None:
-            sigma = _SIGMA * spacing
+        sigma = _SIGMA * spacing if sigma is None else sigma
         require_range("sigma", sigma, unit="m", above_zero=True)
         if beta not in _BETA_SIGN:
             raise InvalidOptionError.not_one_of("beta", beta, _BETA_SIGN)
@@ -148,10 +140,7 @@ class LocalImplicitSurface(BlockwiseSurface):
     def _local_shape(
         self, i: int, offsets: FloatArray, *, with_gradient: bool
     ) -> tuple[FloatArray, FloatArray]:
-        """Return beta_i y_i at offsets from contact i, shape (R, 3), and its gradient.
-
-        On the plane of the contact, where beta_i jumps, the one-sided gradients are averaged.
-        """
+        """Return beta_i y_i at offsets (R, 3) from contact i and its gradient (mean at jumps)."""
         normal = self.normals[i]
         heights = offsets @ normal  # y_i, eq. 8
         if self.convexity is None:

@@ -15,8 +15,8 @@ from lis_grasp.typing import FloatArray, IndexArray
 # Prior standard deviation of curvature, in 1/spacing.
 _CURVATURE = 2.0
 
-# A surface's departure from its quadric at a distance of one spacing, in spacings; it grows with
-# the third power of distance, that of its normal, three times as large, with the second.
+# Departure of a surface from its quadric at one spacing, in spacings; it grows with the third power
+# of distance, and that of the normal, three times as large, with the second.
 _THIRD_ORDER = 0.01
 
 # Less noise than this (in spacings and rad) makes the equations ill-conditioned.

@@ -37,8 +37,7 @@ _PARALLEL = 0.2
 _CLEAR = 0.01
 _SUPPORT_ERROR = 0.1
 
-# Larger expressions (patches of all intersections, intersections of all contacts) fit no object and
-# take minutes. 400 touches of solids make 60 to 190, 2000 so noisy that they make 992 patches 6000.
+# More terms fit no object and take minutes. 400 touches of solids make 60 to 190, 2000 noisy 6000.
 _MOST_TERMS = 200_000
 
 
@@ -145,8 +144,8 @@ def build_expressions(
 def _convex_cuts(edges: EdgePairs, values: FloatArray, spacing: float) -> BoolArray:
     """Return which patches may cut the patch of each contact, shape (N, K).
 
-    Those of its convex pairs. And, since an edge extends beyond its touched parts, those that its
-    patch meets at convex edges elsewhere, if their surface is below the contact and within reach.
+    Those of its convex pairs; and those that its patch meets at convex edges elsewhere, if their
+    surface is below the contact and within reach.
     """
     cuts = np.zeros(values.shape, dtype=bool)
     convex = edges.kind < 0
@@ -162,10 +161,7 @@ def _below(
     values: FloatArray,
     height: float,
 ) -> BoolArray:
-    """Return which contacts are lower than a height in which terms, shape (N, terms).
-
-    Evaluated where a term is joined to a contact of the same patch; False elsewhere.
-    """
+    """Return which contacts are below a height in terms joined to their patch, (N, terms)."""
     below = np.zeros(joined.shape, dtype=bool)
     for k in np.flatnonzero(joined.any(axis=0)):
         rows = np.flatnonzero(np.isin(patches, patches[joined[:, k]]))

@@ -16,12 +16,7 @@ from lis_grasp.surfaces.local_quadrics import LocalQuadrics
 from lis_grasp.surfaces.patch import Patch, values_of_patches
 from lis_grasp.surfaces.patch_csg import EdgePairs, Expression, build_expressions
 from lis_grasp.surfaces.patch_segmentation import REACH, ContactPairs, find_patches
-from lis_grasp.surfaces.queries import (
-    BlockwiseSurface,
-    flat_points,
-    require_contacts,
-    require_range,
-)
+from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Widths of the kernels that blend quadrics in a patch, and expressions of contacts, in spacings.
@@ -32,9 +27,8 @@ _SIGMA = 0.2
 _POSITION_NOISE = 0.01  # in spacings
 _NORMAL_NOISE = 0.05  # [rad]
 
-# More patches fit no object and take minutes. Random contacts on a sphere leave isolated ones, 1 %
-# of them, with patches of their own: of many contacts so many may be alone. Values of all patches
-# at all contacts must fit into memory.
+# More patches fit no object and take minutes; of many contacts, this fraction may be isolated (1 %
+# on a sphere). Values of all patches at all contacts must fit into memory.
 _MOST_PATCHES, _MOST_PATCHES_OF_CONTACTS = 1000, 0.02
 _MOST_VALUES = 200_000_000
 
@@ -92,7 +86,6 @@ class PatchImplicitSurface(BlockwiseSurface):
         EstimationError
             If contacts contradict each other so much that they have hardly a patch in common.
         """
-        require_contacts(contacts)
         merged = merge_duplicates(contacts, position_noise)
         points, normals, spacing = merged.points, merged.normals, spacing_of(merged)
         if position_noise is None:
@@ -179,10 +172,7 @@ class PatchImplicitSurface(BlockwiseSurface):
     def _fields(
         self, near: IndexArray, evaluate: Callable[[Patch], tuple[FloatArray, FloatArray]]
     ) -> dict[int, tuple[FloatArray, FloatArray]]:
-        """Evaluate contacts' expressions: values (P,), and attributes (P, K) of the active patch.
-
-        `evaluate` returns a patch's values, shape (P,), and attributes, shape (P, K).
-        """
+        """Evaluate contacts' expressions; values (P,) and attributes (P, K), as from `evaluate`."""
         used = sorted({int(k) for k in self.expression_of[near]})
         terms = sorted({term for k in used for term in self.expressions[k]})
         involved = sorted({p for term in terms for p in term})

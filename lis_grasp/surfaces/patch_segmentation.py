@@ -26,8 +26,7 @@ _ASYMMETRY = 0.08
 _EDGE_ASYMMETRY = 0.6
 _PAIR_LIMIT = 2.0
 
-# Prior log odds that neighbouring contacts are on one patch, and their slope with the angle between
-# normals [1/rad]: even at 37 degrees, 33 to 1 against at 90.
+# Prior log odds of one patch for neighbours, and their slope with the angle of normals [1/rad].
 _PRIOR = 2.5
 _PRIOR_SLOPE = 12.0 / np.pi
 
