@@ -184,17 +184,9 @@ def _point_of(geometry: LinkGeometry) -> FloatArray:
 
 
 def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
-    match geometry.kind:
-        case "box":
-            return fcl.Box(*geometry.dimensions)
-        case "sphere":
-            return fcl.Sphere(*geometry.dimensions)
-        case "cylinder":
-            return fcl.Cylinder(*geometry.dimensions)
-        case "capsule":
-            return fcl.Capsule(*geometry.dimensions)
-        case "mesh":
-            return mesh_to_BVH(geometry.mesh)
+    if geometry.kind == "mesh":
+        return mesh_to_BVH(geometry.mesh)
+    return getattr(fcl, geometry.kind.capitalize())(*geometry.dimensions)
 
 
 def _outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:

@@ -12,22 +12,15 @@ from typing import Any
 import numpy.typing as npt
 
 from lis_grasp.hands.hand_file import read_hand_file
-from lis_grasp.hands.hand_parts import (
-    HandKind,
-    Inertial,
-    Joint,
-    LinkGeometry,
-    Pad,
-    ProbePosture,
-    joints_to,
-)
+from lis_grasp.hands.hand_parts import HandKind, Pad, ProbePosture, joints_to
 from lis_grasp.hands.kinematics import Kinematics
+from lis_grasp.hands.link_tree import HandModel
 from lis_grasp.records import reduce_record
 from lis_grasp.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Hand:
+class Hand(HandModel):
     """A robot hand, read by `Hand.load` from a URDF or SDF and one YAML file.
 
     Frames: O the frame in which poses are given (the object's, or any other), H the palm frame,
@@ -65,14 +58,6 @@ class Hand:
 
     name: str
     kind: HandKind
-    joint_names: tuple[str, ...]
-    lower: FloatArray
-    upper: FloatArray
-    effort_limits: FloatArray
-    links: tuple[str, ...]
-    joints: tuple[Joint, ...]
-    inertials: Mapping[str, Inertial]
-    link_geometries: tuple[LinkGeometry, ...]
     pads: tuple[Pad, ...]
     X_LH: FloatArray
     approach_H: FloatArray

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NoReturn
@@ -19,7 +18,7 @@ from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_tree import HandModel, rpy_pose
 from lis_grasp.hands.model_uri import resolve_uri
 from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
-from lis_grasp.records import read_only
+from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
 # A posture may be this far outside the limits [rad or m]: numbers are written with few digits.
@@ -77,7 +76,7 @@ class _Assembly:
         if not model.link_geometries:
             self._fail("urdf", "must give links collision bodies; it gives none")
         return {
-            **{field.name: getattr(model, field.name) for field in fields(model)},
+            **fields_of(model),
             "name": entry.name,
             "kind": entry.kind,
             "pads": self._pads(),

@@ -67,8 +67,7 @@ class LinkGeometry:
     link: str
     X_LG: FloatArray  # (4, 4): pose of the body's frame G in the link frame
     kind: GeometryKind
-    # [m] box: its three sides; sphere: radius; cylinder and capsule: radius and length along z (of
-    # the capsule's straight part); mesh: empty
+    # [m] box: sides; sphere: radius; cylinder, capsule: radius, (straight) length on z; mesh: empty
     dimensions: tuple[float, ...]
     mesh: trimesh.Trimesh  # the body as a closed triangle mesh in G [m]
 

@@ -12,8 +12,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import LinkGeometry
 from lis_grasp.typing import FloatArray
 
-# Nodes of the grid along the object's largest extent, or along the radius of the largest ball of
-# the hand if that is longer.
+# Grid nodes along the object's largest extent, or the hand's largest ball radius if longer.
 _NODES = 32
 _SURFACE_STEP = 0.8  # between sampled points of the surface, in cells of the grid
 _SPACING = 1.0  # between balls of a long link, in radii
@@ -114,8 +113,7 @@ def _distances_to_solid(
     nodes = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
     near, _ = cKDTree(fine.vertices).query(lowest + cell * nodes.reshape(-1, 3))
     distances = near.reshape(shape)
-    # Regions of free nodes without connection to the border are inside. Of two neighbours on either
-    # side of the surface one is within half a cell of a point of it, so within a cell of a vertex.
+    # Of neighbours across the surface one is within a cell of a vertex: this separates the inside.
     regions, _ = ndimage.label(distances > cell)
     outside = (regions == 0) | (regions == regions[0, 0, 0])
     signed = np.where(outside, distances, _SURFACE_STEP * cell - distances)
