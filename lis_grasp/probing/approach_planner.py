@@ -17,8 +17,7 @@ from lis_grasp.typing import BoolArray, FloatArray
 
 # Rotations about the finger, +x, shape (8, 3, 3).
 _ROLLS = Rotation.from_rotvec(np.pi / 4.0 * np.arange(8)[:, None] * np.eye(3)[0]).as_matrix()
-# Spacing of the points that represent the hand, and of its poses along the approach; links are
-# thicker than either [m].
+# Spacing of the hand's points, and of its poses along the approach; links are thicker [m].
 _POINT_SPACING, _POSE_SPACING = 0.015, 0.01
 # Finger directions oblique and perpendicular to the motion, +x: 45 and 90 degrees, all around.
 _AROUND = np.pi / 3.0 * np.arange(6)

@@ -142,26 +142,28 @@ class GuardedMotion:
         at_table = touched is None and length < probe.standoff
         return Course(probe, approach, True, travelled, length - travelled, touched, at_table)
 
-    def missed(self, course: Course, obstacles: ObstacleModel | None) -> ProbeOutcome:
-        """Return the outcome of a motion without contact: the free space that it swept."""
+    def outcome(
+        self, probe: Probe, obstacles: ObstacleModel | None
+    ) -> tuple[ProbeOutcome, Course | None]:
+        """Return the outcome of a probe as if no link touched, and its course if it has one."""
+        course = self.run(probe, obstacles)
+        if isinstance(course, str):
+            return ProbeOutcome(probe, "blocked", reason=course), None
         free_points, free_radii = self._free_space(course, obstacles)
-        return ProbeOutcome(
-            course.probe,
+        missed = ProbeOutcome(
+            probe,
             "blocked" if course.at_table else "missed",
             free_points=free_points,
             duration=course.duration,
             reason=AT_TABLE if course.at_table else "",
             free_radii=free_radii,
         )
+        return missed, course
 
     def _free_space(
         self, course: Course, obstacles: ObstacleModel | None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the free balls of a course: centres (K, 3) in O, and radii (K,) [m].
-
-        Those of the leading sphere come first, along the whole course; then the balls inside all
-        links that overlap the object's ball.
-        """
+        """Return a course's free balls, the leader's first: centres (K, 3) in O, radii (K,)."""
         balls = self._balls[course.approach.posture.finger]
         X_OH = course.poses()
         centers = (balls[:, :3] @ X_OH[:, :3, :3].transpose(0, 2, 1)) + X_OH[:, None, :3, 3]
@@ -195,8 +197,7 @@ class GuardedMotion:
         for approach in self._planner.starts(probe):
             radius = approach.posture.radius
             if radius not in inside:
-                # A hand that does not cross the surface is all inside or all outside: one point
-                # decides.
+                # A hand that does not cross the surface is all inside or all outside.
                 center = probe.start - radius * probe.direction
                 inside[radius] = any_inside(self._mesh, center[None])
             if not inside[radius] and not self._place(approach, approach.X_OH):

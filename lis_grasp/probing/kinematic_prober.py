@@ -58,11 +58,8 @@ class KinematicProber:
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`."""
-        course = self._motion.run(probe, obstacles)
-        if isinstance(course, str):
-            return ProbeOutcome(probe, "blocked", reason=course)
-        missed = self._motion.missed(course, obstacles)
-        if course.touched is None:
+        missed, course = self._motion.outcome(probe, obstacles)
+        if course is None or course.touched is None:
             return missed
         touches = [(course.until_contact, course.touched)]
         longest = 0.0
@@ -175,10 +172,7 @@ class FingerExtender:
 
 
 def _largest_radius(hand: Hand, index: int) -> float:
-    """Return the largest motion of any point of the hand's bodies by a joint [m/rad or m/m].
-
-    Joints that follow it count too.
-    """
+    """Return the largest motion of the hand's bodies by a joint and its mimics [m/rad or m/m]."""
     return sum(
         abs(joint.multiplier) * _radius_about(hand, joint)
         for joint in hand.joints

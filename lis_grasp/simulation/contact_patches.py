@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.typing import FloatArray, IntArray
 
-# A fingertip of 12 mm pressed in by 0.3 mm spans 13 deg to either side of its mean normal on a ball
-# of its own size. Faces that differ by more than this belong to different sides of an edge.
+# Normals farther apart than this are on two sides of an edge: a 12 mm fingertip pressed 0.3 mm into
+# a ball of its own size spans 13 deg to either side.
 _SPLIT_ANGLE = np.deg2rad(35.0)
 # Parts smaller than this fraction of the patch are dropped: they do not locate their face.
 _LEAST_FRACTION = 0.2

@@ -46,21 +46,12 @@ class DynamicProber:
 
     Parameters
     ----------
-    hand
-        The hand; it needs a probe posture. The first finger with an approach leads.
-    mesh
-        The true object in O [m], watertight.
+    hand, mesh
+        The hand and the true object; requirements and errors as of `KinematicProber`.
     free
         Makes the object free to move on a table; None fixes it. Contacts are in the object's frame
         at that time. Each probe starts with the object at its first pose. A touch that topples it
         is not used.
-
-    Raises
-    ------
-    InvalidHandError
-        If the hand has no probe posture.
-    InvalidMeshError
-        If the mesh is not watertight.
     """
 
     def __init__(
@@ -80,11 +71,8 @@ class DynamicProber:
         SimulationError
             If Drake's solver fails.
         """
-        course = self._motion.run(probe, obstacles)
-        if isinstance(course, str):
-            return ProbeOutcome(probe, "blocked", reason=course)
-        missed = self._motion.missed(course, obstacles)
-        if course.touched is None:
+        missed, course = self._motion.outcome(probe, obstacles)
+        if course is None or course.touched is None:
             return missed
         patches, X_WO, hand_pose = self._touch(course)
         moved, tilt = self._displacement()

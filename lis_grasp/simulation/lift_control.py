@@ -24,8 +24,8 @@ _CONE_FRACTIONS = (0.6, 0.8, 1.0)
 _ENOUGH = 0.9  # fraction of the wanted grip that a narrower cone must give
 # Fraction of the joint efforts for the squeeze: the springs need some to keep the posture.
 _EFFORT_FRACTION = 0.9
-# Fraction of the difference to the measured posture by which the springs' rest posture moves in
-# each command of the squeeze: fingers settle where the object is, not where the estimate was.
+# Fraction by which a squeeze command moves the springs' rest posture to the measured one: fingers
+# settle where the object is, not where the estimate was.
 _YIELD = 0.1
 # Weights of a searching pad's sideways motion [1] and of joint motion [m] against its progress.
 _SIDEWAYS_WEIGHT, _STEP_WEIGHT = 0.3, 3e-3
@@ -148,10 +148,7 @@ class FingerControl:
         return _FingerContact(contact.link, p_L, contact.normal)
 
     def _search(self, finger: str, distance: float) -> None:
-        """Move a finger's pad against its planned normal by `distance`, within the joint limits.
-
-        Sideways motion costs little, so a finger at a limit may deviate.
-        """
+        """Move a pad against its planned normal by `distance`; at a joint limit it may deviate."""
         pad, joints = self._pads[finger], self._joints[finger]
         J = self._scene.jacobian(pad.link, pad.center_L)[:, joints]  # (3, K)
         n = self._planned_normals[finger]
@@ -194,8 +191,7 @@ class FingerControl:
             total = -float(np.sum(forces * normals))
             if total >= _ENOUGH * wanted:
                 return forces
-        # Without balance, as when a jaw first touches a rod at one end of each finger: the least
-        # unbalanced squeeze of full strength; table and palm take the rest.
+        # Without balance: the least unbalanced full squeeze; table and palm take the rest.
         return forces * (wanted / total)
 
     def _efforts(self, forces: dict[str, FloatArray]) -> FloatArray:

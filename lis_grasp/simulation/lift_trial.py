@@ -18,8 +18,7 @@ from lis_grasp.typing import FloatArray
 # Fingers are commanded at this rate, the wrist in each time step.
 _CONTROL_RATE = 100.0  # [Hz]
 _SETTLE_TIME = 0.1  # [s]
-# An object that has moved by more than this [m] while it settles may be falling: it gets the time
-# of a fall [s].
+# An object that settles by more than this [m] may be falling: it gets the time of a fall [s].
 _SETTLED, _FALL_TIME = 0.001, 0.5
 _CLOSING_LIMIT = 4.0  # [s], longer than any finger needs
 _LEAST_FORCE = 0.05  # [N] of a link that counts as touching
