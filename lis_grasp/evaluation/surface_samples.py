@@ -7,8 +7,7 @@ import trimesh
 
 from lis_grasp.typing import FloatArray, IndexArray
 
-# Fractional steps of the two-dimensional golden sequence (Roberts 2018, "R2"): 1/g and 1/g^2 with
-# g^3 = g + 1.
+# Steps of the golden sequence in two dimensions (Roberts 2018, "R2"): 1/g, 1/g^2, g^3 = g + 1.
 _STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
 

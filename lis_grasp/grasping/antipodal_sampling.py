@@ -11,8 +11,7 @@ from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.hands.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray
 
-# Contacts oppose each other if their normals do, within these angles [rad]: the first for the point
-# straight across from the thumb, the second for each finger, which may be on a face of its own.
+# Largest angles [rad] between opposed normals: straight across from the thumb, and of each finger.
 _OPPOSED_ANGLE, _FINGER_ANGLE = np.deg2rad(38.0), np.deg2rad(48.0)
 # The thumb pushes sideways: its normal is at most this far from the horizontal.
 _STEEPEST = np.sin(np.deg2rad(40.0))

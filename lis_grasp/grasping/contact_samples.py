@@ -9,14 +9,12 @@ from scipy.spatial import cKDTree
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 _SAMPLES = 4000
-# A pad needs a flat surface under it: normals within this radius [m] differ by no more than this
-# angle [rad] from the one in the middle. Across a bend, normals on opposite sides are tilted alike
-# within the same angle. Averted normals belong to the far side of a thin object and do not count.
+# Flat enough for a pad: normals within this radius [m] differ by at most this angle [rad] from the
+# middle one. Averted normals belong to the far side of a thin object and do not count.
 _FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
 _AVERTED = np.cos(np.deg2rad(100.0))
 _BULGE = 0.0005  # [m] by which the surface round a bend's sample may rise above its tangent plane
-# Edges whose faces turn by more than 150 degrees are too sharp to press on. The threshold is of the
-# length of their normals' sum, which is 0 between triangles without area.
+# Edges of more than 150 degrees are too sharp to press on: least length of their normals' sum.
 _BLADE = 2.0 * np.cos(np.deg2rad(150.0) / 2.0)
 _EDGE_STEP = 0.001  # [m] between points that are sampled along a sharp edge
 SEARCH_RADIUS = 0.005

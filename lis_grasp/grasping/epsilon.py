@@ -76,8 +76,7 @@ def epsilon_by_convex_hull(
     try:
         hull = ConvexHull(wrenches)
     except QhullError:
-        # Contacts of high symmetry have facets of many coplanar points, whose merging can fail;
-        # joggled by some 1e-11 (the same way each time) they have simple facets only.
+        # Merging coplanar points of symmetric contacts can fail: joggle by some 1e-11, repeatably.
         hull = ConvexHull(wrenches, qhull_options="QJ")
     # A facet is {x : n x + d <= 0} with unit n, so the origin is at depth -d inside it.
     return float(max(-hull.equations[:, -1].max(), 0.0))

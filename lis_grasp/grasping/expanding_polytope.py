@@ -13,8 +13,7 @@ from scipy.spatial import ConvexHull
 from lis_grasp.records import subset_of
 from lis_grasp.typing import FloatArray, IndexArray
 
-# For directions (b, 6) and the bodies (b,) that they are for: the point (b, 6) of each body that is
-# farthest along its direction.
+# Directions (b, 6) and their bodies (b,) -> each body's farthest point (b, 6) along its direction.
 Farthest = Callable[[FloatArray, IndexArray], FloatArray]
 
 LEAST_RADIUS = 1e-4
@@ -25,8 +24,7 @@ _TOGETHER = 40
 _MOST_POINTS = 249 - _CORNERS
 # A point sees a facet if it is beyond it by more than this fraction of the facet's distance.
 _SEEN = 1e-9
-# Wrenches of one contact are coplanar: vertices are moved by this much along each axis, so that no
-# facet is degenerate.
+# Wrenches of one contact are coplanar: vertices move by this much, so that no facet is degenerate.
 _JOGGLE = 1e-6
 
 
@@ -89,8 +87,7 @@ def _expand(farthest: Farthest, count: int, tolerance: float) -> FloatArray:
         confirmed = (facets.vertices[nearest] >= _CORNERS).all(axis=1)
         radii[bodies] = np.where(confirmed, 1.0 / length, 0.0)
         beyond = _beyond(v, points, tolerance)
-        # A vertex cannot be beyond its own polytope: rounding at nearly degenerate facets has
-        # misled about which facets a vertex sees.
+        # A vertex is never beyond its own polytope, except by rounding at degenerate facets.
         again = (np.abs(corners[:step, bodies] - points).max(axis=-1) < _JOGGLE).any(axis=0)
         degenerate[bodies[beyond & again]] = True
         corners[step, bodies] = points
@@ -191,16 +188,12 @@ def _grow(facets: _Facets, apexes: FloatArray, number: int) -> _Facets:
 
 
 def _rim(facets: _Facets) -> tuple[IndexArray, IndexArray]:
-    """Return ridges that only one facet has: the facet, and its vertex that the ridge lacks.
-
-    A ridge is five of a facet's vertices.
-    """
+    """Return ridges (five vertices) of only one facet: the facet, and the vertex they lack."""
     order = np.argsort(facets.vertices, axis=1)
     ordered = np.take_along_axis(facets.vertices, order, axis=1)  # (F, 6)
     digits = 256 ** np.arange(5)
     lower, upper = ordered[:, :-1] * digits, ordered[:, 1:] * digits
-    # Keys of ridges without the j-th vertex: vertices before it keep their digit, those after it
-    # move down by one.
+    # Keys of ridges without the j-th vertex: later vertices move down by one digit.
     before = np.concatenate([np.zeros((len(ordered), 1), np.int64), lower.cumsum(axis=1)], axis=1)
     after = np.concatenate(
         [upper[:, ::-1].cumsum(axis=1)[:, ::-1], np.zeros((len(ordered), 1), np.int64)], axis=1

@@ -95,10 +95,7 @@ def resisted_force(
 
 
 def _cancelling_weights(W: FloatArray) -> FloatArray | None:
-    """Return positive weights (K,) of sum 1 with ``weights @ W = 0`` and the largest least weight.
-
-    None where there are none, or where W (K, 6) does not span all dimensions.
-    """
+    """Return weights (K,) above 0, of sum 1, with ``weights @ W = 0``; None if rank(W) < 6."""
     if not span_all_dimensions(W):
         return None
     count = len(W)

@@ -20,14 +20,12 @@ from lis_grasp.grasping.surface_uncertainty import UncertainSurface
 from lis_grasp.hands.hand import Hand
 from lis_grasp.typing import FloatArray
 
-# Normals of contacts are known to a few degrees only: robust qualities use this fraction of the
-# friction.
+# Normals are known to a few degrees only: robust qualities use this fraction of the friction.
 _ROBUST_FRACTION = 0.5
 # Sampled surfaces per estimate; on each of them epsilon may be too small by this fraction.
 _SAMPLES = 32
 _COARSE = 0.05
-# A flat pad resists turning about its normal with about this lever [m]: a patch of 9 mm radius
-# under even pressure, two thirds of the radius (Howe and Cutkosky 1996).
+# Torsional lever of a flat pad [m]: 2/3 of a contact radius of 9 mm (Howe and Cutkosky 1996).
 _FLAT_PAD_LEVER = 0.006
 
 SUCCESS_MODEL = json.loads(Path(__file__).with_name("success_model.json").read_text("utf-8"))

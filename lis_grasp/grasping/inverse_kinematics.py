@@ -15,8 +15,7 @@ from lis_grasp.typing import FloatArray, IndexArray
 
 _ITERATIONS = 40
 _DAMPING = 1e-3
-# A candidate has converged once a step lowers its cost by less than the first fraction. It is stuck
-# once its damping exceeds the second number.
+# Converged: a step lowers the cost by less than this fraction; stuck: more damping than this.
 _SETTLED, _STUCK = 1e-5, 1e3
 # Units of the residuals: a pad off by 1 mm weighs as much as a contact outside its pad by 0.1 (in
 # the cosine), a joint 0.7 rad (or 7 cm) off its start, or a palm turned by 0.5 rad.

@@ -10,8 +10,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.typing import FloatArray
 
-# Errors of an estimate are correlated over this fraction of the object's largest extent: the usual
-# spacing of touches.
+# Correlation length of an estimate's errors, in largest extents: the usual spacing of touches.
 _CORRELATION_FRACTION = 0.25
 
 
@@ -69,10 +68,7 @@ class UncertainSurface:
 
 
 def _gradients(mesh: trimesh.Trimesh, values: FloatArray) -> FloatArray:
-    """Return the gradient (V, 3) along a mesh of values (V,) that are linear on its triangles.
-
-    The mean over the triangles at a vertex, by area; 0 at a vertex without any.
-    """
+    """Return the gradient (V, 3) along a mesh of piecewise linear values (V,), averaged by area."""
     first, second, third = np.moveaxis(mesh.triangles, 1, 0)
     opposite = np.stack([third - second, first - third, second - first], axis=1)  # (F, 3, 3)
     turned = np.cross(mesh.face_normals[:, None], opposite)

@@ -18,8 +18,8 @@ from lis_grasp.typing import BoolArray, FloatArray
 # Side of a coarse cell, in cells.
 COARSE = 4
 
-# A coarse cell without a change of sign may hold a sheet thinner than itself. It is refined if the
-# surface is, by the typical slope, nearer to a corner than this fraction of its side.
+# A coarse cell without a change of sign may hold a thin sheet. It is refined if the surface is, by
+# the typical slope, nearer to a corner than this fraction of its side.
 _NEARNESS = 0.5
 
 

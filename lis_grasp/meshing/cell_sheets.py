@@ -53,10 +53,7 @@ def _face_layout(face: int) -> tuple[list[int], list[int]]:
 
 @lru_cache(maxsize=1)
 def _tables() -> tuple[ByteArray, BoolArray]:
-    """Return sheets (256, 64, 12) and doubled faces (256, 64, 6) for all corners and flips.
-
-    The number of a sheet is its least edge. A face is doubled if its two lines are on one sheet.
-    """
+    """Return sheets (256, 64, 12), by least edge, and faces with a sheet twice (256, 64, 6)."""
     config = np.arange(256)[:, None]
     flips = np.arange(64)[None, :]
     links = []  # (edge, edge, where they are linked (256, 64))

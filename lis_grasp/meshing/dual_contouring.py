@@ -65,10 +65,9 @@ def _sheets(inside: BoolArray, crossings: Crossings, grid: Grid) -> Sheets:
 
 
 def _split_quads(corners: IndexArray, vertices: FloatArray, crossings: Crossings) -> IndexArray:
-    """Cut each quad (E, 4) into two triangles, along the better diagonal; shape (2 E, 3).
+    """Cut each quad (E, 4) into two triangles, shape (2 E, 3), along the better diagonal.
 
-    Better is the diagonal whose worse triangle agrees better with the surface's normal at the
-    crossing of the quad's grid edge: it is along a sharp edge, not across, and avoids folds.
+    Its worse triangle agrees better with the normal at the crossing: it is along a sharp edge.
     """
     choices = [corners[:, order].reshape(-1, 2, 3) for order in _DIAGONALS]
     first, second = (_agreement(choice, vertices, crossings.normals) for choice in choices)

@@ -147,10 +147,8 @@ def _require_surface(field: Field, grid: Grid, values: FloatArray) -> None:
 def _supported_faces(vertices: FloatArray, faces: IndexArray, uncertainty: FloatArray) -> BoolArray:
     """Return which triangles (F, 3) of a closed, outward mesh belong to supported parts, (F,).
 
-    An estimator may be zero far from all contacts. Such a phantom part is dropped: its least
-    uncertainty exceeds the median of the main body's. A cavity, whose triangles face inward, is
-    kept or dropped like any other part. The solid round a kept cavity is kept with it.
-    `uncertainty` (V,) [m] is that of the surface at each vertex.
+    A phantom part, far from all contacts, is dropped: its least uncertainty exceeds the median of
+    the main body's. The solid round a kept cavity is kept. `uncertainty` is of vertices, (V,) [m].
     """
     count, part = _parts(len(vertices), faces)
     if count == 1:

@@ -15,8 +15,7 @@ from lis_grasp.typing import BoolArray, FloatArray, IntArray
 
 # Squared edge lengths count this much against areas.
 _LENGTH_WEIGHT = 0.01
-# A triangle with less area than this fraction of its squared edge lengths is a sliver: its lengths
-# count fully.
+# A triangle with less area than this fraction of its squared edge lengths is a sliver.
 _SLIVER = 1e-3
 # Time grows with the cube of the loop's length: half a second here, and a fan beyond it.
 _LONGEST = 400
@@ -49,10 +48,8 @@ def _forbidden(faces: IntArray, loop: IntArray) -> BoolArray:
 
 
 def _least_area(ring: FloatArray, forbidden: BoolArray) -> IntArray | None:
-    """Return the best triangulation of a ring (n, 3) as rows of its corners; None if there is none.
-
-    cost[i, j] is that of the ring's part from i to j, closed by the chord between them.
-    """
+    """Return the best triangulation of a ring (n, 3) as rows of its corners, or None."""
+    # cost[i, j] is that of the ring's part from i to j, closed by the chord between them.
     n = len(ring)
     cost = np.full((n, n), np.inf)
     cost[np.arange(n - 1), np.arange(1, n)] = 0.0
@@ -83,10 +80,7 @@ def _least_area(ring: FloatArray, forbidden: BoolArray) -> IntArray | None:
 
 
 def _fan(vertices: FloatArray, loop: IntArray) -> tuple[IntArray, FloatArray]:
-    """Close a loop by triangles to its middle, a new vertex: always possible, if not always flat.
-
-    The middle is weighted by length, so that many short edges on one side do not pull it there.
-    """
+    """Close a loop by triangles to a new vertex, its middle weighted by edge length."""
     ring = vertices[loop]
     following = np.roll(ring, -1, axis=0)
     lengths = np.linalg.norm(following - ring, axis=1)

@@ -9,9 +9,8 @@ from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.exceptions import InvalidMeshError
 
-# Faces of solids meet along lines, or coincide: up to five crossings a face. With more than this
-# for each face of the file, solids are torn, and their union may take minutes; the second number
-# of crossings is always permitted.
+# Crossings a face: up to five where solids meet or coincide. With more than this, solids are torn
+# and their union may take minutes; the second number of crossings is always permitted.
 _MOST_CROSSINGS = 10
 _FEW_CROSSINGS = 1000
 

@@ -30,8 +30,7 @@ from lis_grasp.typing import BoolArray, FloatArray, IntArray
 
 # Vertices closer than this part of the object's size are one vertex written twice.
 _SAME_VERTEX = 1e-6
-# A part with less than this fraction of the largest volume is a speck; an object that fills less
-# than this fraction of its box is a sheet.
+# A speck has less than this fraction of the largest part's volume; a sheet, of its own box's.
 _SPECK = 1e-5
 _SHEET = 1e-4
 # Closing a loop can, at worst, make an edge with too many faces; each round repairs the last one's.
@@ -133,13 +132,11 @@ def _orient(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
                 mesh.faces[label] = mesh.faces[label][:, ::-1]
     elif signed_volume(mesh.triangles) < 0.0:
         mesh.invert()
-    turned = int(np.sum(~_same_turn(before, np.asarray(mesh.faces))))
+    after = np.asarray(mesh.faces)
+    same = _is_even(before, np.sort(before, axis=1)) == _is_even(after, np.sort(after, axis=1))
+    turned = int(np.sum(~same))
     if turned:
         repairs.append(f"turned {_count(turned, 'face')} outward")
-
-
-def _same_turn(before: IntArray, after: IntArray) -> BoolArray:
-    return _is_even(before, np.sort(before, axis=1)) == _is_even(after, np.sort(after, axis=1))
 
 
 def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:

@@ -11,16 +11,14 @@ import numpy.typing as npt
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.typing import FloatArray
 
-# Viridis (Nathaniel Smith and Stefan van der Walt, 2015, CC0) at 17 even steps; straight lines
-# between them stay within 6/255 of the whole map.
+# Viridis (Nathaniel Smith and Stefan van der Walt, 2015, CC0) at 17 steps: errors below 6/255.
 VIRIDIS = (
     "#440154", "#48186a", "#472d7b", "#424086", "#3b528b", "#33638d", "#2c728e", "#26828e",
     "#21918c", "#1fa088", "#28ae80", "#3fbc73", "#5ec962", "#84d44b", "#addc30", "#d8e219",
     "#fde725",
 )  # fmt: skip
 
-# Quantile of the values at the upper end of the scale: large values far from all contacts must not
-# compress the rest into one colour.
+# Quantile at the upper end of the scale: large values must not compress the rest into one colour.
 _SHOWN_FRACTION = 0.8
 
 

@@ -146,8 +146,7 @@ def animate(times: FloatArray, poses: Sequence[tuple[str, FloatArray]]) -> bytes
 
 
 def _draw(path: str, drawn: Any) -> bytes:
-    # meshcat names objects by time and machine (uuid1). The viewer needs names that are unique
-    # within one command; numbers give equal bytes for equal scenes.
+    # meshcat names objects by time and machine (uuid1); numbers give equal bytes for equal scenes.
     for number, part in enumerate((drawn, drawn.geometry, drawn.material)):
         part.uuid = f"00000000-0000-4000-8000-{number:012x}"
     return _pack(commands.SetObject(drawn, path=ScenePath(tuple(path.split("/")))))

@@ -77,10 +77,7 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
 def _touches(
     log: Path, contacts: Contacts, facts: Mapping[str, Any], hand: Hand
 ) -> list[ProbeOutcome | None]:
-    """Return the recorded touch of each contact; none at all if the log has other contacts.
-
-    A contact that was made later, while grasping, has no touch.
-    """
+    """Return the recorded touch of each contact; none at all if the log has other contacts."""
     try:
         outcomes = load_outcomes(log)
     except LisGraspError:  # a damaged log; the page is complete without touches
