@@ -30,7 +30,7 @@ from lis_grasp.experiments.study.comparison import (
     pairs_of,
     value_of,
 )
-from lis_grasp.experiments.study.row_keys import label
+from lis_grasp.experiments.study.study import label
 from lis_grasp.experiments.study.study_figures import draw_pictures
 from lis_grasp.experiments.study.study_tables import (
     MEASURE_LABELS,

@@ -15,6 +15,7 @@ from typing import Any, Protocol, TypeVar
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError
+from lis_grasp.experiments.optional_packages import needed_package
 from lis_grasp.experiments.trial_results import Job, TrialResults
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.worker_pool import process_count, worker_pool
@@ -108,12 +109,8 @@ class DaskCluster:
 
     def run(self, runner: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
         """Yield the result of each job; see `Scheduler`."""
-        try:
+        with needed_package("Dask", "study", option="scheduler"):
             import distributed
-        except ModuleNotFoundError:
-            raise InvalidOptionError(
-                "--scheduler needs Dask: pip install 'lis-grasp[study]'", option="scheduler"
-            ) from None
         try:
             client = distributed.Client(self.address, timeout=_CONNECT)
         except (OSError, ValueError) as error:

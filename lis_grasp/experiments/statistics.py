@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy.stats import binomtest, norm, rankdata
 from scipy.stats import t as student
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.experiments.optional_packages import needed_package
 from lis_grasp.io.json_lines import Row
 from lis_grasp.typing import FloatArray, IntArray
 
@@ -94,12 +94,8 @@ def cluster_sums(values: npt.ArrayLike, clusters: npt.ArrayLike) -> FloatArray:
 
 def holm(p_values: Sequence[float]) -> FloatArray:
     """Return p-values adjusted for a family by Holm's step-down method (Holm 1979)."""
-    try:
+    with needed_package("statsmodels", "study"):
         from statsmodels.stats.multitest import multipletests
-    except ModuleNotFoundError:
-        raise InvalidOptionError(
-            "adjusted p-values need statsmodels: pip install 'lis-grasp[study]'"
-        ) from None
     if not len(p_values):
         return np.empty(0)
     return np.asarray(multipletests(p_values, method="holm")[1])
@@ -289,10 +285,7 @@ def measure_table(rows: Sequence[Row], measure: str) -> MeasureTable:
 
 def _mean(values: FloatArray, axis: int) -> FloatArray:
     """Return the mean of the values that are not NaN; NaN if all are."""
-    known = ~np.isnan(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+    return np.asarray(np.ma.filled(np.ma.masked_invalid(values).mean(axis=axis), np.nan))
 
 
 def _of_clusters(values: npt.ArrayLike, clusters: IntArray) -> Interval:

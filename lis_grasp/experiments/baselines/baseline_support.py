@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,22 +10,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.queries import flat_points, require_contacts
 from lis_grasp.typing import FloatArray
-
-
-@contextmanager
-def needed_package(name: str) -> Iterator[None]:
-    """Turn a failed import of an optional package into an InvalidOptionError."""
-    try:
-        yield
-    except ImportError:
-        raise InvalidOptionError(
-            f"this estimator needs {name}, which is not installed: pip install"
-            " 'lis-grasp[baselines]'"
-        ) from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

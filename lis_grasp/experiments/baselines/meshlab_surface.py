@@ -12,11 +12,8 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
-from lis_grasp.experiments.baselines.baseline_support import (
-    BaselineSurface,
-    Support,
-    needed_package,
-)
+from lis_grasp.experiments.baselines.baseline_support import BaselineSurface, Support
+from lis_grasp.experiments.optional_packages import needed_package
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
 
@@ -65,7 +62,7 @@ class MeshLabSurface(BaselineSurface):
 
     @classmethod
     def _filtered(cls, contacts: Contacts, name: str, **options: Any) -> MeshLabSurface:
-        with needed_package("pymeshlab"):
+        with needed_package("pymeshlab", "baselines"):
             import pymeshlab
         support = Support.of(contacts)
         if len(support.contacts) < _LEAST_CONTACTS:

@@ -12,8 +12,9 @@ import numpy.typing as npt
 from scipy.interpolate import RBFInterpolator
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.exceptions import EstimationError
 from lis_grasp.experiments.baselines.baseline_support import BaselineSurface, Support
+from lis_grasp.experiments.optional_packages import needed_package
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
 
@@ -56,15 +57,10 @@ class OffsetSurface(BaselineSurface):
         InvalidOptionError
             If scikit-learn is not installed.
         """
-        try:
+        with needed_package("scikit-learn", "baselines"):
             from sklearn.exceptions import ConvergenceWarning
             from sklearn.gaussian_process import GaussianProcessRegressor
             from sklearn.gaussian_process.kernels import RBF, WhiteKernel
-        except ImportError:
-            raise InvalidOptionError(
-                "this estimator needs scikit-learn, which is not installed: pip install"
-                " 'lis-grasp[baselines]'"
-            ) from None
 
         def fit(points: FloatArray, values: FloatArray) -> Predict:
             kernel = RBF(0.4, (0.1, 2.0)) + WhiteKernel(1e-6, (1e-9, 1e-2))

@@ -7,17 +7,14 @@ import json
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.experiments.study.study import TRIAL_COLUMNS, Trial, label
 from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.shapes import NAMES
 
-if TYPE_CHECKING:
-    from lis_grasp.experiments.study.study import Trial
-
 KEY_LENGTH = 16
-HAND_SUFFIXES = (".yaml", ".yml")
 
 
 def row_key(trial: Trial, estimator: str) -> str:
@@ -25,30 +22,15 @@ def row_key(trial: Trial, estimator: str) -> str:
 
     An object's mesh file and a hand's YAML, URDF and SDF count by name and content, not by folder.
     """
-    facts = [
-        columns_of(trial),
-        asdict(trial.setup),
-        estimator,
-        *file_digests(trial.object, trial.hand),
-    ]
-    text = json.dumps(facts, sort_keys=True)
+    digests = file_digests(trial.object, trial.hand)
+    text = json.dumps([columns_of(trial), asdict(trial.setup), estimator, *digests], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 
 def columns_of(trial: Trial) -> dict[str, Any]:
     """Return the columns of a row that identify its trial within a study."""
-    return {
-        "object": label(trial.object),
-        "hand": label(trial.hand),
-        "touches": trial.touches,
-        "noise": trial.noise,
-        "seed": trial.seed,
-    }
-
-
-def label(name: str) -> str:
-    """Return the name of an object or a hand in rows: a built-in name, or its file's name."""
-    return Path(name).name
+    values = {name: getattr(trial, name) for name in TRIAL_COLUMNS}
+    return values | {"object": label(trial.object), "hand": label(trial.hand)}
 
 
 def file_digests(object_name: str, hand_name: str) -> tuple[str, ...]:

@@ -25,7 +25,6 @@ from lis_grasp.exceptions import (
     shown,
 )
 from lis_grasp.experiments.compared_estimators import COMPARED, Noise, compared_estimator
-from lis_grasp.experiments.study.row_keys import HAND_SUFFIXES, label
 from lis_grasp.exploration import POLICIES
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import PROBERS, RunConfig
@@ -38,6 +37,7 @@ TRUTH = "truth"
 OWN = "own"
 """In place of an explorer: each estimator drives an exploration of its own."""
 
+_HAND_SUFFIXES = (".yaml", ".yml")
 _NOISE = re.compile(r"(\d+(?:\.\d+)?)mm/(\d+(?:\.\d+)?)deg")
 _MOST_SEEDS = 100_000
 # Whole numbers of a row's columns have 64 bits.
@@ -157,6 +157,11 @@ TRIAL_COLUMNS = tuple(item.name for item in fields(Trial) if item.name != "setup
 """Columns of a row that identify its trial within a study."""
 
 
+def label(name: str) -> str:
+    """Return the name of an object or a hand in rows: a built-in name, or its file's name."""
+    return Path(name).name
+
+
 def _range_of(value: Any) -> Any:
     """Return seeds 0 to N - 1 for a number of seeds N."""
     if isinstance(value, bool) or not isinstance(value, int):
@@ -223,7 +228,7 @@ class Study(Setup):
         for level in self.noise:
             parse_noise(level)
         for hand in self.hands:
-            if Path(hand).suffix.lower() not in HAND_SUFFIXES:
+            if Path(hand).suffix.lower() not in _HAND_SUFFIXES:
                 Hand.load(hand)
         for name in self.objects:
             if Path(name).suffix.lower() not in FORMATS:
@@ -314,7 +319,7 @@ def with_absolute_paths(
     facts: dict[str, Any], folder: Path, meshes: Path | None = None
 ) -> dict[str, Any]:
     """Return the facts of a study with absolute paths; values of wrong types stay as they are."""
-    starts = {"objects": (meshes or folder, FORMATS), "hands": (folder, HAND_SUFFIXES)}
+    starts = {"objects": (meshes or folder, FORMATS), "hands": (folder, _HAND_SUFFIXES)}
 
     def absolute(key: str, name: Any) -> Any:
         start, suffixes = starts[key]

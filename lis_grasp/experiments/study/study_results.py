@@ -11,8 +11,16 @@ from typing import Any
 
 import lis_grasp
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.experiments.study.row_keys import columns_of, label, row_key
-from lis_grasp.experiments.study.study import SETTINGS, TRIAL_COLUMNS, Setup, Study, Trial
+from lis_grasp.experiments.optional_packages import needed_package
+from lis_grasp.experiments.study.row_keys import columns_of, row_key
+from lis_grasp.experiments.study.study import (
+    SETTINGS,
+    TRIAL_COLUMNS,
+    Setup,
+    Study,
+    Trial,
+    label,
+)
 from lis_grasp.experiments.study.study_trial import COLUMNS, MACHINE, TIMES
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.hands.shipped_models import HAND_NAMES
@@ -205,12 +213,7 @@ _TYPES = {
 
 
 def _pyarrow() -> tuple[ModuleType, ModuleType]:
-    try:
+    with needed_package("pyarrow", "study"):
         import pyarrow
         from pyarrow import parquet
-    except ModuleNotFoundError:
-        raise InvalidOptionError(
-            "studies keep their rows in Parquet files, which needs pyarrow:"
-            " pip install 'lis-grasp[study]'"
-        ) from None
     return pyarrow, parquet
