@@ -98,14 +98,8 @@ def _picture(shown: Sequence[tuple[Row, dict[str, Any]]]) -> bytes:
         # One colour scale for both would hide the more certain surface: no colours.
         plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
         poses = dict(zip(hand.links, link_poses(hand, grasps[0]), strict=True)) if grasps else None
-        draw_still(
-            axes,
-            truth=scene["truth"],
-            estimate=plain,
-            contacts=scene["contacts"],
-            hand=hand,
-            links=poses,
-        )
+        as_in_scene = {name: scene[name] for name in ("truth", "contacts", "hand")}
+        draw_still(axes, estimate=plain, links=poses, **as_in_scene)
         head_estimator(axes, row["estimator"])
         foot_note(axes, _result(row))
     return png_of(figure)

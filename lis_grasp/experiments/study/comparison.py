@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from operator import itemgetter
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -104,11 +105,7 @@ def compare_held(rows: Sequence[Row], reference: str) -> list[Comparison]:
 
 
 def _family(
-    rows: Sequence[Row],
-    reference: str,
-    measure: Measure,
-    kind: Kind,
-    noises: Sequence[str | None],
+    rows: Sequence[Row], reference: str, measure: Measure, kind: Kind, noises: Sequence[str | None]
 ) -> list[Comparison]:
     """Return the comparisons of a measure and kind, their p-values adjusted for each other."""
     family = [
@@ -131,16 +128,12 @@ def compare_one(
 ) -> Comparison | None:
     """Return one comparison, not adjusted for others; None without pairs."""
     chosen = [row for row in rows if noise in (None, row["noise"]) and is_kind(row, kind)]
-    known = [
-        (row, value, other)
-        for row, its in pairs_of(chosen, [estimator], reference)
-        if (value := value_of(row, measure)) is not None
-        and (other := value_of(its, measure)) is not None
-    ]
+    pairs = pairs_of(chosen, [estimator], reference)
+    known = [pair for pair in pairs if None not in (value_of(row, measure) for row in pair)]
     if not known:
         return None
-    mine = [row for row, _, _ in known]
-    values, others = (np.array([pair[k] for pair in known]) for k in (1, 2))
+    mine = [row for row, _ in known]
+    values, others = (np.array([value_of(pair[k], measure) for pair in known]) for k in (0, 1))
     clusters = clusters_of(mine)
     differences = values - others
     gains = -differences if measure in _LESS_IS_BETTER else differences
@@ -228,7 +221,12 @@ def clearest_pairs(rows: Sequence[Row], reference: str) -> list[tuple[Row, Row]]
     pairs = pairs_of(rows, [best], reference)
     won = [(mine, its) for mine, its in pairs if mine["held"] and not its["held"]]
     lost = [(its, mine) for mine, its in pairs if its["held"] and not mine["held"]]
-    return [max(found, key=_margin) for found in (won, lost) if found]
+
+    def margin(pair: tuple[Row, Row]) -> tuple[float, str]:
+        winner, loser = (row["epsilon_truth"] or 0.0 for row in pair)
+        return winner - loser, pair[0]["key"]
+
+    return [max(found, key=margin) for found in (won, lost) if found]
 
 
 def value_of(row: Row, measure: str) -> float | None:
@@ -273,18 +271,7 @@ def pairs_of(
     rows: Sequence[Row], estimators: Sequence[str], reference: str
 ) -> list[tuple[Row, Row]]:
     """Return the rows of some estimators, each with the reference's row of the same trial."""
-    theirs = {_trial_of(row): row for row in rows if row["estimator"] == reference}
-    return [
-        (row, theirs[_trial_of(row)])
-        for row in rows
-        if row["estimator"] in estimators and _trial_of(row) in theirs
-    ]
-
-
-def _trial_of(row: Row) -> tuple[Any, ...]:
-    return tuple(row[name] for name in TRIAL_COLUMNS)
-
-
-def _margin(pair: tuple[Row, Row]) -> tuple[float, str]:
-    winner, loser = pair
-    return (winner["epsilon_truth"] or 0.0) - (loser["epsilon_truth"] or 0.0), winner["key"]
+    trial_of = itemgetter(*TRIAL_COLUMNS)
+    theirs = {trial_of(row): row for row in rows if row["estimator"] == reference}
+    mine = [row for row in rows if row["estimator"] in estimators]
+    return [(row, theirs[trial_of(row)]) for row in mine if trial_of(row) in theirs]

@@ -12,20 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from lis_grasp.experiments.figures import png_of
-from lis_grasp.experiments.figures.palette import (
-    INK,
-    QUIET,
-    estimator_colour,
-    estimator_label,
-)
-from lis_grasp.experiments.figures.style import (
-    NORMAL,
-    SMALL,
-    add_panel,
-    head,
-    new_figure,
-    plain_axes,
-)
+from lis_grasp.experiments.figures.palette import INK, QUIET, estimator_colour, estimator_label
+from lis_grasp.experiments.figures.style import SMALL, add_panel, head, label_axes, new_figure
 from lis_grasp.experiments.report_page import Picture
 from lis_grasp.experiments.statistics import SuccessRate, success_rate
 from lis_grasp.experiments.study.comparison import Kind, is_kind, kinds_of, names
@@ -41,7 +29,7 @@ _BINS, _LEAST = 4, 8  # bins of equal numbers of trials, at the most; trials in 
 
 def draw_pictures(rows: Sequence[Row]) -> Iterator[Picture]:
     """Draw the figures one after the other."""
-    for noise in dict.fromkeys(row["noise"] for row in rows):
+    for noise in names(rows, "noise"):
         chosen = [row for row in rows if row["noise"] == noise]
         yield Picture(
             f"Held against touches, noise: {noise}",
@@ -80,7 +68,8 @@ def held_against_touches(rows: Sequence[Row]) -> Figure:
             places = np.arange(len(budgets)) + 0.7 * ((n + 0.5) / len(who) - 0.5)
             _rates(axes, places, held, estimator_colour(name), _MARKERS[n % len(_MARKERS)])
         axes.set_xticks(range(len(budgets)), [str(budget) for budget in budgets])
-        _finish(axes, KIND_LABELS[kind], "touches", "held [%]" if k % 2 == 0 else "")
+        head(axes, KIND_LABELS[kind])
+        label_axes(axes, "touches", "held [%]" if k % 2 == 0 else "")
         axes.set_ylim(0.0, 104.0)
     _legend(figure, who)
     return figure
@@ -108,9 +97,8 @@ def epsilon_against_truth(rows: Sequence[Row]) -> Figure:
         axes.set_ylim(-0.02 * largest, largest)
         axes.locator_params(nbins=4)
         axes.tick_params(labelleft=k % 4 == 0)
-        _finish(
-            axes, estimator_label(name), "on the estimate", "on the truth" if k % 4 == 0 else ""
-        )
+        head(axes, estimator_label(name))
+        label_axes(axes, "on the estimate", "on the truth" if k % 4 == 0 else "")
     return figure
 
 
@@ -135,8 +123,8 @@ def held_against_edge_error(rows: Sequence[Row]) -> Figure:
             _rates(axes, places, [success_rate(b) for b in bins], colour, marker)
         axes.set_ylim(0.0, 104.0)
         axes.set_xlim(left=0.0)
-        label = "edges to estimate, RMSD [mm]"
-        _finish(axes, KIND_LABELS[kind], label, "held [%]" if k % 2 == 0 else "")
+        head(axes, KIND_LABELS[kind])
+        label_axes(axes, "edges to estimate, RMSD [mm]", "held [%]" if k % 2 == 0 else "")
     _legend(figure, who, more=[Line2D([], [], color=INK, lw=2.0, label="all")])
     return figure
 
@@ -169,13 +157,6 @@ def _panels(
         left = _LEFT + across * width
         panels.append(add_panel(figure, left, bottom / total, width - 0.05, high / total))
     return figure, panels
-
-
-def _finish(axes: Axes, title: str, xlabel: str, ylabel: str) -> None:
-    plain_axes(axes)
-    head(axes, title)
-    axes.set_xlabel(xlabel, fontsize=NORMAL, color=INK)
-    axes.set_ylabel(ylabel, fontsize=NORMAL, color=INK)
 
 
 def _legend(figure: Figure, names: Sequence[str], *, more: Sequence[Line2D] = ()) -> None:

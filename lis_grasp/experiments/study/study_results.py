@@ -13,14 +13,7 @@ import lis_grasp
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.experiments.optional_packages import needed_package
 from lis_grasp.experiments.study.row_keys import columns_of, row_key
-from lis_grasp.experiments.study.study import (
-    SETTINGS,
-    TRIAL_COLUMNS,
-    Setup,
-    Study,
-    Trial,
-    label,
-)
+from lis_grasp.experiments.study.study import SETTINGS, TRIAL_COLUMNS, Setup, Study, Trial, label
 from lis_grasp.experiments.study.study_trial import COLUMNS, MACHINE, TIMES
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.hands.shipped_models import HAND_NAMES
@@ -100,12 +93,9 @@ class StudyResults:
         return found[0]
 
     def missing(self, study: Study) -> list[Job]:
-        """Return the jobs of a study that lack rows, in its order; its files must be there.
+        """Return the jobs of a study that lack rows, in its order; errors as of `read`.
 
-        Raises
-        ------
-        InvalidFileError
-            If a row cannot be read, or is of another version.
+        The study's files must be there.
         """
         known = {row["key"] for row in self.read()}
         return missing_jobs(study.trials(), study.estimators, known, row_key)

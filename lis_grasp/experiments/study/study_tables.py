@@ -92,10 +92,10 @@ def summary_table(rows: Sequence[Row], reference: str) -> TextTable:
         of = _of(rows, estimator=name)
         parts = [*(_of(of, touches=n) for n in budgets), of, *(_of(of, hand=h) for h in hands)]
         found = against.get(name)
-        last = (difference_text(found), "–" if found is None else p_value(found.p_holm))
+        last = (difference_text(found), p_value(found.p_holm) if found else "–")
         body.append((estimator_label(name), *(rate_text(success_rate(p)) for p in parts), *last))
-    head = ("estimator", *_touches(budgets), "all", *hands)
-    head = (*head, f"minus {estimator_label(reference)}", "p, Holm")
+    last = (f"minus {estimator_label(reference)}", "p, Holm")
+    head = ("estimator", *_touches(budgets), "all", *hands, *last)
     title = f"Held, in percent, and difference from {estimator_label(reference)}, in points"
     return TextTable("summary", title, head, tuple(body))
 
@@ -118,10 +118,8 @@ def differences_table(rows: Sequence[Row], reference: str) -> TextTable:
     def cell(part: Sequence[Row], name: str, noise: str) -> str:
         return difference_text(compare_one(part, name, reference, "held", kind, noise))
 
-    title = (
-        f"Held, difference from {estimator_label(reference)}, in points, with 95 % intervals:"
-        f" {KIND_LABELS[kind]}"
-    )
+    title = f"Held, difference from {estimator_label(reference)}, in points, with 95 % intervals"
+    title += f": {KIND_LABELS[kind]}"
     return _budgets_table("differences", title, rows, compared(rows, reference), cell)
 
 
@@ -179,10 +177,8 @@ def nearer_table(rows: Sequence[Row], reference: str) -> TextTable:
             for a in map(found.get, ERRORS)
         )
         body.append((title, *cells))
-    head = (
-        f"{estimator_label(reference)} and",
-        *(MEASURE_LABELS[measure].removesuffix(" [mm]") for measure in ERRORS),
-    )
+    errors = (MEASURE_LABELS[measure].removesuffix(" [mm]") for measure in ERRORS)
+    head = (f"{estimator_label(reference)} and", *errors)
     title = "Pairs of which only one held: how often the one with the smaller error"
     return TextTable("nearer", title, head, tuple(body))
 
@@ -242,9 +238,7 @@ def reasons_table(rows: Sequence[Row]) -> TextTable:
     counts = Counter((row["reason"], row["estimator"]) for row in rows)
     totals = Counter(row["reason"] for row in rows)
     ordered = sorted(totals, key=lambda reason: (reason != "held", -totals[reason]))
-    body = tuple(
-        (reason, *(str(counts[reason, name]) for name in estimators)) for reason in ordered
-    )
+    body = tuple((reason, *(str(counts[reason, n]) for n in estimators)) for reason in ordered)
     head = ("reason", *map(estimator_label, estimators))
     return TextTable("reasons", "How trials ended", head, body)
 

@@ -7,6 +7,7 @@ import json
 import platform
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from importlib import import_module
@@ -91,10 +92,8 @@ def _rows(job: Job) -> Iterator[Row]:
     for estimator in job.variants:
         watch = pipeline.Stopwatch()
         row = blank_row(trial, estimator, shape)
-        try:
+        with _failure_in(row):
             _fill(row, trial, shape, hand, estimator, watch)
-        except LisGraspError as error:
-            row |= _failure(error)
         yield row | {name: watch.seconds.get(name.removeprefix("seconds_")) for name in TIMES}
 
 
@@ -140,10 +139,8 @@ def grasp_and_lift(task: GraspTask) -> tuple[Row, dict[str, float]]:
     """Plan, evaluate the best grasp on the truth, lift with it; return columns, and times [s]."""
     watch = pipeline.Stopwatch()
     row: Row = {}
-    try:
+    with _failure_in(row):
         _fill_grasp(row, task, watch)
-    except LisGraspError as error:
-        row |= _failure(error)
     return row, watch.seconds
 
 
@@ -273,8 +270,13 @@ def _short_digest(*arrays: np.ndarray) -> str:
     return digest.hexdigest()[:KEY_LENGTH]
 
 
-def _failure(error: LisGraspError) -> Row:
-    return {"reason": FAILED, "failure": f"{type(error).__name__}: {error}"}
+@contextmanager
+def _failure_in(row: Row) -> Iterator[None]:
+    """Write an error of the block into the row."""
+    try:
+        yield
+    except LisGraspError as error:
+        row |= {"reason": FAILED, "failure": f"{type(error).__name__}: {error}"}
 
 
 @lru_cache(maxsize=1)
