@@ -32,7 +32,7 @@ from lis_grasp.experiments.figures import (
 )
 from lis_grasp.experiments.figures.convexity_figures import angular_kernel, around, tangent_axes
 from lis_grasp.experiments.figures.error_figures import error_lines
-from lis_grasp.experiments.figures.figure_inputs import explored_object, view_on
+from lis_grasp.experiments.figures.figure_inputs import view_on
 from lis_grasp.experiments.figures.object_figures import _owners, _patch_of, patch_map
 from lis_grasp.experiments.figures.painter import (
     Patches,
@@ -64,6 +64,7 @@ from lis_grasp.experiments.figures.planar_figures import (
     step_contacts,
 )
 from lis_grasp.experiments.figures.solids import two_tone_patches
+from lis_grasp.experiments.paper.paper_trials import explored
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
 from lis_grasp.typing import FloatArray
@@ -363,7 +364,7 @@ def test_unexplored_edges_get_no_lines() -> None:
 
 
 def test_the_yellow_fraction_of_the_visible_area_is_the_explored_fraction() -> None:
-    shape, walk = explored_object("box", 100)
+    shape, walk = explored("box", 100)
     contacts, mesh = walk.until(0.5), shape.mesh
     view = view_on(contacts)
     patches = two_tone_patches(view, mesh, contacts, 0.05, ("#ffff00", "#ff0000"), piece=0.001)
@@ -462,7 +463,7 @@ def test_every_figure_is_drawn_900_pixels_wide(number: int) -> None:
 
 def test_equal_seeds_draw_equal_bytes() -> None:
     def draw(seed: int) -> bytes:
-        explored_object.cache_clear()
+        explored.cache_clear()
         return png_of(FIGURES[5].draw(names=("box",), seed=seed), dots_per_inch=50)
 
     first, again, other = draw(100), draw(100), draw(101)
@@ -493,7 +494,7 @@ def test_matplotlib_is_loaded_for_figures_only_and_pyplot_never() -> None:
 
 
 def test_at_a_contact_the_map_shows_the_patch_of_the_contact() -> None:
-    contacts = explored_object("box", 0)[1].contacts
+    contacts = explored("box", 0)[1].contacts
     surface = PatchImplicitSurface.from_contacts(contacts)
     patch_of = _patch_of(surface)
     assert len(np.unique(patch_of)) == 6

@@ -102,7 +102,7 @@ def test_the_page_is_whole_and_loads_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     exact = TextTable("exact", "exact", ("",), (("0",),))
-    monkeypatch.setattr("lis_grasp.experiments.paper.paper_report.exactness_table", lambda _: exact)
+    monkeypatch.setattr("lis_grasp.experiments.paper.paper_tables.exactness_table", lambda _: exact)
     path = tmp_path / "report.html"
     failed = {
         "experiment": "few",

@@ -52,10 +52,7 @@ class OffsetSurface(BaselineSurface):
     def gaussian_process(cls, contacts: Contacts) -> OffsetSurface:
         """Regress by scikit-learn's GaussianProcessRegressor, length by its marginal likelihood.
 
-        Raises
-        ------
-        InvalidOptionError
-            If scikit-learn is not installed.
+        InvalidOptionError if scikit-learn is not installed.
         """
         with needed_package("scikit-learn", "baselines"):
             from sklearn.exceptions import ConvergenceWarning

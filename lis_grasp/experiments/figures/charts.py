@@ -56,7 +56,7 @@ def bars(values: Mapping[str, Mapping[str, Sequence[float]]], *, title: str, yla
     axes.set_xlim(-0.55, len(groups) - 0.45)
     axes.set_ylim(bottom=0.0)
     axes.set_xticks(range(len(groups)), [group.replace("_", "\n") for group in groups])
-    _finish(axes, "", ylabel)
+    style.label_axes(axes, "", ylabel)
     axes.tick_params(axis="x", length=0, labelsize=style.NORMAL)
     _head(figure, title, handles)
     return figure
@@ -80,9 +80,8 @@ def curve_panels(
     width, top = _WIDE / len(panels), 0.0
     place = np.arange(len(levels), dtype=np.float64)
     for p, (title, values) in enumerate(panels.items()):
-        axes = style.add_panel(
-            figure, _LEFT + p * width, 0.2, (0.94 if len(panels) > 1 else 1) * width, 0.56
-        )
+        wide = (0.94 if len(panels) > 1 else 1) * width
+        axes = style.add_panel(figure, _LEFT + p * width, 0.2, wide, 0.56)
         for name, table in values.items():
             mean, spread = _statistics(name, table, len(levels))
             low, high = np.maximum(mean - spread, 0.0), mean + spread
@@ -91,17 +90,14 @@ def curve_panels(
             axes.plot(place, mean, color=colour, marker=markers[name], **_CURVE)
             top = max(top, float(np.nanmax(high, initial=0.0)))
         axes.set_xticks(range(len(levels)), list(levels))
-        axes.set_xlabel(xlabel, fontsize=style.NORMAL, color=palette.INK)
         axes.set_xlim(-0.15, len(levels) - 0.85)
-        _finish(axes, title, ylabel if p == 0 else "")
+        style.label_axes(axes, xlabel, ylabel if p == 0 else "")
+        style.head(axes, title, "left")
         axes.tick_params(labelleft=p == 0)
     for axes in figure.axes:
         axes.set_ylim(0.0, 1.03 * top or 1.0)
-    handles = [
-        _handle(name, palette.estimator_label(name), marker=markers[name], **_CURVE)
-        for name in names
-    ]
-    _head(figure, "", handles)
+    label = palette.estimator_label
+    _head(figure, "", [_handle(n, label(n), marker=markers[n], **_CURVE) for n in names])
     return figure
 
 
@@ -131,16 +127,11 @@ def calibration(
             axes.plot([mean], [row], "o", ms=7.0, mfc=colour, mec="white", mew=0.8)
         axes.set(xlim=(0.0, 1.02), ylim=(len(rows) - 0.5, -0.5))
         axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25", "50", "75", "100 %"])
-        axes.set_yticks(
-            rows,
-            [palette.estimator_label(name) for name in covered] if p == 0 else [""] * len(rows),
-        )
-        axes.set_xlabel(
-            "fraction of the truth inside the band", fontsize=style.NORMAL, color=palette.INK
-        )
-        _finish(axes, f"predicted: {100 * predicted:.3g} %", "")
+        axes.set_yticks(rows, [palette.estimator_label(n) if p == 0 else "" for n in covered])
+        style.label_axes(axes, "fraction of the truth inside the band", "")
+        style.head(axes, f"predicted: {100 * predicted:.3g} %", "left")
         axes.tick_params(axis="y", length=0, labelsize=style.NORMAL)
-    _head(figure, title, [])
+    _head(figure, title)
     return figure
 
 
@@ -190,13 +181,7 @@ def _handle(name: str, label: str, **style: Any) -> Line2D:
     )
 
 
-def _finish(axes: Axes, title: str, ylabel: str) -> None:
-    style.plain_axes(axes)
-    axes.set_ylabel(ylabel, fontsize=style.NORMAL, color=palette.INK)
-    axes.set_title(title, fontsize=style.NORMAL, color=palette.INK, loc="left", pad=6)
-
-
-def _head(figure: Figure, title: str, handles: Sequence[Line2D]) -> None:
+def _head(figure: Figure, title: str, handles: Sequence[Line2D] = ()) -> None:
     """Write a chart's title and, below it, its legend."""
     inches = figure.get_figheight()
     if title:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from lis_grasp.experiments.figures import palette, style
-from lis_grasp.experiments.figures.figure_inputs import KERNEL_WIDTH, explored_object, view_of
+from lis_grasp.experiments.figures.figure_inputs import KERNEL_WIDTH, view_of
 from lis_grasp.experiments.figures.painter import (
     Patches,
     View,
@@ -20,6 +20,7 @@ from lis_grasp.experiments.figures.painter import (
     triangle_patches,
 )
 from lis_grasp.experiments.figures.solids import LIFT, solid_patches
+from lis_grasp.experiments.paper.paper_trials import explored
 from lis_grasp.surfaces import LocalImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -47,14 +48,11 @@ def angular_kernel(phi: npt.ArrayLike, *, width: float, height: float) -> FloatA
 def figure_4() -> Figure:
     """Draw the angular kernel for several widths at height 1, and for several heights."""
     figure = style.new_figure(3.1)
-    widths = f"widths σ$_w$, at height σ$_h$ = {1:g}", [(w, 1.0, w) for w in _WIDTHS]
-    heights = (
-        f"heights σ$_h$, at width σ$_w$ = {_HEIGHT_WIDTH:g}",
-        [(_HEIGHT_WIDTH, h, h) for h in _HEIGHTS],
-    )
-    _draw_kernels(figure, 0.075, *widths)
-    _draw_kernels(figure, 0.565, *heights)
-    figure.axes[0].set_ylabel("k$_φ$(φ)", fontsize=style.NORMAL, color=palette.INK)
+    title = "widths σ$_w$, at height σ$_h$ = 1"
+    _draw_kernels(figure, 0.075, title, [(w, 1.0, w) for w in _WIDTHS])
+    title = f"heights σ$_h$, at width σ$_w$ = {_HEIGHT_WIDTH:g}"
+    _draw_kernels(figure, 0.565, title, [(_HEIGHT_WIDTH, h, h) for h in _HEIGHTS])
+    figure.axes[0].set_ylabel("k$_φ$(φ)")
     return figure
 
 
@@ -69,10 +67,7 @@ def _draw_kernels(
         axes.plot(phi, values, color=palette.rgba(shade), lw=2.0, label=f"{shown:g}")
     axes.set(xlim=(-np.pi, np.pi), ylim=(0.0, 1.05), yticks=[0.0, 0.25, 0.5, 0.75, 1.0])
     axes.set_xticks(np.pi * np.array([-1.0, -0.5, 0.0, 0.5, 1.0]), ["−π", "−π/2", "0", "π/2", "π"])
-    axes.set_xlabel(
-        "φ, angle from the neighbour’s direction", fontsize=style.NORMAL, color=palette.INK
-    )
-    style.plain_axes(axes)
+    style.label_axes(axes, "φ, angle from the neighbour’s direction", "")
     legend = axes.legend(loc="center left", frameon=False, fontsize=style.SMALL, handlelength=1.4)
     legend.set_bbox_to_anchor((1.0, 0.5))
     style.head(axes, title)
@@ -86,7 +81,7 @@ def figure_5(*, names: Sequence[str] = ("mallet", "hollow_cylinder"), seed: int 
     figure = style.new_figure(4.9)
     width = 1.0 / len(names)
     for k, name in enumerate(names):
-        (shape, walk), view = explored_object(name, seed), view_of(name)
+        (shape, walk), view = explored(name, seed), view_of(name)
         surface = LocalImplicitSurface.from_contacts(
             walk.contacts, sigma=KERNEL_WIDTH * walk.contacts.spacing
         )

@@ -15,13 +15,7 @@ from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.experiments.figures import palette, style
-from lis_grasp.experiments.figures.figure_inputs import (
-    COLUMNS,
-    estimated_mesh,
-    explored_object,
-    view_of,
-    view_on,
-)
+from lis_grasp.experiments.figures.figure_inputs import COLUMNS, estimated_mesh, view_of, view_on
 from lis_grasp.experiments.figures.painter import (
     View,
     cut_segments,
@@ -30,7 +24,7 @@ from lis_grasp.experiments.figures.painter import (
     paint,
 )
 from lis_grasp.experiments.figures.solids import LIFT, contact_patches, two_tone_patches
-from lis_grasp.experiments.paper.paper_trials import EXPLORED_RADIUS
+from lis_grasp.experiments.paper.paper_trials import EXPLORED_RADIUS, explored
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 
@@ -82,7 +76,7 @@ class ErrorLines:
 
 def figure_8(*, names: Sequence[str] = COLUMNS) -> Figure:
     """Draw estimates of one object after 5 contacts, half explored and fully explored."""
-    shape, walk = explored_object("half_cylinder", 0)
+    shape, walk = explored("half_cylinder", 0)
     half = walk.until(0.5)
     view = view_on(half)
     cases = [
@@ -97,7 +91,7 @@ def figure_11(*, objects: Sequence[str] = shapes.NAMES, names: Sequence[str] = C
     """Draw estimates of the fully explored objects that have edges."""
     cases = []
     for name in objects:
-        shape, walk = explored_object(name, 0)
+        shape, walk = explored(name, 0)
         if len(shape.edges):
             cases.append(_Case(name.replace("_", " "), shape, walk.contacts, view_of(name)))
     return _draw_cases(cases, names, height=2.3, groups=2)

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
 from lis_grasp.experiments.figures.painter import View
-from lis_grasp.experiments.paper.paper_contacts import SurfaceWalk
-from lis_grasp.experiments.paper.paper_trials import explored
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ImplicitSurface
 
 COLUMNS = ("gpis", "lis", "blend")
@@ -42,12 +37,6 @@ def view_on(contacts: Contacts) -> View:
     views = [View(azimuth, VIEW.elevation) for azimuth in np.deg2rad(np.arange(-180, 180, 15))]
     facing = [np.clip(contacts.normals @ view.axes[2], 0.0, None).sum() for view in views]
     return views[int(np.argmax(facing))]
-
-
-@lru_cache(maxsize=32)
-def explored_object(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
-    """Return a built-in object of 20 cm and the walk over it in the trials of a seed."""
-    return explored(name, seed)
 
 
 def estimate(name: str, contacts: Contacts) -> ImplicitSurface:

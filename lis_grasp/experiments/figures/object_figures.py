@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp import shapes
 from lis_grasp.experiments.figures import palette
-from lis_grasp.experiments.figures.figure_inputs import explored_object, view_of, view_on
+from lis_grasp.experiments.figures.figure_inputs import view_of, view_on
 from lis_grasp.experiments.figures.painter import (
     View,
     frame_of,
@@ -28,7 +28,7 @@ from lis_grasp.experiments.figures.solids import (
     two_tone_patches,
 )
 from lis_grasp.experiments.figures.style import NORMAL, add_panel, foot_note, new_figure
-from lis_grasp.experiments.paper.paper_trials import EXPLORED_RADIUS
+from lis_grasp.experiments.paper.paper_trials import EXPLORED_RADIUS, explored
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import PatchImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
@@ -59,7 +59,7 @@ def figure_6() -> Figure:
 
 def figure_7() -> Figure:
     """Draw a half-explored object from two sides: yellow within 50 mm of a contact, else red."""
-    shape, walk = explored_object("pentagon", 0)
+    shape, walk = explored("pentagon", 0)
     contacts, mesh = walk.until(0.5), shape.mesh
     figure = new_figure(4.6)
     front = view_on(contacts)
@@ -87,7 +87,7 @@ def patch_map(*, names: Sequence[str] = ("mallet", "half_cylinder")) -> Figure:
     figure = new_figure(4.4)
     width = 1.0 / len(names)
     for k, name in enumerate(names):
-        surface = PatchImplicitSurface.from_contacts(explored_object(name, 3)[1].contacts)
+        surface = PatchImplicitSurface.from_contacts(explored(name, 3)[1].contacts)
         mesh, view = extract_mesh(surface), view_of(name)
         colours = np.array([palette.rgba(_COLOURS[p % len(_COLOURS)]) for p in _patch_of(surface)])
         pale = 0.5 + 0.5 * colours

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -69,18 +70,14 @@ def figure_1(*, names: Sequence[str] = COLUMNS) -> Figure:
         draw_field(axes, estimate(name, corner), _CUBE_FRAME, largest=0.05)
         _draw_contacts(axes, corner, length=0.016)
         style.head_estimator(axes, name)
-        paint(
-            style.add_panel(figure, left, 0.09, 0.95 * width, 0.42),
-            [*solids[k], *touches],
-            frame=frame,
-        )
+        below = style.add_panel(figure, left, 0.09, 0.95 * width, 0.42)
+        paint(below, [*solids[k], *touches], frame=frame)
         if k == 0:
             _draw_scale(axes, _CUBE_FRAME, 0.05)
             style.side_note(figure, left - 0.01, 0.74, "two contacts, z = 0")
             style.side_note(figure, left - 0.01, 0.3, "cube, six contacts")
-    _potential_bar(
-        figure, (0.3, 0.065, 0.4, 0.014), {-0.05: "≤ −50, inside", 0.0: "0", 0.05: "≥ 50, outside"}
-    )
+    ticks = {-0.05: "≤ −50, inside", 0.0: "0", 0.05: "≥ 50, outside"}
+    _potential_bar(figure, (0.3, 0.065, 0.4, 0.014), ticks)
     return figure
 
 
@@ -104,9 +101,8 @@ def figure_2() -> Figure:
         style.head(axes, title)
         if k == 0:
             _draw_scale(axes, _STEP_FRAME, 0.03)
-    _potential_bar(
-        figure, (0.12, 0.135, 0.3, 0.026), {-0.04: "−40, inside", 0.0: "0", 0.04: "40, outside"}
-    )
+    ticks = {-0.04: "−40, inside", 0.0: "0", 0.04: "40, outside"}
+    _potential_bar(figure, (0.12, 0.135, 0.3, 0.026), ticks)
     ticks = {-1.0: "−1, convex", 0.0: "0", 1.0: "1, concave"}
     place = (0.58, 0.135, 0.3, 0.026)
     style.colour_bar(figure, place, palette.CONVEX_CONCAVE, "β* in circles round contacts", ticks)
@@ -159,15 +155,8 @@ def draw_field(
         interpolation="bilinear",
     )
     levels = np.linspace(-largest, largest, 11)
-    axes.contour(
-        x,
-        y,
-        values,
-        levels=levels[np.abs(levels) > 1e-9],
-        colors=palette.INK,
-        linewidths=0.35,
-        alpha=0.3,
-    )
+    others = levels[np.abs(levels) > 1e-9]
+    axes.contour(x, y, values, others, colors=palette.INK, linewidths=0.35, alpha=0.3)
     zero = axes.contour(x, y, values, levels=[0.0], colors=palette.INK, linewidths=2.2)
     axes.set(aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
@@ -200,21 +189,13 @@ def _draw_scale(axes: Axes, frame: FloatArray, length: float) -> None:
     """Draw a bar of a length [m] in the lower left corner of a frame (2, 2) [m]."""
     x, y = frame[0] + 0.05 * (frame[1] - frame[0])
     axes.plot([x, x + length], [y, y], color=palette.INK, lw=1.6)
-    axes.annotate(
-        f"{1e3 * length:.0f} mm",
-        (x + 0.5 * length, y),
-        xytext=(0, 3),
-        textcoords="offset points",
-        ha="center",
-        va="bottom",
-        fontsize=8,
-        color=palette.INK,
-    )
+    middle, text = (x + 0.5 * length, y), f"{1e3 * length:.0f} mm"
+    font: dict[str, Any] = {"fontsize": 8, "color": palette.INK, "ha": "center", "va": "bottom"}
+    axes.annotate(text, middle, xytext=(0, 3), textcoords="offset points", **font)
 
 
 def _potential_bar(
     figure: Figure, place: tuple[float, float, float, float], ticks: dict[float, str]
 ) -> None:
-    style.colour_bar(
-        figure, place, palette.INSIDE_OUTSIDE, "implicit shape potential f [mm]", ticks
-    )
+    label = "implicit shape potential f [mm]"
+    style.colour_bar(figure, place, palette.INSIDE_OUTSIDE, label, ticks)

@@ -44,9 +44,9 @@ def add_panel(figure: Figure, left: float, bottom: float, width: float, height: 
     return figure.add_axes((left, bottom, width, height))
 
 
-def head(axes: Axes, text: str) -> None:
+def head(axes: Axes, text: str, side: Literal["left", "center"] = "center") -> None:
     """Write a panel's title above it."""
-    axes.set_title(text, fontsize=NORMAL, color=INK, pad=6)
+    axes.set_title(text, fontsize=NORMAL, color=INK, pad=6, loc=side)
 
 
 def head_estimator(axes: Axes, name: str) -> None:
@@ -92,8 +92,10 @@ def colour_bar(
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
-def plain_axes(axes: Axes) -> None:
-    """Reduce a chart's frame to two axes and a faint grid."""
+def label_axes(axes: Axes, xlabel: str, ylabel: str) -> None:
+    """Label a chart's axes, and reduce its frame to two lines and a faint grid."""
+    axes.set_xlabel(xlabel, fontsize=NORMAL, color=INK)
+    axes.set_ylabel(ylabel, fontsize=NORMAL, color=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(QUIET)
     axes.tick_params(labelsize=SMALL, color=QUIET, labelcolor=INK)

@@ -11,24 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import lis_grasp
-from lis_grasp.experiments.figures import (
-    CHART_CAPTIONS,
-    FIGURES,
-    bars,
-    calibration,
-    curve_panels,
-    png_of,
-)
+from lis_grasp.experiments.figures import CHART_CAPTIONS, FIGURES, charts, png_of
+from lis_grasp.experiments.paper import paper_tables as tables
 from lis_grasp.experiments.paper.paper_contacts import NOISE_LEVELS
-from lis_grasp.experiments.paper.paper_tables import (
-    changes_table,
-    claims_table,
-    exactness_table,
-    experiment_table,
-    failures_table,
-    measures_table,
-    objects_table,
-)
+from lis_grasp.experiments.paper.paper_tables import experiment_table
 from lis_grasp.experiments.report_page import Picture, write_page
 from lis_grasp.experiments.statistics import MeasureTable
 from lis_grasp.io.json_lines import Row
@@ -69,15 +55,14 @@ def write_report(
         " paired.</p>",
     ]
     sections += [
-        claims_table(rows).section(),
-        changes_table(rows, estimator, _EXPERIMENTS).section(),
-        exactness_table(estimator).section(),
+        tables.claims_table(rows).section(),
+        tables.changes_table(rows, estimator, _EXPERIMENTS).section(),
+        tables.exactness_table(estimator).section(),
     ]
     sections += ["<h2>Figures</h2>", *(picture.html() for picture in pictures)]
     present = {row["experiment"] for row in rows}
-    tables = [
-        measures_table(rows, name, title) for name, title in _EXPERIMENTS.items() if name in present
-    ]
+    titles = {name: title for name, title in _EXPERIMENTS.items() if name in present}
+    shown = [tables.measures_table(rows, name, title) for name, title in titles.items()]
     for measure, what in (
         ("rmsd", "estimate to truth"),
         ("rmsd_truth_to_estimate", "truth to estimate"),
@@ -85,9 +70,9 @@ def write_report(
     ):
         for experiment in ("whole", "random"):
             if experiment in present:
-                title = f"{_EXPERIMENTS[experiment]}, {what} [mm]: mean and deviation over seeds"
-                tables.append(objects_table(rows, experiment, measure, title))
-    sections += [table.section() for table in (*tables, failures_table(rows))]
+                title = f"{titles[experiment]}, {what} [mm]: mean and deviation over seeds"
+                shown.append(tables.objects_table(rows, experiment, measure, title))
+    sections += [table.section() for table in (*shown, tables.failures_table(rows))]
     write_page(path, "Local implicit surfaces: the paper again", sections)
 
 
@@ -115,7 +100,7 @@ def _drawn(number: int) -> Entry:
 def _charts_of_objects(rows: Sequence[Row]) -> list[Entry]:
     either = " The paper shows one direction of the two and does not say which."
     # Title and caption of the figure; measure, and title of the chart.
-    charts = (
+    entries = (
         ("Figure 9, estimate to truth", CHART_CAPTIONS[9] + either, "rmsd", "Estimate to truth"),
         (
             *("Figure 9, truth to estimate", CHART_CAPTIONS[9]),
@@ -125,7 +110,7 @@ def _charts_of_objects(rows: Sequence[Row]) -> list[Entry]:
     )
     return [
         (title, caption, partial(_bars, experiment_table(rows, "whole", measure), chart))
-        for title, caption, measure, chart in charts
+        for title, caption, measure, chart in entries
     ]
 
 
@@ -147,7 +132,7 @@ def _charts_of_bands(rows: Sequence[Row]) -> list[Entry]:
         (
             "Figure 12",
             CHART_CAPTIONS[12],
-            lambda: curve_panels(
+            lambda: charts.curve_panels(
                 labels, panels, xlabel="noise of positions and normals", ylabel="RMSD [mm]"
             ),
         ),
@@ -156,7 +141,7 @@ def _charts_of_bands(rows: Sequence[Row]) -> list[Entry]:
             "Fraction of the explored truth within 1 and 1.96 standard deviations of the estimate."
             " Contacts have 1 mm and 3 degrees of noise, which the estimators are given. Means over"
             " objects, lines one standard deviation between objects.",
-            lambda: calibration((0.683, 0.95), covered, title="Bands of uncertainty"),
+            lambda: charts.calibration((0.683, 0.95), covered, title="Bands of uncertainty"),
         ),
     ]
 
@@ -172,7 +157,7 @@ def _bars(table: MeasureTable, title: str) -> Figure:
         for estimator in _SHOWN
         if estimator in table.estimators
     }
-    return bars(values, title=title, ylabel="RMSD [mm]")
+    return charts.bars(values, title=title, ylabel="RMSD [mm]")
 
 
 def _levels(table: MeasureTable) -> dict[str, np.ndarray]:

@@ -13,7 +13,7 @@ from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
 from lis_grasp.experiments.figures.palette import estimator_label
 from lis_grasp.experiments.paper.paper_contacts import NOISE_LEVELS
-from lis_grasp.experiments.paper.paper_trials import explored
+from lis_grasp.experiments.paper.paper_trials import explored, key_of
 from lis_grasp.experiments.report_page import TextTable, csv_text
 from lis_grasp.experiments.statistics import MeasureTable, measure_table
 from lis_grasp.io.json_lines import Row
@@ -64,24 +64,18 @@ def claims_table(rows: Sequence[Row]) -> TextTable:
         experiment_table(rows, "whole", measure) for measure, _, _ in _ERRORS
     )
     wedge = experiment_table(rows, "wedge", "edge_rmsd")
+    alike = "LIS and GPIS are alike overall (fig. 9)"
+    on_box = "LIS is below GPIS on the box (fig. 9), truth to estimate"
+    on_round = "GPIS is slightly better on the {} (fig. 9), truth to estimate"
     under_noise = "LIS against GPIS at an edge under {} (fig. 12)"
     # Statement, value of the paper, measured values, range of reductions that agree.
     claims = [
         ("LIS is below GPIS at edges (fig. 10)", "59 % below", edge, (0.59 - _ALIKE, np.inf)),
-        (
-            "LIS and GPIS are alike overall (fig. 9), estimate to truth",
-            *("similar", to_truth, _SIMILAR),
-        ),
+        (f"{alike}, estimate to truth", "similar", to_truth, _SIMILAR),
         ("the same, truth to estimate", "similar", to_estimate, _SIMILAR),
-        (
-            "LIS is below GPIS on the box (fig. 9), truth to estimate",
-            *("30 % below", to_estimate.only("box"), (0.30 - _ALIKE, np.inf)),
-        ),
+        (on_box, "30 % below", to_estimate.only("box"), (0.30 - _ALIKE, np.inf)),
         *(
-            (
-                f"GPIS is slightly better on the {name} (fig. 9), truth to estimate",
-                *("LIS above", to_estimate.only(name), (-np.inf, 0.0)),
-            )
+            (on_round.format(name), "LIS above", to_estimate.only(name), (-np.inf, 0.0))
             for name in ("cylinder", "mallet")
         ),
         *(
@@ -206,8 +200,7 @@ def failures_table(rows: Sequence[Row]) -> TextTable:
 def rows_as_csv(rows: Sequence[Row]) -> str:
     """Return all rows as CSV, ordered, so that equal results are equal files."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    order = ("experiment", "object", "seed", "estimator")
-    ordered = sorted(rows, key=lambda row: tuple(row[name] for name in order))
+    ordered = sorted(rows, key=key_of)
     return csv_text([columns, *([row.get(name) for name in columns] for row in ordered)])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass
+from functools import lru_cache
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -72,6 +73,7 @@ def key_of(row: Row) -> tuple[Any, ...]:
     return row["experiment"], row["object"], row["seed"], row["estimator"]
 
 
+@lru_cache(maxsize=32)
 def explored(name: str, seed: int) -> tuple[Shape, SurfaceWalk]:
     """Return an object at the paper's size, and the walk over it that belongs to a seed."""
     shape = shapes.build(name, shapes.PAPER_SIZE)
