@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import reprlib
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -103,7 +103,7 @@ class InvalidOptionError(InvalidInputError):
 def require_positive(**options: float) -> None:
     """Raise `InvalidOptionError` for the first option that is not above 0 and finite."""
     for option, value in options.items():
-        if not 0.0 < value < math.inf:
+        if not 0.0 < value <= sys.float_info.max:
             required = "above 0" if value <= 0.0 else "finite"
             raise InvalidOptionError.out_of_range(option, value, required)
 
@@ -111,7 +111,7 @@ def require_positive(**options: float) -> None:
 def require_at_least(least: float, **options: float) -> None:
     """Raise `InvalidOptionError` for the first option that is below `least` or not finite."""
     for option, value in options.items():
-        if not least <= value < math.inf:
+        if not least <= value <= sys.float_info.max:
             required = f"at least {least:g}" if value < least else "finite"
             raise InvalidOptionError.out_of_range(option, value, required)
 

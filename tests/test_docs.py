@@ -17,7 +17,6 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = ROOT / "README.md"
 GUIDES = ("own-contacts", "own-objects", "own-estimator")
-LONG = ("own-contacts", "own-objects")  # examples and the command line's tests cover their steps
 UNRUN = "cluster"  # needs a cluster
 
 # A fenced block: its language, the name of the file that it becomes (optional), and its content.
@@ -44,9 +43,8 @@ def _run_page(path: Path, folder: Path) -> int:
     return ran
 
 
-@pytest.mark.parametrize(
-    "guide", [pytest.param(g, marks=[pytest.mark.slow] if g in LONG else []) for g in GUIDES]
-)
+@pytest.mark.slow  # examples and the command line's tests cover their steps
+@pytest.mark.parametrize("guide", GUIDES)
 def test_blocks_of_a_guide_run(
     guide: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
