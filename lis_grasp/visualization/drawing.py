@@ -133,7 +133,8 @@ def animate(times: FloatArray, poses: Sequence[tuple[str, FloatArray]]) -> bytes
     """
     clips = {}
     for path, X in poses:
-        quaternions = Rotation.from_matrix(X[:, :3, :3]).as_quat()  # (T, 4) x, y, z, w
+        rotations = np.array(X[:, :3, :3])  # SciPy before 1.16 takes no read-only arrays
+        quaternions = Rotation.from_matrix(rotations).as_quat()  # (T, 4) x, y, z, w
         clip = animation.AnimationClip(fps=1)  # keys are then in seconds
         tracks = ("position", "vector3", X[:, :3, 3]), ("quaternion", "quaternion", quaternions)
         for name, kind, values in tracks:
