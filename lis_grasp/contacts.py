@@ -44,12 +44,19 @@ class Contacts:
     free_radii
         Shape (K,) [m], of balls about the free points that are free of the object. Empty means 0
         for all: only the points themselves are known to be free.
+    position_noise
+        Shape (N,) [m], one standard deviation of each contact's position along its normal. NaN
+        where it is unknown; None if it is unknown for all.
+    normal_noise
+        Shape (N,) [rad], one standard deviation of each component of each contact's normal
+        perpendicular to it. NaN and None as of `position_noise`.
 
     Raises
     ------
     InvalidContactsError
-        If shapes disagree, a number is not finite, a point is farther than `FARTHEST` from the
-        origin, a normal is not of unit length, or a radius is negative.
+        If shapes disagree, a number is not finite (NaN is allowed in noise), a point is farther
+        than `FARTHEST` from the origin, a normal is not of unit length, or a radius or noise is
+        negative.
     """
 
     points: FloatArray
@@ -59,6 +66,8 @@ class Contacts:
     times: FloatArray | None = None
     free_points: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
+    position_noise: FloatArray | None = None
+    normal_noise: FloatArray | None = None
 
     def __post_init__(self) -> None:
         points = _frozen_array("points", self.points, (None, 3))
@@ -94,6 +103,8 @@ class Contacts:
         _require_near("free_points", free_points)
         object.__setattr__(self, "free_points", free_points)
         object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
+        for name in ("position_noise", "normal_noise"):
+            object.__setattr__(self, name, _checked_noise(name, getattr(self, name), count))
 
     @classmethod
     def empty(cls) -> Contacts:
@@ -144,12 +155,15 @@ class Contacts:
             None if self.times is None else self.times[chosen],
             self.free_points,
             self.free_radii,
+            None if self.position_noise is None else self.position_noise[chosen],
+            None if self.normal_noise is None else self.normal_noise[chosen],
         )
 
     def append(self, other: Contacts) -> Contacts:
         """Return these contacts followed by `other`.
 
-        Forces, times and fingers are kept only if both have them.
+        Forces, times and fingers are kept only if both have them; noise that one of both lacks is
+        unknown for its contacts.
         """
         free_points = np.vstack([self.free_points, other.free_points])
         free_radii = np.concatenate([self.free_radii, other.free_radii])
@@ -164,6 +178,8 @@ class Contacts:
             _join(self.times, other.times),
             free_points,
             free_radii,
+            _join_noise(self.position_noise, other.position_noise, len(self), len(other)),
+            _join_noise(self.normal_noise, other.normal_noise, len(self), len(other)),
         )
 
     @classmethod
@@ -199,6 +215,35 @@ def _join(first: FloatArray | None, second: FloatArray | None) -> FloatArray | N
     return None if first is None or second is None else np.concatenate([first, second])
 
 
+def _join_noise(
+    first: FloatArray | None, second: FloatArray | None, count: int, other_count: int
+) -> FloatArray:
+    """Return both in a row, NaN for the contacts of the one that is None."""
+    return np.concatenate(
+        [
+            np.full(count, np.nan) if first is None else first,
+            np.full(other_count, np.nan) if second is None else second,
+        ]
+    )
+
+
+def _checked_noise(name: str, noise: npt.ArrayLike | None, count: int) -> FloatArray | None:
+    """Return standard deviations, read-only; None if all are unknown, so that there is one form."""
+    if noise is None:
+        return None
+    array = _frozen_array(name, noise, (count,), allow_nan=True)
+    wrong = (array < 0.0) | (array > FARTHEST)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InvalidContactsError(
+            f"{name} must be standard deviations of at least 0, or NaN where unknown; that of"
+            f" contact {row} is {array[row]:.4g}",
+            field=name,
+            row=row,
+        )
+    return None if np.isnan(array).all() else array
+
+
 def checked_radii(radii: npt.ArrayLike, count: int) -> FloatArray:
     """Return the radii of `count` balls of free space, read-only; empty `radii` become 0."""
     array = _frozen_array("free_radii", radii if np.size(radii) else np.zeros(count), (count,))
@@ -222,7 +267,13 @@ def _require_near(name: str, points: FloatArray) -> None:
         )
 
 
-def _frozen_array(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+def _frozen_array(
+    name: str,
+    values: npt.ArrayLike,
+    shape: tuple[int | None, ...],
+    *,
+    allow_nan: bool = False,
+) -> FloatArray:
     try:
         array = np.array(values)
         if array.dtype.kind == "c":
@@ -239,7 +290,7 @@ def _frozen_array(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...
         wanted = ", ".join("N" if w is None else str(w) for w in shape)
         message = f"{name} must have shape ({wanted}); it has shape {array.shape}"
         raise InvalidContactsError(message, field=name)
-    finite = np.isfinite(array)
+    finite = np.isfinite(array) | (allow_nan & np.isnan(array))
     if not finite.all():
         row = int(np.argwhere(~finite)[0, 0])
         message = f"{name} must be finite numbers; row {row} is {array[row]}: remove that row"

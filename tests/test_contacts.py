@@ -30,13 +30,15 @@ def make_contacts(count: int = 7, *, seed: int = 0, full: bool = True) -> Contac
         np.sort(rng.uniform(0.0, 60.0, count)),
         rng.normal(size=(5, 3)),
         rng.uniform(0.0, 0.02, 5),
+        np.where(np.arange(count) == 1, np.nan, rng.uniform(0.0, 0.005, count)),
+        rng.uniform(0.0, 0.2, count),
     )
 
 
 def same(a: Contacts, b: Contacts) -> bool:
     def equal(x: np.ndarray | None, y: np.ndarray | None) -> bool:
         return (x is None and y is None) or (
-            x is not None and y is not None and np.array_equal(x, y)
+            x is not None and y is not None and np.array_equal(x, y, equal_nan=True)
         )
 
     return (
@@ -47,6 +49,8 @@ def same(a: Contacts, b: Contacts) -> bool:
         and a.fingers == b.fingers
         and equal(a.free_points, b.free_points)
         and equal(a.free_radii, b.free_radii)
+        and equal(a.position_noise, b.position_noise)
+        and equal(a.normal_noise, b.normal_noise)
     )
 
 
@@ -93,6 +97,9 @@ def test_normals_of_few_digits_become_unit_length() -> None:
         ({"times": [[0.0]]}, "times", None),
         ({"fingers": ("a", "b")}, "fingers", None),
         ({"fingers": (1,)}, "fingers", None),
+        ({"position_noise": [0.1, 0.1]}, "position_noise", None),
+        ({"position_noise": [-1e-3]}, "position_noise", 0),
+        ({"normal_noise": [np.inf]}, "normal_noise", 0),
         ({"free_points": [[0, 0]]}, "free_points", None),
         ({"free_points": [[0, 0, -2e7]]}, "free_points", 0),
         ({"free_points": [[0, 0, 0]], "free_radii": [-0.1]}, "free_radii", None),
@@ -150,7 +157,7 @@ def test_a_subset_keeps_rows_together(index: object) -> None:
     contacts = make_contacts(4)
     chosen = np.arange(4)[index]  # type: ignore[index]
     part = contacts.subset(index)  # type: ignore[arg-type]
-    for name in ("points", "normals", "forces", "times"):
+    for name in ("points", "normals", "forces", "times", "position_noise", "normal_noise"):
         np.testing.assert_array_equal(getattr(part, name), getattr(contacts, name)[chosen])
     assert part.fingers == tuple(contacts.fingers[i] for i in chosen)
     np.testing.assert_array_equal(part.free_points, contacts.free_points)
@@ -174,12 +181,26 @@ def test_appending_joins_rows_and_keeps_only_fields_that_both_have() -> None:
     assert mixed.forces is None
     assert mixed.times is None
     assert mixed.fingers == ()
+    for before, after in (
+        (full.position_noise, mixed.position_noise),
+        (full.normal_noise, mixed.normal_noise),
+    ):
+        assert before is not None
+        np.testing.assert_array_equal(after, [*before, np.nan, np.nan])
     assert same(Contacts.empty().append(full), full)
     assert same(full.append(Contacts.empty()), full)
     free = Contacts(np.empty((0, 3)), np.empty((0, 3)), free_points=[[1, 2, 3]], free_radii=[0.1])
     for joined in (free.append(plain), plain.append(free)):
         assert same(joined.subset([]), free)
         np.testing.assert_array_equal(joined.points, plain.points)
+
+
+def test_noise_that_is_unknown_for_all_has_one_form() -> None:
+    plain = make_contacts(3, full=False)
+    unknown = Contacts(plain.points, plain.normals, position_noise=[np.nan] * 3)
+    assert unknown.position_noise is None
+    partly = Contacts(plain.points, plain.normals, position_noise=[0.1, np.nan, np.nan])
+    assert partly.subset([1, 2]).position_noise is None
 
 
 # ---------------------------------------------------------------- files
@@ -219,6 +240,27 @@ def test_any_number_loads_unchanged(
         loaded = Contacts.load(folder / name)
         np.testing.assert_array_equal(loaded.points, contacts.points)
         np.testing.assert_array_equal(loaded.forces, contacts.forces)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.csv", "x,y,z,nx,ny,nz,Position_Noise\n1,2,3,0,0,1,0.002\n1,2,4,0,0,1,\n"),
+        ("a.csv", "x,y,z,nx,ny,nz,position_noise\n1,2,3,0,0,1,2e-3\n1,2,4,0,0,1,nan\n"),
+        (
+            "a.ply",
+            "ply\nformat ascii 1.0\nelement vertex 2\n"
+            + "".join(f"property double {n}\n" for n in ("x", "y", "z", "nx", "ny", "nz"))
+            + "property double scalar_position_noise\nend_header\n"
+            "1 2 3 0 0 1 0.002\n1 2 4 0 0 1 nan\n",
+        ),
+    ],
+)
+def test_noise_of_another_program_is_read(tmp_path: Path, name: str, content: str) -> None:
+    (tmp_path / name).write_text(content)
+    contacts = Contacts.load(tmp_path / name)
+    np.testing.assert_array_equal(contacts.position_noise, [0.002, np.nan])
+    assert contacts.normal_noise is None
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -66,7 +66,7 @@ class TactileSensor:
         return 2.0 * self.position_noise
 
     def sense(self, contacts: Contacts, *, rng: np.random.Generator) -> Contacts:
-        """Return the reported contacts: those detected, with noise."""
+        """Return the reported contacts: those detected, with noise, which they carry."""
         detected = np.ones(len(contacts), dtype=bool)
         if contacts.forces is not None:
             detected &= contacts.forces >= self.force_threshold
@@ -79,7 +79,8 @@ class TactileSensor:
         points = chosen.points + self.position_noise * rng.normal(size=chosen.points.shape)
         # The centre of the taxel is within half a pitch, along the surface.
         offset = self.taxel_pitch * rng.uniform(-0.5, 0.5, size=chosen.points.shape)
-        return replace(chosen, points=points + _tangential(offset, chosen.normals), normals=normals)
+        points += _tangential(offset, chosen.normals)
+        return self._with_noise(replace(chosen, points=points, normals=normals))
 
     def report(self, outcome: ProbeOutcome, *, rng: np.random.Generator) -> ProbeOutcome:
         """Return the reported outcome of a probe."""
@@ -95,6 +96,15 @@ class TactileSensor:
             outcome, status="blocked", contacts=reported, reason="stopped at an undetected contact"
         )
 
+    def _with_noise(self, contacts: Contacts) -> Contacts:
+        """Return contacts that carry the sensor's noise, where it has any."""
+        count, position, normal = len(contacts), self.position_noise, self.normal_noise
+        return replace(
+            contacts,
+            position_noise=np.full(count, position) if position else contacts.position_noise,
+            normal_noise=np.full(count, normal) if normal else contacts.normal_noise,
+        )
+
     def _false_touch(self, outcome: ProbeOutcome, rng: np.random.Generator) -> ProbeOutcome:
         """Return a missed probe as if it had stopped at a contact."""
         probe = outcome.probe
@@ -106,6 +116,7 @@ class TactileSensor:
             fingers=(UNKNOWN,),
             times=np.array([0.5 * outcome.duration]),
         )
+        contacts = self._with_noise(contacts)
         passed = (outcome.free_points - probe.target) @ probe.direction <= stop
         return replace(
             outcome,

@@ -124,6 +124,7 @@ def _row(outcome: ProbeOutcome) -> Row:
         "forces": _list(contacts.forces),
         "fingers": list(contacts.fingers),
         "times": _list(contacts.times),
+        **_noise(contacts),
         "free_points": outcome.free_points.tolist(),
         "free_radii": outcome.free_radii.tolist(),
         "X_OH": None if hand_pose is None else hand_pose.X_OH.tolist(),
@@ -150,6 +151,8 @@ def _outcome(row: Row) -> ProbeOutcome:
         forces=row["forces"],
         fingers=tuple(row["fingers"]),
         times=row["times"],
+        position_noise=row.get("position_noise"),
+        normal_noise=row.get("normal_noise"),
     )
     X_OH = row.get("X_OH")  # logs of older versions have neither pose nor radii
     return ProbeOutcome(
@@ -163,6 +166,16 @@ def _outcome(row: Row) -> ProbeOutcome:
         np.array(row.get("free_radii", [])),
         None if X_OH is None else HandPose(X_OH, row["joint_positions"]),
     )
+
+
+def _noise(contacts: Contacts) -> Row:
+    """Return the noise of contacts by name, where there is any; None where one is unknown."""
+    noise = {"position_noise": contacts.position_noise, "normal_noise": contacts.normal_noise}
+    return {
+        name: [None if np.isnan(value) else float(value) for value in values]
+        for name, values in noise.items()
+        if values is not None
+    }
 
 
 def _rows(values: list[list[float]]) -> FloatArray:

@@ -1,11 +1,13 @@
 """Contact files: PLY, an oriented point cloud for any point-cloud program, and CSV.
 
-PLY as written: ASCII. Element ``vertex`` has x y z nx ny nz and, where known, force, time and
-finger (an index into the names in a ``fingers`` comment). Element ``free_point`` has x y z and the
-radius that is free round it. CSV as written: a header row ``x,y,z,nx,ny,nz``, then force, time and
-finger where known, and ``kind`` (contact or free) and ``radius`` if there are free points. Both
-formats restore every number exactly, and equal contacts make equal bytes. As read: any order and
-precision of properties, text or binary; other properties are ignored.
+PLY as written: ASCII. Element ``vertex`` has x y z nx ny nz and, where known, force, time,
+position_noise, normal_noise (NaN for a contact whose noise is unknown) and finger (an index into
+the names in a ``fingers`` comment). Element ``free_point`` has x y z and the radius that is free
+round it. CSV as written: a header row ``x,y,z,nx,ny,nz``, then force, time, position_noise,
+normal_noise (empty where unknown) and finger where known, and ``kind`` (contact or free) and
+``radius`` if there are free points. Both formats restore every number exactly, and equal contacts
+make equal bytes. As read: any order and precision of properties, text or binary; other properties
+are ignored.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from lis_grasp.typing import FloatArray
 
 _POINT = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
+_NOISE = ("position_noise", "normal_noise")
 _FINGERS = "fingers "
 # CloudCompare puts this before the names of properties that it does not know.
 _PREFIXES = ("", "scalar_")
@@ -54,7 +57,8 @@ def _columns(contacts: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
     columns = dict(zip(_POINT, contacts["points"].T, strict=True))
     columns |= dict(zip(_NORMAL, contacts["normals"].T, strict=True))
     columns |= {} if contacts["forces"] is None else {"force": contacts["forces"]}
-    return columns | ({} if contacts["times"] is None else {"time": contacts["times"]})
+    columns |= {} if contacts["times"] is None else {"time": contacts["times"]}
+    return columns | {name: contacts[name] for name in _NOISE if contacts[name] is not None}
 
 
 def _to_ply(contacts: Mapping[str, Any], header: str) -> bytes:
@@ -87,6 +91,7 @@ def _load_ply(path: Path) -> dict[str, Any]:
         "times": _optional(rows, "time"),
         "free_points": np.empty((0, 3)) if free is None else _table(path, free, _POINT),
         "free_radii": np.empty(0) if radii is None else radii,
+        **{name: _optional(rows, name) for name in _NOISE},
     }
 
 
@@ -128,6 +133,8 @@ def _finger_names(path: Path, comments: list[str], index: FloatArray) -> tuple[s
 
 def _to_csv(contacts: Mapping[str, Any]) -> bytes:
     columns = {name: column.tolist() for name, column in _columns(contacts).items()}
+    for name in set(_NOISE) & set(columns):
+        columns[name] = ["" if np.isnan(noise) else noise for noise in columns[name]]
     columns |= {"finger": list(contacts["fingers"])} if contacts["fingers"] else {}
     names = [*columns, *(("kind", "radius") if len(contacts["free_points"]) else ())]
     text = io.StringIO()
@@ -166,6 +173,7 @@ def _load_csv(path: Path) -> dict[str, Any]:
         "times": numbers(["time"], touched)[:, 0] if "time" in columns else None,
         "free_points": numbers(_POINT, free),
         "free_radii": numbers(["radius"], free)[:, 0] if "radius" in columns else np.empty(0),
+        **{name: numbers([name], touched)[:, 0] for name in _NOISE if name in columns},
     }
 
 
@@ -194,6 +202,8 @@ def _read_table(path: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def _number(path: Path, cell: str, row: int, name: str) -> float:
+    if not cell and name in _NOISE:
+        return np.nan
     try:
         return float(cell)
     except ValueError:

@@ -11,11 +11,13 @@ from scipy.spatial.distance import pdist
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.surfaces.contact_merging import (
+    drop_repetitions,
     merge_duplicates,
     padded_bounds,
     resolution_of,
     spacing_of,
 )
+from lis_grasp.surfaces.contact_noise import noise_of
 from lis_grasp.surfaces.gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces.kernels import (
     KernelName,
@@ -93,17 +95,16 @@ class GaussianProcessImplicitSurface:
         Parameters
         ----------
         contacts
-            Measured on the object.
+            Measured on the object; an exact repetition counts once.
         kernel
             "matern52", "rbf" (eq. 6) or "thin_plate" (eq. 2, see `ThinPlate`).
         length
             Of the kernel [m]. None takes 0.8 (Matern) or 0.4 (RBF) of the largest distance between
             two contacts, or for the thin plate 1.5 diagonals of the bounds (its length must exceed
             every distance).
-        position_noise
-            One standard deviation of the sensor's positions along the normals [m].
-        normal_noise
-            One standard deviation of each component of the sensor's normals [rad].
+        position_noise, normal_noise
+            One standard deviation of the sensor's positions along the normals [m] and of each
+            component of its normals [rad], for contacts whose own are unknown.
         misfit
             Noise of positions and of normals added to the sensor's, for edges that no smooth f can
             follow, in units of the prior's standard deviation (scaled, and so in radians for the
@@ -123,6 +124,7 @@ class GaussianProcessImplicitSurface:
             machine has memory for.
         """
         require_contacts(contacts)
+        contacts = drop_repetitions(contacts)
         if len(contacts) > _MOST_CONTACTS:
             raise EstimationError(
                 f"a Gaussian process takes at most {_MOST_CONTACTS} contacts, for its memory; there"
@@ -133,8 +135,6 @@ class GaussianProcessImplicitSurface:
         spacing = spacing_of(contacts)
         largest = float(pdist(contacts.points).max(initial=0.0))
         scale = largest if largest > resolution_of(contacts) else spacing
-        require_range("position_noise", position_noise, unit="m")
-        require_range("normal_noise", normal_noise, unit="rad")
         for part in misfit:
             require_range("misfit", part)
         prior_mean = scale if prior_mean is None else prior_mean
@@ -149,11 +149,12 @@ class GaussianProcessImplicitSurface:
 
         def fit(some: Contacts) -> GradientRegression:
             values = np.full((len(some), 1), -prior_mean / scale)  # f less its prior mean
+            position, normal = noise_of(some, position_noise, normal_noise)
             return GradientRegression.fit_amplitude(
                 _KERNELS[kernel](scaled_length),
                 (some.points - center) / scale,
                 np.hstack([values, some.normals]),
-                sensor_noise=_variances(position_noise / scale, normal_noise),
+                sensor_noise=_variances(position / scale, normal),
                 misfit=_variances(*misfit),
             )
 
@@ -226,5 +227,6 @@ class GaussianProcessImplicitSurface:
         return (rows - self.center) / self.scale, shape
 
 
-def _variances(value_deviation: float, gradient_deviation: float) -> FloatArray:
-    return np.array([value_deviation, *[gradient_deviation] * 3]) ** 2
+def _variances(value_deviation: npt.ArrayLike, gradient_deviation: npt.ArrayLike) -> FloatArray:
+    """Return the variances of a value and three slopes, shape (..., 4)."""
+    return np.stack([value_deviation, *[gradient_deviation] * 3], axis=-1) ** 2

@@ -34,7 +34,7 @@ class GradientRegression:
     kernel: RadialKernel  # covariance of values; 1 at distance 0
     nodes: FloatArray  # (N, 3)
     targets: FloatArray  # (N, 4): value and gradient observed at each node
-    noise: FloatArray  # (4,): variance of each of the four
+    noise: FloatArray  # (N, 4): variance of each of them
     cholesky: FloatArray  # (4N, 4N) lower factor of K + noise
     weights: FloatArray  # (N, 4)
 
@@ -42,9 +42,13 @@ class GradientRegression:
     def fit(
         cls, kernel: RadialKernel, nodes: FloatArray, targets: FloatArray, noise: FloatArray
     ) -> GradientRegression:
-        """Factorize the equations and solve them; EstimationError if they are singular."""
+        """Factorize the equations and solve them; EstimationError if they are singular.
+
+        `noise` are variances, shape (N, 4), or (4,) where all nodes have the same.
+        """
         matrix = _covariance(kernel, nodes)
-        matrix[np.diag_indices_from(matrix)] += np.tile(noise, len(nodes))
+        noise = np.broadcast_to(noise, targets.shape)
+        matrix[np.diag_indices_from(matrix)] += noise.ravel()
         try:
             factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
         except LinAlgError as error:
@@ -67,9 +71,10 @@ class GradientRegression:
     ) -> GradientRegression:
         """Fit a process whose prior amplitude a suits sensor noise that is known in absolute terms.
 
-        The prior is a^2 k, the noise a^2 misfit + sensor_noise, both variances (4,). a solves
-        targets^T (a^2 (K + misfit) + sensor_noise)^-1 targets = 4N: the targets scatter as
-        predicted. The left side falls with a, so the root is unique. The result is divided by a^2.
+        The prior is a^2 k, the noise a^2 misfit + sensor_noise, variances of shape (4,) and (N, 4)
+        or (4,). a solves targets^T (a^2 (K + misfit) + sensor_noise)^-1 targets = 4N: the targets
+        scatter as predicted. The left side falls with a, so the root is unique. The result is
+        divided by a^2.
         """
         process = cls.fit(kernel, nodes, targets, misfit)
         if not sensor_noise.any():

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
+from lis_grasp.surfaces.contact_noise import noise_of, precisions_of
 from lis_grasp.surfaces.convexity import Convexity
 from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
@@ -56,8 +57,8 @@ class LocalImplicitSurface(BlockwiseSurface):
     convexity: Convexity | None  #: beta*_i of every contact, or None for beta = 1
     beta_sign: float  #: sign of sgn(y) beta* in eq. 10
     spacing: float  #: of the contacts [m]
-    position_noise: float  #: one standard deviation of a contact along its normal [m]
-    normal_noise: float  #: one standard deviation of each component of the normals [rad]
+    position_noise: FloatArray  #: (N,) [m], standard deviations of the contacts along their normals
+    normal_noise: FloatArray  #: (N,) [rad], of each component of their normals
     bounds: FloatArray  #: (2, 3) [m]
 
     @classmethod
@@ -75,7 +76,7 @@ class LocalImplicitSurface(BlockwiseSurface):
         Parameters
         ----------
         contacts
-            Measured on the object; duplicates are merged first.
+            Measured on the object; duplicates are merged first. More precise ones weigh more.
         sigma
             Width of the kernel [m]; None takes a fifth of the contacts' spacing.
         beta
@@ -84,8 +85,8 @@ class LocalImplicitSurface(BlockwiseSurface):
             0.4 spacings on, "as_published" grows the wrong side of edges: a convex edge is the
             maximum of its planes, so the outside must win there.
         position_noise, normal_noise
-            One standard deviation of the contacts' positions along the normal [m] and of their
-            normals [rad]. They change the uncertainty, not the surface.
+            One standard deviation of positions along the normal [m] and of normals [rad], for
+            contacts whose own are unknown. Equal ones change the uncertainty, not the surface.
 
         Raises
         ------
@@ -94,22 +95,24 @@ class LocalImplicitSurface(BlockwiseSurface):
         InvalidOptionError
             If an option is outside its range or set.
         """
-        merged = merge_duplicates(contacts, position_noise)
+        merged = merge_duplicates(contacts, position_noise, normal_noise)
+        position, normal = noise_of(merged, position_noise, normal_noise)
         spacing = spacing_of(merged)
         sigma = _SIGMA * spacing if sigma is None else sigma
         require_range("sigma", sigma, unit="m", above_zero=True)
         if beta not in _BETA_SIGN:
             raise InvalidOptionError.not_one_of("beta", beta, _BETA_SIGN)
         points, normals = merged.points, merged.normals
+        weights = density_weights(points, sigma) * precisions_of(position, len(points))
         return cls(
             points=points,
             normals=normals,
-            mean=KernelMean.of(points, sigma, density_weights(points, sigma)),
+            mean=KernelMean.of(points, sigma, weights),
             convexity=None if beta == "none" else Convexity.from_contacts(points, normals, sigma),
             beta_sign=_BETA_SIGN[beta],
             spacing=spacing,
-            position_noise=require_range("position_noise", position_noise, unit="m"),
-            normal_noise=require_range("normal_noise", normal_noise, unit="rad"),
+            position_noise=position,
+            normal_noise=normal,
             bounds=padded_bounds(merged, spacing),
         )
 
@@ -118,14 +121,21 @@ class LocalImplicitSurface(BlockwiseSurface):
 
         Calibrated on known solids, not inferred from these contacts: at distance d from the nearest
         contact, the root of the summed squares of the position noise, the normal noise times d, and
-        0.27 d^2 / spacing, the error of planes on simple solids.
+        0.27 d^2 / spacing, the error of planes on simple solids. Squares of noise are means over
+        the contacts, with the weights of f.
         """
         rows, shape = flat_points(points)
-        distance = self.mean.distance(rows)
+        return np.sqrt(self._map(self._variance, rows)).reshape(shape)
+
+    def _variance(self, points: FloatArray) -> FloatArray:
+        """Return the variance of the surface, shape (P,) [m^2], at points close together."""
+        near, weights = self.mean.weights(points)
+        distance = self.mean.distance(points)
         shape_error = _EXTRAPOLATION_ERROR * distance**2 / self.spacing
-        return np.sqrt(
-            self.position_noise**2 + (self.normal_noise * distance) ** 2 + shape_error**2
-        ).reshape(shape)
+        position, normal = (
+            noise[near] ** 2 @ weights for noise in (self.position_noise, self.normal_noise)
+        )
+        return np.asarray(position + normal * distance**2 + shape_error**2)
 
     def _value_and_gradient(
         self, points: FloatArray, *, with_gradient: bool

@@ -33,6 +33,15 @@ def test_noise_is_as_large_as_it_is_said_to_be() -> None:
     assert tilts.std() == pytest.approx(0.05, rel=0.012)
 
 
+def test_contacts_carry_the_noise_of_their_sensor() -> None:
+    reported = sense(TactileSensor(position_noise=0.002, normal_noise=0.05))
+    np.testing.assert_array_equal(reported.position_noise, np.full(COUNT, 0.002))
+    np.testing.assert_array_equal(reported.normal_noise, np.full(COUNT, 0.05))
+    only_positions = sense(TactileSensor(position_noise=0.002))
+    assert only_positions.normal_noise is None
+    assert sense(TactileSensor()).position_noise is None
+
+
 def test_taxels_move_contacts_along_the_surface_within_half_a_pitch() -> None:
     reported = sense(TactileSensor(taxel_pitch=0.004))
     np.testing.assert_array_equal(reported.points[:, 2], 0.0)
@@ -92,7 +101,9 @@ def test_a_false_touch_is_on_the_path_and_faces_the_finger() -> None:
 
 
 def test_a_false_touch_keeps_the_columns_of_true_ones() -> None:
-    false = report(MISSED, TactileSensor(false_rate=1.0, force_threshold=0.2))
+    sensor = TactileSensor(false_rate=1.0, force_threshold=0.2, position_noise=0.001)
+    false = report(MISSED, sensor)
+    np.testing.assert_array_equal(false.contacts.position_noise, [0.001])
     known = Contacts([[0.0, 0.0, 0.0]], [UP], forces=[0.3], fingers=("tip",), times=[0.5])
     true = ProbeOutcome(PROBE, "touched", contacts=known, duration=2.0)
     later = replace(true, contacts=replace(known, points=[[0.1, 0.0, 0.0]]))

@@ -56,7 +56,15 @@ def explored(log: TouchLog | None, *, stop_after: int | None = None) -> Explorat
 def arrays(exploration: Exploration) -> list[np.ndarray]:
     contacts = exploration.contacts
     probes = [(o.probe.target, o.probe.direction) for o in exploration.outcomes]
-    return [contacts.points, contacts.normals, contacts.times, contacts.free_points, *probes]
+    noise = [contacts.position_noise, contacts.normal_noise]
+    return [
+        contacts.points,
+        contacts.normals,
+        contacts.times,
+        contacts.free_points,
+        *noise,
+        *probes,
+    ]
 
 
 def assert_same(one: Exploration, other: Exploration) -> None:
@@ -189,3 +197,15 @@ def test_a_missing_log_is_refused() -> None:
     with pytest.raises(InvalidFileError) as error:
         load_outcomes(Path("nowhere.jsonl"))
     assert error.value.path == Path("nowhere.jsonl")
+
+
+def test_noise_that_is_unknown_for_some_contacts_is_kept(tmp_path: Path) -> None:
+    log = TouchLog(tmp_path / "touches.jsonl", FACTS)
+    up = [0.0, 0.0, 1.0]
+    contacts = Contacts([[0, 0, 0], [0, 0, 1]], [up, up], position_noise=[0.001, np.nan])
+    log.append(
+        ProbeOutcome(Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.02), "touched", contacts)
+    )
+    (outcome,) = load_outcomes(log.path)
+    np.testing.assert_array_equal(outcome.contacts.position_noise, [0.001, np.nan])
+    assert outcome.contacts.normal_noise is None

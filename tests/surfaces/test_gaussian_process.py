@@ -190,7 +190,8 @@ def test_a_contact_more_never_raises_the_variance_before_it_is_scaled() -> None:
 
 def test_singular_equations_are_refused() -> None:
     contacts = sphere_contacts(5)
-    twice = contacts.append(contacts)
+    turned = Contacts(contacts.points, np.roll(contacts.normals, 1, axis=1))
+    twice = contacts.append(turned)  # other normals at the same places
     with pytest.raises(EstimationError, match="raise misfit"):
         GaussianProcessImplicitSurface.from_contacts(twice, misfit=(0.0, 0.0))
 
@@ -214,7 +215,10 @@ def test_leave_group_out_predictions_equal_refitting_without_each_group(
     for group in np.unique(groups):
         left_out = groups == group
         refitted = GradientRegression.fit(
-            process.kernel, process.nodes[~left_out], process.targets[~left_out], process.noise
+            process.kernel,
+            process.nodes[~left_out],
+            process.targets[~left_out],
+            process.noise[~left_out],
         )
         nodes = process.nodes[left_out]
         expected = surface.scale * (surface.mean + refitted.mean(nodes))
@@ -227,9 +231,9 @@ def test_leave_one_out_covariance_is_the_posterior_of_the_value_plus_its_noise()
     _, covariances = process.leave_one_out()
     others = np.arange(20) != 7
     refitted = GradientRegression.fit(
-        process.kernel, process.nodes[others], process.targets[others], process.noise
+        process.kernel, process.nodes[others], process.targets[others], process.noise[others]
     )
-    expected = refitted.variance(process.nodes[7:8])[0] + process.noise[0]
+    expected = refitted.variance(process.nodes[7:8])[0] + process.noise[7, 0]
     assert covariances[7, 0, 0] == pytest.approx(expected, rel=1e-9)
 
 
@@ -246,8 +250,9 @@ def test_repeated_contacts_hardly_lower_the_uncertainty_between_them() -> None:
     places = 0.05 * np.random.default_rng(5).normal(size=(40, 3))
     once = GaussianProcessImplicitSurface.from_contacts(contacts)
     for times in (2, 4):
+        apart = 1e-9 * np.random.default_rng(6).normal(size=(times * len(contacts), 3))
         again = Contacts(
-            np.tile(contacts.points, (times, 1)), np.tile(contacts.normals, (times, 1))
+            np.tile(contacts.points, (times, 1)) + apart, np.tile(contacts.normals, (times, 1))
         )
         surface = GaussianProcessImplicitSurface.from_contacts(again)
         # Averaged noise lowers it a little; that repeated contacts predict each other does not.
