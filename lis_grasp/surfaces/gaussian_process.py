@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces.contact_merging import (
     drop_repetitions,
     merge_duplicates,
@@ -18,7 +18,9 @@ from lis_grasp.surfaces.contact_merging import (
     spacing_of,
 )
 from lis_grasp.surfaces.contact_noise import noise_of
-from lis_grasp.surfaces.gaussian_process_regression import ROWS, GradientRegression
+from lis_grasp.surfaces.contact_thinning import thin_contacts
+from lis_grasp.surfaces.gaussian_process_regression import GradientRegression
+from lis_grasp.surfaces.kernel_expansion import ROWS
 from lis_grasp.surfaces.kernels import (
     KernelName,
     Matern52,
@@ -43,8 +45,8 @@ _LENGTHS: dict[KernelName, float] = {"rbf": 0.4, "matern52": 0.8, "thin_plate": 
 
 # Below this slope the gradient does not locate the surface.
 _MIN_SLOPE = 0.1
-# The matrices of this many take 5 GB, and a minute.
-_MOST_CONTACTS = 3000
+# More contacts are thinned: the time grows with their cube, two seconds for this many.
+_MOST_CONTACTS = 1000
 
 # Numbers held at once by an evaluation: (queries) x (contacts or equations).
 _CHUNK = 2_000_000
@@ -90,7 +92,8 @@ class GaussianProcessImplicitSurface:
     ) -> GaussianProcessImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Time grows with the cube of the number of contacts, memory with its square.
+        Time grows with the cube of the number of contacts, up to 1000. More are replaced by 1000
+        means of neighbouring ones (`thin_contacts`).
 
         Parameters
         ----------
@@ -120,16 +123,11 @@ class GaussianProcessImplicitSurface:
         InvalidOptionError
             If an option is outside its range or set.
         EstimationError
-            If the equations are singular to working precision, or there are more contacts than a
-            machine has memory for.
+            If the equations are singular to working precision.
         """
         require_contacts(contacts)
         contacts = drop_repetitions(contacts)
-        if len(contacts) > _MOST_CONTACTS:
-            raise EstimationError(
-                f"a Gaussian process takes at most {_MOST_CONTACTS} contacts, for its memory; there"
-                f" are {len(contacts)}: estimate with 'blend', 'patch' or 'lis', or from fewer"
-            )
+        contacts = thin_contacts(contacts, _MOST_CONTACTS)
         if kernel not in _KERNELS:
             raise InvalidOptionError.not_one_of("kernel", kernel, _KERNELS)
         spacing = spacing_of(contacts)
@@ -177,13 +175,13 @@ class GaussianProcessImplicitSurface:
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return the posterior mean of f at points of shape (..., 3) [m], shape (...) [m]."""
         rows, shape = self._scaled(points)
-        values = map_rows(self._process.mean, rows, max(1, _CHUNK // len(self.points)))
+        values = map_rows(self._process.mean.value, rows, max(1, _CHUNK // len(self.points)))
         return self.scale * (self.mean + values).reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
         rows, shape = self._scaled(points)
-        gradients = map_rows(self._process.mean_gradient, rows, max(1, _CHUNK // len(self.points)))
+        gradients = map_rows(self._process.mean.gradient, rows, max(1, _CHUNK // len(self.points)))
         return gradients.reshape(*shape, 3)
 
     def variance(self, points: npt.ArrayLike) -> FloatArray:

@@ -9,11 +9,14 @@ from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 from scipy.optimize import brentq
 
 from lis_grasp.exceptions import EstimationError
+from lis_grasp.surfaces.kernel_expansion import (
+    ROWS,
+    KernelExpansion,
+    cross_covariance,
+    gradient_covariance,
+)
 from lis_grasp.surfaces.kernels import RadialKernel
 from lis_grasp.typing import FloatArray, IndexArray
-
-# Value, slopes along x, y and z.
-ROWS = 4
 
 # Least amplitude of the search, as a fraction of the amplitude without any noise.
 _LEAST_AMPLITUDE = 1e-3
@@ -46,7 +49,7 @@ class GradientRegression:
 
         `noise` are variances, shape (N, 4), or (4,) where all nodes have the same.
         """
-        matrix = _covariance(kernel, nodes)
+        matrix = gradient_covariance(kernel, nodes)
         noise = np.broadcast_to(noise, targets.shape)
         matrix[np.diag_indices_from(matrix)] += noise.ravel()
         try:
@@ -94,33 +97,17 @@ class GradientRegression:
             return fit(low)
         return fit(float(brentq(excess, low, high, xtol=1e-9)))
 
-    def mean(self, queries: FloatArray) -> FloatArray:
-        """Return the posterior mean at queries (P, 3), shape (P,)."""
-        r = _distances(queries, self.nodes)  # (P, N)
-        values = self.kernel.value(r) @ self.weights[:, 0]
-        return values + np.einsum("pn,pn->p", self.kernel.first(r), self._slopes(queries))
-
-    def mean_gradient(self, queries: FloatArray) -> FloatArray:
-        """Return the gradient of the posterior mean at queries (P, 3), shape (P, 3)."""
-        # A sum over nodes of factors times d = x - x_i is x sum(factors) - factors @ x_i.
-        r = _distances(queries, self.nodes)
-        first = self.kernel.first(r)
-        factors = first * self.weights[:, 0] + self.kernel.second(r) * self._slopes(queries)
-        pulls = queries * factors.sum(axis=1)[:, None] - factors @ self.nodes
-        return first @ self.weights[:, 1:] - pulls
+    @property
+    def mean(self) -> KernelExpansion:
+        """Posterior mean."""
+        return KernelExpansion(self.kernel, self.nodes, self.weights)
 
     def variance(self, queries: FloatArray) -> FloatArray:
         """Return the posterior variance of values at queries (P, 3), shape (P,).
 
         k(x, x) - k_*^T (K + noise)^-1 k_* (Rasmussen and Williams 2006, eq. 2.26).
         """
-        r = _distances(queries, self.nodes)
-        cross = np.empty((*r.shape, ROWS))  # (P, N, 4)
-        cross[:, :, 0] = self.kernel.value(r)
-        first = self.kernel.first(r)
-        for k in range(3):
-            cross[:, :, k + 1] = first * (queries[:, k, None] - self.nodes[:, k])
-        cross = cross.reshape(len(queries), ROWS * len(self.nodes))
+        cross = cross_covariance(self.kernel, queries, self.nodes)
         solved = solve_triangular(self.cholesky, cross.T, lower=True, check_finite=False)
         prior = self.kernel.value(np.zeros(1))[0]
         return np.clip(prior - np.einsum("np,np->p", solved, solved), 0.0, prior)
@@ -175,33 +162,3 @@ class GradientRegression:
         """Return L^-1 of K + noise = L L^T, shape (4N, 4N)."""
         identity = np.eye(len(self.cholesky))
         return solve_triangular(self.cholesky, identity, lower=True, check_finite=False)
-
-    def _slopes(self, queries: FloatArray) -> FloatArray:
-        """Return (x - x_i) . (weights of the gradient at i), shape (P, N)."""
-        gammas = self.weights[:, 1:]
-        slopes = queries @ gammas.T
-        slopes -= np.einsum("nk,nk->n", self.nodes, gammas)
-        return slopes
-
-
-def _distances(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return distances between rows, shape (P, N)."""
-    squares = np.sum(first**2, axis=1)[:, None] + np.sum(second**2, axis=1) - 2.0 * first @ second.T
-    return np.sqrt(np.maximum(squares, 0.0))
-
-
-def _covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
-    """Return the covariance matrix of values and slopes at nodes (N, 3), shape (4N, 4N)."""
-    offsets = nodes[:, None, :] - nodes  # (N, N, 3)
-    r = np.linalg.norm(offsets, axis=2)
-    slope, bend = kernel.first(r), kernel.second(r)
-    blocks = np.empty((len(nodes), ROWS, len(nodes), ROWS))
-    blocks[:, 0, :, 0] = kernel.value(r)
-    for a in range(3):
-        mixed = slope * offsets[:, :, a]
-        blocks[:, 0, :, a + 1] = mixed
-        blocks[:, a + 1, :, 0] = -mixed
-        for b in range(3):
-            block = -bend * offsets[:, :, a] * offsets[:, :, b]
-            blocks[:, a + 1, :, b + 1] = block + slope if a == b else block
-    return blocks.reshape(ROWS * len(nodes), ROWS * len(nodes))

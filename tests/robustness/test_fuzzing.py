@@ -24,7 +24,6 @@ from scipy.spatial.transform import Rotation
 from lis_grasp import Contacts, shapes
 from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import (
-    EstimationError,
     InvalidContactsError,
     InvalidFileError,
     InvalidHandError,
@@ -177,11 +176,6 @@ def test_the_gradient_on_a_contact_s_axis_is_finite() -> None:
     surface = LocalImplicitSurface.from_contacts(contacts)
     beside = 10.0 ** np.arange(-320, 0, 8)[:, None] * [1.0, 0.0, 0.0] + [0.0, 0.0, 5.0]
     assert np.isfinite(surface.gradient(beside)).all()
-
-
-def test_a_gaussian_process_refuses_too_many_contacts() -> None:
-    with pytest.raises(EstimationError, match="at most 3000 contacts"):
-        ESTIMATORS["gpis"](sphere(3001, np.random.default_rng(0)))
 
 
 # Meshes.

@@ -221,9 +221,9 @@ def test_leave_group_out_predictions_equal_refitting_without_each_group(
             process.noise[~left_out],
         )
         nodes = process.nodes[left_out]
-        expected = surface.scale * (surface.mean + refitted.mean(nodes))
+        expected = surface.scale * (surface.mean + refitted.mean.value(nodes))
         np.testing.assert_allclose(values[left_out], expected, atol=1e-10)
-        np.testing.assert_allclose(gradients[left_out], refitted.mean_gradient(nodes), atol=1e-9)
+        np.testing.assert_allclose(gradients[left_out], refitted.mean.gradient(nodes), atol=1e-9)
 
 
 def test_leave_one_out_covariance_is_the_posterior_of_the_value_plus_its_noise() -> None:
@@ -286,9 +286,9 @@ def check_oracle(record: dict[str, Any], name: str) -> None:
     targets = np.column_stack([np.full(len(normals), -record["mean"]), normals])
     process = GradientRegression.fit(kernel, np.array(record["nodes"]), targets, noise)
     # Conditions of some 1e3 times rounding, in both.
-    mean = record["mean"] + process.mean(queries)
+    mean = record["mean"] + process.mean.value(queries)
     np.testing.assert_allclose(mean, expected["mean"], atol=1e-11)
-    np.testing.assert_allclose(process.mean_gradient(queries), expected["gradient"], atol=1e-11)
+    np.testing.assert_allclose(process.mean.gradient(queries), expected["gradient"], atol=1e-11)
     np.testing.assert_allclose(process.variance(queries), expected["variance"], atol=1e-11)
     best, count = process.likeliest_amplitude(), targets.size
     # Rasmussen and Williams 2006, eq. 5.8, at the likeliest amplitude.

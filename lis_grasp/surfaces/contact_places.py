@@ -1,0 +1,86 @@
+"""Places of contacts: an even cover of the touched surface, and its spacing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lis_grasp.surfaces.contact_merging import LONE_CONTACT_SPACING, SMALLEST
+from lis_grasp.typing import FloatArray, IndexArray
+
+# The places are the farthest-point order up to its last contact that covers this fraction of the
+# largest area, k g_k^2 with the gap g_k of contact k. From 0.4 to 0.8 the estimates change little.
+_COVERED = 0.5
+
+# No area is larger than that of the box round the contacts; of so few contacts, than half of it.
+_FEW = 4
+
+# Distances that differ by less, as a fraction of the largest, are equal.
+_EQUAL_DISTANCES = 1e-9
+
+# Places of an order; it takes time proportional to contacts times places.
+_MOST_PLACES = 4096
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactPlaces:
+    """Contacts that cover the touched surface evenly, M of N, and the spacing between them.
+
+    The median distance between neighbouring contacts says how finely a surface was touched only if
+    the contacts are spread evenly: a tactile pad reports several contacts millimetres apart. Places
+    are the first contacts of the farthest-point order (Gonzalez 1985), as many as make the area
+    covered per contact largest. Additional contacts near a place change neither places nor spacing.
+    """
+
+    nodes: IndexArray  # (M,) the contact at each place, in farthest-point order
+    place: IndexArray  # (N,) the nearest place of each contact, 0 to M - 1
+    spacing: float  # distance of the last place from its nearest earlier one [m]
+
+    @classmethod
+    def of(cls, points: FloatArray) -> ContactPlaces:
+        """Find the places of contacts at points, shape (N, 3) [m], at least one."""
+        order, gaps = farthest_point_order(points, _MOST_PLACES)
+        if len(order) < 2:
+            return cls(order, np.zeros(len(points), dtype=np.intp), LONE_CONTACT_SPACING)
+        rank = np.arange(1, len(order))
+        largest = np.where(rank < _FEW, 0.5, 1.0) * box_area(points)
+        covered = np.minimum(rank * gaps[1:] ** 2, largest)
+        last = 1 + int(np.flatnonzero(covered >= _COVERED * covered.max())[-1])
+        nodes = order[: last + 1]
+        return cls(nodes, cKDTree(points[nodes]).query(points)[1].astype(np.intp), gaps[last])
+
+
+def box_area(points: FloatArray) -> float:
+    """Return the area of the box along the principal axes of points (N, 3) [m^2]."""
+    centered = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(centered.T @ centered)
+    a, b, c = np.ptp(centered @ axes, axis=0)
+    return float(2.0 * (a * b + b * c + c * a))
+
+
+def farthest_point_order(points: FloatArray, most: int) -> tuple[IndexArray, FloatArray]:
+    """Return at most so many points in order (K,), and each one's distance from all earlier (K,).
+
+    `points` are of shape (N, D). The order begins with the point farthest from the centroid, and
+    ends when all others are at the places of earlier ones. It is independent of the order of the
+    points; of the frame, too, except for equal distances.
+    """
+    relative = points - points.mean(axis=0)
+    distances = np.linalg.norm(relative, axis=1)
+    resolution = max(_EQUAL_DISTANCES * float(distances.max()), SMALLEST)
+    keys = np.round(np.column_stack([distances, relative]) / resolution)
+    ranked = np.lexsort(keys.T[::-1])[::-1]  # the farthest from the centroid first
+    sorted_points = points[ranked]
+    chosen, gaps = [0], [np.inf]
+    nearest = np.full(len(points), np.inf)
+    while len(chosen) < min(most, len(points)):
+        offsets = sorted_points - sorted_points[chosen[-1]]
+        np.minimum(nearest, np.einsum("nk,nk->n", offsets, offsets), out=nearest)
+        farthest = nearest.max()
+        if farthest <= resolution**2:
+            break
+        chosen.append(int(np.argmax(nearest >= farthest - resolution * np.sqrt(farthest))))
+        gaps.append(float(np.sqrt(farthest)))
+    return ranked[chosen], np.array(gaps)

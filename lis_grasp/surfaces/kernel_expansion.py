@@ -1,0 +1,84 @@
+"""Weighted sums of a kernel and its derivatives at nodes, and their covariances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lis_grasp.surfaces.kernels import RadialKernel
+from lis_grasp.typing import FloatArray
+
+# Value, slopes along x, y and z.
+ROWS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KernelExpansion:
+    """f(x) = sum_i w_i k(x, x_i) + g_i . dk(x, x_i) / dx_i: the mean of a Gaussian process.
+
+    Conditioned on values and gradients at its nodes (Rasmussen and Williams 2006, section 9.4).
+    """
+
+    kernel: RadialKernel  # covariance of values; 1 at distance 0
+    nodes: FloatArray  # (N, 3)
+    weights: FloatArray  # (N, 4): of the value and the three slopes at each node
+
+    def value(self, queries: FloatArray) -> FloatArray:
+        """Return f at queries (P, 3), shape (P,)."""
+        r = _distances(queries, self.nodes)  # (P, N)
+        values = self.kernel.value(r) @ self.weights[:, 0]
+        return values + np.einsum("pn,pn->p", self.kernel.first(r), self._slopes(queries))
+
+    def gradient(self, queries: FloatArray) -> FloatArray:
+        """Return the gradient of f at queries (P, 3), shape (P, 3)."""
+        # A sum over nodes of factors times d = x - x_i is x sum(factors) - factors @ x_i.
+        r = _distances(queries, self.nodes)
+        first = self.kernel.first(r)
+        factors = first * self.weights[:, 0] + self.kernel.second(r) * self._slopes(queries)
+        pulls = queries * factors.sum(axis=1)[:, None] - factors @ self.nodes
+        return first @ self.weights[:, 1:] - pulls
+
+    def _slopes(self, queries: FloatArray) -> FloatArray:
+        """Return (x - x_i) . (weights of the gradient at i), shape (P, N)."""
+        gammas = self.weights[:, 1:]
+        slopes = queries @ gammas.T
+        slopes -= np.einsum("nk,nk->n", self.nodes, gammas)
+        return slopes
+
+
+def cross_covariance(kernel: RadialKernel, queries: FloatArray, nodes: FloatArray) -> FloatArray:
+    """Return covariances of values at queries (P, 3) with the rows of nodes (N, 3), (P, 4N)."""
+    r = _distances(queries, nodes)
+    cross = np.empty((*r.shape, ROWS))  # (P, N, 4)
+    cross[:, :, 0] = kernel.value(r)
+    first = kernel.first(r)
+    for k in range(3):
+        cross[:, :, k + 1] = first * (queries[:, k, None] - nodes[:, k])
+    return cross.reshape(len(queries), ROWS * len(nodes))
+
+
+def gradient_covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
+    """Return the covariance matrix of values and slopes at nodes (N, 3), shape (4N, 4N).
+
+    Rows are ordered node by node, the value before the three slopes.
+    """
+    offsets = nodes[:, None, :] - nodes  # (N, N, 3)
+    r = np.linalg.norm(offsets, axis=2)
+    slope, bend = kernel.first(r), kernel.second(r)
+    blocks = np.empty((len(nodes), ROWS, len(nodes), ROWS))
+    blocks[:, 0, :, 0] = kernel.value(r)
+    for a in range(3):
+        mixed = slope * offsets[:, :, a]
+        blocks[:, 0, :, a + 1] = mixed
+        blocks[:, a + 1, :, 0] = -mixed
+        for b in range(3):
+            block = -bend * offsets[:, :, a] * offsets[:, :, b]
+            blocks[:, a + 1, :, b + 1] = block + slope if a == b else block
+    return blocks.reshape(ROWS * len(nodes), ROWS * len(nodes))
+
+
+def _distances(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return distances between rows, shape (P, N)."""
+    squares = np.sum(first**2, axis=1)[:, None] + np.sum(second**2, axis=1) - 2.0 * first @ second.T
+    return np.sqrt(np.maximum(squares, 0.0))
