@@ -133,67 +133,10 @@ def gaussian_process(
     return np.array(means), np.array(variances)
 
 
-def local_quadric(
-    i: int,
-    neighbors: list[int],
-    points: FloatArray,
-    normals: FloatArray,
-    spacing: float,
-    *,
-    position_noise: float,
-    normal_noise: float,
-    curvature: float,
-    third_order: float,
-) -> tuple[float, FloatArray, FloatArray]:
-    """Height, normal and curvature matrix of contact i: least squares over all nine entries of Q.
-
-    Symmetry of Q is imposed by hand, as rows of enormous weight.
-    """
-    rows: list[FloatArray] = []
-    sides: list[float] = []
-
-    def observe(coefficients: FloatArray, value: float, deviation: float) -> None:
-        rows.append(coefficients / deviation)
-        sides.append(value / deviation)
-
-    for k in range(13):  # h, change of n, Q row by row
-        deviation = position_noise / spacing if k == 0 else normal_noise if k < 4 else curvature
-        observe(np.eye(13)[k], 0.0, deviation)
-    for a, b in ((0, 1), (0, 2), (1, 2)):
-        difference = np.zeros(13)
-        difference[4 + 3 * a + b], difference[4 + 3 * b + a] = 1.0, -1.0
-        observe(difference, 0.0, 1e-9)
-    for j in neighbors:
-        d = (points[j] - points[i]) / spacing
-        far = math.sqrt(float(d @ d))
-        value = np.concatenate([[1.0], d, 0.5 * np.outer(d, d).ravel()])
-        gap = -float(normals[i] @ d)
-        observe(value, gap, math.hypot(position_noise / spacing, third_order * far**3))
-        for axis in range(3):
-            slope = np.zeros(13)
-            slope[1 + axis] = 1.0
-            slope[4 + 3 * axis : 7 + 3 * axis] = d
-            gap = float(normals[j][axis] - normals[i][axis])
-            observe(slope, gap, math.hypot(normal_noise, 3.0 * third_order * far**2))
-    solution = np.linalg.lstsq(np.array(rows), np.array(sides), rcond=None)[0]
-    normal = normals[i] + solution[1:4]
-    length = float(np.linalg.norm(normal))
-    curvatures = solution[4:].reshape(3, 3) / spacing / length
-    return float(solution[0]) * spacing / length, normal / length, curvatures
-
-
 def kernel_mean(x: FloatArray, nodes: FloatArray, sigma: float, values: list[float]) -> float:
     nearest = min(math.dist(x, node) for node in nodes)
     kernels = [math.exp(-0.5 * (math.dist(x, node) ** 2 - nearest**2) / sigma**2) for node in nodes]
     return sum(k * v for k, v in zip(kernels, values, strict=True)) / sum(kernels)
-
-
-def quadric_distance(
-    x: FloatArray, point: FloatArray, height: float, normal: FloatArray, curvature: FloatArray
-) -> float:
-    d = x - point
-    value = height + float(normal @ d) + 0.5 * float(d @ curvature @ d)
-    return value / max(float(np.linalg.norm(normal + curvature @ d)), 0.3)
 
 
 def winding_number(point: FloatArray, triangles: FloatArray) -> float:

@@ -27,6 +27,9 @@ _MAX_NODES = 2**27
 # The main body is the part with most of the best supported vertices, this fraction of all.
 _BEST = 0.1
 
+# A part whose surface is known to this fraction of a cell has contacts of its own.
+_KNOWN = 0.25
+
 
 def extract_mesh(
     surface: ImplicitSurface,
@@ -78,7 +81,7 @@ def extract_mesh(
     _require_surface(field, grid, values)
     vertices, faces = contour(values < 0.0, find_crossings(field, grid, values), grid)
     uncertainty = field.uncertainty(vertices)
-    faces = faces[_supported_faces(vertices, faces, uncertainty)]
+    faces = faces[_supported_faces(vertices, faces, uncertainty, grid.cell)]
     if np.linalg.det(vertices[faces] - vertices[faces].mean(axis=(0, 1))).sum() <= 0.0:
         raise EstimationError(
             f"the inside is smaller than the cells of {grid.cell:g} m: mesh with smaller cells,"
@@ -144,11 +147,14 @@ def _require_surface(field: Field, grid: Grid, values: FloatArray) -> None:
         )
 
 
-def _supported_faces(vertices: FloatArray, faces: IndexArray, uncertainty: FloatArray) -> BoolArray:
+def _supported_faces(
+    vertices: FloatArray, faces: IndexArray, uncertainty: FloatArray, cell: float
+) -> BoolArray:
     """Return which triangles (F, 3) of a closed, outward mesh belong to supported parts, (F,).
 
-    A phantom part, far from all contacts, is dropped: its least uncertainty exceeds the median of
-    the main body's. The solid round a kept cavity is kept. `uncertainty` is of vertices, (V,) [m].
+    A phantom part, far from all contacts, is dropped: its least uncertainty exceeds a quarter of a
+    cell [m], and the median of the main body's. The solid round a kept cavity is kept.
+    `uncertainty` is of vertices, (V,) [m].
     """
     count, part = _parts(len(vertices), faces)
     if count == 1:
@@ -158,7 +164,8 @@ def _supported_faces(vertices: FloatArray, faces: IndexArray, uncertainty: Float
     main = int(np.argmax(np.bincount(part[best_supported], minlength=count)))
     lowest = np.full(count, np.inf)
     np.minimum.at(lowest, part, uncertainty)
-    supported = lowest <= np.quantile(uncertainty[part == main], 0.5, method="lower")
+    typical = np.quantile(uncertainty[part == main], 0.5, method="lower")
+    supported = lowest <= max(typical, _KNOWN * cell)
     if not supported.all():
         supported = _with_their_solids(supported, vertices, faces, part)
     return np.asarray(supported[part[faces[:, 0]]])

@@ -1,68 +1,69 @@
-"""Blend of a sharp and a smooth estimate, weighted by cross-validation error."""
+"""Blend of a sharp and a smooth estimate, weighted by cross-validation over places."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces.contact_merging import SMALLEST, merge_duplicates, spacing_of
+from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
-from lis_grasp.surfaces.kernel_mean import KernelMean
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
-from lis_grasp.surfaces.queries import compact_blocks, flat_points
+from lis_grasp.surfaces.queries import flat_points, map_rows
 from lis_grasp.typing import FloatArray, IndexArray
 
-Function = Callable[[FloatArray], FloatArray]
-
-# Folds of the cross-validation.
-_FOLDS = 4
-
-# Fewer contacts cannot compare the estimates; with more, the Gaussian process takes seconds.
-_LEAST_CONTACTS = 10
-_MOST_CONTACTS = 400
+# Folds of the cross-validation; fewer places than the least cannot compare the estimates.
+_FOLDS = 5
+_LEAST_PLACES = 4
 
 # Weight of a normal's error of 1, and the error that is as good as none, in spacings.
 _NORMAL_ERROR = 0.25
 _ERROR_FLOOR = 0.02
 
-# Width of the kernel that averages errors, in spacings.
+# Limit of the log ratio at a place, so that one exact prediction does not outvote several bad ones.
+_LIMIT = 1.5
+
+# The evidence of all places counts like that of this many near ones, less half a standard error.
+_PRIOR_PLACES = 3.0
+_CAUTION = 0.5
+
+# Width of the kernel that averages evidence, in spacings.
 _SIGMA = 1.2
 
-# The sharp estimate has no weight where its error is this many times the smooth one's.
-_WORSE = 2.0
+# Evidence at which the sharp estimate begins to have weight, and has all of it: not at 0, because
+# spurious surface between contacts does not show in the prediction of contacts.
+_NO_WEIGHT, _FULL_WEIGHT = 0.1, 0.4
 
-# Distances that differ by less, as a fraction of the largest, are equal.
-_EQUAL_DISTANCES = 1e-9
+# Distance between both estimates at which the sharp one begins to lose its weight, and has lost it,
+# in spacings: surface that is far from any smooth one is spurious.
+_NEAR, _FAR = 0.5, 1.0
 
-_BLOCK = 4096
+_CHUNK = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendedImplicitSurface:
-    """Weighted mean of a patch surface and a Gaussian process, by their prediction errors.
+    """Blend of a patch surface and a Gaussian process, by their prediction errors.
 
-    f = w sharp + (1 - w) smooth
+    f = smooth + w v (sharp - smooth)
 
-    Either estimate predicts left-out contacts from all others (4-fold cross-validation). The errors
-    are averaged over neighbouring contacts (geometric means, weighted by a kernel). w is 1 where
-    the sharp estimate's error is no larger than the smooth one's, and 0 where it is twice as large
-    or more, with a smoothstep (3 t^2 - 2 t^3) of the logarithm between. So f is sharp in doubt: a
-    smooth estimate is wrong at edges, which are between contacts and therefore not validated. A
-    bend of 90 degrees between two touches looks like an edge to any test of pairs; there the smooth
-    estimate predicts the touches, and the sharp one does not.
+    Either estimate predicts the contacts of left-out places from those of all others (5-fold
+    cross-validation). w rises from 0 to 1 with the evidence for the sharp estimate: the mean
+    logarithm of the ratio of both errors, at the places near a point and overall. v falls from 1 to
+    0 where the two estimates are 0.5 to 1 spacings apart.
+
+    A solid's edges are between contacts; there a smooth estimate is wrong, and so is a sharp one
+    that takes a bend for an edge. Both show in the prediction of places that are left out.
 
     Made by `from_contacts`. Near the surface f is about a distance.
     """
 
     sharp: PatchImplicitSurface  #: the estimate with sharp edges
-    smooth: GaussianProcessImplicitSurface | None  #: None where the sharp estimate is used alone
-    log_ratios: FloatArray  #: (N,), log (error of smooth / error of sharp) at each contact
-    mean: KernelMean  #: kernel-weighted mean over contacts
+    smooth: GaussianProcessImplicitSurface  #: the estimate without
+    places: FloatArray  #: (M, 3) [m], places of contacts
+    log_ratios: FloatArray  #: (M,), mean log (error of smooth / error of sharp) at each place
 
     @classmethod
     def from_contacts(
@@ -74,15 +75,13 @@ class BlendedImplicitSurface:
     ) -> BlendedImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Below 10 contacts, and above 400, the sharp estimate is used alone.
-
         Parameters
         ----------
         contacts
             Measured on the object; duplicates are merged first.
         position_noise, normal_noise
-            One standard deviation of contacts along their normals [m] and of each component of
-            the normals [rad]; None takes the default of either estimate.
+            One standard deviation along the normal [m] and of each component of the normal [rad],
+            for contacts whose own noise is unknown. None estimates it from the contacts.
 
         Raises
         ------
@@ -91,22 +90,25 @@ class BlendedImplicitSurface:
         InvalidOptionError
             If an option is outside its range.
         """
-        merged = merge_duplicates(contacts, position_noise)
-        spacing = spacing_of(merged)
-        noise = {"position_noise": position_noise, "normal_noise": normal_noise}
-        given: dict[str, Any] = {name: value for name, value in noise.items() if value is not None}
-
-        def fit_sharp(some: Contacts) -> PatchImplicitSurface:
-            return PatchImplicitSurface.from_contacts(some, **given)
-
-        mean = KernelMean.of(merged.points, _SIGMA * spacing)
-        if not _LEAST_CONTACTS <= len(merged) <= _MOST_CONTACTS:
-            return cls(fit_sharp(merged), None, np.zeros(len(merged)), mean)
-        folds = _folds(merged)
-        smooth = GaussianProcessImplicitSurface.from_contacts(merged, **given)
-        predictions = _predict_left_out(fit_sharp, merged, folds), smooth.leave_groups_out(folds)
-        of_sharp, of_smooth = (_log_errors(*p, merged, spacing) for p in predictions)
-        return cls(fit_sharp(merged), smooth, of_smooth - of_sharp, mean)
+        sharp = PatchImplicitSurface.from_contacts(
+            contacts, position_noise=position_noise, normal_noise=normal_noise
+        )
+        known = Contacts(
+            sharp.points,
+            sharp.normals,
+            position_noise=sharp.segmentation.position_noise,
+            normal_noise=sharp.segmentation.normal_noise,
+        )
+        smooth = GaussianProcessImplicitSurface.from_contacts(known)
+        places = ContactPlaces.of(sharp.points)
+        log_ratios = np.zeros(len(places.nodes))
+        if len(places.nodes) >= _LEAST_PLACES:
+            folds = (np.arange(len(places.nodes)) % _FOLDS)[places.place]
+            of_sharp = _log_errors(*_predict_left_out(sharp, folds), known, sharp.spacing)
+            of_smooth = _log_errors(*smooth.leave_groups_out(folds), known, sharp.spacing)
+            sums = np.bincount(places.place, of_smooth - of_sharp)
+            log_ratios = np.clip(sums / np.bincount(places.place), -_LIMIT, _LIMIT)
+        return cls(sharp, smooth, sharp.points[places.nodes], log_ratios)
 
     @property
     def bounds(self) -> FloatArray:
@@ -115,27 +117,27 @@ class BlendedImplicitSurface:
 
     @property
     def spacing(self) -> float:
-        """Spacing of the contacts [m]."""
+        """Spacing of the places of contacts [m]."""
         return self.sharp.spacing
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
         rows, shape = flat_points(points)
-        if self.smooth is None:
-            return self.sharp.evaluate(rows).reshape(shape)
-        weights, _ = self._weights(rows, with_gradient=False)
-        return _mix(weights, self.sharp.evaluate, self.smooth.evaluate, rows).reshape(shape)
+        values = self.smooth.evaluate(rows)
+        some, weights, differences = self._weights_and_differences(rows, values)
+        values[some] += weights * _agreement(differences, self.spacing)[0] * differences
+        return values.reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the exact gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
         rows, shape = flat_points(points)
-        if self.smooth is None:
-            return self.sharp.gradient(rows).reshape(*shape, 3)
-        weights, slopes = self._weights(rows, with_gradient=True)
-        gradients = _mix(weights, self.sharp.gradient, self.smooth.gradient, rows)
-        both = np.flatnonzero((weights > 0.0) & (weights < 1.0))
-        difference = self.sharp.evaluate(rows[both]) - self.smooth.evaluate(rows[both])
-        gradients[both] += difference[:, None] * slopes[both]
+        values, gradients = self.smooth.evaluate(rows), self.smooth.gradient(rows)
+        some, weights, differences = self._weights_and_differences(rows, values)
+        agreement, fall = _agreement(differences, self.spacing)
+        # d(w v D) = w (v + v'(D) D) dD + v D dw
+        steps = self.sharp.gradient(rows[some]) - gradients[some]
+        gradients[some] += (weights * (agreement + fall * differences))[:, None] * steps
+        gradients[some] += (agreement * differences)[:, None] * self._weight_slopes(rows[some])
         return gradients.reshape(*shape, 3)
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
@@ -144,71 +146,71 @@ class BlendedImplicitSurface:
         That of a mixture: the weighted mean of both variances, and the variance between both.
         """
         rows, shape = flat_points(points)
-        smooth = self.smooth
-        if smooth is None:
-            return self.sharp.uncertainty(rows).reshape(shape)
-        weights, _ = self._weights(rows, with_gradient=False)
-        second_moments = _mix(
-            weights,
-            lambda x: self.sharp.uncertainty(x) ** 2,
-            lambda x: smooth.uncertainty(x) ** 2,
-            rows,
+        values = self.smooth.evaluate(rows)
+        moments = self.smooth.uncertainty(rows) ** 2
+        some, weights, differences = self._weights_and_differences(rows, values)
+        weights = weights * _agreement(differences, self.spacing)[0]
+        moments[some] += weights * (self.sharp.uncertainty(rows[some]) ** 2 - moments[some])
+        moments[some] += weights * (1.0 - weights) * differences**2
+        return np.sqrt(moments).reshape(shape)
+
+    def _weights_and_differences(
+        self, points: FloatArray, smooth: FloatArray
+    ) -> tuple[IndexArray, FloatArray, FloatArray]:
+        """Return the points with w above 0, (Q,), their w, and sharp - smooth there [m]."""
+        evidence = map_rows(
+            lambda x: self._evidence(x)[0], points, max(1, _CHUNK // len(self.places))
         )
-        both = np.flatnonzero((weights > 0.0) & (weights < 1.0))
-        difference = self.sharp.evaluate(rows[both]) - smooth.evaluate(rows[both])
-        second_moments[both] += weights[both] * (1.0 - weights[both]) * difference**2
-        return np.sqrt(second_moments).reshape(shape)
+        weights, _ = _smoothstep(evidence, _NO_WEIGHT, _FULL_WEIGHT)
+        some = np.flatnonzero(weights > 0.0)
+        return some, weights[some], self.sharp.evaluate(points[some]) - smooth[some]
 
-    def _weights(self, points: FloatArray, *, with_gradient: bool) -> tuple[FloatArray, FloatArray]:
-        """Return w at points, shape (P,), and its gradient, shape (P, 3)."""
+    def _weight_slopes(self, points: FloatArray) -> FloatArray:
+        """Return the gradient of w at points, (P, 3)."""
+        answers = map_rows(
+            lambda x: np.column_stack(self._evidence(x)), points, max(1, _CHUNK // len(self.places))
+        )
+        _, rises = _smoothstep(answers[:, 0], _NO_WEIGHT, _FULL_WEIGHT)
+        return rises[:, None] * answers[:, 1:]
 
-        def constant(node: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
-            return np.full(len(seen), self.log_ratios[node]), np.zeros((len(seen), 3))
+    def _evidence(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the evidence for the sharp estimate at points, (P,), and its gradient, (P, 3).
 
-        ratios, slopes = np.empty(len(points)), np.empty((len(points), 3))
-        for index in compact_blocks(points, _BLOCK):
-            near, weights = self.mean.weights(points[index])
-            ratios[index], slopes[index] = self.mean.average(
-                points[index], near, weights, constant, with_gradient=with_gradient
-            )
-        t = np.clip(1.0 + ratios / np.log(_WORSE), 0.0, 1.0)
-        slopes *= (6.0 * t * (1.0 - t) / np.log(_WORSE))[:, None]
-        return t * t * (3.0 - 2.0 * t), slopes
-
-
-def _mix(weights: FloatArray, sharp: Function, smooth: Function, points: FloatArray) -> FloatArray:
-    """Return the weighted mean of two functions, each evaluated where its weight is not 0."""
-    some, rest = np.flatnonzero(weights > 0.0), np.flatnonzero(weights < 1.0)
-    of_sharp, of_smooth = sharp(points[some]), smooth(points[rest])
-    mixed = np.zeros((len(points), *of_sharp.shape[1:]))
-    columns = (slice(None), *[None] * (of_sharp.ndim - 1))
-    mixed[some] += weights[some][columns] * of_sharp
-    mixed[rest] += (1.0 - weights[rest])[columns] * of_smooth
-    return mixed
+        A weighted mean of the log ratios, shrunk to that of all places.
+        """
+        width = _SIGMA * self.spacing
+        offsets = self.places - points[:, None]  # (P, M, 3)
+        kernel = np.exp(-0.5 * np.einsum("pmk,pmk->pm", offsets, offsets) / width**2)
+        count, deviation = len(self.log_ratios), float(self.log_ratios.std())
+        overall = float(self.log_ratios.sum()) / (count + _PRIOR_PLACES)
+        overall -= _CAUTION * deviation / np.sqrt(count)
+        total = kernel.sum(axis=1) + _PRIOR_PLACES
+        evidence = (kernel @ self.log_ratios + _PRIOR_PLACES * overall) / total
+        pulls = kernel * (self.log_ratios - evidence[:, None]) / total[:, None]
+        return evidence, np.einsum("pm,pmk->pk", pulls, offsets) / width**2
 
 
-def _folds(contacts: Contacts) -> IndexArray:
-    """Return the fold of each contact, shape (N,): every fourth, in order from the centroid."""
-    # Independent of the order of contacts; of the frame, too, except for equal distances.
-    relative = contacts.points - contacts.points.mean(axis=0)
-    distances = np.linalg.norm(relative, axis=1)
-    keys = np.column_stack([distances, relative])
-    keys = np.round(keys / max(_EQUAL_DISTANCES * distances.max(), SMALLEST))
-    rank = np.empty(len(contacts), dtype=np.intp)
-    rank[np.lexsort(keys.T[::-1])] = np.arange(len(contacts))
-    return rank % _FOLDS
+def _smoothstep(values: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+    """Return 3 t^2 - 2 t^3, which rises from 0 at `low` to 1 at `high`, and its derivative."""
+    t = np.clip((values - low) / (high - low), 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) / (high - low)
+
+
+def _agreement(differences: FloatArray, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Return v, 1 where the estimates are close and 0 where far apart, and dv / d(difference)."""
+    rises, slopes = _smoothstep(np.abs(differences), _NEAR * spacing, _FAR * spacing)
+    return 1.0 - rises, -slopes * np.sign(differences)
 
 
 def _predict_left_out(
-    fit: Callable[[Contacts], PatchImplicitSurface], contacts: Contacts, folds: IndexArray
+    sharp: PatchImplicitSurface, folds: IndexArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return f, shape (N,), and gradient, (N, 3), at contacts, estimated without their fold."""
-    values, gradients = np.empty(len(contacts)), np.empty((len(contacts), 3))
-    for fold in range(_FOLDS):
+    values, gradients = np.empty(len(folds)), np.empty((len(folds), 3))
+    for fold in np.unique(folds):
         left_out = folds == fold
-        surface = fit(contacts.subset(~left_out))
-        values[left_out], gradients[left_out] = surface.value_and_gradient(
-            contacts.points[left_out]
+        values[left_out], gradients[left_out] = sharp.without(left_out).value_and_gradient(
+            sharp.points[left_out]
         )
     return values, gradients
 

@@ -1,4 +1,4 @@
-"""Segmentation of contacts into smooth patches, bounded by edges.
+"""First segmentation of contacts into smooth patches, from the evidence of pairs.
 
 Two contacts i, j on one circular arc are equally deep below each other's tangent planes: the
 asymmetry |y_i(c_j) - y_j(c_i)| / |c_j - c_i| is 0 on planes, spheres and cylinders, whatever the
@@ -12,13 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from lis_grasp.surfaces.contact_merging import SMALLEST
+from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.typing import FloatArray, IndexArray
-
-# Largest distance of a pair of contacts, in spacings.
-REACH = 2.6
 
 # Asymmetry of pairs on one smooth surface and across an edge (one standard deviation, without
 # noise), and the limit of a pair's log odds: neighbouring pairs are not independent.
@@ -34,59 +31,27 @@ _PRIOR_SLOPE = 12.0 / np.pi
 _MAX_BEND = np.deg2rad(115.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ContactPairs:
-    """Pairs of contacts i < j within reach of each other, P of them, and their relative pose."""
-
-    first: IndexArray  # (P,) index i
-    second: IndexArray  # (P,) index j
-    distances: FloatArray  # (P,) [m]
-    heights: FloatArray  # (P,) [m], y_i(c_j)
-    back_heights: FloatArray  # (P,) [m], y_j(c_i)
-    bends: FloatArray  # (P,) [rad], the angle between both normals
-
-    @classmethod
-    def within(cls, points: FloatArray, normals: FloatArray, radius: float) -> ContactPairs:
-        """Find the pairs at most `radius` [m] apart, in order of their indices."""
-        pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
-        first, second = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].T
-        offsets = points[second] - points[first]
-        crosses = np.linalg.norm(np.cross(normals[first], normals[second]), axis=1)
-        cosines = np.einsum("pk,pk->p", normals[first], normals[second])
-        return cls(
-            first=first,
-            second=second,
-            distances=np.linalg.norm(offsets, axis=1),
-            heights=np.einsum("pk,pk->p", offsets, normals[first]),
-            back_heights=-np.einsum("pk,pk->p", offsets, normals[second]),
-            bends=np.arctan2(crosses, cosines),
-        )
-
-    def on_one_patch(self, patches: IndexArray) -> tuple[IndexArray, IndexArray]:
-        """Return contacts and their neighbours on the same patch, both directions, shape (Q,)."""
-        same = (patches[self.first] == patches[self.second]) & (self.bends < _MAX_BEND)
-        first, second = self.first[same], self.second[same]
-        return np.concatenate([first, second]), np.concatenate([second, first])
-
-
-def find_patches(
-    pairs: ContactPairs, count: int, *, position_noise: float, normal_noise: float
+def cluster_pairs(
+    pairs: ContactPairs, position_noise: FloatArray, normal_noise: FloatArray
 ) -> IndexArray:
-    """Return the patch of each contact, shape (count,): 0 for the first contact's, and so on.
+    """Return the patch of each contact, shape (N,): 0 for the first contact's, and so on.
 
     Agglomerative clustering: the likeliest pairs of patches merge first, as long as one smooth
     surface is likelier than an edge between them. The log odds of a pair are those of its
-    asymmetry, normally distributed in both cases, but several times wider across an edge. Noise is
-    one standard deviation of contacts along their normals [m] and of the normals [rad].
+    asymmetry, normally distributed in both cases, but several times wider across an edge. Noise,
+    (N,), is one standard deviation of contacts along their normals [m] and of the normals [rad].
     """
+    count = len(position_noise)
     apart = pairs.distances > SMALLEST
     distances = np.where(apart, pairs.distances, 1.0)
     asymmetry = np.abs(pairs.heights - pairs.back_heights) / distances
     # Both heights of a pair err by its normals, and by its positions with opposite signs.
-    variance = _ASYMMETRY**2 + 2.0 * normal_noise**2 + 8.0 * (position_noise / distances) ** 2
+    positions = position_noise[pairs.first] ** 2 + position_noise[pairs.second] ** 2
+    turns = normal_noise[pairs.first] ** 2 + normal_noise[pairs.second] ** 2
+    variance = _ASYMMETRY**2 + turns + 4.0 * positions / distances**2
     across = variance + _EDGE_ASYMMETRY**2
     odds = 0.5 * np.log(across / variance) - 0.5 * asymmetry**2 * (1.0 / variance - 1.0 / across)
-    odds = np.clip(odds, -_PAIR_LIMIT, _PAIR_LIMIT)
+    odds = pairs.weights * np.clip(odds, -_PAIR_LIMIT, _PAIR_LIMIT)
     usable = apart & (pairs.bends < _MAX_BEND)
     borders = _Borders(pairs.first[usable], pairs.second[usable], odds[usable], pairs.bends[usable])
     patches = np.arange(count)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.surfaces.patch_segmentation import REACH, ContactPairs
+from lis_grasp.surfaces.contact_pairs import REACH, ContactPairs
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 Intersection = tuple[int, ...]

@@ -1,4 +1,4 @@
-"""Patch implicit surfaces: smooth patches with local quadrics, joined at sharp edges."""
+"""Patch implicit surfaces: smooth Gaussian processes, joined at sharp edges."""
 
 from __future__ import annotations
 
@@ -11,36 +11,35 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
+from lis_grasp.surfaces.contact_noise import noise_of
+from lis_grasp.surfaces.contact_pairs import ContactPairs
+from lis_grasp.surfaces.contact_places import ContactPlaces
+from lis_grasp.surfaces.contact_thinning import thin_contacts
 from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
-from lis_grasp.surfaces.local_quadrics import LocalQuadrics
-from lis_grasp.surfaces.patch import Patch, values_of_patches
+from lis_grasp.surfaces.patch import Patch, noise_variances
 from lis_grasp.surfaces.patch_csg import EdgePairs, Expression, build_expressions
-from lis_grasp.surfaces.patch_segmentation import REACH, ContactPairs, find_patches
-from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.surfaces.patch_segmentation import Segmentation, segment
+from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
-# Widths of the kernels that blend quadrics in a patch, and expressions of contacts, in spacings.
-_PATCH_SIGMA = 0.4
+# Width of the kernel that blends expressions of contacts, in spacings.
 _SIGMA = 0.2
 
-# Default noise of contacts: a good tactile sensor's.
-_POSITION_NOISE = 0.01  # in spacings
-_NORMAL_NOISE = 0.05  # [rad]
-
-# More patches fit no object and take minutes; of many contacts, this fraction may be isolated (1 %
-# on a sphere). Values of all patches at all contacts must fit into memory.
-_MOST_PATCHES, _MOST_PATCHES_OF_CONTACTS = 1000, 0.02
-_MOST_VALUES = 200_000_000
+# More contacts are thinned, for time and memory. More patches fit no object.
+MOST_CONTACTS = 400
+_MOST_PATCHES = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchImplicitSurface(BlockwiseSurface):
-    """Smooth patches of local quadrics, joined at sharp edges by CSG expressions.
+    """Smooth patches, each a Gaussian process, joined at sharp edges by CSG expressions.
 
-    Contacts on one smooth surface make a patch, whose function blends their quadrics. Round each
-    contact the solid is a CSG expression: a union (min, concave edges) of intersections (max,
-    convex edges) of patches. f is the kernel-weighted mean of the expressions, as in eq. 7 of
-    Ottenhaus et al. 2016 with planes y_i replaced by expressions, and beta_i = 1.
+    Contacts on one smooth surface make a patch: a Gaussian process with a quadric trend through
+    their points and normals (`patch`). Which contacts do is decided by marginal likelihood
+    (`patch_segmentation`). Round each contact the solid is a CSG expression: a union (min, concave
+    edges) of intersections (max, convex edges) of patches. f is the kernel-weighted mean of the
+    expressions, as in eq. 7 of Ottenhaus et al. 2016 with planes y_i replaced by expressions, and
+    beta_i = 1.
 
     Exact for solids of planes, spheres and cylinders if every edge is distinguished from every
     bend. Near the surface f is a distance to first order; far from it only its sign counts.
@@ -50,11 +49,12 @@ class PatchImplicitSurface(BlockwiseSurface):
 
     points: FloatArray  #: (N, 3) [m], contacts without duplicates, in O
     normals: FloatArray  #: (N, 3), unit, outward
+    segmentation: Segmentation  #: the patch of each contact, and its noise
     patches: tuple[Patch, ...]  #: the smooth patches
     expressions: tuple[Expression, ...]  #: the distinct CSG expressions
     expression_of: IndexArray  #: (N,), index of each contact's expression
     mean: KernelMean  #: kernel-weighted mean over contacts
-    spacing: float  #: of the contacts [m]
+    spacing: float  #: between places of contacts [m]
     bounds: FloatArray  #: (2, 3) [m]
 
     @classmethod
@@ -63,19 +63,19 @@ class PatchImplicitSurface(BlockwiseSurface):
         contacts: Contacts,
         *,
         position_noise: float | None = None,
-        normal_noise: float = _NORMAL_NOISE,
+        normal_noise: float | None = None,
     ) -> PatchImplicitSurface:
         """Estimate the surface of an object from at least one contact.
+
+        More than 400 contacts are replaced by 400 means of neighbouring ones (`thin_contacts`).
 
         Parameters
         ----------
         contacts
             Measured on the object; duplicates are merged first.
-        position_noise
-            One standard deviation of a contact along its normal [m]; None takes 0.01 of the
-            contacts' spacing.
-        normal_noise
-            One standard deviation of each component of the normals [rad].
+        position_noise, normal_noise
+            One standard deviation along the normal [m] and of each component of the normal [rad],
+            for contacts whose own noise is unknown. None estimates it from the contacts.
 
         Raises
         ------
@@ -86,44 +86,84 @@ class PatchImplicitSurface(BlockwiseSurface):
         EstimationError
             If contacts contradict each other so much that they have hardly a patch in common.
         """
-        merged = merge_duplicates(contacts, position_noise)
-        points, normals, spacing = merged.points, merged.normals, spacing_of(merged)
-        if position_noise is None:
-            position_noise = _POSITION_NOISE * spacing
-        require_range("position_noise", position_noise, unit="m")
-        require_range("normal_noise", normal_noise, unit="rad")
-        noise = {"position_noise": position_noise, "normal_noise": normal_noise}
-
-        pairs = ContactPairs.within(points, normals, REACH * spacing)
-        patch_of = find_patches(pairs, len(points), **noise)
-        separate = int(patch_of.max()) + 1
-        most = _most_patches(len(points))
-        if separate > most:
+        merged = merge_duplicates(contacts, position_noise, normal_noise)
+        merged = thin_contacts(merged, MOST_CONTACTS)
+        points, normals = merged.points, merged.normals
+        spacing = ContactPlaces.of(points).spacing
+        noise = noise_of(merged, position_noise, normal_noise, default=(np.nan, np.nan))
+        pairs = ContactPairs.within(points, normals, spacing)
+        segmentation = segment(points, normals, pairs, spacing, *noise)
+        separate = int(segmentation.patch_of.max()) + 1
+        if separate > _MOST_PATCHES:
             raise EstimationError(
-                f"{len(points)} contacts form {separate} smooth patches, more than {most}: check"
-                " whether each normal belongs to its point, and give the noise"
+                f"{len(points)} contacts form {separate} smooth patches, more than {_MOST_PATCHES}:"
+                " check whether each normal belongs to its point, and give the noise"
             )
-        on_one_patch = pairs.on_one_patch(patch_of)
-        quadrics = LocalQuadrics.fit(points, normals, on_one_patch, spacing, **noise)
-        patches = tuple(
-            Patch.of(np.flatnonzero(patch_of == p), quadrics, _PATCH_SIGMA * spacing)
-            for p in range(separate)
+        bounds = padded_bounds(merged, spacing_of(merged))
+        amplitudes = [None] * separate
+        return cls._join(points, normals, pairs, segmentation, amplitudes, spacing, bounds)
+
+    def without(self, left_out: BoolArray) -> PatchImplicitSurface:
+        """Return the estimate without some contacts, (N,), with the same segmentation and noise.
+
+        Each contact keeps its patch, each patch its amplitude, and lengths stay in proportion to
+        the spacing of all contacts.
+        """
+        points, normals = self.points[~left_out], self.normals[~left_out]
+        left, patch_of = np.unique(self.segmentation.patch_of[~left_out], return_inverse=True)
+        segmentation = Segmentation(
+            patch_of,
+            self.segmentation.position_noise[~left_out],
+            self.segmentation.normal_noise[~left_out],
         )
+        pairs = ContactPairs.within(points, normals, self.spacing)
+        amplitudes = [self.patches[p].amplitude for p in left]
+        return self._join(
+            points, normals, pairs, segmentation, amplitudes, self.spacing, self.bounds
+        )
+
+    @classmethod
+    def _join(
+        cls,
+        points: FloatArray,
+        normals: FloatArray,
+        pairs: ContactPairs,
+        segmentation: Segmentation,
+        amplitudes: list[float] | list[None],
+        spacing: float,
+        bounds: FloatArray,
+    ) -> PatchImplicitSurface:
+        """Fit the patches and join them by CSG expressions."""
+        patch_of = segmentation.patch_of
+        variances = noise_variances(
+            segmentation.position_noise / spacing, segmentation.normal_noise
+        ).reshape(len(points), -1)
+        patches = []
+        for number, amplitude in enumerate(amplitudes):
+            members = np.flatnonzero(patch_of == number)
+            chosen = points[members], normals[members]
+            noise = variances[members].ravel()
+            patches.append(Patch.fit(members, *chosen, spacing, noise, amplitude))
         edges = EdgePairs.of(pairs, patch_of, spacing)
-        values = values_of_patches(points, patches, quadrics, edges.needed_values()[patch_of])
+        wanted = edges.needed_values()[patch_of]  # (N, K)
+        values = np.full(wanted.shape, np.nan)
+        for column, patch in enumerate(patches):
+            rows = np.flatnonzero(wanted[:, column])
+            values[rows, column] = patch.value(points[rows])
         expressions = build_expressions(pairs, edges, values, spacing)
         distinct = sorted(set(expressions))
-        number = {expression: k for k, expression in enumerate(distinct)}
+        number_of = {expression: k for k, expression in enumerate(distinct)}
         sigma = _SIGMA * spacing
         return cls(
             points=points,
             normals=normals,
-            patches=patches,
+            segmentation=segmentation,
+            patches=tuple(patches),
             expressions=tuple(distinct),
-            expression_of=np.array([number[expression] for expression in expressions]),
+            expression_of=np.array([number_of[expression] for expression in expressions]),
             mean=KernelMean.of(points, sigma, density_weights(points, sigma)),
             spacing=spacing,
-            bounds=padded_bounds(merged, spacing),
+            bounds=bounds,
         )
 
     def value_and_gradient(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -138,9 +178,8 @@ class PatchImplicitSurface(BlockwiseSurface):
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
 
-        The posterior standard deviation of the quadrics that make the surface there: it grows with
-        the given noise, and away from contacts with the open curvature. A misread edge is not
-        included.
+        The posterior standard deviation of the patches that make the surface there: it grows with
+        noise, and away from contacts. A misread edge is not included.
         """
         rows, shape = flat_points(points)
         return np.sqrt(self._map(self._variance, rows)).reshape(shape)
@@ -149,7 +188,12 @@ class PatchImplicitSurface(BlockwiseSurface):
         self, points: FloatArray, *, with_gradient: bool
     ) -> tuple[FloatArray, FloatArray]:
         near, weights = self.mean.weights(points)
-        fields = self._fields(near, lambda p: p.evaluate(points, with_gradient=with_gradient))
+
+        def evaluate(patch: Patch) -> tuple[FloatArray, FloatArray]:
+            values = patch.value(points)
+            return values, patch.gradient(points) if with_gradient else values[:, None]
+
+        fields = self._fields(near, evaluate)
 
         def local(node: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
             values, gradients = fields[self.expression_of[node]]
@@ -162,8 +206,7 @@ class PatchImplicitSurface(BlockwiseSurface):
         near, weights = self.mean.weights(points)
 
         def value_and_variance(patch: Patch) -> tuple[FloatArray, FloatArray]:
-            values, _ = patch.evaluate(points, with_gradient=False)
-            return values, patch.variance(points)[:, None]
+            return patch.value(points), patch.variance(points)[:, None]
 
         fields = self._fields(near, value_and_variance)
         variances = np.stack([fields[k][1][:, 0] for k in self.expression_of[near]])  # (M, P)
@@ -195,9 +238,3 @@ class PatchImplicitSurface(BlockwiseSurface):
             patch = active[rows[heights[rows].argmin(axis=0)], columns]
             fields[k] = values[patch, columns], attributes[patch, columns]
         return fields
-
-
-def _most_patches(contacts: int) -> int:
-    """Return the largest number of patches that so many contacts may form."""
-    most = max(_MOST_PATCHES, int(_MOST_PATCHES_OF_CONTACTS * contacts))
-    return min(most, _MOST_VALUES // contacts)

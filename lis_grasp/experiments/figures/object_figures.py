@@ -89,7 +89,9 @@ def patch_map(*, names: Sequence[str] = ("mallet", "half_cylinder")) -> Figure:
     for k, name in enumerate(names):
         surface = PatchImplicitSurface.from_contacts(explored(name, 3)[1].contacts)
         mesh, view = extract_mesh(surface), view_of(name)
-        colours = np.array([palette.rgba(_COLOURS[p % len(_COLOURS)]) for p in _patch_of(surface)])
+        colours = np.array(
+            [palette.rgba(_COLOURS[p % len(_COLOURS)]) for p in surface.segmentation.patch_of]
+        )
         pale = 0.5 + 0.5 * colours
         facing = view.faces(surface.normals)
         scene = [
@@ -107,14 +109,6 @@ def patch_map(*, names: Sequence[str] = ("mallet", "half_cylinder")) -> Figure:
     return figure
 
 
-def _patch_of(surface: PatchImplicitSurface) -> IndexArray:
-    """Return the patch of each contact, shape (N,)."""
-    patch_of = np.empty(len(surface.points), dtype=np.intp)
-    for p, patch in enumerate(surface.patches):
-        patch_of[patch.members] = p
-    return patch_of
-
-
 def _owners(surface: PatchImplicitSurface, points: FloatArray) -> IndexArray:
     """Return a contact of the patch that makes the surface at each point, shape (P,).
 
@@ -122,10 +116,8 @@ def _owners(surface: PatchImplicitSurface, points: FloatArray) -> IndexArray:
     """
     tree = cKDTree(surface.points)
     near = tree.query(points, k=min(12, len(surface.points)))[1].reshape(len(points), -1)
-    patch_of = _patch_of(surface)
-    values = np.stack(
-        [np.abs(p.evaluate(points, with_gradient=False)[0]) for p in surface.patches], axis=1
-    )  # (P, K)
+    patch_of = surface.segmentation.patch_of
+    values = np.stack([np.abs(p.value(points)) for p in surface.patches], axis=1)  # (P, K)
     rows = np.arange(len(points))
     best = np.argmin(values[rows[:, None], patch_of[near]], axis=1)
     return np.asarray(near[rows, best])
