@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,7 @@ from lis_grasp.surfaces.kernels import (
     SquaredExponential,
     ThinPlate,
 )
+from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_contacts, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -85,8 +86,8 @@ class GaussianProcessImplicitSurface:
         *,
         kernel: KernelName = "matern52",
         length: float | None = None,
-        position_noise: float = 0.0,
-        normal_noise: float = 0.0,
+        position_noise: float | None = None,
+        normal_noise: float | None = None,
         misfit: tuple[float, float] = (0.001, 0.1),
         prior_mean: float | None = None,
     ) -> GaussianProcessImplicitSurface:
@@ -107,7 +108,8 @@ class GaussianProcessImplicitSurface:
             every distance).
         position_noise, normal_noise
             One standard deviation of the sensor's positions along the normals [m] and of each
-            component of its normals [rad], for contacts whose own are unknown.
+            component of its normals [rad], for contacts whose own are unknown. None estimates them
+            (`estimate_noise`).
         misfit
             Noise of positions and of normals added to the sensor's, for edges that no smooth f can
             follow, in units of the prior's standard deviation (scaled, and so in radians for the
@@ -145,9 +147,12 @@ class GaussianProcessImplicitSurface:
             scaled_length = require_range("length", length, unit="m", above_zero=True) / scale
         center = contacts.bounds.mean(axis=0)
 
+        position, normal = noise_or_estimate(contacts, position_noise, normal_noise)
+        contacts = replace(contacts, position_noise=position, normal_noise=normal)
+
         def fit(some: Contacts) -> GradientRegression:
             values = np.full((len(some), 1), -prior_mean / scale)  # f less its prior mean
-            position, normal = noise_of(some, position_noise, normal_noise)
+            position, normal = noise_of(some, None, None)
             return GradientRegression.fit_amplitude(
                 _KERNELS[kernel](scaled_length),
                 (some.points - center) / scale,
