@@ -46,8 +46,10 @@ _LENGTHS: dict[KernelName, float] = {"rbf": 0.4, "matern52": 0.8, "thin_plate": 
 
 # Below this slope the gradient does not locate the surface.
 _MIN_SLOPE = 0.1
-# More contacts are thinned: the time grows with their cube, two seconds for this many.
-_MOST_CONTACTS = 1000
+# More contacts are thinned: time grows with the cube of their number.
+_MOST_CONTACTS = 400
+# The prior's amplitude is fitted to so many contacts at most: it takes a dozen solutions.
+_MOST_FOR_AMPLITUDE = 150
 
 # Numbers held at once by an evaluation: (queries) x (contacts or equations).
 _CHUNK = 2_000_000
@@ -93,8 +95,7 @@ class GaussianProcessImplicitSurface:
     ) -> GaussianProcessImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Time grows with the cube of the number of contacts, up to 1000. More are replaced by 1000
-        means of neighbouring ones (`thin_contacts`).
+        More than 400 contacts are thinned to as many local averages (`thin_contacts`).
 
         Parameters
         ----------
@@ -129,9 +130,11 @@ class GaussianProcessImplicitSurface:
         """
         require_contacts(contacts)
         contacts = drop_repetitions(contacts)
-        contacts = thin_contacts(contacts, _MOST_CONTACTS)
         if kernel not in _KERNELS:
             raise InvalidOptionError.not_one_of("kernel", kernel, _KERNELS)
+        position, normal = noise_or_estimate(contacts, position_noise, normal_noise)
+        contacts = replace(contacts, position_noise=position, normal_noise=normal)
+        contacts = thin_contacts(contacts, _MOST_CONTACTS)
         spacing = spacing_of(contacts)
         largest = float(pdist(contacts.points).max(initial=0.0))
         scale = largest if largest > resolution_of(contacts) else spacing
@@ -147,19 +150,27 @@ class GaussianProcessImplicitSurface:
             scaled_length = require_range("length", length, unit="m", above_zero=True) / scale
         center = contacts.bounds.mean(axis=0)
 
-        position, normal = noise_or_estimate(contacts, position_noise, normal_noise)
-        contacts = replace(contacts, position_noise=position, normal_noise=normal)
-
-        def fit(some: Contacts) -> GradientRegression:
+        def observed(some: Contacts) -> tuple[FloatArray, FloatArray, FloatArray]:
             values = np.full((len(some), 1), -prior_mean / scale)  # f less its prior mean
             position, normal = noise_of(some, None, None)
-            return GradientRegression.fit_amplitude(
-                _KERNELS[kernel](scaled_length),
+            return (
                 (some.points - center) / scale,
                 np.hstack([values, some.normals]),
-                sensor_noise=_variances(position / scale, normal),
-                misfit=_variances(*misfit),
+                _variances(position / scale, normal),
             )
+
+        def fit(some: Contacts) -> GradientRegression:
+            prior, of_misfit = _KERNELS[kernel](scaled_length), _variances(*misfit)
+            nodes, targets, noise = observed(some)
+            if noise.any():  # in units of the prior's amplitude, and so is the result
+                few, few_targets, few_noise = observed(thin_contacts(some, _MOST_FOR_AMPLITUDE))
+                noise = noise * np.exp(
+                    -2.0
+                    * GradientRegression.log_prior_amplitude(
+                        prior, few, few_targets, sensor_noise=few_noise, misfit=of_misfit
+                    )
+                )
+            return GradientRegression.fit(prior, nodes, targets, of_misfit + noise)
 
         process = fit(contacts)
         # Touches of one place predict each other, whatever the others do.

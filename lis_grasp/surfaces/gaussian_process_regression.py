@@ -63,7 +63,7 @@ class GradientRegression:
         return cls(kernel, nodes, targets, noise, factor, weights.reshape(-1, ROWS))
 
     @classmethod
-    def fit_amplitude(
+    def log_prior_amplitude(
         cls,
         kernel: RadialKernel,
         nodes: FloatArray,
@@ -71,31 +71,26 @@ class GradientRegression:
         *,
         sensor_noise: FloatArray,
         misfit: FloatArray,
-    ) -> GradientRegression:
-        """Fit a process whose prior amplitude a suits sensor noise that is known in absolute terms.
+    ) -> float:
+        """Return log a of the prior a^2 k that suits sensor noise known in absolute terms.
 
-        The prior is a^2 k, the noise a^2 misfit + sensor_noise, variances of shape (4,) and (N, 4)
-        or (4,). a solves targets^T (a^2 (K + misfit) + sensor_noise)^-1 targets = 4N: the targets
-        scatter as predicted. The left side falls with a, so the root is unique. The result is
-        divided by a^2.
+        The noise is a^2 misfit + sensor_noise, variances of shape (4,) and (N, 4) or (4,). a solves
+        targets^T (a^2 (K + misfit) + sensor_noise)^-1 targets = 4N: the targets scatter as
+        predicted. The left side falls with a, so the root is unique.
         """
         process = cls.fit(kernel, nodes, targets, misfit)
-        if not sensor_noise.any():
-            return process
-
-        def fit(log_amplitude: float) -> GradientRegression:
-            noise = misfit + sensor_noise * np.exp(-2.0 * log_amplitude)
-            return cls.fit(kernel, nodes, targets, noise)
-
-        def excess(log_amplitude: float) -> float:
-            return float(np.log(fit(log_amplitude).likeliest_amplitude())) - log_amplitude
-
         # Noise explains some of the scatter: a is lower than without it; 0.1 more for rounding.
         high = float(np.log(process.likeliest_amplitude())) + 0.1
         low = high + float(np.log(_LEAST_AMPLITUDE))
+
+        def excess(log_amplitude: float) -> float:
+            noise = misfit + sensor_noise * np.exp(-2.0 * log_amplitude)
+            process = cls.fit(kernel, nodes, targets, noise)
+            return float(np.log(process.likeliest_amplitude())) - log_amplitude
+
         if excess(low) <= 0.0:  # noise explains all of the scatter
-            return fit(low)
-        return fit(float(brentq(excess, low, high, xtol=1e-9)))
+            return low
+        return float(brentq(excess, low, high, xtol=1e-9))
 
     @property
     def mean(self) -> KernelExpansion:
