@@ -142,7 +142,7 @@ def test_a_failed_estimate_is_scored_as_one_that_misses_everything() -> None:
 def test_every_estimate_is_meshed_in_the_box_of_gpis() -> None:
     data = contact_set("box", ContactCase("clustered", 30))
     gpis = GaussianProcessImplicitSurface.from_contacts(data.contacts)
-    np.testing.assert_allclose(meshing_box(data.contacts), gpis.bounds)
+    np.testing.assert_allclose(meshing_box(data, "contacts"), gpis.bounds)
     own, common = (
         score_estimate(compared_estimator("gpis"), data, box=box) for box in ("own", "contacts")
     )

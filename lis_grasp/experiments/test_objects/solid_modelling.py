@@ -141,7 +141,7 @@ def lofted(rings: list[FloatArray]) -> Solid:
     mesh = trimesh.Trimesh(np.vstack([*rings, *centres]), np.concatenate(faces), process=False)
     if mesh.volume < 0.0:
         mesh.invert()
-    return _solid(mesh)
+    return solid_of(mesh)
 
 
 def star(radius: Callable[[FloatArray], FloatArray], *, segments: int = 120) -> Solid:
@@ -178,7 +178,7 @@ def zero_set(
     mesh = trimesh.Trimesh(vertices, faces, process=True)
     if mesh.volume < 0.0:
         mesh.invert()
-    return _solid(mesh).simplify(0.02 * cell)
+    return solid_of(mesh).simplify(0.02 * cell)
 
 
 def mesh_of(solid: Solid) -> trimesh.Trimesh:
@@ -188,7 +188,8 @@ def mesh_of(solid: Solid) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def _solid(mesh: trimesh.Trimesh) -> Solid:
+def solid_of(mesh: trimesh.Trimesh) -> Solid:
+    """Return the solid of a closed mesh."""
     return Solid(
         manifold3d.Mesh64(
             vert_properties=np.ascontiguousarray(mesh.vertices, dtype=np.float64),
