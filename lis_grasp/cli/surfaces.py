@@ -17,7 +17,7 @@ _OUTPUT = Path("results/surfaces")
 _PART, _QUICK_PART = 4, 30
 _REFERENCE = "gpis_best"
 _QUICK = (_REFERENCE,)
-_ESTIMATORS = (_REFERENCE, "gpis", "hermite_rbf", "thin_plate", "ransac_csg", "poisson")
+_ESTIMATORS = (_REFERENCE, "hermite_rbf", "thin_plate", "ransac_csg", "poisson")
 _SETS = ("evaluation", "development")
 
 

@@ -43,8 +43,8 @@ class PrimitiveCSGSurface(BaselineSurface):
         cls,
         contacts: Contacts,
         *,
-        tolerance: float = 0.01,
-        angle: float = 0.2,
+        tolerance: float = 0.02,
+        angle: float = 0.1,
         position_noise: float = 0.0,
         normal_noise: float = 0.0,
     ) -> PrimitiveCSGSurface:

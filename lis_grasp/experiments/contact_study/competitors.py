@@ -79,18 +79,16 @@ SEARCHED: Mapping[str, tuple[Settings, ...]] = MappingProxyType(
         ),
         "thin_plate": tuple(
             {"offset": offset, "smoothing": smoothing}
-            for offset in (0.1, 0.25, 0.5)
-            for smoothing in (0.0, 1e-4, 1e-3)
+            for offset in (0.05, 0.1, 0.25)
+            for smoothing in (0.0, 1e-3)
         ),
         "ransac_csg": tuple(
             {"tolerance": tolerance, "angle": angle}
-            for tolerance in (0.005, 0.01, 0.02, 0.04)
-            for angle in (0.1, 0.2, 0.35)
+            for tolerance in (0.005, 0.01, 0.02)
+            for angle in (0.03, 0.06, 0.1, 0.2)
         ),
         "poisson": tuple(
-            {"depth": depth, "pointweight": weight}
-            for depth in (5, 6, 7)
-            for weight in (1.0, 4.0, 10.0)
+            {"depth": depth, "pointweight": weight} for depth in (3, 4, 5) for weight in (1.0, 10.0)
         ),
     }
 )
@@ -100,9 +98,9 @@ CHOSEN: Mapping[str, Settings] = MappingProxyType(
     {
         "gpis_best": {"kernel": "matern52", "length": 0.8, "misfit": (0.001, 0.1)},
         "hermite_rbf": {"smoothing": (0.0, 0.0)},
-        "thin_plate": {"offset": 0.25, "smoothing": 0.0},
-        "ransac_csg": {"tolerance": 0.01, "angle": 0.2},
-        "poisson": {"depth": 7, "pointweight": 10.0},
+        "thin_plate": {"offset": 0.1, "smoothing": 0.0},
+        "ransac_csg": {"tolerance": 0.02, "angle": 0.1},
+        "poisson": {"depth": 4, "pointweight": 10.0},
     }
 )
 """The best of `SEARCHED`, by the geometric mean of both errors over development sets."""
