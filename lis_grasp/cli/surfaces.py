@@ -27,7 +27,7 @@ def add_parser(verbs: Any) -> None:
         "surfaces",
         help="compare estimates on even, random, clustered and noisy contacts of many objects",
         description="Estimate the surfaces of test objects of five families from contacts drawn in"
-        " 30 ways, and write tables of errors, losses and calibration. Run again, it continues with"
+        " 31 ways, and write tables of errors, losses and calibration. Run again, it continues with"
         " the missing trials.",
     )
     parser.add_argument(

@@ -12,7 +12,7 @@ from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
 from lis_grasp.experiments.contact_study.contact_cases import CASES, KINDS, ContactCase
-from lis_grasp.experiments.contact_study.contact_draws import CLUSTER_RADIUS, DRAWS, POLICY_NAMES
+from lis_grasp.experiments.contact_study.contact_draws import CLUSTER_RADIUS, DRAWS, EXPLORATIONS
 from lis_grasp.experiments.contact_study.estimate_score import (
     EXPLORED,
     meshing_box,
@@ -21,10 +21,11 @@ from lis_grasp.experiments.contact_study.estimate_score import (
 from lis_grasp.experiments.contact_study.study_sets import balanced, contact_set
 from lis_grasp.experiments.contact_study.surface_points import SurfacePoints
 from lis_grasp.experiments.test_objects.shape_sets import build_shape
+from lis_grasp.exploration import POLICIES
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
 
 
-@pytest.mark.parametrize("draw", [*DRAWS, "spread"])
+@pytest.mark.parametrize("draw", [*DRAWS, "spread", "random_targets"])
 def test_exact_contacts_are_on_the_surface_and_repeat_bit_for_bit(draw: str) -> None:
     case = ContactCase(draw, 30)
     first, again = contact_set("socket", case), contact_set("socket", case)
@@ -36,7 +37,8 @@ def test_exact_contacts_are_on_the_surface_and_repeat_bit_for_bit(draw: str) -> 
 
 
 def test_every_policy_is_a_case() -> None:
-    assert set(POLICY_NAMES) <= {case.draw for case in CASES}
+    assert set(EXPLORATIONS.values()) == set(POLICIES)
+    assert {*DRAWS, *EXPLORATIONS} == {case.draw for case in CASES}
     assert {case.kind for case in CASES} == set(KINDS)
     assert len({case.name for case in CASES}) == len(CASES)
 

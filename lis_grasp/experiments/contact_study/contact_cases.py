@@ -19,7 +19,7 @@ class ContactCase:
     Parameters
     ----------
     draw
-        A key of `DRAWS`, or the name of a policy.
+        A key of `DRAWS` or of `EXPLORATIONS`.
     count
         Number of contacts.
     level
@@ -85,5 +85,6 @@ CASES: tuple[ContactCase, ...] = (
     ContactCase("spread", 50, level=3, given=True),
     ContactCase("random", 80, level=4, given=True),
     ContactCase("random", 80, level=4),
+    ContactCase("random_targets", 30),
 )
-"""Every case, in a fixed order: append new ones, for seeds depend on the order."""
+"""Every case, in a fixed order: append new ones, for which shapes meet a case depends on it."""

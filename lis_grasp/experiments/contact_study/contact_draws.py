@@ -9,6 +9,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.experiments.contact_study.surface_points import SurfacePoints
+from lis_grasp.exploration import POLICIES
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline import RunConfig, touch
 from lis_grasp.shapes import Shape
@@ -78,18 +79,20 @@ DRAWS: Mapping[str, Callable[..., Contacts]] = MappingProxyType(
 )
 """Every way to draw a number of exact contacts, by its name."""
 
-POLICY_NAMES: tuple[str, ...] = ("spread", "swift", "uncertainty", "frontier")
-"""Policies by which the simulated hand explores."""
+EXPLORATIONS: Mapping[str, str] = MappingProxyType(
+    {("random_targets" if name == "random" else name): name for name in POLICIES}
+)
+"""The policies by which the simulated hand explores, by the names that they have among draws."""
 
 
-def explored_contacts(shape: Shape, hand: Hand, policy: str, count: int, *, seed: int) -> Contacts:
+def explored_contacts(shape: Shape, hand: Hand, draw: str, count: int, *, seed: int) -> Contacts:
     """Return the contacts of a hand that explores by a policy and `gpis`, without the simulator.
 
     The estimator that guides the hand is the same for every compared estimator. Free space that the
     hand passed through is left out.
     """
     config = RunConfig(
-        prober="kinematic", policy=policy, estimator="gpis", touches=count, seed=seed
+        prober="kinematic", policy=EXPLORATIONS[draw], estimator="gpis", touches=count, seed=seed
     )
     found = touch(shape, hand, config).contacts
     return Contacts(found.points, found.normals)
