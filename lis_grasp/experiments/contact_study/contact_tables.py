@@ -8,6 +8,7 @@ import numpy as np
 
 from lis_grasp.experiments.contact_study.contact_cases import KINDS
 from lis_grasp.experiments.contact_study.error_ratios import (
+    LOSS,
     ErrorRatio,
     failures,
     grouped,
@@ -20,8 +21,6 @@ from lis_grasp.io.json_lines import Row
 
 WORST = 1.25
 """Largest ratio of an estimator that is right everywhere."""
-
-_LOSS = 1.005  # shown as more than 1.00
 
 OFF = 0.05
 """Largest deviation of a calibrated rate from 68 or 95 %."""
@@ -61,7 +60,7 @@ def by_family_table(ratios: Sequence[ErrorRatio], estimator: str) -> TextTable:
                     str(len(chosen)),
                     summarise(chosen, "truth_to_estimate").text(),
                     summarise(chosen, "estimate_to_truth").text(),
-                    str(sum(ratio.worst > 1.0 for ratio in chosen)),
+                    str(sum(ratio.worst > LOSS for ratio in chosen)),
                     f"{worst.worst:.2f}: {worst.set_name}",
                 )
             )
@@ -85,7 +84,7 @@ def by_object_table(ratios: Sequence[ErrorRatio], estimators: Sequence[str]) -> 
 
 def losses_table(ratios: Sequence[ErrorRatio], estimator: str) -> TextTable:
     """Return every set on which one estimator has a larger error than the reference."""
-    lost = [ratio for ratio in ratios if ratio.estimator == estimator and ratio.worst > 1.0]
+    lost = [ratio for ratio in ratios if ratio.estimator == estimator and ratio.worst > LOSS]
     lost.sort(key=lambda ratio: -ratio.worst)
     lines = [
         (
@@ -157,7 +156,7 @@ def with_truth(rows: Sequence[Row], estimators: Sequence[str]) -> tuple[str, ...
 
 def _pair(ratios: Sequence[ErrorRatio], *, bold: bool = False) -> str:
     means = [summarise(ratios, name).mean for name in ("truth_to_estimate", "estimate_to_truth")]
-    return " / ".join(f"**{m:.2f}**" if bold and m > _LOSS else f"{m:.2f}" for m in means)
+    return " / ".join(f"**{m:.2f}**" if bold and m > LOSS else f"{m:.2f}" for m in means)
 
 
 def _rates(rows: Sequence[Row], band: str, goal: float) -> str:

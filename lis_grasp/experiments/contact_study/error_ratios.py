@@ -15,6 +15,9 @@ FLOOR = 0.0005
 """Added to both errors of a ratio, in sizes of the object: 0.1 mm at 20 cm. Errors far below what
 any use needs do not count."""
 
+LOSS = 1.005
+"""A ratio above this, shown as more than 1.00, is a loss."""
+
 LEAST_OBJECTS = 6
 """Objects that an interval needs."""
 
