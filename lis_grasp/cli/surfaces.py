@@ -94,7 +94,9 @@ def execute(options: argparse.Namespace) -> None:
     names = _estimators(options)
     shapes = _shapes(options)
     part = (_QUICK_PART if options.quick else _PART) if options.part is None else options.part
-    require_at_least(1, part=part, seeds=options.seeds)
+    require_at_least(1, seeds=options.seeds)
+    if not 1 <= part <= len(CASES):
+        raise InvalidOptionError.out_of_range("--part", part, f"from 1 to {len(CASES)}")
     scheduler = local_scheduler(options.jobs)
     output = options.output or _OUTPUT
     results = TrialResults(output / "results.jsonl", "surfaces")

@@ -162,7 +162,9 @@ def test_the_command_writes_tables_and_continues(
         (["--estimators", "best", "gpis_best"], "best"),
         (["--families", "round"], "round"),
         (["--box", "large"], "--box"),
-        (["--part", "0"], "part"),
+        (["--part", "0"], "--part"),
+        (["--part", "1000"], "--part"),
+        (["--seeds", "0"], "seeds"),
         (["--meshes", "{empty}"], "mesh files"),
     ],
 )
