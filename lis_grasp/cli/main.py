@@ -9,10 +9,21 @@ from collections.abc import Sequence
 from threadpoolctl import threadpool_limits
 
 import lis_grasp
-from lis_grasp.cli import compare, doctor, estimate, explore, grasp, lift, paper, run, view
+from lis_grasp.cli import (
+    compare,
+    doctor,
+    estimate,
+    explore,
+    grasp,
+    lift,
+    paper,
+    run,
+    surfaces,
+    view,
+)
 from lis_grasp.exceptions import InvalidInputError, LisGraspError
 
-_VERBS = (run, explore, estimate, grasp, lift, compare, paper, view, doctor)
+_VERBS = (run, explore, estimate, grasp, lift, compare, surfaces, paper, view, doctor)
 
 
 def build_parser() -> argparse.ArgumentParser:

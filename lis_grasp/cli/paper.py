@@ -48,8 +48,8 @@ def add_parser(verbs: Any) -> None:
         choices=(*OURS, *BASELINES),
         metavar="NAME",
         help=f"estimators to compare (default: {', '.join(_ESTIMATORS)}; also"
-        f" {', '.join(name for name in BASELINES if name not in _ESTIMATORS)}, which need"
-        " lis-grasp[baselines])",
+        f" {', '.join(name for name in BASELINES if name not in _ESTIMATORS)}, most of"
+        " which need lis-grasp[baselines])",
     )
     opt.add_jobs(parser)
     opt.add_output(parser, str(_OUTPUT))

@@ -7,6 +7,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.experiments.baselines.hermite_rbf import HermiteRBFSurface
 from lis_grasp.experiments.baselines.meshlab_surface import MeshLabSurface
 from lis_grasp.experiments.baselines.offset_surface import OffsetSurface
+from lis_grasp.experiments.baselines.primitive_csg_surface import PrimitiveCSGSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 
 BASELINES: Mapping[str, Callable[[Contacts], ImplicitSurface]] = MappingProxyType(
@@ -14,6 +15,7 @@ BASELINES: Mapping[str, Callable[[Contacts], ImplicitSurface]] = MappingProxyTyp
         "hermite_rbf": HermiteRBFSurface.from_contacts,
         "offset_rbf": OffsetSurface.thin_plate,
         "offset_gp": OffsetSurface.gaussian_process,
+        "ransac_csg": PrimitiveCSGSurface.from_contacts,
         "poisson": MeshLabSurface.poisson,
         "rimls": MeshLabSurface.rimls,
         "apss": MeshLabSurface.apss,
@@ -22,4 +24,10 @@ BASELINES: Mapping[str, Callable[[Contacts], ImplicitSurface]] = MappingProxyTyp
 """Every baseline by its short name. `offset_gp` needs scikit-learn, the last three need pymeshlab:
 `pip install lis-grasp[baselines]`."""
 
-__all__ = ["BASELINES", "HermiteRBFSurface", "MeshLabSurface", "OffsetSurface"]
+__all__ = [
+    "BASELINES",
+    "HermiteRBFSurface",
+    "MeshLabSurface",
+    "OffsetSurface",
+    "PrimitiveCSGSurface",
+]

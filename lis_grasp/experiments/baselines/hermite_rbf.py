@@ -26,8 +26,8 @@ class HermiteRBFSurface(BaselineSurface):
     f(x) = sum_j a_j phi(x - c_j) - b_j . grad phi(x - c_j) + p(x),   phi = r^3, p linear
 
     with coefficients that make f(c_i) = 0 and grad f(c_i) = n_i, and are orthogonal to linear
-    functions (Wendland 2005, chapter 16; Macedo, Gois and Velho 2011). It has no parameters and
-    takes no noise. Near contacts f is about metric [m].
+    functions (Wendland 2005, chapter 16; Macedo, Gois and Velho 2011). It interpolates unless it is
+    given a smoothing or noise. Near contacts f is about metric [m].
     """
 
     error: ClassVar[float] = 0.16
@@ -38,8 +38,27 @@ class HermiteRBFSurface(BaselineSurface):
     _linear: FloatArray  # (4,) p
 
     @classmethod
-    def from_contacts(cls, contacts: Contacts) -> HermiteRBFSurface:
-        """Interpolate at least one contact; EstimationError if the equations are singular."""
+    def from_contacts(
+        cls,
+        contacts: Contacts,
+        *,
+        smoothing: tuple[float, float] = (0.0, 0.0),
+        position_noise: float = 0.0,
+        normal_noise: float = 0.0,
+    ) -> HermiteRBFSurface:
+        """Interpolate at least one contact; EstimationError if the equations are singular.
+
+        Parameters
+        ----------
+        contacts
+            Measured on the object; duplicates are merged first.
+        smoothing
+            Deviations of values (in extents of the contacts) and of normals [rad] that are
+            permitted without noise, for regularisation.
+        position_noise, normal_noise
+            Standard deviations of positions [m] and normals [rad]. The squares of both kinds of
+            deviation are added to the diagonal, as those of a Gaussian process with this kernel.
+        """
         support = Support.of(contacts)
         points, normals = support.contacts.points, support.contacts.normals
         nodes = support.scaled(points)
@@ -47,6 +66,9 @@ class HermiteRBFSurface(BaselineSurface):
         size = 4 * count
         matrix = np.zeros((size + 4, size + 4))
         matrix[:size, :size] = _interactions(nodes, nodes).reshape(size, size)
+        values = smoothing[0] ** 2 + (position_noise / support.scale) ** 2
+        slopes = smoothing[1] ** 2 + normal_noise**2
+        matrix[np.arange(size), np.arange(size)] += np.tile([values, *[slopes] * 3], count)
         linear = _linear_rows(nodes).reshape(size, 4)
         matrix[:size, size:], matrix[size:, :size] = linear, linear.T
         if count < 4:  # too few contacts to determine the linear part: take the smallest

@@ -22,7 +22,7 @@ from lis_grasp.typing import FloatArray
 # loses faces.
 _MARCHING_CUBES = {"resolution": 120, "filterscale": 2.0}
 # The point weight favours interpolation over smoothness.
-_POISSON = {"depth": 7, "pointweight": 10.0, "samplespernode": 1.0}
+_POISSON: dict[str, float] = {"depth": 7, "pointweight": 10.0, "samplespernode": 1.0}
 
 # These methods search neighbours of their own and need this many.
 _LEAST_CONTACTS = 6
@@ -45,10 +45,13 @@ class MeshLabSurface(BaselineSurface):
     faces: npt.NDArray[np.int64]
 
     @classmethod
-    def poisson(cls, contacts: Contacts) -> MeshLabSurface:
-        """Reconstruct by screened Poisson (Kazhdan and Hoppe 2013)."""
+    def poisson(cls, contacts: Contacts, **options: float) -> MeshLabSurface:
+        """Reconstruct by screened Poisson (Kazhdan and Hoppe 2013).
+
+        Options of MeshLab's filter replace the defaults: depth, pointweight, samplespernode.
+        """
         name = "generate_surface_reconstruction_screened_poisson"
-        return cls._filtered(contacts, name, **_POISSON)
+        return cls._filtered(contacts, name, **(_POISSON | options))
 
     @classmethod
     def rimls(cls, contacts: Contacts) -> MeshLabSurface:

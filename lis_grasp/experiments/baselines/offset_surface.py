@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -33,8 +34,8 @@ class OffsetSurface(BaselineSurface):
 
     General interpolators take no normals. So each normal is replaced by two points at a distance h
     on either side of the contact, with the values +h and -h (Carr et al. 2001, "Reconstruction and
-    representation of 3D objects with radial basis functions"). Here h is a quarter of the contacts'
-    spacing. Coordinates are centred on the contacts and scaled to about unit size.
+    representation of 3D objects with radial basis functions"). By default h is a quarter of the
+    contacts' spacing. Coordinates are centred on the contacts and scaled to about unit size.
 
     Made by `thin_plate` (SciPy) or `gaussian_process` (scikit-learn).
     """
@@ -44,9 +45,14 @@ class OffsetSurface(BaselineSurface):
     predict: Predict
 
     @classmethod
-    def thin_plate(cls, contacts: Contacts) -> OffsetSurface:
-        """Interpolate by SciPy's RBFInterpolator, a thin-plate spline, which has no parameter."""
-        return cls._fitted(contacts, RBFInterpolator)
+    def thin_plate(
+        cls, contacts: Contacts, *, offset: float = _OFFSET, smoothing: float = 0.0
+    ) -> OffsetSurface:
+        """Interpolate by SciPy's RBFInterpolator, a thin-plate spline.
+
+        `offset` is h in spacings of the contacts; `smoothing` is RBFInterpolator's.
+        """
+        return cls._fitted(contacts, partial(RBFInterpolator, smoothing=smoothing), offset)
 
     @classmethod
     def gaussian_process(cls, contacts: Contacts) -> OffsetSurface:
@@ -71,10 +77,10 @@ class OffsetSurface(BaselineSurface):
         return cls._fitted(contacts, fit)
 
     @classmethod
-    def _fitted(cls, contacts: Contacts, fit: Fit) -> OffsetSurface:
+    def _fitted(cls, contacts: Contacts, fit: Fit, offset: float = _OFFSET) -> OffsetSurface:
         support = Support.of(contacts)
         points, normals = support.contacts.points, support.contacts.normals
-        h = _OFFSET * support.spacing
+        h = offset * support.spacing
         around = np.vstack([points + s * normals for s in (0.0, h, -h)])
         values = np.repeat([0.0, h, -h], len(points)) / support.scale
         try:

@@ -1,0 +1,187 @@
+"""`lis-grasp surfaces`: errors of estimators on many contact sets of many objects."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, get_args
+
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.exceptions import InvalidOptionError, require_at_least
+from lis_grasp.pipeline.run_config import RunConfig
+
+_OUTPUT = Path("results/surfaces")
+_PART, _QUICK_PART = 4, 30
+_REFERENCE = "gpis_best"
+_QUICK = (_REFERENCE,)
+_ESTIMATORS = (_REFERENCE, "hermite_rbf", "thin_plate", "ransac_csg", "poisson")
+_SETS = ("evaluation", "development")
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser(
+        "surfaces",
+        help="compare estimates on even, random, clustered and noisy contacts of many objects",
+        description="Estimate the surfaces of test objects of five families from contacts drawn in"
+        " 31 ways, and write tables of errors, losses and calibration. Run again, it continues with"
+        " the missing trials.",
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help=f"each object in one case of {_QUICK_PART}, against GPIS alone: about three minutes",
+    )
+    parser.add_argument(
+        "--shapes",
+        choices=_SETS,
+        default=_SETS[0],
+        help="evaluation shapes, or those that settings were chosen on (default: evaluation)",
+    )
+    parser.add_argument("--families", nargs="+", metavar="NAME", help="families (default: all)")
+    parser.add_argument(
+        "--meshes", type=Path, metavar="FOLDER", help="folder of mesh files, such as scans, to add"
+    )
+    parser.add_argument(
+        "--estimators",
+        nargs="+",
+        metavar="NAME",
+        help=f"estimators to compare (default: {RunConfig().estimator} and"
+        f" {', '.join(_ESTIMATORS)}; poisson needs lis-grasp[baselines])",
+    )
+    parser.add_argument(
+        "--subject", metavar="NAME", help="estimator in question (default: the first)"
+    )
+    parser.add_argument(
+        "--reference",
+        default=_REFERENCE,
+        metavar="NAME",
+        help=f"estimator that ratios are to (default: {_REFERENCE})",
+    )
+    parser.add_argument(
+        "--box",
+        default="contacts",
+        metavar="BOX",
+        help="meshing box: contacts (that of gpis, for all), explored (clips nothing that is"
+        " measured), or own (default: contacts)",
+    )
+    parser.add_argument(
+        "--part", type=int, metavar="N", help=f"one case of N for each object (default: {_PART})"
+    )
+    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="seeds (default: 1)")
+    opt.add_jobs(parser)
+    opt.add_output(parser, str(_OUTPUT))
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Run the missing trials, write the tables."""
+    from lis_grasp.experiments.contact_study.contact_cases import CASES
+    from lis_grasp.experiments.contact_study.contact_report import write_contact_report
+    from lis_grasp.experiments.contact_study.estimate_score import TRUTH
+    from lis_grasp.experiments.contact_study.surface_trials import (
+        key_of,
+        run_surface_trial,
+        surface_trials,
+        trial_key,
+    )
+    from lis_grasp.experiments.runner import local_scheduler, run_trials
+    from lis_grasp.experiments.trial_results import TrialResults, missing_jobs
+
+    names = _estimators(options)
+    shapes = _shapes(options)
+    part = (_QUICK_PART if options.quick else _PART) if options.part is None else options.part
+    require_at_least(1, seeds=options.seeds)
+    if not 1 <= part <= len(CASES):
+        raise InvalidOptionError.out_of_range("--part", part, f"from 1 to {len(CASES)}")
+    scheduler = local_scheduler(options.jobs)
+    output = options.output or _OUTPUT
+    results = TrialResults(output / "results.jsonl", "surfaces")
+    trials = surface_trials(shapes, CASES, part=part, seeds=options.seeds, box=options.box)
+    made = (*names, TRUTH)
+    wanted = {trial_key(trial, name) for trial in trials for name in made}
+    with Stage("Running the trials") as stage:
+        known = {key_of(row) for row in results.read()}
+        jobs = missing_jobs(trials, made, known, trial_key)
+        for done, total in run_trials(jobs, len(trials), results, scheduler, run_surface_trial):
+            stage.count(done, total)
+        stage.result = f"{len(trials)} contact sets, {len(names)} estimators"
+    rows = [row for row in results.read() if key_of(row) in wanted]
+    order = {key: place for place, key in enumerate(trial_key(t, n) for t in trials for n in made)}
+    rows.sort(key=lambda row: order[key_of(row)])
+    write_contact_report(
+        output,
+        rows,
+        subject=options.subject or names[0],
+        reference=options.reference,
+        estimators=names,
+        command=_command(options),
+    )
+    say(f"wrote {output / 'surfaces.md'}, each table and rows.csv beside it")
+    say(f"next: read {output / 'surfaces.md'}")
+
+
+def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
+    from lis_grasp.experiments.contact_study.competitors import STUDIED
+    from lis_grasp.experiments.contact_study.estimate_score import Box
+
+    if options.box not in get_args(Box):
+        raise InvalidOptionError.not_one_of("--box", options.box, get_args(Box))
+    names = tuple(options.estimators or ())
+    if not names:
+        rivals = _QUICK if options.quick else _ESTIMATORS
+        has_meshlab = find_spec("pymeshlab") is not None
+        names = tuple(n for n in rivals if n != "poisson" or has_meshlab)
+        names = (RunConfig().estimator, *names)
+    for name in (*names, options.subject or names[0], options.reference):
+        if name not in STUDIED:
+            raise InvalidOptionError.not_one_of("--estimators", name, STUDIED)
+    for needed in (options.subject or names[0], options.reference):
+        if needed not in names:
+            raise InvalidOptionError(
+                f"the tables compare with '{needed}': add it to --estimators",
+                option="--estimators",
+                value=names,
+            )
+    if set(names) == {options.reference}:
+        raise InvalidOptionError(
+            f"--estimators must name one to compare with '{options.reference}'; it names no other",
+            option="--estimators",
+            value=names,
+        )
+    return names
+
+
+def _shapes(options: argparse.Namespace) -> list[str]:
+    from lis_grasp.experiments.test_objects.shape_sets import (
+        DEVELOPMENT,
+        EVALUATION,
+        scans_in,
+    )
+
+    groups = dict(EVALUATION if options.shapes == "evaluation" else DEVELOPMENT)
+    if options.meshes is not None:
+        groups["scans"] = scans_in(options.meshes)
+    for family in options.families or ():
+        if family not in groups:
+            raise InvalidOptionError.not_one_of("--families", family, tuple(groups))
+    return [name for family in options.families or groups for name in groups[family]]
+
+
+def _command(options: argparse.Namespace) -> str:
+    words = ["lis-grasp", "surfaces"]
+    words += ["--quick"] if options.quick else []
+    words += ["--shapes", options.shapes] if options.shapes != _SETS[0] else []
+    for name in ("families", "estimators"):
+        values = getattr(options, name)
+        words += [f"--{name}", *values] if values else []
+    for name in ("meshes", "subject", "part"):
+        value = getattr(options, name)
+        words += [f"--{name}", str(value)] if value is not None else []
+    words += ["--reference", options.reference] if options.reference != _REFERENCE else []
+    words += ["--box", options.box] if options.box != "contacts" else []
+    words += ["--seeds", str(options.seeds)] if options.seeds != 1 else []
+    return shlex.join(words)

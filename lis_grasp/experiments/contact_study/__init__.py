@@ -1,0 +1,1 @@
+"""Wide evaluation of estimators: many shapes, contact sets and levels of noise."""

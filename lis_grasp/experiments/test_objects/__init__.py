@@ -1,0 +1,1 @@
+"""Test objects of five families: development and evaluation shapes, disjoint."""
