@@ -15,6 +15,8 @@ from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import save_surface
 from lis_grasp.pipeline.run_config import RunConfig
 
+_NOISE = ("position_noise", "normal_noise")
+
 
 def add_parser(verbs: Any) -> None:
     """Add the verb to the command line."""
@@ -24,9 +26,10 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "contacts",
         type=Path,
+        nargs="+",
         metavar="CONTACTS",
         help="points and outward normals in metres: a .ply oriented point cloud, or a .csv with"
-        " columns x,y,z,nx,ny,nz",
+        " columns x,y,z,nx,ny,nz; several files, one for each sensor, are joined",
     )
     opt.add_options(parser, "estimator", "free_space", "position_noise", "normal_noise")
     opt.add_output(parser, "the folder of CONTACTS")
@@ -35,14 +38,31 @@ def add_parser(verbs: Any) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Estimate the surface, and write its mesh."""
-    contacts = Contacts.load(options.contacts)
-    recorded = provenance.read(options.contacts)
+    contacts, recorded = load_contacts(options)
     config = opt.configure(options, recorded)
-    path = (options.output or options.contacts.parent) / "surface.ply"
+    path = (options.output or options.contacts[0].parent) / "surface.ply"
     with result_file(path) as temporary:
         write_surface(temporary, contacts, config, recorded)
     say(f"wrote {path}")
     say(f"next: lis-grasp grasp {path}")
+
+
+def load_contacts(options: argparse.Namespace) -> tuple[Contacts, dict[str, Any]]:
+    """Return the contacts of all files, and the facts that they record, of the first file first.
+
+    Contacts of several files carry the noise of their file.
+    """
+    paths = options.contacts
+    if len(paths) == 1:
+        return Contacts.load(paths[0]), provenance.read(paths[0])
+    contacts = pipeline.join_sources(
+        paths, position_noise=options.position_noise, normal_noise=options.normal_noise
+    )
+    recorded: dict[str, Any] = {}
+    for path in reversed(paths):
+        recorded |= provenance.read(path)
+    # The contacts carry what the files record of their sensors.
+    return contacts, {k: v for k, v in recorded.items() if k not in _NOISE}
 
 
 def write_surface(
@@ -53,7 +73,7 @@ def write_surface(
         _, mesh = pipeline.estimate(
             contacts, config.estimator, config.sensor(), free_space=config.free_space
         )
-        names = ("estimator", "position_noise", "normal_noise", "free_space")
+        names = ("estimator", *_NOISE, "free_space")
         facts = {name: getattr(config, name) for name in names}
         save_surface(mesh, path, header=provenance.merge(recorded, **facts))
         stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"

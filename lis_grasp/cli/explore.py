@@ -26,7 +26,7 @@ LOG = "touches.jsonl"
 TOUCH_OPTIONS = (
     *("hand", "estimator", "prober", "fingers", "free", "mass", "friction", "policy"),
     *("until_coverage", "until_uncertainty", "max_seconds", "position_noise", "normal_noise"),
-    *("touches", "seed"),
+    *("cloud", "touches", "seed"),
 )
 """The options of an exploration, beside its object."""
 
@@ -36,7 +36,11 @@ _STEPS = 8
 _FIRST = 3
 
 # Plain names of facts in the header of a log.
-_MEANING = {"source": "state of lis_grasp", "touch_log": "format"}
+_MEANING = {
+    "source": "state of lis_grasp",
+    "touch_log": "format",
+    "cloud_digest": "content of the cloud",
+}
 
 
 def add_parser(verbs: Any) -> None:
@@ -64,13 +68,20 @@ def execute(options: argparse.Namespace) -> None:
 def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) -> Exploration:
     """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
 
+    contacts.ply has the touches, then the points of the cloud.
+
     An interrupted exploration is resumed from its log. With another configuration or another state
     of the package it starts from the beginning, and the earlier results are removed.
     """
     later = ("grasps", "attempts", *(() if config.free else ("mass", "friction")))
     facts = {name: value for name, value in config.facts().items() if name not in later}
     header = provenance.describe(**facts, support_height=pipeline.support_height(shape))
-    log = TouchLog(output / LOG, provenance.parse(header) | {"source": provenance.source_digest()})
+    cloud = None if config.cloud is None else pipeline.load_source(config.cloud)
+    content = (
+        {} if cloud is None else {"cloud_digest": provenance.digest_of(Path(str(config.cloud)))}
+    )
+    source = {"source": provenance.source_digest()} | content
+    log = TouchLog(output / LOG, provenance.parse(header) | source)
     differing = log.differing()
     known = log.resume()
     if known:
@@ -97,7 +108,8 @@ def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) 
             shape, hand, config, log=log, progress=stage.count, observe=keep_growth
         )
         stage.result = exploration.summary()
-    exploration.contacts.save(output / "contacts.ply", header=header)
+    contacts = exploration.contacts if cloud is None else exploration.contacts.append(cloud)
+    contacts.save(output / "contacts.ply", header=header)
     return exploration
 
 

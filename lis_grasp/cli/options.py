@@ -53,8 +53,17 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "action": argparse.BooleanOptionalAction,
         "help": "carve the space that the hand passed through off the estimate (default: yes)",
     },
-    "position_noise": _number("METRES", "standard deviation of contact positions"),
-    "normal_noise": _number("RADIANS", "standard deviation of contact normals"),
+    "position_noise": _number(
+        "METRES", "standard deviation of the positions of contacts that do not carry their own"
+    ),
+    "normal_noise": _number(
+        "RADIANS", "standard deviation of the normals of contacts that do not carry their own"
+    ),
+    "cloud": {
+        "metavar": "FILE",
+        "help": "contacts known before the first touch, in the object's frame: a point cloud with"
+        " normals, .ply or .csv; touches go where it lacks the surface",
+    },
     "touches": _number("N", "contacts to make", kind=int),
     "grasps": _number("N", "ranked grasps to plan", kind=int),
     "attempts": _number(

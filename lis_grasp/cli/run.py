@@ -50,7 +50,7 @@ def execute(options: argparse.Namespace) -> None:
     hand = Hand.load(config.hand)
 
     with watch.measure("touch"):
-        explore_with_log(config, shape, hand, output)
+        exploration = explore_with_log(config, shape, hand, output)
         # Later stages read the files, so that each repeats exactly when run alone.
         contacts = Contacts.load(output / "contacts.ply")
 
@@ -58,7 +58,7 @@ def execute(options: argparse.Namespace) -> None:
     search = attempts[-1].search
 
     with Stage("Reporting"), watch.measure("report"):
-        report = build_report(config, shape, hand, attempts)
+        report = build_report(config, shape, hand, attempts, touches=len(exploration.contacts))
         lines = _summary(report)
         write_scene_of(output, summary=lines)
     report["timings"] = {name: round(seconds, 3) for name, seconds in watch.seconds.items()}

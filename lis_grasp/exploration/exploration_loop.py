@@ -78,6 +78,7 @@ def explore(
     touches: int,
     rng: np.random.Generator,
     space: Workspace | None = None,
+    prior: Contacts | None = None,
     sensor: TactileSensor | None = None,
     stop: Sequence[StopRule] = (),
     recorded: Sequence[ProbeOutcome] = (),
@@ -108,6 +109,10 @@ def explore(
     space
         Position and size of the object; the hand approaches from outside of it and avoids what is
         known. None leaves the approach to the prober.
+    prior
+        Contacts known before the first touch, for example of a camera; None for none. The surface
+        is estimated from them and the touches, and touches go where both are missing. They are no
+        part of the result.
     sensor
         Model of the tactile sensor; None for an ideal one.
     stop
@@ -135,23 +140,25 @@ def explore(
     for outcome in outcomes:  # as below; `sum` compensates for rounding from Python 3.12 on
         clock += outcome.duration
     margin = 0.0 if sensor is None else sensor.free_margin
+    before = Contacts.empty() if prior is None else prior
     estimated: ImplicitSurface | None = None
     estimated_from = 0  # contacts
     while True:
-        is_new = len(contacts) > estimated_from
+        known = before.append(contacts)
+        is_new = len(known) > estimated_from
         if is_new:
-            estimated, estimated_from = estimate(contacts), len(contacts)
-        surface = None if estimated is None else carved(estimated, contacts, margin=margin)
+            estimated, estimated_from = estimate(known), len(known)
+        surface = None if estimated is None else carved(estimated, known, margin=margin)
         if observe is not None and is_new and surface is not None:
             observe(len(contacts), surface)
-        ended = _reason_to_end(contacts, surface, outcomes, touches, stop)
+        ended = _reason_to_end(len(contacts), known, surface, outcomes, touches, stop)
         if ended:
             return Exploration(contacts, tuple(outcomes), ended)
         draws = rng.spawn(1)[0]
-        probe = policy.next_probe(contacts, estimated, outcomes=outcomes, rng=draws)
+        probe = policy.next_probe(known, estimated, outcomes=outcomes, rng=draws)
         if probe is None:
             return Exploration(contacts, tuple(outcomes), "the policy has no probe left")
-        obstacles = None if space is None else ObstacleModel(space, contacts, surface)
+        obstacles = None if space is None else ObstacleModel(space, known, surface)
         outcome = prober.probe(probe, obstacles)
         if sensor is not None:
             outcome = sensor.report(outcome, rng=draws)
@@ -165,19 +172,20 @@ def explore(
 
 
 def _reason_to_end(
-    contacts: Contacts,
+    made: int,
+    known: Contacts,
     surface: ImplicitSurface | None,
     outcomes: Sequence[ProbeOutcome],
     touches: int,
     stop: Sequence[StopRule],
 ) -> str | None:
-    if len(contacts) >= touches:
-        return f"{_count(len(contacts), 'contact')} made"
+    if made >= touches:
+        return f"{_count(made, 'contact')} made"
     if len(outcomes) >= _PROBES_PER_TOUCH * touches + _SPARE_PROBES:
         return f"{_count(len(outcomes), 'probe')} made"
     if surface is not None:
         for rule in stop:
-            reason = rule(contacts, surface, outcomes)
+            reason = rule(known, surface, outcomes)
             if reason:
                 return reason
     return None

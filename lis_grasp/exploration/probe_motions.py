@@ -58,8 +58,8 @@ def concavity_probe(
 ) -> Probe | None:
     """Return a probe to the wall of a concavity that the estimate bridges, or None."""
     points, directions = _bridged_points(contacts, surface, outcomes, space.step)
-    starts = np.array([outcome.probe.start for outcome in outcomes])
-    probed = np.array([outcome.probe.direction for outcome in outcomes])
+    starts = np.array([outcome.probe.start for outcome in outcomes]).reshape(-1, 3)
+    probed = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
     # Perpendicular to the tip's motion, to a side drawn once for all points.
     sideways = np.cross(directions, rng.normal(size=3))
     sideways /= np.maximum(np.linalg.norm(sideways, axis=1, keepdims=True), 1e-12)
@@ -85,7 +85,7 @@ def surface_probe(
     The oblique motion comes from beyond the edge that the missed probe must have crossed, back
     towards the nearest contact.
     """
-    angle = _OBLIQUE_ANGLE if outcomes[-1].status == "missed" else 0.0
+    angle = _OBLIQUE_ANGLE if outcomes and outcomes[-1].status == "missed" else 0.0
     nearest = np.argmin(np.linalg.norm(contacts.points - target, axis=1))
     away = target - contacts.points[nearest]
     away = away - (away @ normal) * normal

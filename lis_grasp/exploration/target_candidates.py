@@ -79,8 +79,8 @@ def _tried(
     points: FloatArray, normals: FloatArray, gap: FloatArray, outcomes: Sequence[ProbeOutcome]
 ) -> BoolArray:
     """Return which points, shape (P,), were a target before, from about the same side."""
-    targets = np.array([outcome.probe.target for outcome in outcomes])  # (K, 3)
-    directions = np.array([outcome.probe.direction for outcome in outcomes])
+    targets = np.array([outcome.probe.target for outcome in outcomes]).reshape(-1, 3)
+    directions = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
     near = np.linalg.norm(points[:, None] - targets, axis=-1) < _SAME_TARGET * gap[:, None]
     return np.asarray(np.any(near & (-normals @ directions.T > SAME_DIRECTION), axis=1))
 

@@ -37,6 +37,14 @@ def source_digest() -> str:
     return digest.hexdigest()[:_DIGEST_LENGTH]
 
 
+def digest_of(path: Path) -> str:
+    """Return a hash of a file's content; `InvalidFileError` if it cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()[:_DIGEST_LENGTH]
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
+
+
 def parse(header: str) -> dict[str, Any]:
     """Return the facts in a header that `describe` wrote; empty for other headers."""
     for line in header.splitlines():

@@ -1,5 +1,6 @@
 """The pipeline from touch to lift: each stage as one function, and its configuration."""
 
+from lis_grasp.pipeline.contact_sources import join_sources, load_source
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import (
     Stopwatch,
@@ -18,8 +19,10 @@ __all__ = [
     "RunConfig",
     "Stopwatch",
     "estimate",
+    "join_sources",
     "lift",
     "lift_each",
+    "load_source",
     "make_estimator",
     "make_policy",
     "plan",

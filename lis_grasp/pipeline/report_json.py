@@ -24,11 +24,12 @@ if TYPE_CHECKING:
 
 
 def build_report(
-    config: RunConfig, shape: Shape, hand: Hand, attempts: Sequence[Attempt]
+    config: RunConfig, shape: Shape, hand: Hand, attempts: Sequence[Attempt], *, touches: int
 ) -> dict[str, Any]:
     """Return the report of a run as plain values, in metres and seconds, without timings.
 
-    Surface, grasps and lift are those of the last attempt.
+    Surface, grasps and lift are those of the last attempt. `touches` are the contacts made by the
+    exploration.
     """
     last = attempts[-1]
     return {
@@ -38,7 +39,7 @@ def build_report(
         "hand": config.hand,
         "estimator": config.estimator,
         "seed": config.seed,
-        "touches": len(attempts[0].contacts),
+        "touches": touches,
         "repairs": list(shape.repairs),
         "surface": _surface_facts(shape, last.contacts, last.mesh),
         "grasps": _grasp_facts(config, shape, hand, last.search),

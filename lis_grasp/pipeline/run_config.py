@@ -59,6 +59,9 @@ class RunConfig:
         along each axis [m], of each component of normals [rad].
     free_space
         Whether the space that the hand passed through is carved off the estimate.
+    cloud
+        Path of a file of contacts that are known before the first touch, for example a depth
+        camera's point cloud with normals, in the object frame; None for none.
     touches
         Contacts to make before grasping.
     seed
@@ -93,6 +96,7 @@ class RunConfig:
     position_noise: float = 0.0
     normal_noise: float = 0.0
     free_space: bool = True
+    cloud: str | None = None
     touches: int = 40
     seed: int = 0
     mass: float = 0.2

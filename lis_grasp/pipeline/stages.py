@@ -30,6 +30,7 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.hand import Hand
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.worker_pool import worker_pool
 from lis_grasp.shapes import Shape
@@ -90,12 +91,14 @@ def touch(
     """Explore the object by touch as configured; resume an interrupted log.
 
     Your own `estimator` or `policy` replaces the configured one. Without a log, `recorded` are the
-    outcomes to resume: those of the same exploration for fewer touches. The object is fixed, or
-    free on a table. `progress` and `observe` are those of `explore`.
+    outcomes to resume: those of the same exploration for fewer touches. The configured cloud is
+    known before the first touch; it is no part of the result. The object is fixed, or free on a
+    table. `progress` and `observe` are those of `explore`.
     """
     space = workspace(shape, free=config.free)
     policy = policy or make_policy(config, space)
     recorded = log.resume() if log is not None else recorded
+    cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
     exploration = explore(
         _make_prober(config, hand, shape),
         policy,
@@ -103,6 +106,7 @@ def touch(
         touches=config.touches,
         rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
         space=space,
+        prior=cloud,
         sensor=config.sensor(),
         stop=config.stop_rules(space),
         recorded=recorded,

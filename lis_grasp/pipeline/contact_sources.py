@@ -1,0 +1,66 @@
+"""Contacts of several sensors: files joined, each with its own noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.io import provenance
+from lis_grasp.surfaces.contact_noise import noise_of
+from lis_grasp.surfaces.noise_estimation import estimate_noise
+from lis_grasp.surfaces.thinning import thin_contacts
+
+# An exploration estimates the surface after every touch: more contacts of a cloud are thinned.
+_MOST_OF_CLOUD = 300
+
+
+def load_source(
+    path: Path | str, *, position_noise: float | None = None, normal_noise: float | None = None
+) -> Contacts:
+    """Load the contacts of one sensor, with the noise of each.
+
+    A contact's noise is that of the file's columns, else what is given [m] and [rad], else what the
+    file's header says of its sensor, else the estimate from the file's contacts. It stays unknown
+    where they do not determine it. Errors are those of `Contacts.load`.
+    """
+    contacts = Contacts.load(path)
+    recorded = provenance.read(Path(path))
+    position, normal = noise_of(
+        contacts,
+        position_noise or _positive(recorded.get("position_noise")),
+        normal_noise or _positive(recorded.get("normal_noise")),
+        default=(np.nan, np.nan),
+    )
+    if np.isnan(position).any() or np.isnan(normal).any():
+        estimates = estimate_noise(contacts)
+        position = np.where(np.isnan(position), estimates[0], position)
+        normal = np.where(np.isnan(normal), estimates[1], normal)
+    return replace(contacts, position_noise=position, normal_noise=normal)
+
+
+def join_sources(
+    paths: Sequence[Path | str],
+    *,
+    position_noise: float | None = None,
+    normal_noise: float | None = None,
+) -> Contacts:
+    """Load the contacts of several sensors, one file each, as of `load_source`, and join them."""
+    joined = Contacts.empty()
+    for path in paths:
+        contacts = load_source(path, position_noise=position_noise, normal_noise=normal_noise)
+        joined = joined.append(contacts)
+    return joined
+
+
+def prior_contacts(cloud: Contacts) -> Contacts:
+    """Return a cloud as the prior knowledge of an exploration: thinned, with its free space."""
+    thinned = thin_contacts(cloud, _MOST_OF_CLOUD)
+    return replace(thinned, free_points=cloud.free_points, free_radii=cloud.free_radii)
+
+
+def _positive(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and value > 0.0 else None
