@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.contact_merging import drop_repetitions, resolution_of
+from lis_grasp.surfaces.noise_evidence import least_noise
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Neighbours of a contact that its quadric explains, at most and at least, and how many are looked
@@ -39,6 +40,9 @@ _GRADIENT_LENGTH = 0.1
 _DEPARTURES = np.array([0.001, 0.03, 0.3])
 _WEIGHTS = np.array([0.6, 0.3, 0.1])
 
+# Noise below both, in spacings and rad, is not worth a comparison with a smooth surface.
+_SMALL_POSITION, _SMALL_NORMAL = 0.005, 0.02
+
 # Range and starts of the search: logarithms of noise, in spacings and rad.
 _LOWEST, _HIGHEST = -7.0, 1.0
 _STARTS = np.array([(-6.0, -5.0), (-6.0, -2.0), (-2.5, -2.0)])
@@ -54,8 +58,9 @@ def estimate_noise(contacts: Contacts) -> tuple[float, float]:
     surfaces from quadrics: an edge among the neighbours says little about noise.
 
     Positions have noise along the normal, normals in each component perpendicular to it. Exact
-    repetitions count once. Where the contacts are too far apart to resolve the shape, its
-    departure from quadrics counts as noise. The noise of positions is uncertain where that of
+    repetitions count once. Where quadrics do not resolve the shape, its departure from them would
+    count as noise: a smooth surface through up to 100 contacts may show that there is less
+    (`least_noise`). The noise of positions is uncertain where that of
     normals times the contacts' spacing is ten times larger. Both are NaN if fewer than six
     contacts have four neighbours on their patch: so few contacts do not determine the noise.
     """
@@ -69,7 +74,10 @@ def estimate_noise(contacts: Contacts) -> tuple[float, float]:
         blocks.loss, start, jac=True, method="L-BFGS-B", bounds=limits, options={"ftol": 1e-4}
     )
     position, normal = np.exp(found.x)
-    return float(position * blocks.spacing), float(normal)
+    noise = float(position * blocks.spacing), float(normal)
+    if position < _SMALL_POSITION and normal < _SMALL_NORMAL:
+        return noise
+    return least_noise(distinct, noise)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -107,6 +107,25 @@ def test_clean_contacts_of_edged_solids_have_hardly_any_noise(name: str, count: 
     assert normal < np.deg2rad(1.0)  # tessellated curves have normals that differ by 1 degree
 
 
+@pytest.mark.parametrize("shape", ["ellipsoid", "lumpy", "torus"])
+@pytest.mark.parametrize("count", [30, 60])
+def test_clean_contacts_that_only_a_smooth_surface_explains_have_no_noise(
+    shape: str, count: int
+) -> None:
+    """Neighbours on a torus are too far apart for quadrics."""
+    if shape == "torus":
+        turns = np.arange(count) * np.array([[1.0], [(np.sqrt(5.0) - 1.0) / 2.0]])
+        ring, tube = 2.0 * np.pi * (turns / [[count], [1.0]])
+        axis = np.column_stack([np.cos(ring), np.sin(ring), np.zeros(count)])
+        normals = np.cos(tube)[:, None] * axis + np.sin(tube)[:, None] * [0.0, 0.0, 1.0]
+        contacts = Contacts(0.07 * axis + 0.03 * normals, normals)
+    else:
+        contacts = SHAPES[shape](count, 0)
+    position, normal = estimate_noise(contacts)
+    assert position < 0.005 * contacts.spacing
+    assert normal < np.deg2rad(1.5)
+
+
 def test_clusters_of_contacts_tell_their_noise() -> None:
     """Three contacts within 5 mm at each of 20 places, as of a pad with taxels."""
     rng = np.random.default_rng(0)
