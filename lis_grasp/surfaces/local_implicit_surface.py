@@ -11,9 +11,10 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
-from lis_grasp.surfaces.contact_noise import noise_of, precisions_of
+from lis_grasp.surfaces.contact_noise import precisions_of
 from lis_grasp.surfaces.convexity import Convexity
 from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
+from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -68,8 +69,8 @@ class LocalImplicitSurface(BlockwiseSurface):
         *,
         sigma: float | None = None,
         beta: Beta = "corrected",
-        position_noise: float = 0.0,
-        normal_noise: float = 0.0,
+        position_noise: float | None = None,
+        normal_noise: float | None = None,
     ) -> LocalImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
@@ -86,7 +87,8 @@ class LocalImplicitSurface(BlockwiseSurface):
             maximum of its planes, so the outside must win there.
         position_noise, normal_noise
             One standard deviation of positions along the normal [m] and of normals [rad], for
-            contacts whose own are unknown. Equal ones change the uncertainty, not the surface.
+            contacts whose own are unknown; None estimates them (`estimate_noise`). Equal ones
+            change the uncertainty, not the surface.
 
         Raises
         ------
@@ -96,7 +98,7 @@ class LocalImplicitSurface(BlockwiseSurface):
             If an option is outside its range or set.
         """
         merged = merge_duplicates(contacts, position_noise, normal_noise)
-        position, normal = noise_of(merged, position_noise, normal_noise)
+        position, normal = noise_or_estimate(merged, position_noise, normal_noise)
         spacing = spacing_of(merged)
         sigma = _SIGMA * spacing if sigma is None else sigma
         require_range("sigma", sigma, unit="m", above_zero=True)

@@ -178,6 +178,12 @@ def test_the_gradient_on_a_contact_s_axis_is_finite() -> None:
     assert np.isfinite(surface.gradient(beside)).all()
 
 
+def test_a_gaussian_process_takes_many_contacts() -> None:
+    contacts = sphere(20_000, np.random.default_rng(0))
+    values = ESTIMATORS["gpis"](contacts).evaluate(contacts.points[::100])
+    assert np.abs(values).max() < 1e-3 * contacts.extent
+
+
 # Meshes.
 
 
