@@ -11,8 +11,8 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.io import provenance
 from lis_grasp.surfaces.contact_noise import noise_of
+from lis_grasp.surfaces.contact_thinning import thin_contacts
 from lis_grasp.surfaces.noise_estimation import estimate_noise
-from lis_grasp.surfaces.thinning import thin_contacts
 
 # An exploration estimates the surface after every touch: more contacts of a cloud are thinned.
 _MOST_OF_CLOUD = 300

@@ -28,6 +28,7 @@ from lis_grasp.surfaces.kernels import (
     SquaredExponential,
     ThinPlate,
 )
+from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_contacts, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -87,8 +88,8 @@ class GaussianProcessImplicitSurface:
         *,
         kernel: KernelName = "matern52",
         length: float | None = None,
-        position_noise: float = 0.0,
-        normal_noise: float = 0.0,
+        position_noise: float | None = None,
+        normal_noise: float | None = None,
         misfit: tuple[float, float] = (0.001, 0.1),
         prior_mean: float | None = None,
     ) -> GaussianProcessImplicitSurface:
@@ -108,7 +109,8 @@ class GaussianProcessImplicitSurface:
             every distance).
         position_noise, normal_noise
             One standard deviation of the sensor's positions along the normals [m] and of each
-            component of its normals [rad], for contacts whose own are unknown.
+            component of its normals [rad], for contacts whose own are unknown. None estimates them
+            (`estimate_noise`).
         misfit
             Noise of positions and of normals added to the sensor's, for edges that no smooth f can
             follow, in units of the prior's standard deviation (scaled, and so in radians for the
@@ -130,7 +132,7 @@ class GaussianProcessImplicitSurface:
         contacts = drop_repetitions(contacts)
         if kernel not in _KERNELS:
             raise InvalidOptionError.not_one_of("kernel", kernel, _KERNELS)
-        position, normal = noise_of(contacts, position_noise, normal_noise)
+        position, normal = noise_or_estimate(contacts, position_noise, normal_noise)
         contacts = replace(contacts, position_noise=position, normal_noise=normal)
         contacts = thin_contacts(contacts, _MOST_CONTACTS)
         spacing = spacing_of(contacts)

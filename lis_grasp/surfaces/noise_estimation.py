@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.contact_merging import drop_repetitions, resolution_of
+from lis_grasp.surfaces.contact_noise import noise_of
 from lis_grasp.surfaces.noise_evidence import least_noise
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
@@ -78,6 +79,23 @@ def estimate_noise(contacts: Contacts) -> tuple[float, float]:
     if position < _SMALL_POSITION and normal < _SMALL_NORMAL:
         return noise
     return least_noise(distinct, noise)
+
+
+def noise_or_estimate(
+    contacts: Contacts, position_noise: float | None, normal_noise: float | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the noise of each contact: its own, else what is given, else the estimate.
+
+    As `noise_of`; 0 where the contacts do not determine it. Those of unknown noise are assumed to
+    come from one sensor.
+    """
+    given = (position_noise, normal_noise)
+    position, normal = noise_of(contacts, *given, default=(np.nan, np.nan))
+    unknown = np.isnan(position) | np.isnan(normal)
+    if not unknown.any():
+        return position, normal
+    estimates = np.nan_to_num(estimate_noise(contacts.subset(unknown)))
+    return noise_of(contacts, *given, default=(float(estimates[0]), float(estimates[1])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

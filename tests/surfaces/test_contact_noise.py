@@ -12,6 +12,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, LocalImplicitSurface
 from lis_grasp.surfaces.contact_merging import drop_repetitions, merge_duplicates
 from lis_grasp.surfaces.contact_noise import noise_of
+from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 
 with_own_noise = pytest.mark.parametrize(
     "estimate",
@@ -146,4 +147,30 @@ def test_a_gaussian_process_trusts_each_contact_by_its_noise() -> None:
     # The same noise of all, their root mean square, and none.
     averaged = rms_error(contacts, position_noise=float(np.sqrt(np.mean(noise**2))))
     assert informed < 0.5 * averaged
-    assert informed < 0.5 * rms_error(contacts)
+    assert informed < 0.5 * rms_error(contacts, position_noise=0.0, normal_noise=0.0)
+
+
+def test_a_gaussian_process_estimates_noise_that_is_not_given() -> None:
+    contacts = sphere_contacts(60)
+    rng = np.random.default_rng(3)
+    with_errors = replace(contacts, points=contacts.points + 3e-3 * rng.normal(size=(60, 3)))
+    directions = sphere_contacts(500, seed=1).normals
+    estimate = GaussianProcessImplicitSurface.from_contacts
+    without, estimated = (
+        estimate(with_errors, **noise).evaluate(0.05 * directions)
+        for noise in ({"position_noise": 0.0, "normal_noise": 0.0}, {})
+    )
+    assert np.linalg.norm(estimated) < 0.7 * np.linalg.norm(without)
+
+
+def test_noise_is_estimated_from_the_contacts_that_lack_it() -> None:
+    rng = np.random.default_rng(3)
+    clean, noisy = sphere_contacts(60), sphere_contacts(60, seed=1)
+    known = replace(clean, position_noise=np.full(60, 1e-4), normal_noise=np.full(60, 1e-3))
+    unknown = replace(noisy, points=noisy.points + 3e-3 * rng.normal(size=(60, 1)) * noisy.normals)
+    position, normal = noise_or_estimate(known.append(unknown), None, 0.01)
+    np.testing.assert_array_equal(position[:60], 1e-4)
+    np.testing.assert_allclose(position[60:], 3e-3, rtol=0.5)
+    np.testing.assert_array_equal(normal[60:], 0.01)
+    few = Contacts(np.eye(3), np.eye(3))
+    np.testing.assert_array_equal(noise_or_estimate(few, None, None), np.zeros((2, 3)))

@@ -21,6 +21,7 @@ from lis_grasp.surfaces.gaussian_process_regression import GradientRegression
 from lis_grasp.surfaces.kernels import Matern52, RadialKernel, SquaredExponential, ThinPlate
 
 KERNELS = ["rbf", "matern52", "thin_plate"]
+NO_NOISE = {"position_noise": 0.0, "normal_noise": 0.0}
 ORACLE = Path(__file__).parents[1] / "oracles" / "gpytorch_posterior.json"
 
 
@@ -96,7 +97,7 @@ def test_contacts_are_interpolated_without_noise(kernel: str) -> None:
     contacts = sphere_contacts(15)
     surface = GaussianProcessImplicitSurface.from_contacts(
         contacts, kernel=kernel, length=0.3 if kernel == "thin_plate" else 0.05,
-        misfit=(1e-7, 1e-6),
+        misfit=(1e-7, 1e-6), **NO_NOISE,
     )  # fmt: skip
     np.testing.assert_allclose(surface.evaluate(contacts.points), 0.0, atol=1e-6)
     np.testing.assert_allclose(surface.gradient(contacts.points), contacts.normals, atol=1e-4)
@@ -145,7 +146,7 @@ def test_contacts_that_are_all_noise_leave_the_prior_mean() -> None:
 
 def test_noise_far_below_the_misfit_changes_nothing() -> None:
     contacts, queries = sphere_contacts(20), sphere_contacts(9, radius=0.06, seed=4).points
-    plain = GaussianProcessImplicitSurface.from_contacts(contacts)
+    plain = GaussianProcessImplicitSurface.from_contacts(contacts, **NO_NOISE)
     noisy = GaussianProcessImplicitSurface.from_contacts(
         contacts, position_noise=1e-12, normal_noise=1e-10
     )
