@@ -96,8 +96,8 @@ class BlendedImplicitSurface:
         known = Contacts(
             sharp.points,
             sharp.normals,
-            position_noise=sharp.segmentation.position_noise,
-            normal_noise=sharp.segmentation.normal_noise,
+            position_noise=sharp.position_noise,
+            normal_noise=sharp.normal_noise,
         )
         smooth = GaussianProcessImplicitSurface.from_contacts(known)
         places = ContactPlaces.of(sharp.points)

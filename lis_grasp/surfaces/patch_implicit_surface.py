@@ -11,19 +11,22 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
-from lis_grasp.surfaces.contact_noise import noise_of
 from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.contact_thinning import thin_contacts
 from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
+from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.patch import Patch, noise_variances
 from lis_grasp.surfaces.patch_csg import EdgePairs, Expression, build_expressions
-from lis_grasp.surfaces.patch_segmentation import Segmentation, segment
+from lis_grasp.surfaces.patch_segmentation import segment
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Width of the kernel that blends expressions of contacts, in spacings.
 _SIGMA = 0.2
+
+# Least noise of contacts, in spacings and rad: no surface is exactly a quadric or a process.
+_LEAST_NOISE = (0.003, 0.015)
 
 # More contacts are thinned, for time and memory. More patches fit no object.
 MOST_CONTACTS = 400
@@ -49,7 +52,9 @@ class PatchImplicitSurface(BlockwiseSurface):
 
     points: FloatArray  #: (N, 3) [m], contacts without duplicates, in O
     normals: FloatArray  #: (N, 3), unit, outward
-    segmentation: Segmentation  #: the patch of each contact, and its noise
+    patch_of: IndexArray  #: (N,) index of the patch of each contact
+    position_noise: FloatArray  #: (N,) [m], one standard deviation along the normal
+    normal_noise: FloatArray  #: (N,) [rad], one of each component of the normal
     patches: tuple[Patch, ...]  #: the smooth patches
     expressions: tuple[Expression, ...]  #: the distinct CSG expressions
     expression_of: IndexArray  #: (N,), index of each contact's expression
@@ -90,10 +95,14 @@ class PatchImplicitSurface(BlockwiseSurface):
         merged = thin_contacts(merged, MOST_CONTACTS)
         points, normals = merged.points, merged.normals
         spacing = ContactPlaces.of(points).spacing
-        noise = noise_of(merged, position_noise, normal_noise, default=(np.nan, np.nan))
+        noise = noise_or_estimate(merged, position_noise, normal_noise)
+        if position_noise is None:
+            noise = np.maximum(noise[0], _LEAST_NOISE[0] * spacing), noise[1]
+        if normal_noise is None:
+            noise = noise[0], np.maximum(noise[1], _LEAST_NOISE[1])
         pairs = ContactPairs.within(points, normals, spacing)
-        segmentation = segment(points, normals, pairs, spacing, *noise)
-        separate = int(segmentation.patch_of.max()) + 1
+        patch_of = segment(points, normals, pairs, spacing, *noise)
+        separate = int(patch_of.max()) + 1
         if separate > _MOST_PATCHES:
             raise EstimationError(
                 f"{len(points)} contacts form {separate} smooth patches, more than {_MOST_PATCHES}:"
@@ -101,7 +110,7 @@ class PatchImplicitSurface(BlockwiseSurface):
             )
         bounds = padded_bounds(merged, spacing_of(merged))
         amplitudes = [None] * separate
-        return cls._join(points, normals, pairs, segmentation, amplitudes, spacing, bounds)
+        return cls._join(points, normals, patch_of, noise, pairs, amplitudes, spacing, bounds)
 
     def without(self, left_out: BoolArray) -> PatchImplicitSurface:
         """Return the estimate without some contacts, (N,), with the same segmentation and noise.
@@ -110,16 +119,12 @@ class PatchImplicitSurface(BlockwiseSurface):
         the spacing of all contacts.
         """
         points, normals = self.points[~left_out], self.normals[~left_out]
-        left, patch_of = np.unique(self.segmentation.patch_of[~left_out], return_inverse=True)
-        segmentation = Segmentation(
-            patch_of,
-            self.segmentation.position_noise[~left_out],
-            self.segmentation.normal_noise[~left_out],
-        )
+        left, patch_of = np.unique(self.patch_of[~left_out], return_inverse=True)
+        noise = self.position_noise[~left_out], self.normal_noise[~left_out]
         pairs = ContactPairs.within(points, normals, self.spacing)
         amplitudes = [self.patches[p].amplitude for p in left]
         return self._join(
-            points, normals, pairs, segmentation, amplitudes, self.spacing, self.bounds
+            points, normals, patch_of, noise, pairs, amplitudes, self.spacing, self.bounds
         )
 
     @classmethod
@@ -127,23 +132,21 @@ class PatchImplicitSurface(BlockwiseSurface):
         cls,
         points: FloatArray,
         normals: FloatArray,
+        patch_of: IndexArray,
+        noise: tuple[FloatArray, FloatArray],
         pairs: ContactPairs,
-        segmentation: Segmentation,
         amplitudes: list[float] | list[None],
         spacing: float,
         bounds: FloatArray,
     ) -> PatchImplicitSurface:
         """Fit the patches and join them by CSG expressions."""
-        patch_of = segmentation.patch_of
-        variances = noise_variances(
-            segmentation.position_noise / spacing, segmentation.normal_noise
-        ).reshape(len(points), -1)
+        variances = noise_variances(noise[0] / spacing, noise[1]).reshape(len(points), -1)
         patches = []
         for number, amplitude in enumerate(amplitudes):
             members = np.flatnonzero(patch_of == number)
             chosen = points[members], normals[members]
-            noise = variances[members].ravel()
-            patches.append(Patch.fit(members, *chosen, spacing, noise, amplitude))
+            of_noise = variances[members].ravel()
+            patches.append(Patch.fit(members, *chosen, spacing, of_noise, amplitude))
         edges = EdgePairs.of(pairs, patch_of, spacing)
         wanted = edges.needed_values()[patch_of]  # (N, K)
         values = np.full(wanted.shape, np.nan)
@@ -157,7 +160,9 @@ class PatchImplicitSurface(BlockwiseSurface):
         return cls(
             points=points,
             normals=normals,
-            segmentation=segmentation,
+            patch_of=patch_of,
+            position_noise=noise[0],
+            normal_noise=noise[1],
             patches=tuple(patches),
             expressions=tuple(distinct),
             expression_of=np.array([number_of[expression] for expression in expressions]),

@@ -1,9 +1,8 @@
-"""Segmentation of contacts into smooth patches, and their noise, by marginal likelihood.
+"""Segmentation of contacts into smooth patches, by marginal likelihood.
 
 Every patch is a Gaussian process of its own. Two neighbouring patches are one if one process
 explains the contacts of both better than two do: its marginal likelihood is larger than the product
-of theirs (Bayes factor; Kass and Raftery 1995). Noise that is not known is that of the largest
-likelihood (empirical Bayes).
+of theirs (Bayes factor; Kass and Raftery 1995).
 """
 
 from __future__ import annotations
@@ -15,27 +14,11 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.surfaces.pair_clustering import cluster_pairs
-from lis_grasp.surfaces.patch import PatchEquations, central, noise_variances
+from lis_grasp.surfaces.patch import PatchEquations, noise_variances
 from lis_grasp.typing import FloatArray, IndexArray
-
-# Noise levels that are tried where none is known: position in spacings, normal [rad]; the one of
-# the first segmentation; and the mean of an exponential prior on that of the normals [rad], without
-# which few contacts on a rough surface look noisy.
-_LEVELS = ((0.003, 0.015), (0.01, 0.05), (0.03, 0.1), (0.06, 0.15), (0.12, 0.25))
-_FIRST_LEVEL = 1
-_TYPICAL_NORMAL_NOISE = 0.025
 
 # Contacts of a patch that are compared across a border, those nearest to the other patch.
 _COMPARED = 24
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Segmentation:
-    """The patch of each contact, and the noise that the contacts show."""
-
-    patch_of: IndexArray  # (N,), 0 for the first contact's, and so on
-    position_noise: FloatArray  # (N,) [m]
-    normal_noise: FloatArray  # (N,) [rad]
 
 
 def segment(
@@ -45,31 +28,14 @@ def segment(
     spacing: float,
     position_noise: FloatArray,
     normal_noise: FloatArray,
-) -> Segmentation:
-    """Divide contacts, shapes (N, 3), into smooth patches; noise (N,) is NaN where unknown."""
-    equations: dict[bytes, PatchEquations] = {}
+) -> IndexArray:
+    """Return the patch of each contact, (N,): 0 for the first contact's, and so on.
 
-    def level(position: float, normal: float) -> _Level:
-        positions = np.where(np.isnan(position_noise), position * spacing, position_noise)
-        turns = np.where(np.isnan(normal_noise), normal, normal_noise)
-        variances = noise_variances(positions / spacing, turns)
-        evidence = _Evidence(points / spacing, normals, variances, equations)
-        return _Level(positions, turns, evidence, -normal / _TYPICAL_NORMAL_NOISE)
-
-    def merged(level: _Level) -> IndexArray:
-        patch_of = cluster_pairs(pairs, level.position_noise, level.normal_noise)
-        return _merge(patch_of, pairs, level.evidence)
-
-    known = not (np.isnan(position_noise).any() or np.isnan(normal_noise).any())
-    levels = [level(*noise) for noise in (_LEVELS[:1] if known else _LEVELS)]
-    best = levels[min(_FIRST_LEVEL, len(levels) - 1)]
-    patch_of = merged(best)
-    likeliest = max(levels, key=lambda candidate: candidate.log_posterior(patch_of))
-    if likeliest is not best:
-        other = merged(likeliest)
-        if likeliest.log_posterior(other) > best.log_posterior(patch_of):
-            best, patch_of = likeliest, other
-    return Segmentation(patch_of, best.position_noise, best.normal_noise)
+    Contacts are points (N, 3) [m] and normals (N, 3), with noise (N,) [m] and [rad].
+    """
+    variances = noise_variances(position_noise / spacing, normal_noise)
+    evidence = _Evidence(points / spacing, normals, variances)
+    return _merge(cluster_pairs(pairs, position_noise, normal_noise), pairs, evidence)
 
 
 @dataclass(slots=True, eq=False)
@@ -79,18 +45,15 @@ class _Evidence:
     points: FloatArray  # (N, 3) in spacings
     normals: FloatArray  # (N, 3)
     variances: FloatArray  # (4N,)
-    equations: dict[bytes, PatchEquations]  # of sets of contacts; they do not depend on noise
     _known: dict[bytes, float] = field(default_factory=dict)
 
     def of(self, members: IndexArray) -> float:
         """Return the log marginal likelihood of contacts on one patch; `members` ascend."""
         key = members.tobytes()
         if key not in self._known:
-            if key not in self.equations:
-                chosen = self.points[members], self.normals[members]
-                self.equations[key] = PatchEquations.of(*chosen)
+            equations = PatchEquations.of(self.points[members], self.normals[members])
             variances = self.variances.reshape(-1, 4)[members].ravel()
-            self._known[key] = self.equations[key].log_evidence(variances)
+            self._known[key] = equations.log_evidence(variances)
         return self._known[key]
 
     def of_union(self, first: IndexArray, second: IndexArray) -> float:
@@ -105,22 +68,6 @@ class _Evidence:
             return members
         distances, _ = cKDTree(self.points[others]).query(self.points[members])
         return np.sort(members[np.argsort(distances, kind="stable")[:_COMPARED]])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Level:
-    """A level of noise, and the evidence of patches at that level."""
-
-    position_noise: FloatArray  # (N,) [m]
-    normal_noise: FloatArray  # (N,) [rad]
-    evidence: _Evidence
-    log_prior: float
-
-    def log_posterior(self, patch_of: IndexArray) -> float:
-        """Return the log posterior of the level, up to a constant, given the patches."""
-        members = (np.flatnonzero(patch_of == p) for p in range(int(patch_of.max()) + 1))
-        points = self.evidence.points
-        return self.log_prior + sum(self.evidence.of(m[central(points[m])]) for m in members)
 
 
 def _merge(patch_of: IndexArray, pairs: ContactPairs, evidence: _Evidence) -> IndexArray:

@@ -147,8 +147,8 @@ def test_a_part_of_the_patches_left_out_keeps_the_segmentation_of_the_rest() -> 
     surface = PatchImplicitSurface.from_contacts(touched_shape("cylinder"))
     left_out = np.arange(len(surface.points)) % 5 == 0
     rest = surface.without(left_out)
-    together = surface.segmentation.patch_of[~left_out]
+    together = surface.patch_of[~left_out]
     same = together[:, None] == together
-    kept = rest.segmentation.patch_of
+    kept = rest.patch_of
     np.testing.assert_array_equal(kept[:, None] == kept, same)
     assert rest.spacing == surface.spacing

@@ -180,7 +180,7 @@ def test_contacts_on_an_arc_are_one_patch_up_to_a_sharp_bend() -> None:
 
 def test_patches_are_numbered_by_their_first_contact() -> None:
     contacts = touched_box(np.array([0.06, 0.045, 0.08]), 0.04)
-    patches = PatchImplicitSurface.from_contacts(contacts).segmentation.patch_of
+    patches = PatchImplicitSurface.from_contacts(contacts).patch_of
     _, first = np.unique(patches, return_index=True)
     assert (np.diff(first) > 0).all()
 
@@ -345,7 +345,7 @@ def test_expressions_need_no_values_but_those_that_are_asked_for(kind: str) -> N
         chosen = np.random.default_rng(3).permutation(len(mesh.triangles_center))[:150]
         contacts = Contacts(mesh.triangles_center[chosen], mesh.face_normals[chosen])
     surface = PatchImplicitSurface.from_contacts(contacts)
-    patch_of = surface.segmentation.patch_of
+    patch_of = surface.patch_of
     pairs = ContactPairs.within(surface.points, surface.normals, surface.spacing)
     edges = EdgePairs.of(pairs, patch_of, surface.spacing)
     values = np.stack([patch.value(surface.points) for patch in surface.patches], axis=1)

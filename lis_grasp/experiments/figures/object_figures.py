@@ -89,9 +89,7 @@ def patch_map(*, names: Sequence[str] = ("mallet", "half_cylinder")) -> Figure:
     for k, name in enumerate(names):
         surface = PatchImplicitSurface.from_contacts(explored(name, 3)[1].contacts)
         mesh, view = extract_mesh(surface), view_of(name)
-        colours = np.array(
-            [palette.rgba(_COLOURS[p % len(_COLOURS)]) for p in surface.segmentation.patch_of]
-        )
+        colours = np.array([palette.rgba(_COLOURS[p % len(_COLOURS)]) for p in surface.patch_of])
         pale = 0.5 + 0.5 * colours
         facing = view.faces(surface.normals)
         scene = [
@@ -116,7 +114,7 @@ def _owners(surface: PatchImplicitSurface, points: FloatArray) -> IndexArray:
     """
     tree = cKDTree(surface.points)
     near = tree.query(points, k=min(12, len(surface.points)))[1].reshape(len(points), -1)
-    patch_of = surface.segmentation.patch_of
+    patch_of = surface.patch_of
     values = np.stack([np.abs(p.value(points)) for p in surface.patches], axis=1)  # (P, K)
     rows = np.arange(len(points))
     best = np.argmin(values[rows[:, None], patch_of[near]], axis=1)
