@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
 from lis_grasp.typing import FloatArray
 
@@ -147,3 +148,24 @@ def winding_number(point: FloatArray, triangles: FloatArray) -> float:
         denominator = la * lb * lc + (a @ b) * lc + (b @ c) * la + (c @ a) * lb
         total += math.atan2(a @ np.cross(b, c), denominator)
     return total / (2.0 * math.pi)
+
+
+def hoppe_normals(points: FloatArray, neighbours: int = 8) -> FloatArray:
+    """Planes of neighbours, signed along a minimum spanning tree (Hoppe et al. 1992, 3.3)."""
+    count = len(points)
+    distances = np.linalg.norm(points[:, None] - points, axis=2)
+    near = np.argsort(distances, axis=1)[:, : neighbours + 1]
+    normals = np.array([np.linalg.svd(points[i] - points[i].mean(0))[2][2] for i in near])
+    costs = 10.0 + distances / distances.max()  # far points link what neighbours do not
+    for i in range(count):
+        for j in near[i, 1:]:
+            costs[i, j] = costs[j, i] = 1.001 - abs(normals[i] @ normals[j])
+    tree = minimum_spanning_tree(costs)
+    center = points.mean(axis=0)
+    root = int(np.argmax(np.linalg.norm(points - center, axis=1)))
+    order, before = breadth_first_order(tree + tree.T, root, directed=False)
+    normals[root] *= np.sign(normals[root] @ (points[root] - center)) or 1.0
+    for i in order[1:]:
+        if normals[i] @ normals[before[i]] < 0.0:
+            normals[i] *= -1.0
+    return normals

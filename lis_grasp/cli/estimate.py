@@ -6,11 +6,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from lis_grasp import pipeline
+from lis_grasp import pipeline, surfaces
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import result_file
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import save_surface
 from lis_grasp.pipeline.run_config import RunConfig
@@ -29,7 +30,17 @@ def add_parser(verbs: Any) -> None:
         nargs="+",
         metavar="CONTACTS",
         help="points and outward normals in metres: a .ply oriented point cloud, or a .csv with"
-        " columns x,y,z,nx,ny,nz; several files, one for each sensor, are joined",
+        " columns x,y,z,nx,ny,nz; without normals they are estimated, from the direction of"
+        " approach too if there are columns ax,ay,az (.off and .xyz: points only); several files,"
+        " one for each sensor, are joined",
+    )
+    parser.add_argument(
+        "--fingertip-radius",
+        type=float,
+        action="append",
+        metavar="METRES",
+        help="the points are centres of a spherical fingertip of this radius (default: 0, they are"
+        " on the surface); for several files repeat it, in their order",
     )
     opt.add_options(parser, "estimator", "free_space", "position_noise", "normal_noise")
     opt.add_output(parser, "the folder of CONTACTS")
@@ -53,10 +64,21 @@ def load_contacts(options: argparse.Namespace) -> tuple[Contacts, dict[str, Any]
     Contacts of several files carry the noise of their file.
     """
     paths = options.contacts
+    radii = options.fingertip_radius or [0.0] * len(paths)
+    if len(radii) != len(paths):
+        raise InvalidOptionError.out_of_range(
+            "fingertip-radius", radii, f"given once for each of the {len(paths)} files"
+        )
     if len(paths) == 1:
-        return Contacts.load(paths[0]), provenance.read(paths[0])
+        contacts = surfaces.load_contacts(
+            paths[0], fingertip_radius=radii[0], position_noise=options.position_noise
+        )
+        return contacts, provenance.read(paths[0])
     contacts = pipeline.join_sources(
-        paths, position_noise=options.position_noise, normal_noise=options.normal_noise
+        paths,
+        position_noise=options.position_noise,
+        normal_noise=options.normal_noise,
+        fingertip_radii=radii,
     )
     recorded: dict[str, Any] = {}
     for path in reversed(paths):

@@ -16,6 +16,7 @@ from lis_grasp.cli import (
     explore,
     grasp,
     lift,
+    log_contacts,
     paper,
     run,
     surfaces,
@@ -23,7 +24,10 @@ from lis_grasp.cli import (
 )
 from lis_grasp.exceptions import InvalidInputError, LisGraspError
 
-_VERBS = (run, explore, estimate, grasp, lift, compare, surfaces, paper, view, doctor)
+_VERBS = (
+    *(run, explore, log_contacts, estimate, grasp, lift),
+    *(compare, surfaces, paper, view, doctor),
+)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -1,6 +1,7 @@
 """Tactile exploration: choose the next touch, make it, estimate the surface, repeat."""
 
 from lis_grasp.exploration.exploration_loop import Exploration, explore
+from lis_grasp.exploration.log_touches import Finger, LogFrames, contacts_from_log
 from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import (
@@ -10,14 +11,18 @@ from lis_grasp.exploration.stopping import (
     stop_when_covered,
 )
 from lis_grasp.exploration.tactile_sensor import TactileSensor
+from lis_grasp.exploration.touch_detection import TouchDetection
 from lis_grasp.exploration.touch_log import TouchLog, load_outcomes
 from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
+from lis_grasp.io.robot_logs import open_log
 
 __all__ = [
     "POLICIES",
     "STEP_FRACTION",
     "Exploration",
+    "Finger",
     "HandPose",
+    "LogFrames",
     "Policy",
     "Probe",
     "ProbeOutcome",
@@ -26,10 +31,13 @@ __all__ = [
     "StopRule",
     "TactileSensor",
     "TargetPolicy",
+    "TouchDetection",
     "TouchLog",
     "Workspace",
+    "contacts_from_log",
     "explore",
     "load_outcomes",
+    "open_log",
     "stop_after",
     "stop_when_certain",
     "stop_when_covered",

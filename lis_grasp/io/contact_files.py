@@ -7,7 +7,7 @@ round it. CSV as written: a header row ``x,y,z,nx,ny,nz``, then force, time, pos
 normal_noise (empty where unknown) and finger where known, and ``kind`` (contact or free) and
 ``radius`` if there are free points. Both formats restore every number exactly, and equal contacts
 make equal bytes. As read: any order and precision of properties, text or binary; other properties
-are ignored.
+are ignored. Points without normals may have the direction of approach, ax ay az, instead.
 """
 
 from __future__ import annotations
@@ -24,11 +24,14 @@ import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_bytes
+from lis_grasp.io.csv_tables import cell_number, read_table
 from lis_grasp.io.ply_files import ply_bytes, ply_element, read_ply
 from lis_grasp.typing import FloatArray
 
 _POINT = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
+_APPROACH = ("ax", "ay", "az")
+_DIRECTIONS = {"normals": _NORMAL, "approach": _APPROACH}
 _NOISE = ("position_noise", "normal_noise")
 _FINGERS = "fingers "
 # CloudCompare puts this before the names of properties that it does not know.
@@ -37,6 +40,23 @@ _PREFIXES = ("", "scalar_")
 
 def read_contact_file(path: Path) -> dict[str, Any]:
     """Return the fields of `Contacts` in a .ply or .csv file; errors as of `Contacts.load`."""
+    fields = read_contact_fields(path)
+    del fields["approach"]
+    if fields["normals"] is None:
+        message = (
+            f"{path} lacks {', '.join(_NORMAL)}; a contact needs an outward normal: load the file"
+            " with surfaces.load_contacts, which estimates them"
+        )
+        raise InvalidFileError(message, path=path)
+    return fields
+
+
+def read_contact_fields(path: Path) -> dict[str, Any]:
+    """Return the fields of `Contacts` in a .ply or .csv file, and `approach`.
+
+    `normals` and `approach` are of shape (N, 3), or None where the file lacks them. Errors as of
+    `Contacts.load`.
+    """
     return _load_ply(path) if _is_ply(path) else _load_csv(path)
 
 
@@ -80,12 +100,14 @@ def _load_ply(path: Path) -> dict[str, Any]:
     if "vertex" not in elements:
         raise InvalidFileError(f"{path} has no element 'vertex', so no points", path=path)
     rows, free = elements["vertex"], elements.get("free_point")
-    points, normals = _table(path, rows, _POINT), _table(path, rows, _NORMAL)
     index = _optional(rows, "finger")
     radii = None if free is None else _optional(free, "radius")
     return {
-        "points": points,
-        "normals": normals,
+        "points": _table(path, rows, _POINT),
+        **{
+            field: _table(path, rows, names) if _present(path, rows.dtype.names, names) else None
+            for field, names in _DIRECTIONS.items()
+        },
         "forces": _optional(rows, "force"),
         "fingers": () if index is None else _finger_names(path, data.comments, index),
         "times": _optional(rows, "time"),
@@ -150,24 +172,31 @@ def _to_csv(contacts: Mapping[str, Any]) -> bytes:
 
 
 def _load_csv(path: Path) -> dict[str, Any]:
-    names, rows = _read_table(path)
-    _require_columns(path, names, [*_POINT, *_NORMAL])
+    names, rows = read_table(path)
+    _require_columns(path, names, _POINT)
     columns = {name: [row[i].strip() for row in rows] for i, name in enumerate(names)}
     kinds = columns.get("kind", ["contact"] * len(rows))
-    for number, kind in enumerate(kinds, start=1):
+    for count, kind in enumerate(kinds, start=1):
         if kind not in ("contact", "free"):
-            message = f"{path}: row {number} is of kind '{kind}', not contact or free"
+            message = f"{path}: row {count} is of kind '{kind}', not contact or free"
             raise InvalidFileError(message, path=path)
     touched = [i for i, kind in enumerate(kinds) if kind == "contact"]
     free = [i for i, kind in enumerate(kinds) if kind == "free"]
 
+    def number(name: str, row: int) -> float:
+        cell = columns[name][row]
+        return np.nan if not cell and name in _NOISE else cell_number(path, cell, row + 1, name)
+
     def numbers(wanted: Sequence[str], rows: list[int]) -> FloatArray:
-        cells = [[_number(path, columns[name][i], i + 1, name) for name in wanted] for i in rows]
+        cells = [[number(name, row) for name in wanted] for row in rows]
         return np.array(cells, dtype=np.float64).reshape(len(rows), len(wanted))
 
     return {
         "points": numbers(_POINT, touched),
-        "normals": numbers(_NORMAL, touched),
+        **{
+            field: numbers(wanted, touched) if _present(path, names, wanted) else None
+            for field, wanted in _DIRECTIONS.items()
+        },
         "forces": numbers(["force"], touched)[:, 0] if "force" in columns else None,
         "fingers": tuple(columns["finger"][i] for i in touched) if "finger" in columns else (),
         "times": numbers(["time"], touched)[:, 0] if "time" in columns else None,
@@ -177,44 +206,15 @@ def _load_csv(path: Path) -> dict[str, Any]:
     }
 
 
-def _read_table(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Return the column names and the rows of cells, one cell for each name."""
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
-    except UnicodeDecodeError:
-        raise InvalidFileError(f"{path} is not UTF-8 text: save it as CSV", path=path) from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if not lines:
-        message = f"{path} is empty: a header row x,y,z,nx,ny,nz is needed"
-        raise InvalidFileError(message, path=path)
-    delimiter = ";" if ";" in lines[0] and "," not in lines[0] else ","
-    try:
-        header, *rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    except csv.Error as error:
-        raise InvalidFileError(f"{path} is not a CSV ({error})", path=path) from None
-    for number, row in enumerate(rows, start=1):
-        if len(row) != len(header):
-            message = f"{path}: row {number} has {len(row)} cells, its header has {len(header)}"
-            raise InvalidFileError(message, path=path)
-    return [name.strip().lower() for name in header], rows
-
-
-def _number(path: Path, cell: str, row: int, name: str) -> float:
-    if not cell and name in _NOISE:
-        return np.nan
-    try:
-        return float(cell)
-    except ValueError:
-        message = f"{path}: row {row} has '{cell}' for {name}, where a number is needed"
-        raise InvalidFileError(message, path=path) from None
+def _present(path: Path, names: Sequence[str] | None, wanted: Sequence[str]) -> bool:
+    """Return whether all wanted columns are there; refuse some of them without the others."""
+    if set(wanted) & set(names or ()):
+        _require_columns(path, names or (), wanted)
+        return True
+    return False
 
 
 def _require_columns(path: Path, present: Sequence[str], wanted: Sequence[str]) -> None:
     missing = [name for name in wanted if name not in present]
     if missing:
-        advice = ""
-        if set(missing) <= set(_NORMAL):
-            advice = "; a contact needs an outward normal: estimate normals, for example in MeshLab"
-        raise InvalidFileError(f"{path} lacks {', '.join(missing)}{advice}", path=path)
+        raise InvalidFileError(f"{path} lacks {', '.join(missing)}", path=path)

@@ -10,6 +10,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.io import provenance
+from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_noise import noise_of
 from lis_grasp.surfaces.contact_thinning import thin_contacts
 from lis_grasp.surfaces.noise_estimation import estimate_noise
@@ -19,16 +20,25 @@ _MOST_OF_CLOUD = 300
 
 
 def load_source(
-    path: Path | str, *, position_noise: float | None = None, normal_noise: float | None = None
+    path: Path | str,
+    *,
+    position_noise: float | None = None,
+    normal_noise: float | None = None,
+    fingertip_radius: float = 0.0,
 ) -> Contacts:
     """Load the contacts of one sensor, with the noise of each.
 
     A contact's noise is that of the file's columns, else what is given [m] and [rad], else what the
     file's header says of its sensor, else the estimate from the file's contacts. It stays unknown
-    where they do not determine it. Errors are those of `Contacts.load`.
+    where they do not determine it. Normals that the file lacks are estimated, and
+    the points may be centres of a fingertip: arguments and errors are those of `load_contacts`.
     """
-    contacts = Contacts.load(path)
     recorded = provenance.read(Path(path))
+    contacts = load_contacts(
+        path,
+        fingertip_radius=fingertip_radius,
+        position_noise=position_noise or _positive(recorded.get("position_noise")),
+    )
     position, normal = noise_of(
         contacts,
         position_noise or _positive(recorded.get("position_noise")),
@@ -47,11 +57,20 @@ def join_sources(
     *,
     position_noise: float | None = None,
     normal_noise: float | None = None,
+    fingertip_radii: Sequence[float] | None = None,
 ) -> Contacts:
-    """Load the contacts of several sensors, one file each, as of `load_source`, and join them."""
+    """Load the contacts of several sensors, one file each, as of `load_source`, and join them.
+
+    `fingertip_radii` [m] has one for each file; None takes 0.
+    """
     joined = Contacts.empty()
-    for path in paths:
-        contacts = load_source(path, position_noise=position_noise, normal_noise=normal_noise)
+    for path, radius in zip(paths, fingertip_radii or [0.0] * len(paths), strict=True):
+        contacts = load_source(
+            path,
+            position_noise=position_noise,
+            normal_noise=normal_noise,
+            fingertip_radius=radius,
+        )
         joined = joined.append(contacts)
     return joined
 

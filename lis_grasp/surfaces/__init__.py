@@ -5,9 +5,11 @@ from types import MappingProxyType
 
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import CarvedImplicitSurface, carved, uncarved
+from lis_grasp.surfaces.contact_loading import load_contacts
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
+from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 
 Estimator = Callable[..., ImplicitSurface]
@@ -33,5 +35,7 @@ __all__ = [
     "LocalImplicitSurface",
     "PatchImplicitSurface",
     "carved",
+    "estimate_normals",
+    "load_contacts",
     "uncarved",
 ]

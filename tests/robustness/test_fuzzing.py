@@ -54,6 +54,7 @@ every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))
         ("meshes", range(8)),
         ("hands", range(24)),
         ("files", range(32)),
+        ("logs", range(32)),
     ],
 )
 def test_malformed_input_gives_a_valid_result_or_an_error(

@@ -1,6 +1,6 @@
 """Kinds of fuzzing cases by name."""
 
-from fuzzing import contact_cases, file_cases, hand_cases, mesh_cases
+from fuzzing import contact_cases, file_cases, hand_cases, log_cases, mesh_cases
 from fuzzing.cases import Kind
 
 # The position of a kind is part of its seeds: add new kinds at the end.
@@ -9,4 +9,5 @@ KINDS: dict[str, Kind] = {
     "meshes": mesh_cases.KIND,
     "hands": hand_cases.KIND,
     "files": file_cases.KIND,
+    "logs": log_cases.KIND,
 }

@@ -1,0 +1,154 @@
+"""Errors of estimators on contacts of a real robot's fingertips (iCub), against scanned models.
+
+    python benchmarks/bench_real_touches.py FOLDER --picture real_touches.png
+
+FOLDER has measurements/*.off (points only, in the robot's root frame) and models/*.off; the page
+docs/real-touches.md says where to get it. The object's pose is unknown: the points are fitted to
+the model (iterative closest points from many starts), for scoring only. Errors are root mean
+squares within 30 mm of a contact, in millimetres: estimate to truth / truth to estimate.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import igl
+import matplotlib.pyplot as plt
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
+
+from lis_grasp import Contacts, extract_mesh, surface_error
+from lis_grasp.exceptions import LisGraspError
+from lis_grasp.shapes import Shape
+from lis_grasp.surfaces import ESTIMATORS, estimate_normals, load_contacts
+
+MODELS = {"measCleaner_exp": "cleaner", "measRobot_exp": "robot"}
+EXPLORED = 0.03
+NOISE = 0.007  # of the points [m]: what the best rigid fit to the models leaves
+NORMAL_NOISE = np.deg2rad(15.0)  # of normals taken from the model
+STARTS, ROUNDS = 60, 80
+
+
+def fit_pose(points: np.ndarray, mesh: trimesh.Trimesh) -> tuple[np.ndarray, float]:
+    """Return the rigid pose (4, 4) that brings points next to a mesh, and the rms left [m]."""
+    best, least = np.eye(4), np.inf
+    for turn in Rotation.random(STARTS, rng=np.random.default_rng(0)):
+        pose = np.eye(4)
+        pose[:3, :3] = turn.as_matrix()
+        pose[:3, 3] = mesh.centroid - pose[:3, :3] @ points.mean(axis=0)
+        previous = np.inf
+        for _ in range(ROUNDS):
+            moved = trimesh.transform_points(points, pose)
+            squares, _, closest = igl.point_mesh_squared_distance(moved, mesh.vertices, mesh.faces)
+            rms = float(np.sqrt(squares.mean()))
+            if previous - rms < 1e-7:
+                break
+            previous = rms
+            pose, _, _ = trimesh.registration.procrustes(
+                points, closest, reflection=False, scale=False
+            )
+        if rms < least:
+            best, least = pose, rms
+    return best, least
+
+
+def normals_of_model(points: np.ndarray, mesh: trimesh.Trimesh) -> np.ndarray:
+    _, faces, _ = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
+    return np.asarray(mesh.face_normals[faces])
+
+
+def draw(axis: plt.Axes, mesh: trimesh.Trimesh, points: np.ndarray, title: str) -> None:
+    axis.plot_trisurf(*mesh.vertices.T, triangles=mesh.faces, color="#9bb8d3", linewidth=0)
+    axis.scatter(*points.T, s=4, color="#c0392b", depthshade=False)
+    low, high = points.min(axis=0) - 0.02, points.max(axis=0) + 0.02
+    middle, half = (low + high) / 2, (high - low).max() / 2
+    axis.set(
+        xlim=(middle[0] - half, middle[0] + half),
+        ylim=(middle[1] - half, middle[1] + half),
+        zlim=(middle[2] - half, middle[2] + half),
+    )
+    axis.set_title(title, fontsize=8)
+    axis.set_axis_off()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, default=list(ESTIMATORS))
+    parser.add_argument(
+        "--pair",
+        action="append",
+        metavar="SET=MODEL",
+        help="a file of measurements/ and one of models/, without .off (default: the two known)",
+    )
+    parser.add_argument("--picture", type=Path, metavar="PNG")
+    options = parser.parse_args()
+    pairs = dict(pair.split("=") for pair in options.pair) if options.pair else MODELS
+    rows, columns = len(pairs), len(options.estimators) + 1
+    figure = plt.figure(figsize=(2.2 * columns, 2.4 * rows))
+    print("rms [mm] within 30 mm of a contact: estimate to truth / truth to estimate (seconds)")
+    print(f"{'set':18s}{'normals':24s}" + "".join(f"{name:>20s}" for name in options.estimators))
+    for row, (name, model) in enumerate(pairs.items()):
+        mesh = trimesh.load(options.folder / "models" / f"{model}.off")
+        estimated = load_contacts(
+            options.folder / "measurements" / f"{name}.off", position_noise=NOISE
+        )
+        pose, rms = fit_pose(estimated.points, mesh)
+        points = trimesh.transform_points(estimated.points, pose)
+        true_normals = normals_of_model(points, mesh)
+        noise = np.full(len(points), NOISE)
+        estimated = estimate_normals(points, position_noise=noise)
+        cosines = np.sum(estimated.normals * true_normals, axis=1)
+        angle = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+        stated = np.degrees(np.median(estimated.normal_noise))
+        print(
+            f"{name}: {len(points)} points, {1e3 * rms:.1f} mm rms from {model}.off; estimated"
+            f" normals {angle.mean():.0f} deg off (median {np.median(angle):.0f}), stated"
+            f" {stated:.0f} deg"
+        )
+        truth = Shape.from_mesh(model, mesh)
+        if options.picture:
+            axis = figure.add_subplot(rows, columns, row * columns + 1, projection="3d")
+            draw(axis, mesh, points, f"{name}: model")
+        variants = {
+            "estimated": estimated,
+            "estimated, noise unsaid": replace(estimated, position_noise=None, normal_noise=None),
+            "of the model": Contacts(
+                points,
+                true_normals,
+                position_noise=noise,
+                normal_noise=np.full(len(points), NORMAL_NOISE),
+            ),
+        }
+        for kind, contacts in variants.items():
+            cells = []
+            for column, estimator in enumerate(options.estimators):
+                start = time.perf_counter()
+                try:
+                    surface = ESTIMATORS[estimator](contacts)
+                    seconds = time.perf_counter() - start
+                    found = extract_mesh(surface)
+                    error = surface_error(found, truth, contacts, explored_radius=EXPLORED)
+                except LisGraspError as failure:
+                    cells.append(f"failed: {failure}"[:19])
+                    continue
+                both = 1e3 * error.rmsd, 1e3 * error.rmsd_truth_to_estimate
+                cells.append(f"{both[0]:.1f} / {both[1]:.1f} ({seconds:.1f})")
+                if options.picture and kind == "estimated":
+                    place = row * columns + column + 2
+                    axis = figure.add_subplot(rows, columns, place, projection="3d")
+                    draw(axis, found, points, f"{estimator}: {both[0]:.1f} / {both[1]:.1f} mm")
+            print(f"{name:18s}{kind:24s}" + "".join(f"{cell:>20s}" for cell in cells), flush=True)
+    if options.picture:
+        figure.savefig(options.picture, dpi=200, bbox_inches="tight")
+        print(f"wrote {options.picture}")
+
+
+if __name__ == "__main__":
+    with threadpool_limits(1):
+        main()

@@ -1,0 +1,61 @@
+"""CSV tables with a header row: columns of numbers by name."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.typing import FloatArray
+
+
+def read_csv_columns(path: Path) -> dict[str, FloatArray]:
+    """Return the columns of a CSV table of numbers by name, in lower case.
+
+    Raises
+    ------
+    InvalidFileError
+        If the file is missing, empty, no CSV, or a cell is no number.
+    """
+    names, rows = read_table(path)
+    return {
+        name: np.array(
+            [cell_number(path, row[i].strip(), n + 1, name) for n, row in enumerate(rows)]
+        )
+        for i, name in enumerate(names)
+    }
+
+
+def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Return the column names and the rows of cells, one cell for each name."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
+    except UnicodeDecodeError:
+        raise InvalidFileError(f"{path} is not UTF-8 text: save it as CSV", path=path) from None
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if not lines:
+        message = f"{path} is empty: a header row of column names is needed"
+        raise InvalidFileError(message, path=path)
+    delimiter = ";" if ";" in lines[0] and "," not in lines[0] else ","
+    try:
+        header, *rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    except csv.Error as error:
+        raise InvalidFileError(f"{path} is not a CSV ({error})", path=path) from None
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(header):
+            message = f"{path}: row {number} has {len(row)} cells, its header has {len(header)}"
+            raise InvalidFileError(message, path=path)
+    return [name.strip().lower() for name in header], rows
+
+
+def cell_number(path: Path, cell: str, row: int, name: str) -> float:
+    """Return the number in a cell of a column, or refuse it; rows count from 1."""
+    try:
+        return float(cell)
+    except ValueError:
+        message = f"{path}: row {row} has '{cell}' for {name}, where a number is needed"
+        raise InvalidFileError(message, path=path) from None

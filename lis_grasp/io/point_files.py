@@ -1,0 +1,48 @@
+"""Files of points that may lack normals: contact files, and .off and .xyz by trimesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.contact_files import read_contact_fields
+from lis_grasp.typing import FloatArray
+
+_POINTS_ONLY = (".off", ".xyz")
+
+
+def read_point_file(path: Path) -> dict[str, Any]:
+    """Return the fields of `Contacts` in a file that may lack normals, and `approach`.
+
+    `normals` and `approach`, the direction of motion at contact, are of shape (N, 3), or None where
+    the file lacks them. .ply and .csv files are read as contact files; .off and .xyz files have
+    points only.
+
+    Raises
+    ------
+    InvalidFileError
+        If the file is missing, of another format, damaged, or lacks points.
+    """
+    if path.suffix.lower() in _POINTS_ONLY:
+        return {"points": _load_points(path), "normals": None, "approach": None}
+    return read_contact_fields(path)
+
+
+def _load_points(path: Path) -> FloatArray:
+    """Return the vertices of a file that trimesh reads, in the file's order."""
+    try:
+        with path.open("rb") as file:
+            loaded = trimesh.load(file, file_type=path.suffix[1:].lower(), process=False)
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
+    except Exception as error:  # noqa: BLE001 - trimesh raises anything on damaged files
+        message = f"{path} cannot be read as points ({error}): write columns x,y,z as .csv"
+        raise InvalidFileError(message, path=path) from None
+    points = np.asarray(getattr(loaded, "vertices", None), dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise InvalidFileError(f"{path} has no points", path=path)
+    return points

@@ -1,0 +1,134 @@
+"""Timed poses: interpolation, and chains of transforms between frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import networkx as nx
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from lis_grasp.exceptions import InvalidInputError
+from lis_grasp.typing import FloatArray
+
+# A pose between two samples farther apart than this is unknown [s].
+_LONGEST_GAP = 0.25
+_FARTHEST = 1e7  # [m]
+_UNIT_TOLERANCE = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedPoses:
+    """Poses X_PC of a child frame C in a parent frame P over time.
+
+    Attributes
+    ----------
+    times
+        Shape (T,) [s], strictly increasing.
+    positions
+        Shape (T, 3) [m].
+    quaternions
+        Shape (T, 4), unit, in the order x, y, z, w.
+    parent, child
+        Names of the frames; empty if unknown.
+    """
+
+    times: FloatArray
+    positions: FloatArray
+    quaternions: FloatArray
+    parent: str = ""
+    child: str = ""
+
+    @classmethod
+    def collect(
+        cls, times: FloatArray, values: FloatArray, *, parent: str = "", child: str = ""
+    ) -> TimedPoses:
+        """Sort samples by time and drop repeated times; values (T, 7) are x y z qx qy qz qw.
+
+        Samples that are not finite or farther than 10,000 km, or whose quaternion is not of unit
+        length, are dropped.
+        """
+        valid = np.isfinite(times) & np.all(np.abs(values) < _FARTHEST, axis=1)
+        times, values = times[valid], values[valid]
+        lengths = np.linalg.norm(values[:, 3:], axis=1)
+        valid = np.abs(lengths - 1.0) < _UNIT_TOLERANCE
+        _, order = np.unique(times[valid], return_index=True)
+        rows = values[valid][order]
+        unit = rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
+        return cls(times[valid][order], rows[:, :3], unit, parent.lstrip("/"), child.lstrip("/"))
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return the interpolated poses at times (N,), shape (N, 4, 4); NaN where unknown.
+
+        Positions linearly, orientations along great circles (Slerp). A single sample is a static
+        transform. Unknown are times outside of the samples, or in a gap of more than 0.25 s.
+        """
+        poses = np.tile(np.eye(4), (len(times), 1, 1))
+        if not len(self.times):
+            return np.full_like(poses, np.nan)
+        if len(self.times) == 1:
+            poses[:, :3, :3] = Rotation.from_quat(self.quaternions[0]).as_matrix()
+            poses[:, :3, 3] = self.positions[0]
+            return poses
+        within = np.clip(times, self.times[0], self.times[-1])
+        slerp = Slerp(self.times, Rotation.from_quat(self.quaternions))
+        poses[:, :3, :3] = slerp(within).as_matrix()
+        for axis in range(3):
+            poses[:, axis, 3] = np.interp(within, self.times, self.positions[:, axis])
+        after = np.clip(np.searchsorted(self.times, within), 1, len(self.times) - 1)
+        gap = self.times[after] - self.times[after - 1]
+        exact = (self.times[after] == within) | (self.times[after - 1] == within)
+        poses[(times != within) | ((gap > _LONGEST_GAP) & ~exact)] = np.nan
+        return poses
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameTree:
+    """Transforms between named frames, by (parent, child)."""
+
+    transforms: Mapping[tuple[str, str], TimedPoses]
+
+    @property
+    def frames(self) -> list[str]:
+        """Names of all frames, sorted."""
+        return sorted({name for pair in self.transforms for name in pair})
+
+    def pose(self, base: str, frame: str, times: FloatArray) -> FloatArray:
+        """Return poses of a frame in a base frame at times (N,), shape (N, 4, 4); NaN if unknown.
+
+        Raises
+        ------
+        InvalidInputError
+            If no chain of transforms connects the two frames.
+        """
+        poses = np.tile(np.eye(4), (len(times), 1, 1))
+        if base == frame:
+            return poses
+        graph = nx.Graph(list(self.transforms))
+        if base not in graph or frame not in graph or not nx.has_path(graph, base, frame):
+            known = ", ".join(self.frames) or "none"
+            raise InvalidInputError(
+                f"no chain of transforms connects the frames '{base}' and '{frame}'; the log has"
+                f" transforms of {known}"
+            )
+        path = nx.shortest_path(graph, base, frame)
+        for before, after in pairwise(path):
+            forward = self.transforms.get((before, after))
+            if forward is not None:
+                step = forward.at(times)
+            else:
+                step = inverse_poses(self.transforms[(after, before)].at(times))
+            poses = poses @ step
+        return poses
+
+
+def inverse_poses(poses: FloatArray) -> FloatArray:
+    """Return the inverses of poses (..., 4, 4)."""
+    inverses = np.empty_like(poses)
+    turned = np.swapaxes(poses[..., :3, :3], -1, -2)
+    inverses[..., :3, :3] = turned
+    inverses[..., :3, 3] = -np.einsum("...ij,...j->...i", turned, poses[..., :3, 3])
+    inverses[..., 3, :] = poses[..., 3, :]
+    return inverses

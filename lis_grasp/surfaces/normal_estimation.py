@@ -1,0 +1,247 @@
+"""Normal estimation: contacts from points without normals, with the normals' standard deviations.
+
+The evidence is the points themselves (a smooth closed surface passes through them), the directions
+of approach (a finger meets the outside), and points in free space; see `NormalPosterior`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import EstimationError, InvalidContactsError
+from lis_grasp.surfaces.contact_merging import spacing_of
+from lis_grasp.surfaces.local_planes import local_planes
+from lis_grasp.surfaces.normal_posterior import EstimatedNormals, NormalPosterior
+from lis_grasp.surfaces.queries import require_range
+from lis_grasp.typing import FloatArray, IndexArray
+
+# Points without approach directions: four are the corners of the simplest closed surface.
+LEAST_POINTS = 4
+
+# Noise of positions where it is not given, in largest distances between two points: the first that
+# makes the sides unambiguous. Less follows the noise of real points; more loses edges.
+_DEFAULT_NOISE = (0.01, 0.02, 0.04)
+# Noise that is given moves points to where the normal is another: the variance of normals grows by
+# this factor times the square of the noise in spacings.
+_TURN = 0.6
+# Least noise of the process, relative to its amplitude, for points at one place.
+_LEAST_NOISE = 1e-3
+# Amplitude of the process at the start, and rounds in which it follows from the normals.
+_AMPLITUDE, _ROUNDS = 0.4, 3
+
+# A straight motion that hits a surface element anywhere has an angle to the inward normal of
+# density proportional to its cosine (Lambert), so of mean cosine 2/3. The von Mises-Fisher
+# distribution with that mean has this concentration: coth(k) - 1/k = 2/3.
+_COSINE_LAW = 2.9895
+
+# More points are estimated from this many of them, spread evenly; the others from their neighbours.
+_MOST_IN_FIELD = 250
+# Free points near each point: many on one side say nothing new.
+_FREE_NEIGHBOURS = 2
+# and no farther, in largest distances between two points: within the covariance's length of all.
+_FREE_REACH = 0.5
+
+# Inside and outside are ambiguous if the other side is this likely in comparison (1 to 20).
+_LEAST_LOG_ODDS = -np.log(20.0)
+# Normals this close are of the same maximum.
+_SAME = 0.02
+
+
+def estimate_normals(
+    points: npt.ArrayLike,
+    *,
+    approach: npt.ArrayLike | None = None,
+    approach_noise: float | None = None,
+    free_points: npt.ArrayLike | None = None,
+    free_radii: npt.ArrayLike | None = None,
+    fingertip_radius: float = 0.0,
+    position_noise: float | npt.ArrayLike | None = None,
+) -> Contacts:
+    """Estimate the outward normals of points on a surface; return them as contacts.
+
+    The normals have the highest posterior density under a smooth prior of the surface. Their
+    standard deviations are in `Contacts.normal_noise`.
+
+    Parameters
+    ----------
+    points
+        Shape (N, 3) [m] in O: surface points, or the centres of a spherical fingertip in contact.
+    approach
+        Shape (N, 3), the direction of the fingertip's motion at each contact, of any length; a row
+        of zeros where it is unknown. None if all are unknown. Or another direction about the inward
+        normal, for example of the measured force.
+    approach_noise
+        One standard deviation of each component of the inward normal about that direction [rad].
+        None takes straight motions that hit any part of a surface: angles with the cosine law.
+    free_points, free_radii
+        Shapes (K, 3) and (K,) [m], balls outside of the object, as in `Contacts`.
+    fingertip_radius
+        Radius of the spherical fingertip [m] whose centres `points` are; 0 for surface points. The
+        centres lie on the surface at that distance from the object's, which has the same normals.
+        So the contacts are the centres moved inward by the radius.
+    position_noise
+        One standard deviation of the points along the normals [m], one for all or shape (N,). None
+        takes 1 % of the largest distance between two points, or up to 4 % where only that makes the
+        sides unambiguous, and leaves it unknown in the result.
+
+    Raises
+    ------
+    InvalidContactsError
+        If an array has another shape or is not finite, or there are too few points.
+    EstimationError
+        If the evidence does not say which side is outside.
+    """
+    require_range("fingertip_radius", fingertip_radius, unit="m")
+    centers = _checked(points, free_points, free_radii, position_noise)
+    directions = _directions(approach, len(centers))
+    concentration = _COSINE_LAW
+    if approach_noise is not None:
+        require_range("approach_noise", approach_noise, unit="rad", above_zero=True)
+        concentration = approach_noise**-2.0
+    _require_evidence(centers, directions)
+    estimate = _estimate_many if len(centers) > _MOST_IN_FIELD else _estimate
+    normals, deviations = estimate(centers, concentration * directions)
+    return Contacts(
+        centers.points - fingertip_radius * normals,
+        normals,
+        free_points=centers.free_points,
+        free_radii=centers.free_radii,
+        position_noise=centers.position_noise,
+        normal_noise=deviations,
+    )
+
+
+def _checked(
+    points: npt.ArrayLike,
+    free_points: npt.ArrayLike | None,
+    free_radii: npt.ArrayLike | None,
+    position_noise: float | npt.ArrayLike | None,
+) -> Contacts:
+    """Return checked arrays as contacts whose normals mean nothing yet."""
+    count = len(np.atleast_1d(np.asarray(points)))
+    noise = None if position_noise is None else np.asarray(position_noise, dtype=np.float64)
+    return Contacts(
+        np.asarray(points),
+        np.tile([0.0, 0.0, 1.0], (count, 1)),
+        free_points=np.empty((0, 3)) if free_points is None else np.asarray(free_points),
+        free_radii=np.empty(0) if free_radii is None else np.asarray(free_radii),
+        position_noise=np.full(count, noise) if noise is not None and noise.ndim == 0 else noise,
+    )
+
+
+def _directions(approach: npt.ArrayLike | None, count: int) -> FloatArray:
+    """Return unit directions of approach, zeros where unknown, shape (N, 3)."""
+    if approach is None:
+        return np.zeros((count, 3))
+    vectors = np.asarray(approach, dtype=np.float64)
+    if vectors.shape != (count, 3) or not np.all(np.isfinite(vectors)):
+        raise InvalidContactsError(
+            f"approach must be {count} finite directions, shape ({count}, 3); it has shape"
+            f" {vectors.shape}: give one direction of motion for each point, zeros where unknown"
+        )
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)
+
+
+def _require_evidence(centers: Contacts, directions: FloatArray) -> None:
+    known = int(np.count_nonzero(np.any(directions, axis=1)))
+    needed = LEAST_POINTS if known < len(centers) else 1
+    places = len(np.unique(centers.points, axis=0))
+    if places < needed:
+        raise InvalidContactsError(
+            f"normals need at least {needed} points at different places if directions of approach"
+            f" are not known; there are {places}: add points, or the columns ax,ay,az"
+            if needed > 1
+            else "normals need at least one point; there are none"
+        )
+
+
+def _estimate(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return normals (N, 3) and deviations (N,) [rad] by the posterior of all points."""
+    points = centers.points
+    scale = float(pdist(points).max(initial=0.0)) or 1.0
+    middle = centers.bounds.mean(axis=0)
+    scaled = (points - middle) / scale
+    free = (centers.free_points[_free_near(centers, _FREE_REACH * scale)] - middle) / scale
+    outward = scaled - scaled.mean(axis=0)
+    likely = np.where(np.any(inward, axis=1, keepdims=True), -inward, outward)
+    starts = [likely, outward, local_planes(points, likely)[0]]
+    own = centers.position_noise
+    levels = _DEFAULT_NOISE if own is None else (own / scale,)
+    for level in levels:
+        found: list[EstimatedNormals] = []
+        amplitude = _AMPLITUDE
+        for _ in range(_ROUNDS):
+            noise = np.full(len(points), np.maximum(level / amplitude, _LEAST_NOISE))
+            posterior = NormalPosterior.condition(scaled, noise, inward, free)
+            found = posterior.maxima([*starts, posterior.relaxed()])
+            # The same surface with its sides exchanged, unless the climb leads back.
+            found += posterior.maxima([-found[0].normals])
+            amplitude = found[0].amplitude
+        if not _ambiguous(found):
+            normals, variances = _mixture(found)
+            if own is not None:
+                variances = variances + _TURN * (own / spacing_of(centers)) ** 2
+            return normals, np.sqrt(np.minimum(variances, 1.0))
+    raise EstimationError(
+        "the points do not say which side of the surface is outside: add directions of approach"
+        " (columns ax,ay,az), points in free space or on other sides, or give --position-noise"
+    )
+
+
+def _ambiguous(found: list[EstimatedNormals]) -> bool:
+    """Return whether a maximum with other sides than the best is about as likely."""
+    best = max(found, key=lambda each: each.log_evidence)
+    return any(
+        np.sum(each.normals * best.normals) < 0.0
+        and each.log_evidence - best.log_evidence > _LEAST_LOG_ODDS
+        for each in found
+    )
+
+
+def _mixture(found: list[EstimatedNormals]) -> tuple[FloatArray, FloatArray]:
+    """Return the likeliest normals, and their variances over all maxima by their evidence."""
+    best = max(found, key=lambda each: each.log_evidence)
+    variances, total = np.zeros(len(best.normals)), 0.0
+    distinct: list[EstimatedNormals] = []
+    for each in found:
+        if any(np.allclose(each.normals, other.normals, atol=_SAME) for other in distinct):
+            continue
+        distinct.append(each)
+        weight = float(np.exp(each.log_evidence - best.log_evidence))
+        angles = np.arccos(np.clip(np.sum(each.normals * best.normals, axis=1), -1.0, 1.0))
+        variances += weight * (each.deviations**2 + 0.5 * angles**2)
+        total += weight
+    return best.normals, variances / total
+
+
+def _estimate_many(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return normals and deviations from local planes, on the side of the normals of a few."""
+    few = _spread(centers.points, _MOST_IN_FIELD)
+    normals, _ = _estimate(centers.subset(few), inward[few])
+    _, nearest = cKDTree(centers.points[few]).query(centers.points)
+    return local_planes(centers.points, normals[nearest])
+
+
+def _spread(points: FloatArray, count: int) -> IndexArray:
+    """Return indices of points far from each other: farthest-point sampling (Gonzalez 1985)."""
+    chosen = np.empty(count, dtype=np.intp)
+    nearest = np.full(len(points), np.inf)
+    chosen[0] = np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1))
+    for i in range(1, count):
+        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[i - 1]], axis=1))
+        chosen[i] = np.argmax(nearest)
+    return chosen
+
+
+def _free_near(centers: Contacts, reach: float) -> IndexArray:
+    """Return indices of the free points that are nearest to the points, within `reach` [m]."""
+    count = min(_FREE_NEIGHBOURS, len(centers.free_points))
+    if not count:
+        return np.empty(0, dtype=np.intp)
+    distances, index = cKDTree(centers.free_points).query(centers.points, count)
+    return np.unique(index[distances < reach])

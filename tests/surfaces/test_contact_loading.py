@@ -1,0 +1,124 @@
+"""Contacts from files of points: every format, with and without normals, and fingertip centres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from plyfile import PlyData, PlyElement
+
+from lis_grasp import Contacts, shapes
+from lis_grasp.cli.main import main
+from lis_grasp.exceptions import InvalidContactsError, InvalidFileError
+from lis_grasp.surfaces import load_contacts
+from lis_grasp.typing import FloatArray
+
+RADIUS = 0.008
+
+
+@pytest.fixture(scope="module")
+def centers() -> FloatArray:
+    """Centres of a fingertip that touches a ball of 3 cm at 24 points."""
+    points = trimesh.sample.sample_surface(shapes.build("sphere", size=0.06).mesh, 24, seed=0)[0]
+    return np.asarray(points) * (0.03 + RADIUS) / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def write(path: Path, points: FloatArray) -> Path:
+    rows = [" ".join(f"{value:.9f}" for value in point) for point in points]
+    if path.suffix == ".off":
+        rows = ["OFF", f"{len(points)} 0 0", "", *rows]
+    elif path.suffix == ".csv":
+        rows = ["x,y,z", *(row.replace(" ", ",") for row in rows)]
+    elif path.suffix == ".ply":
+        vertices = np.array([tuple(point) for point in points], dtype=[(c, "f8") for c in "xyz"])
+        PlyData([PlyElement.describe(vertices, "vertex")], text=True).write(str(path))
+        return path
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("ending", ["csv", "ply", "off", "xyz"])
+def test_points_of_every_format_become_contacts(
+    ending: str, centers: FloatArray, tmp_path: Path
+) -> None:
+    contacts = load_contacts(write(tmp_path / f"points.{ending}", centers), fingertip_radius=RADIUS)
+    radial = centers / np.linalg.norm(centers, axis=1, keepdims=True)
+    assert np.all(np.sum(contacts.normals * radial, axis=1) > 0.97)
+    assert np.linalg.norm(contacts.points, axis=1) == pytest.approx(0.03, abs=2e-4)
+    assert contacts.normal_noise is not None
+    assert np.all(contacts.normal_noise > 0.0)
+
+
+def test_normals_in_the_file_are_kept(centers: FloatArray, tmp_path: Path) -> None:
+    normals = centers / np.linalg.norm(centers, axis=1, keepdims=True)
+    contacts = Contacts(centers, normals, times=np.arange(24.0))
+    contacts.save(tmp_path / "contacts.ply")
+    assert np.array_equal(load_contacts(tmp_path / "contacts.ply").points, centers)
+    moved = load_contacts(tmp_path / "contacts.ply", fingertip_radius=RADIUS)
+    assert np.linalg.norm(moved.points, axis=1) == pytest.approx(0.03)
+    assert np.array_equal(moved.normals, contacts.normals)
+    assert moved.normal_noise is None
+
+
+def test_other_columns_are_kept(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    path.write_text(
+        "x,y,z,ax,ay,az,force,time,finger,kind,radius\n"
+        "0,0,0,0,0,-1,2,5,index,contact,\n0,0.01,0,0,0,-1,3,6,thumb,contact,\n"
+        "0,0,0.05,,,,,,,free,0.01\n"
+    )
+    contacts = load_contacts(path)
+    assert contacts.normals[:, 2] == pytest.approx(1.0, abs=0.03)
+    assert contacts.fingers == ("index", "thumb")
+    assert contacts.forces == pytest.approx([2.0, 3.0])
+    assert contacts.times == pytest.approx([5.0, 6.0])
+    assert contacts.free_radii == pytest.approx([0.01])
+
+
+def test_the_command_estimates_a_surface_from_fingertip_centres(
+    centers: FloatArray, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "points.csv", centers)
+    options = ["--fingertip-radius", str(RADIUS), "--estimator", "gpis"]
+    assert main(["estimate", str(path), *options]) == 0
+    mesh = trimesh.load(tmp_path / "surface.ply")
+    assert mesh.is_watertight
+    assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(0.03, abs=2e-3)
+
+
+def test_a_cloud_and_fingertip_centres_are_joined(centers: FloatArray, tmp_path: Path) -> None:
+    touches = write(tmp_path / "touches.csv", centers)
+    mesh = shapes.build("sphere", size=0.06).mesh
+    cloud = write(tmp_path / "cloud.xyz", trimesh.sample.sample_surface(mesh, 400, seed=1)[0])
+    radii = ["--fingertip-radius", "0", "--fingertip-radius", str(RADIUS)]
+    assert main(["estimate", str(cloud), str(touches), *radii, "--estimator", "gpis"]) == 0
+    mesh = trimesh.load(tmp_path / "surface.ply")
+    assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(0.03, abs=2e-3)
+    assert main(["estimate", str(cloud), str(touches), *radii[:2]]) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.csv", "x,y,z\n1,2,3\n1,2,4\n", "a.csv: normals need at least 4 points"),
+        ("a.csv", "x,y,z,nx\n1,2,3,0\n", "lacks ny, nz"),
+        ("a.csv", "x,y,z,ax,ay\n1,2,3,0,1\n", "lacks az"),
+        ("a.off", "OFF\n0 0 0\n", "a.off "),
+        ("a.off", "no points", "a.off "),
+        ("a.xyz", "1 2\n", "a.xyz "),
+        ("a.pcd", "", "end in .ply or .csv"),
+    ],
+)
+def test_what_is_missing_is_said(name: str, content: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises((InvalidFileError, InvalidContactsError), match=said):
+        load_contacts(tmp_path / name)
+    assert main(["estimate", str(tmp_path / name)]) == 2
+
+
+def test_a_missing_file_is_said(tmp_path: Path) -> None:
+    for ending in ("off", "xyz", "csv"):
+        with pytest.raises(InvalidFileError, match="cannot read"):
+            load_contacts(tmp_path / f"none.{ending}")
