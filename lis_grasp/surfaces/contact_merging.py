@@ -54,7 +54,9 @@ def merge_duplicates(
     if len(merged) < 2 or not merged.spacing < reach < np.inf:
         return merged
     places = _merged(known, reaches)
-    return places if places.spacing > 2.0 * reach else merged
+    # Chains of contacts, as of a cloud, are no place.
+    farthest = cKDTree(places.points).query(known.points)[0].max()
+    return places if places.spacing > 2.0 * reach >= 2.0 * farthest else merged
 
 
 def drop_repetitions(contacts: Contacts) -> Contacts:

@@ -47,7 +47,7 @@ _LENGTHS: dict[KernelName, float] = {"rbf": 0.4, "matern52": 0.8, "thin_plate": 
 # Below this slope the gradient does not locate the surface.
 _MIN_SLOPE = 0.1
 # More contacts are thinned: time grows with the cube of their number.
-_MOST_CONTACTS = 300
+_MOST_CONTACTS = 400
 # The prior's amplitude is fitted to so many contacts at most: it takes a dozen solutions.
 _MOST_FOR_AMPLITUDE = 150
 
@@ -95,7 +95,7 @@ class GaussianProcessImplicitSurface:
     ) -> GaussianProcessImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        More than 300 contacts are thinned to as many local averages (`thin_contacts`).
+        More than 400 contacts are thinned to as many local averages (`thin_contacts`).
 
         Parameters
         ----------

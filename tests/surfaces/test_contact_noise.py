@@ -174,3 +174,17 @@ def test_noise_is_estimated_from_the_contacts_that_lack_it() -> None:
     np.testing.assert_array_equal(normal[60:], 0.01)
     few = Contacts(np.eye(3), np.eye(3))
     np.testing.assert_array_equal(noise_or_estimate(few, None, None), np.zeros((2, 3)))
+
+
+def test_a_noisy_cloud_is_not_one_place() -> None:
+    """Links within the noise join a cloud to chains, whose means say nothing."""
+    rng, truth = np.random.default_rng(0), sphere_contacts(3000)
+    noise = 2e-3
+    tilted = truth.normals + 0.15 * rng.normal(size=(3000, 3))
+    cloud = Contacts(
+        truth.points + noise * rng.normal(size=(3000, 3)),
+        tilted / np.linalg.norm(tilted, axis=1, keepdims=True),
+        position_noise=np.full(3000, noise),
+    )
+    merged = merge_duplicates(cloud)
+    assert len(merged) > 1000
