@@ -1,0 +1,128 @@
+"""Laws of the default estimate: more contacts, repeated contacts, frames, scales, order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lis_grasp import shapes
+from lis_grasp.contacts import Contacts
+from lis_grasp.surfaces import BlendedImplicitSurface
+from lis_grasp.typing import FloatArray
+
+SIZE = 0.2
+NAMES = ("box", "cylinder", "half_cylinder", "pentagon", "sphere", "torus")
+
+
+def surface_samples(name: str) -> tuple[FloatArray, FloatArray]:
+    """Points of the true surface, spread by area, and their normals."""
+    mesh = shapes.build(name, SIZE).mesh
+    rng = np.random.default_rng(7)
+    faces = rng.choice(len(mesh.faces), 6000, p=mesh.area_faces / mesh.area)
+    weights = rng.dirichlet(np.ones(3), size=len(faces))
+    points = np.einsum("nk,nkc->nc", weights, mesh.triangles[faces])
+    return points, np.asarray(mesh.face_normals)[faces]
+
+
+def spread(points: FloatArray, count: int, rng: np.random.Generator) -> list[int]:
+    """Indices of points far from each other, the first at random."""
+    chosen = [int(rng.integers(len(points)))]
+    gaps = np.full(len(points), np.inf)
+    while len(chosen) < count:
+        gaps = np.minimum(gaps, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(rng.choice(np.flatnonzero(gaps > 0.85 * gaps.max()))))
+    return chosen
+
+
+def root_mean_square(contacts: Contacts, points: FloatArray) -> float:
+    """Distance of the true surface from the estimate, to first order, floored at 0.1 mm [m]."""
+    surface = BlendedImplicitSurface.from_contacts(contacts)
+    slopes = np.linalg.norm(surface.gradient(points), axis=1)
+    distances = np.minimum(np.abs(surface.evaluate(points)) / np.maximum(slopes, 0.3), 0.05)
+    return float(np.sqrt(np.mean(distances**2)) + 1e-4)
+
+
+def log_ratio_of_errors(name: str, kind: str, seed: int) -> float:
+    """Log of the error with additional true contacts over the error without."""
+    points, normals = surface_samples(name)
+    rng = np.random.default_rng([seed, NAMES.index(name)])
+    first = spread(points, 16, rng)
+    if kind == "far":
+        more = spread(points, 32, rng)[16:]
+    elif kind == "random":
+        more = list(rng.choice(len(points), 16, replace=False))
+    else:  # two more within 9 mm of each, on the same face
+        more = []
+        for i in first:
+            near = np.linalg.norm(points - points[i], axis=1) < 0.009
+            alike = np.flatnonzero(near & (normals @ normals[i] > 0.9))
+            more += list(rng.choice(alike, 2))
+    chosen = [np.array(first), np.array(first + more)]
+    errors = [root_mean_square(Contacts(points[k], normals[k]), points[::9]) for k in chosen]
+    return float(np.log(errors[1] / errors[0]))
+
+
+@pytest.mark.parametrize("kind", ["far", "random", "near"])
+def test_more_true_contacts_lower_the_expected_error(kind: str) -> None:
+    ratios = [log_ratio_of_errors(name, kind, seed) for name in NAMES for seed in range(2)]
+    assert np.mean(ratios) < 0.0, np.round(ratios, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["far", "random", "near"])
+def test_more_true_contacts_lower_the_expected_error_of_many_sets(kind: str) -> None:
+    ratios = [log_ratio_of_errors(name, kind, seed) for name in NAMES for seed in range(2, 10)]
+    mean, error = np.mean(ratios), np.std(ratios) / np.sqrt(len(ratios))
+    assert mean + 2.0 * error < 0.0, (mean, error)
+
+
+def touched(name: str, count: int = 24, seed: int = 0) -> Contacts:
+    points, normals = surface_samples(name)
+    chosen = spread(points, count, np.random.default_rng(seed))
+    return Contacts(points[chosen], normals[chosen])
+
+
+QUERIES = np.random.default_rng(1).uniform(-0.6 * SIZE, 0.6 * SIZE, (400, 3))
+
+
+@pytest.mark.parametrize("name", ["cylinder", "torus"])
+def test_repeated_contacts_change_nothing(name: str) -> None:
+    contacts = touched(name)
+    repeated = contacts.append(contacts.subset(slice(None, None, 2))).append(contacts)
+    once, again = (
+        BlendedImplicitSurface.from_contacts(some).evaluate(QUERIES)
+        for some in (contacts, repeated)
+    )
+    np.testing.assert_array_equal(again, once)
+
+
+def test_thinning_the_contacts_degrades_the_estimate_gradually() -> None:
+    points, normals = surface_samples("half_cylinder")
+    order = spread(points, 64, np.random.default_rng(3))  # every beginning is spread evenly
+    errors = [
+        root_mean_square(Contacts(points[order[:n]], normals[order[:n]]), points[::9])
+        for n in (64, 32, 16, 8, 4)
+    ]
+    assert max(errors[:2]) < 0.001
+    assert errors[2] < 0.02
+    assert max(errors) < 0.5 * SIZE
+
+
+@pytest.mark.parametrize("name", ["mallet", "torus"])
+def test_the_estimate_follows_rigid_motion_scale_and_order(name: str) -> None:
+    contacts = touched(name, 40)
+    surface = BlendedImplicitSurface.from_contacts(contacts)
+    rotation = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    shift, scale = np.array([1.0, -2.0, 0.5]), 3.0
+    order = np.random.default_rng(5).permutation(len(contacts))
+    moved = Contacts(
+        (scale * contacts.points @ rotation.T + shift)[order],
+        (contacts.normals @ rotation.T)[order],
+    )
+    values = BlendedImplicitSurface.from_contacts(moved).evaluate(
+        scale * QUERIES @ rotation.T + shift
+    )
+    close = np.abs(values / scale - surface.evaluate(QUERIES)) < 1e-6
+    # The search for the noise stops at a tolerance: where edges meet, a tie may turn.
+    assert close.mean() > 0.97
