@@ -12,11 +12,14 @@ import numpy as np
 
 from lis_grasp import BlendedImplicitSurface, Contacts, extract_mesh
 
-# Contact points [mm] and the directions that point from the object to the finger, in R.
-POINTS_MM = np.array(
-    [[430, 0, 120], [370, 0, 120], [400, 30, 120], [400, -30, 120], [400, 0, 150], [400, 0, 90]]
+# Contact points [mm] and the directions from the object to the finger, in R: four on each face.
+CENTER_MM = np.array([400, 0, 120])
+FACES = np.vstack([np.eye(3), -np.eye(3)])
+ACROSS = np.roll(FACES, 1, axis=1), np.roll(FACES, 2, axis=1)
+POINTS_MM = np.vstack(
+    [CENTER_MM + 30 * FACES + a * ACROSS[0] + b * ACROSS[1] for a in (-18, 18) for b in (-18, 18)]
 )
-NORMALS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+NORMALS = np.tile(FACES, (4, 1))
 
 # The pose of R in the object frame O [m]: O's origin is 400 mm ahead of R's and 120 mm above it.
 X_OR = np.eye(4)

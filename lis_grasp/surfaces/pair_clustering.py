@@ -27,8 +27,9 @@ _PAIR_LIMIT = 2.0
 _PRIOR = 2.5
 _PRIOR_SLOPE = 12.0 / np.pi
 
-# Normals that differ by more give no evidence of a common arc.
-_MAX_BEND = np.deg2rad(115.0)
+# Normals that differ by more give no evidence of a common arc: contacts placed symmetrically about an
+# edge have no asymmetry either. Patches that this leaves apart may still merge by their evidence.
+_MAX_BEND = np.deg2rad(60.0)
 
 
 def cluster_pairs(

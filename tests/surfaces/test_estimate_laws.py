@@ -65,14 +65,14 @@ def log_ratio_of_errors(name: str, kind: str, seed: int) -> float:
 
 @pytest.mark.parametrize("kind", ["far", "random", "near"])
 def test_more_true_contacts_lower_the_expected_error(kind: str) -> None:
-    ratios = [log_ratio_of_errors(name, kind, seed) for name in NAMES for seed in range(2)]
+    ratios = [log_ratio_of_errors(name, kind, seed) for name in NAMES for seed in range(1)]
     assert np.mean(ratios) < 0.0, np.round(ratios, 2)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["far", "random", "near"])
 def test_more_true_contacts_lower_the_expected_error_of_many_sets(kind: str) -> None:
-    ratios = [log_ratio_of_errors(name, kind, seed) for name in NAMES for seed in range(2, 10)]
+    ratios = [log_ratio_of_errors(name, kind, seed) for name in NAMES for seed in range(1, 9)]
     mean, error = np.mean(ratios), np.std(ratios) / np.sqrt(len(ratios))
     assert mean + 2.0 * error < 0.0, (mean, error)
 

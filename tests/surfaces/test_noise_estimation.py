@@ -75,7 +75,7 @@ def with_noise(contacts: Contacts, position: float, normal: float, seed: int) ->
 
 
 @pytest.mark.parametrize("shape", list(SHAPES))
-@pytest.mark.parametrize("count", [50, 100])
+@pytest.mark.parametrize("count", [50, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("position", "degrees"), [(0.002, 6.0), (0.004, 10.0), (0.007, 20.0)])
 def test_estimated_noise_is_within_a_factor_of_one_and_a_half(
     shape: str, count: int, position: float, degrees: float

@@ -55,7 +55,9 @@ def test_normals_of_a_sphere_are_radial() -> None:
     assert contacts.position_noise is None
 
 
-@pytest.mark.parametrize(("count", "most"), [(20, 21.5), (50, 17.0), (100, 13.5)])
+@pytest.mark.parametrize(
+    ("count", "most"), [(20, 21.5), (50, 17.0), pytest.param(100, 13.5, marks=pytest.mark.slow)]
+)
 def test_the_error_is_half_of_that_of_propagated_planes(count: int, most: float) -> None:
     """`most` [deg] is a recorded error plus a tenth, without approach."""
     errors, of_planes = [], []
@@ -80,6 +82,7 @@ def test_directions_of_approach_lower_the_error() -> None:
     assert np.degrees(np.mean(errors)) < 30.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 def test_the_deviations_cover_the_errors(noise: float) -> None:
     """Edges make errors that are not normal: the 68 % band is wide, the 95 % band right."""
@@ -121,6 +124,7 @@ def test_one_point_needs_a_direction_of_approach() -> None:
         estimate_normals([[0.1, 0.0, 0.0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.15, 0.25])
 def test_directions_of_known_noise_are_improved_upon(noise: float) -> None:
     rng = np.random.default_rng(10)
@@ -173,6 +177,7 @@ def test_fingertip_centres_are_moved_to_the_surface(radius: float) -> None:
         assert np.sqrt(np.mean(distances**2)) < most * radius
 
 
+@pytest.mark.slow
 def test_many_points_take_their_normals_from_neighbours() -> None:
     rng = np.random.default_rng(7)
     points, normals = sampled("torus", 1500, 7)
@@ -203,6 +208,7 @@ def test_known_noise_is_kept_and_used() -> None:
     assert isinstance(found, Contacts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.003, 0.007])
 def test_noise_that_is_given_widens_the_deviations_as_much_as_the_errors(noise: float) -> None:
     rng = np.random.default_rng(9)

@@ -178,6 +178,19 @@ def test_contacts_on_an_arc_are_one_patch_up_to_a_sharp_bend() -> None:
         assert cluster_pairs(pairs, np.zeros(2), np.zeros(2)).max() + 1 == expected
 
 
+def test_contacts_placed_symmetrically_about_edges_make_a_cube() -> None:
+    # All contacts are equally far from the edges, as on arcs across them.
+    faces = np.vstack([np.eye(3), -np.eye(3)])
+    across = np.roll(faces, 1, axis=1), np.roll(faces, 2, axis=1)
+    corners = [0.6 * (a * across[0] + b * across[1]) for a in (-1, 1) for b in (-1, 1)]
+    points = 0.03 * np.vstack([faces + corner for corner in corners])
+    surface = PatchImplicitSurface.from_contacts(Contacts(points, np.tile(faces, (4, 1))))
+    queries = np.random.default_rng(0).uniform(-0.04, 0.04, (500, 3))
+    np.testing.assert_allclose(
+        surface.evaluate(queries), np.abs(queries).max(axis=1) - 0.03, atol=1e-6
+    )
+
+
 def test_patches_are_numbered_by_their_first_contact() -> None:
     contacts = touched_box(np.array([0.06, 0.045, 0.08]), 0.04)
     patches = PatchImplicitSurface.from_contacts(contacts).patch_of
@@ -315,7 +328,7 @@ def contradicting_touches(places: int, each: int) -> Contacts:
     return Contacts(np.repeat(grid, each, axis=0), normals)
 
 
-@pytest.mark.parametrize(("places", "each"), [(4, 20), (9, 1)])
+@pytest.mark.parametrize(("places", "each"), [(4, 4), (6, 1)])
 def test_contacts_that_contradict_each_other_have_finite_values(places: int, each: int) -> None:
     contacts = contradicting_touches(places, each)
     surface = PatchImplicitSurface.from_contacts(contacts)
