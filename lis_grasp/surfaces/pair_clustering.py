@@ -27,8 +27,8 @@ _PAIR_LIMIT = 2.0
 _PRIOR = 2.5
 _PRIOR_SLOPE = 12.0 / np.pi
 
-# Normals that differ by more give no evidence of a common arc: contacts placed symmetrically about an
-# edge have no asymmetry either. Patches that this leaves apart may still merge by their evidence.
+# Normals that differ by more give no evidence of a common arc: contacts placed symmetrically about
+# an edge have no asymmetry either. Patches that this leaves apart may still merge by evidence.
 _MAX_BEND = np.deg2rad(60.0)
 
 
