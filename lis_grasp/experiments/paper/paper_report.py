@@ -57,7 +57,7 @@ def write_report(
     sections += [
         tables.claims_table(rows).section(),
         tables.changes_table(rows, estimator, _EXPERIMENTS).section(),
-        tables.exactness_table(estimator).section(),
+        tables.exactness_table().section(),
     ]
     sections += ["<h2>Figures</h2>", *(picture.html() for picture in pictures)]
     present = {row["experiment"] for row in rows}
