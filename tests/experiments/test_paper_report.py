@@ -78,7 +78,7 @@ def test_the_change_from_gpis_follows_the_numbers() -> None:
 def test_a_cube_from_six_contacts_and_meshes_of_exact_estimates_have_sharp_edges() -> None:
     assert cube_edge_error("lis") < 1e-4
     assert meshing_loss(0.008, seeds=1) < 1e-4
-    # GPIS and blend make a ball of the cube: its edges are sqrt(2) - 1 of half a side away and more.
+    # GPIS and blend make a ball of the cube: edges are sqrt(2) - 1 of half a side away and more.
     assert cube_edge_error("gpis") > 0.4 * 0.05
     assert cube_edge_error("blend") > 0.4 * 0.05
 
@@ -103,7 +103,7 @@ def test_the_page_is_whole_and_loads_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     exact = TextTable("exact", "exact", ("",), (("0",),))
-    monkeypatch.setattr("lis_grasp.experiments.paper.paper_tables.exactness_table", lambda _: exact)
+    monkeypatch.setattr("lis_grasp.experiments.paper.paper_tables.exactness_table", lambda: exact)
     path = tmp_path / "report.html"
     failed = {
         "experiment": "few",
