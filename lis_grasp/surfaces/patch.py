@@ -103,7 +103,7 @@ class PatchEquations:
         return -0.5 * (float(whitened @ whitened) + log_determinant + count * np.log(2.0 * np.pi))
 
 
-def _central(points: FloatArray) -> IndexArray:
+def central(points: FloatArray) -> IndexArray:
     """Return the points (N, 3) nearest to their centroid, at most 100, ascending.
 
     Amplitude and noise are those of the patch about them: the equations of all take too long.
@@ -149,7 +149,7 @@ class Patch:
         """
         equations = PatchEquations.of(points / spacing, normals)
         if amplitude is None:
-            some = _central(points)
+            some = central(points)
             subset = PatchEquations.of(points[some] / spacing, normals[some])
             amplitude = subset.likeliest_amplitude(variances.reshape(-1, ROWS)[some].ravel())
         factor = equations.factor(amplitude, variances)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
+from lis_grasp.surfaces.contact_noise import noise_of
 from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.contact_thinning import thin_contacts
@@ -95,13 +96,20 @@ class PatchImplicitSurface(BlockwiseSurface):
         merged = thin_contacts(merged, MOST_CONTACTS)
         points, normals = merged.points, merged.normals
         spacing = ContactPlaces.of(points).spacing
-        noise = noise_or_estimate(merged, position_noise, normal_noise)
-        if position_noise is None:
-            noise = np.maximum(noise[0], _LEAST_NOISE[0] * spacing), noise[1]
-        if normal_noise is None:
-            noise = noise[0], np.maximum(noise[1], _LEAST_NOISE[1])
         pairs = ContactPairs.within(points, normals, spacing)
-        patch_of = segment(points, normals, pairs, spacing, *noise)
+        estimated = noise_or_estimate(merged, position_noise, normal_noise)
+        least = noise_of(
+            merged,
+            _LEAST_NOISE[0] * spacing if position_noise is None else position_noise,
+            _LEAST_NOISE[1] if normal_noise is None else normal_noise,
+        )
+        # Contacts too sparse for a shape with edges look noisy until they are divided into patches.
+        noise = np.maximum(estimated, least)
+        patch_of, evidence = segment(points, normals, pairs, spacing, *noise)
+        if not np.array_equal(noise, least):
+            other, other_evidence = segment(points, normals, pairs, spacing, *least)
+            if other_evidence > evidence:
+                noise, patch_of = np.array(least), other
         separate = int(patch_of.max()) + 1
         if separate > _MOST_PATCHES:
             raise EstimationError(
@@ -110,7 +118,9 @@ class PatchImplicitSurface(BlockwiseSurface):
             )
         bounds = padded_bounds(merged, spacing_of(merged))
         amplitudes = [None] * separate
-        return cls._join(points, normals, patch_of, noise, pairs, amplitudes, spacing, bounds)
+        return cls._join(
+            points, normals, patch_of, (noise[0], noise[1]), pairs, amplitudes, spacing, bounds
+        )
 
     def without(self, left_out: BoolArray) -> PatchImplicitSurface:
         """Return the estimate without some contacts, (N,), with the same segmentation and noise.

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.surfaces.pair_clustering import cluster_pairs
-from lis_grasp.surfaces.patch import PatchEquations, noise_variances
+from lis_grasp.surfaces.patch import PatchEquations, central, noise_variances
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Contacts of a patch that are compared across a border, those nearest to the other patch.
@@ -28,14 +28,17 @@ def segment(
     spacing: float,
     position_noise: FloatArray,
     normal_noise: FloatArray,
-) -> IndexArray:
-    """Return the patch of each contact, (N,): 0 for the first contact's, and so on.
+) -> tuple[IndexArray, float]:
+    """Return the patch of each contact, (N,), and the log marginal likelihood of all patches.
 
-    Contacts are points (N, 3) [m] and normals (N, 3), with noise (N,) [m] and [rad].
+    Patches are numbered by their first contacts. Contacts are points (N, 3) [m] and normals (N, 3),
+    with noise (N,) [m] and [rad].
     """
     variances = noise_variances(position_noise / spacing, normal_noise)
     evidence = _Evidence(points / spacing, normals, variances)
-    return _merge(cluster_pairs(pairs, position_noise, normal_noise), pairs, evidence)
+    patch_of = _merge(cluster_pairs(pairs, position_noise, normal_noise), pairs, evidence)
+    members = (np.flatnonzero(patch_of == p) for p in range(int(patch_of.max()) + 1))
+    return patch_of, sum(evidence.of(each[central(points[each])]) for each in members)
 
 
 @dataclass(slots=True, eq=False)

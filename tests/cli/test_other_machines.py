@@ -24,7 +24,7 @@ OLD_PROCESSOR = {
 }
 SAME_WAY = 1e-9  # [m] and [rad], what rounding may do where no decision hangs on it
 # [m] A mesh's vertex is at the minimum of a quadric that is flat along smooth surfaces.
-SAME_SURFACE = 2e-4
+SAME_SURFACE = 1e-3
 
 COMMANDS = """
 from lis_grasp.cli.main import main
