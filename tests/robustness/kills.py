@@ -30,7 +30,7 @@ from lis_grasp.experiments.study.study_results import without_times
 
 COMMANDS = {
     "explore": "explore box --prober kinematic --touches 8 --position-noise 0.001",
-    "run": "run box --prober kinematic --touches 6 --grasps 1 --estimator patch",
+    "run": "run box --prober kinematic --touches 8 --grasps 1 --estimator patch",
     "compare": "compare --objects box --estimators patch gpis --reference gpis --touches 4"
     " --noise none --seeds 2 --jobs 1",
 }
