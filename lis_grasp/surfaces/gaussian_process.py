@@ -12,12 +12,12 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces.contact_merging import (
     drop_repetitions,
-    merge_duplicates,
     padded_bounds,
     resolution_of,
     spacing_of,
 )
 from lis_grasp.surfaces.contact_noise import noise_of
+from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.contact_thinning import thin_contacts
 from lis_grasp.surfaces.gaussian_process_regression import GradientRegression
 from lis_grasp.surfaces.kernel_expansion import ROWS
@@ -173,9 +173,8 @@ class GaussianProcessImplicitSurface:
             return GradientRegression.fit(prior, nodes, targets, of_misfit + noise)
 
         process = fit(contacts)
-        # Touches of one place predict each other, whatever the others do.
-        places = merge_duplicates(contacts)
-        distinct = process if len(places) == len(contacts) else fit(places)
+        # Contacts of one place predict each other, however wrong the surface between places.
+        places = ContactPlaces.of(contacts.points)
         return cls(
             points=contacts.points,
             normals=contacts.normals,
@@ -183,7 +182,7 @@ class GaussianProcessImplicitSurface:
             center=center,
             scale=scale,
             mean=prior_mean / scale,
-            amplitude=distinct.leave_one_out_amplitude(),
+            amplitude=process.leave_groups_out_amplitude(places.place, places.nodes),
             bounds=padded_bounds(contacts, spacing),
             _process=process,
         )
@@ -204,8 +203,8 @@ class GaussianProcessImplicitSurface:
         """Return the posterior variance of f, shape (...) [m^2].
 
         k(x, x) - k_*^T (K + noise)^-1 k_* (Rasmussen and Williams 2006, eq. 2.26), times the square
-        of the prior's amplitude, which fits the leave-one-out residuals
-        (`GradientRegression.leave_one_out_amplitude`).
+        of the prior's amplitude, which fits the residuals of places that are left out
+        (`GradientRegression.leave_groups_out_amplitude`).
         """
         rows, shape = self._scaled(points)
         count = max(1, _CHUNK // (ROWS * len(self.points)))

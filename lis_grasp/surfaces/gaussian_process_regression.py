@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,28 +111,29 @@ class GradientRegression:
     def leave_groups_out(self, groups: IndexArray) -> FloatArray:
         """Return leave-group-out predictions: means of shape (N, 4), `groups` of shape (N,).
 
-        Each group is predicted from all others, in closed form: `leave_one_out` with larger blocks.
+        Each group is predicted from all others, in closed form.
         """
-        inverse = self._inverse_factor()
         means = np.empty_like(self.targets)
-        for group in np.unique(groups):
-            members = np.flatnonzero(groups == group)
-            columns = inverse[:, (ROWS * members[:, None] + np.arange(ROWS)).ravel()]
-            shifts = np.linalg.solve(columns.T @ columns, self.weights[members].ravel())
-            means[members] = self.targets[members] - shifts.reshape(-1, ROWS)
+        for members, residuals, _ in self._leave_out(groups):
+            means[members] = self.targets[members] - residuals
         return means
 
-    def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
-        """Return leave-one-out predictions of each node: means (N, 4), covariances (N, 4, 4).
+    def leave_groups_out_amplitude(self, groups: IndexArray, nodes: IndexArray) -> float:
+        """Return the factor of all standard deviations that fits the leave-group-out residuals.
 
-        mean_i = targets_i - B_i^-1 weights_i, covariance_i = B_i^-1, with B_i the 4 x 4 diagonal
-        block of (K + noise)^-1 (Rasmussen and Williams 2006, eqs. 5.10 to 5.12, for blocks instead
-        of single rows). The covariance includes the noise.
+        Its square is the mean squared standardised residual, r_i^T covariance_i^-1 r_i / 4, of one
+        node of each group, predicted without its group: `nodes[k]` represents group k. Where each
+        group is one node it maximises the leave-one-out log density (Rasmussen and Williams 2006,
+        eq. 5.11).
         """
-        columns = self._inverse_factor().reshape(-1, len(self.nodes), ROWS).transpose(1, 2, 0)
-        covariances = np.asarray(np.linalg.inv(columns @ columns.transpose(0, 2, 1)), np.float64)
-        means = self.targets - np.einsum("nij,nj->ni", covariances, self.weights)
-        return means, covariances
+        squares = []
+        for members, residuals, covariance in self._leave_out(groups):
+            own = int(np.flatnonzero(members == nodes[groups[members[0]]])[0])
+            rows = slice(ROWS * own, ROWS * own + ROWS)
+            squares.append(
+                residuals[own] @ np.linalg.solve(covariance[rows, rows], residuals[own]) / ROWS
+            )
+        return float(np.sqrt(np.mean(squares)))
 
     def likeliest_amplitude(self) -> float:
         """Return the factor of all standard deviations that makes the targets most likely.
@@ -141,17 +143,20 @@ class GradientRegression:
         """
         return float(np.sqrt(np.mean(self.targets * self.weights)))
 
-    def leave_one_out_amplitude(self) -> float:
-        """Return the factor of all standard deviations that fits the leave-one-out residuals.
+    def _leave_out(self, groups: IndexArray) -> Iterator[tuple[IndexArray, FloatArray, FloatArray]]:
+        """Yield of each group its members (M,), their residuals (M, 4) and covariance (4M, 4M).
 
-        Its square is the mean squared standardised residual, r_i^T covariance_i^-1 r_i / 4 with
-        r_i = targets_i - mean_i: it maximises the leave-one-out log density (Rasmussen and
-        Williams 2006, eq. 5.11).
+        residuals = B^-1 weights, covariance = B^-1, with B the group's diagonal block of
+        (K + noise)^-1 (Rasmussen and Williams 2006, eqs. 5.10 to 5.12, for blocks instead of single
+        rows). The covariance includes the noise.
         """
-        means, covariances = self.leave_one_out()
-        residuals = self.targets - means  # (N, 4)
-        solved = np.linalg.solve(covariances, residuals[:, :, None])[:, :, 0]
-        return float(np.sqrt(np.mean(residuals * solved)))
+        inverse = self._inverse_factor()
+        for group in np.unique(groups):
+            members = np.flatnonzero(groups == group)
+            columns = inverse[:, (ROWS * members[:, None] + np.arange(ROWS)).ravel()]
+            covariance = np.linalg.inv(columns.T @ columns)
+            residuals = covariance @ self.weights[members].ravel()
+            yield members, residuals.reshape(-1, ROWS), covariance
 
     def _inverse_factor(self) -> FloatArray:
         """Return L^-1 of K + noise = L L^T, shape (4N, 4N)."""
