@@ -10,7 +10,7 @@ from typing import Any
 from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.cli.results_folder import remove_made_from
+from lis_grasp.cli.results_folder import LOG, default_output, remove_made_from
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
 from lis_grasp.exploration import Exploration, TouchLog
 from lis_grasp.hands.hand import Hand
@@ -20,8 +20,6 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ImplicitSurface
-
-LOG = "touches.jsonl"
 
 TOUCH_OPTIONS = (
     *("hand", "estimator", "prober", "fingers", "free", "mass", "friction", "policy"),
@@ -39,6 +37,8 @@ _FIRST = 3
 _MEANING = {
     "source": "state of lis_grasp",
     "touch_log": "format",
+    "object_digest": "content of the object's file",
+    "hand_digest": "content of the hand's file",
     "cloud_digest": "content of the cloud",
 }
 
@@ -55,7 +55,7 @@ def add_parser(verbs: Any) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Explore, and write the contacts."""
     config = opt.configure(options)
-    output = options.output or opt.default_output(config)
+    output = options.output or default_output(config)
     shape = opt.load_object(config)
     hand = Hand.load(config.hand)
     exploration = explore_with_log(config, shape, hand, output)
@@ -77,9 +77,15 @@ def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) 
     facts = {name: value for name, value in config.facts().items() if name not in later}
     header = provenance.describe(**facts, support_height=pipeline.support_height(shape))
     cloud = None if config.cloud is None else pipeline.load_source(config.cloud)
-    content = (
-        {} if cloud is None else {"cloud_digest": provenance.digest_of(Path(str(config.cloud)))}
-    )
+    content = {
+        f"{name}_digest": provenance.digest_of(Path(file))
+        for name, file in (
+            ("object", config.object),
+            ("hand", config.hand),
+            ("cloud", config.cloud),
+        )
+        if file is not None and Path(file).is_file()
+    }
     source = {"source": provenance.source_digest()} | content
     log = TouchLog(output / LOG, provenance.parse(header) | source)
     differing = log.differing()

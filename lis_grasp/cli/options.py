@@ -131,11 +131,3 @@ def announced(shape: Shape) -> Shape:
     for repair in shape.repairs:
         say(f"repaired: {repair}")
     return shape
-
-
-def default_output(config: RunConfig) -> Path:
-    """Return the folder that a run writes to when none is named."""
-    name = (
-        f"{Path(config.object).stem}-{Path(config.hand).stem}-{config.estimator}-seed{config.seed}"
-    )
-    return Path("results") / name

@@ -1,14 +1,22 @@
-"""Outdated files in a folder of results: removal after a stage is run again."""
+"""Folders of results: default names, and removal of outdated files."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from lis_grasp.cli.progress import say
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.io.json_lines import read_lines
+from lis_grasp.pipeline.run_config import RunConfig
+
+LOG = "touches.jsonl"
+"""The touch log of an exploration."""
 
 # Files of each stage, in order; each stage reads the files of the earlier ones.
 _STAGES = (
@@ -17,6 +25,43 @@ _STAGES = (
     ("grasps.json",),
     ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html"),
 )
+
+# Every folder's name has these; other options only where they differ from their defaults.
+_NAMED = ("object", "hand", "estimator", "seed")
+# Longest part of a folder's name; a file's name is limited to 255 bytes.
+_LONGEST_PART = 40
+
+
+def default_output(config: RunConfig) -> Path:
+    """Return the folder that a run writes to when none is named.
+
+    Other options give another folder. Files of the same name in different folders, which the name
+    does not distinguish, are refused.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the folder has an exploration of another configuration.
+    """
+    facts, usual = config.facts(), RunConfig().facts()
+    parts = [Path(config.object).stem, Path(config.hand).stem, config.estimator]
+    parts.append(f"seed{config.seed}")
+    for name, value in facts.items():
+        if name not in _NAMED and value != usual[name]:
+            shown = Path(value).stem if name == "cloud" else f"{value}"
+            parts.append({"True": name, "False": f"no_{name}"}.get(shown, f"{name}_{shown}"))
+    name = "-".join(re.sub(r"[^\w.+-]", "_", part)[:_LONGEST_PART] for part in parts)
+    folder = Path("results") / name
+    recorded: dict[str, Any] = read_lines(folder / LOG)[0]
+    differing = [n for n in facts if n in recorded and recorded[n] != facts[n]]
+    if differing:
+        raise InvalidOptionError(
+            f"{folder} has results of another {' and '.join(differing)}"
+            f" ({recorded[differing[0]]}): name a folder with --output",
+            option="--output",
+            value=str(folder),
+        )
+    return folder
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from lis_grasp.cli.estimate import write_surface
 from lis_grasp.cli.explore import TOUCH_OPTIONS, explore_with_log
 from lis_grasp.cli.grasp import say_search, write_grasps
 from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.results_folder import default_output
 from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
@@ -45,7 +46,7 @@ def execute(options: argparse.Namespace) -> None:
     """Run every stage, and write the file of each as soon as it is done."""
     watch = pipeline.Stopwatch()
     config = opt.configure(options)
-    output: Path = options.output or opt.default_output(config)
+    output: Path = options.output or default_output(config)
     shape = opt.load_object(config)
     hand = Hand.load(config.hand)
 

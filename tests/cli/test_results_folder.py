@@ -1,4 +1,4 @@
-"""Outdated results in a folder that is used again."""
+"""Default folders of results, and outdated results in a folder that is used again."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ import shutil
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from lis_grasp.cli import explore as explore_verb
 from lis_grasp.cli.main import main
-from lis_grasp.cli.results_folder import remove_made_from, scene_is_outdated
+from lis_grasp.cli.results_folder import default_output, remove_made_from, scene_is_outdated
 from lis_grasp.exploration import TouchLog, load_outcomes
 from lis_grasp.io import provenance
+from lis_grasp.pipeline import RunConfig
 
 EXPLORE = ["explore", "box", "--prober", "kinematic", "--hand", "wsg50", "--touches", "6"]
 LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html")
@@ -146,3 +148,54 @@ def test_the_source_digest_is_deterministic() -> None:
     provenance.source_digest.cache_clear()
     assert provenance.source_digest() == digest
     assert len(digest) == 16
+
+
+def test_every_option_gives_a_default_folder_of_its_own() -> None:
+    options = {
+        "object": "mallet",
+        "size": 0.2,
+        "units": "mm",
+        "hand": "wsg50",
+        "estimator": "lis",
+        "prober": "kinematic",
+        "free": True,
+        "policy": "frontier",
+        "until_coverage": 0.5,
+        "until_uncertainty": 0.001,
+        "max_seconds": 9.0,
+        "position_noise": 0.001,
+        "normal_noise": 0.001,
+        "free_space": False,
+        "cloud": "cloud.ply",
+        "touches": 41,
+        "seed": 1,
+        "mass": 0.3,
+        "friction": 0.7,
+        "grasps": 11,
+        "attempts": 4,
+    }
+    every = {"fingers": "all", "prober": "kinematic"}
+    assert {*options, *every} == set(RunConfig().facts())
+    configs = [RunConfig(**{name: value}) for name, value in options.items()]
+    configs += [RunConfig(), RunConfig(**every)]
+    names = {default_output(config) for config in configs}
+    assert len(names) == len(configs)
+    assert default_output(RunConfig()) == Path("results/box-allegro-blend-seed0")
+
+
+def test_a_mesh_of_the_same_name_does_not_replace_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    box = trimesh.creation.box((0.05, 0.05, 0.05))
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        box.export(tmp_path / name / "part.stl")
+    options = EXPLORE[2:]
+    assert main(["explore", "a/part.stl", *options]) == 0
+    (made,) = (tmp_path / "results").iterdir()
+    before = {path: path.read_bytes() for path in made.rglob("*.*")}
+    capsys.readouterr()
+    assert main(["explore", "b/part.stl", *options]) == 2
+    assert "results of another object (a/part.stl)" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in made.rglob("*.*")} == before
