@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
+
+import numpy as np
+import trimesh
 
 from lis_grasp import pipeline, surfaces
 from lis_grasp.cli import options as opt
@@ -15,6 +18,10 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import save_surface
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.shapes import UNITS
+from lis_grasp.surfaces.contact_checks import DOUBTFUL, fraction_in_front
+from lis_grasp.surfaces.contact_loading import NormalSide
+from lis_grasp.typing import FloatArray
 
 _NOISE = ("position_noise", "normal_noise")
 
@@ -29,7 +36,7 @@ def add_parser(verbs: Any) -> None:
         type=Path,
         nargs="+",
         metavar="CONTACTS",
-        help="points and outward normals in metres: a .ply oriented point cloud, or a .csv with"
+        help="points and outward normals: a .ply oriented point cloud, or a .csv with"
         " columns x,y,z,nx,ny,nz; without normals they are estimated, from the direction of"
         " approach too if there are columns ax,ay,az (.off and .xyz: points only); several files,"
         " one for each sensor, are joined",
@@ -42,6 +49,14 @@ def add_parser(verbs: Any) -> None:
         help="the points are centres of a spherical fingertip of this radius (default: 0, they are"
         " on the surface); for several files repeat it, in their order",
     )
+    parser.add_argument(
+        "--units", choices=list(UNITS), default="m", help="length unit of CONTACTS (default: m)"
+    )
+    parser.add_argument(
+        "--normals",
+        choices=get_args(NormalSide),
+        help="side that the normals of CONTACTS point to (default: outward, which is checked)",
+    )
     opt.add_options(parser, "estimator", "free_space", "position_noise", "normal_noise")
     opt.add_output(parser, "the folder of CONTACTS")
     parser.set_defaults(execute=execute)
@@ -52,8 +67,16 @@ def execute(options: argparse.Namespace) -> None:
     contacts, recorded = load_contacts(options)
     config = opt.configure(options, recorded)
     path = (options.output or options.contacts[0].parent) / "surface.ply"
+    say(f"contacts: {len(contacts)} within {_millimetres(np.ptp(contacts.bounds, axis=0))}")
+    doubt = 0.0 if options.normals else fraction_in_front(contacts)
+    if doubt > DOUBTFUL and "object" not in recorded:
+        say(
+            f"warning: {100 * doubt:.0f} % of the contacts are in front of another: if the estimate"
+            " is inside out, give --normals inward"
+        )
     with result_file(path) as temporary:
-        write_surface(temporary, contacts, config, recorded)
+        mesh = write_surface(temporary, contacts, config, recorded)
+    say(f"estimate: {_millimetres(mesh.extents)}")
     say(f"wrote {path}")
     say(f"next: lis-grasp grasp {path}")
 
@@ -70,17 +93,25 @@ def load_contacts(options: argparse.Namespace) -> tuple[Contacts, dict[str, Any]
             "fingertip-radius", radii, f"given once for each of the {len(paths)} files"
         )
     if len(paths) == 1:
+        recorded = provenance.read(paths[0])
         contacts = surfaces.load_contacts(
-            paths[0], fingertip_radius=radii[0], position_noise=options.position_noise
+            paths[0],
+            units=options.units,
+            # Normals that this package simulated are outward.
+            normals=options.normals or ("outward" if "object" in recorded else None),
+            fingertip_radius=radii[0],
+            position_noise=options.position_noise,
         )
-        return contacts, provenance.read(paths[0])
+        return contacts, recorded
     contacts = pipeline.join_sources(
         paths,
+        units=options.units,
+        normals=options.normals,
         position_noise=options.position_noise,
         normal_noise=options.normal_noise,
         fingertip_radii=radii,
     )
-    recorded: dict[str, Any] = {}
+    recorded = {}
     for path in reversed(paths):
         recorded |= provenance.read(path)
     # The contacts carry what the files record of their sensors.
@@ -89,8 +120,8 @@ def load_contacts(options: argparse.Namespace) -> tuple[Contacts, dict[str, Any]
 
 def write_surface(
     path: Path, contacts: Contacts, config: RunConfig, recorded: dict[str, Any]
-) -> None:
-    """Estimate a surface from contacts with the recorded facts, and write its mesh."""
+) -> trimesh.Trimesh:
+    """Estimate a surface from contacts with the recorded facts, and write and return its mesh."""
     with Stage(f"Estimating the surface ({config.estimator})") as stage:
         _, mesh = pipeline.estimate(
             contacts, config.estimator, config.sensor(), free_space=config.free_space
@@ -99,3 +130,9 @@ def write_surface(
         facts = {name: getattr(config, name) for name in names}
         save_surface(mesh, path, header=provenance.merge(recorded, **facts))
         stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
+    return mesh
+
+
+def _millimetres(extents: FloatArray) -> str:
+    """Return extents (3,) [m] as text."""
+    return " x ".join(f"{1e3 * extent:.3g}" for extent in extents) + " mm"

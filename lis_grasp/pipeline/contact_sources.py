@@ -11,6 +11,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.io import provenance
 from lis_grasp.surfaces import load_contacts
+from lis_grasp.surfaces.contact_loading import NormalSide
 from lis_grasp.surfaces.contact_noise import noise_of
 from lis_grasp.surfaces.contact_thinning import thin_contacts
 from lis_grasp.surfaces.noise_estimation import estimate_noise
@@ -22,6 +23,8 @@ _MOST_OF_CLOUD = 300
 def load_source(
     path: Path | str,
     *,
+    units: str = "m",
+    normals: NormalSide | None = None,
     position_noise: float | None = None,
     normal_noise: float | None = None,
     fingertip_radius: float = 0.0,
@@ -36,6 +39,8 @@ def load_source(
     recorded = provenance.read(Path(path))
     contacts = load_contacts(
         path,
+        units=units,
+        normals=normals,
         fingertip_radius=fingertip_radius,
         position_noise=position_noise or _positive(recorded.get("position_noise")),
     )
@@ -55,6 +60,8 @@ def load_source(
 def join_sources(
     paths: Sequence[Path | str],
     *,
+    units: str = "m",
+    normals: NormalSide | None = None,
     position_noise: float | None = None,
     normal_noise: float | None = None,
     fingertip_radii: Sequence[float] | None = None,
@@ -67,6 +74,8 @@ def join_sources(
     for path, radius in zip(paths, fingertip_radii or [0.0] * len(paths), strict=True):
         contacts = load_source(
             path,
+            units=units,
+            normals=normals,
             position_noise=position_noise,
             normal_noise=normal_noise,
             fingertip_radius=radius,

@@ -13,6 +13,7 @@ from lis_grasp import Contacts, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidContactsError, InvalidFileError
 from lis_grasp.surfaces import load_contacts
+from lis_grasp.surfaces.contact_checks import fraction_in_front
 from lis_grasp.typing import FloatArray
 
 RADIUS = 0.008
@@ -122,3 +123,65 @@ def test_a_missing_file_is_said(tmp_path: Path) -> None:
     for ending in ("off", "xyz", "csv"):
         with pytest.raises(InvalidFileError, match="cannot read"):
             load_contacts(tmp_path / f"none.{ending}")
+
+
+def test_lengths_of_every_unit_are_read(centers: FloatArray, tmp_path: Path) -> None:
+    normals = centers / np.linalg.norm(centers, axis=1, keepdims=True)
+    free = {"free_points": 2.0 * centers, "free_radii": np.full(24, 0.01)}
+    noise = {"position_noise": np.full(24, 0.001), "normal_noise": np.full(24, 0.1)}
+    exact = Contacts(centers, normals, **free, **noise)
+    for units, metres in shapes.UNITS.items():
+        scaled = {name: values / metres for name, values in free.items()}
+        scaled["position_noise"] = noise["position_noise"] / metres
+        file = tmp_path / f"{units}.ply"
+        Contacts(centers / metres, normals, normal_noise=noise["normal_noise"], **scaled).save(file)
+        read = load_contacts(file, units=units)
+        for name in ("points", "free_points", "free_radii", "position_noise", "normal_noise"):
+            assert getattr(read, name) == pytest.approx(getattr(exact, name), rel=1e-12), name
+
+
+def test_contacts_in_a_mistaken_unit_are_refused(centers: FloatArray, tmp_path: Path) -> None:
+    path = write(tmp_path / "points.csv", 1e3 * centers)
+    with pytest.raises(InvalidContactsError, match=r"--units mm \(then 7.* mm\) would fit"):
+        load_contacts(path)
+    path = write(tmp_path / "points.csv", centers)
+    with pytest.raises(InvalidContactsError, match="--units m "):
+        load_contacts(path, units="mm")
+
+
+@pytest.mark.parametrize("name", shapes.NAMES)
+def test_inward_normals_are_refused_and_flipped_on_request(name: str, tmp_path: Path) -> None:
+    mesh = shapes.build(name).mesh
+    points, faces = trimesh.sample.sample_surface(mesh, 40, seed=0)
+    outward, path = Contacts(points, mesh.face_normals[faces]), tmp_path / "contacts.ply"
+    outward.save(path)
+    assert np.array_equal(load_contacts(path).normals, outward.normals)
+    inward = Contacts(points, -outward.normals)
+    inward.save(path)
+    assert np.array_equal(load_contacts(path, normals="inward").normals, outward.normals)
+    assert np.array_equal(load_contacts(path, normals="outward").normals, inward.normals)
+    # A pair with a height has another sign for inward normals: both fractions add up to 1.
+    assert fraction_in_front(outward) + fraction_in_front(inward) == pytest.approx(1.0)
+    if name not in ("torus", "hollow_cylinder"):  # contacts in a hole leave doubt
+        with pytest.raises(InvalidContactsError, match="inward"):
+            load_contacts(path)
+
+
+def test_one_view_does_not_show_the_side_of_its_normals(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    xy = rng.uniform(-0.05, 0.05, (200, 2))
+    bowl = np.column_stack([xy, 8.0 * (xy**2).sum(axis=1)])  # a camera above a bowl
+    normals = np.column_stack([-16.0 * xy, np.ones(200)])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    Contacts(bowl, normals).save(tmp_path / "bowl.ply")
+    assert len(load_contacts(tmp_path / "bowl.ply")) == 200
+
+
+def test_estimate_prints_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    path = tmp_path / "contacts.csv"
+    Contacts(30.0 * axes, axes).save(path)
+    assert main(["estimate", str(path), "--units", "mm"]) == 0
+    assert "contacts: 6 within 60 x 60 x 60 mm\nestimate: 60" in capsys.readouterr().out
+    assert main(["estimate", str(path)]) == 2
+    assert "--units mm" in capsys.readouterr().err
