@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import reprlib
 import sys
 from collections.abc import Iterable
@@ -17,6 +18,12 @@ def shown(value: object) -> str:
         return reprlib.repr(value)
     except ValueError:  # an int of more digits than Python writes
         return f"a very long {type(value).__name__}"
+
+
+def nearest_of(value: object, choices: Iterable[str]) -> str:
+    """Return ": did you mean '...'?" with the most similar choice, or nothing."""
+    close = difflib.get_close_matches(str(value)[:_LONGEST], list(choices), n=1)
+    return f": did you mean '{close[0]}'?" if close else ""
 
 
 class LisGraspError(Exception):
@@ -88,10 +95,13 @@ class InvalidOptionError(InvalidInputError):
     def not_one_of(
         cls, option: str, value: object, choices: Iterable[object]
     ) -> InvalidOptionError:
-        """Return the error of a value that is not in a set of choices."""
-        known = ", ".join(str(choice) for choice in choices)
+        """Return the error of a value that is not in a set of choices; it names the nearest."""
+        known = [str(choice) for choice in choices]
         return cls(
-            f"{option} must be one of {known}; it is {shown(value)}", option=option, value=value
+            f"{option} must be one of {', '.join(known)}; it is"
+            f" {shown(value)}{nearest_of(value, known)}",
+            option=option,
+            value=value,
         )
 
     @classmethod

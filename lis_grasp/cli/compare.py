@@ -63,6 +63,7 @@ def add_parser(verbs: Any) -> None:
     for name, text in _FLAGS.items():
         kind = int if name == "touches" else str
         parser.add_argument(f"--{name}", nargs="+", type=kind, metavar=name.upper(), help=text)
+    opt.add_estimator(parser)
     parser.add_argument("--seeds", type=int, metavar="N", help="seeds 0 to N - 1")
     parser.add_argument("--reference", metavar="NAME", help="estimator to compare the others with")
     parser.add_argument(
@@ -163,7 +164,7 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
 
 def _facts(options: argparse.Namespace) -> dict[str, Any]:
     """Return the facts of a study: those of the file or --quick, overridden by options."""
-    from lis_grasp.experiments.study.study import load_study, with_absolute_paths
+    from lis_grasp.experiments.study.study import Study, load_study, with_absolute_paths
 
     if options.study is not None and options.quick:
         raise InvalidOptionError("--quick excludes --study", option="--quick")
@@ -176,7 +177,12 @@ def _facts(options: argparse.Namespace) -> dict[str, Any]:
         for name in (*_FLAGS, "seeds", *_SETUP)
         if getattr(options, name) is not None
     }
-    return facts | with_absolute_paths(given, Path.cwd(), options.meshes)
+    facts |= with_absolute_paths(given, Path.cwd(), options.meshes)
+    if options.estimator:
+        compared = list(facts.get("estimators", Study().estimators))
+        added = [name for name in options.estimator if name not in compared]
+        facts["estimators"] = [*compared, *added]
+    return facts
 
 
 def _study_file(options: argparse.Namespace) -> Path | None:

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.cli.progress import say
-from lis_grasp.exploration import POLICIES
+from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
 from lis_grasp.pipeline.run_config import FINGERS, PROBERS, RunConfig
 from lis_grasp.shapes import NAMES, UNITS, Shape, find
-from lis_grasp.surfaces import ESTIMATORS
 
 _DEFAULTS = RunConfig()
 
@@ -28,7 +27,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     ),
     "units": {"choices": list(UNITS), "help": "length unit of a mesh file"},
     "hand": {"metavar": "HAND", "help": "allegro, wsg50, barrett, or a hand's YAML file"},
-    "estimator": {"choices": list(ESTIMATORS), "help": "surface estimator"},
+    "estimator": {
+        "metavar": "NAME",
+        "help": f"surface estimator: {', '.join(ESTIMATOR_NAMES.names)}, or my.module:Class",
+    },
     "prober": {
         "choices": PROBERS,
         "help": "touch in Drake's dynamics, or by geometry alone, which is faster",
@@ -41,7 +43,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "action": "store_true",
         "help": "the object is free on a table and may be pushed (default: it is fixed)",
     },
-    "policy": {"choices": list(POLICIES), "help": "how the next touch is chosen"},
+    "policy": {
+        "metavar": "NAME",
+        "help": f"how the next touch is chosen: {', '.join(POLICY_NAMES.names)}, or"
+        " my.module:Class",
+    },
     "until_coverage": _number(
         "FRACTION", "stop when this fraction of the estimate is within a step of a contact"
     ),
@@ -92,6 +98,16 @@ def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -
     else:
         parser.add_argument("--object", metavar="OBJECT", help=f"{_OBJECT} (default: as recorded)")
     add_options(parser, "size", "units")
+
+
+def add_estimator(parser: argparse.ArgumentParser) -> None:
+    """Add an estimator beside those that a study compares; it may be repeated."""
+    parser.add_argument(
+        "--estimator",
+        action="append",
+        metavar="NAME",
+        help="an estimator beside those, such as your own as my.module:Class; may be repeated",
+    )
 
 
 def add_output(parser: argparse.ArgumentParser, default: str) -> None:

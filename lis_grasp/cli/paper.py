@@ -10,7 +10,7 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.experiments.baselines import BASELINES
-from lis_grasp.experiments.compared_estimators import OURS
+from lis_grasp.experiments.compared_estimators import COMPARED, OURS
 from lis_grasp.experiments.paper.paper_trials import (
     Experiment,
     key_of,
@@ -21,6 +21,7 @@ from lis_grasp.experiments.paper.paper_trials import (
 from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.trial_results import TrialResults, missing_jobs
 from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.pipeline.run_config import RunConfig
 
 _OUTPUT = Path("results/paper")
@@ -45,7 +46,6 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "--estimators",
         nargs="+",
-        choices=(*OURS, *BASELINES),
         metavar="NAME",
         help=f"estimators to compare (default: {', '.join(_ESTIMATORS)}; also"
         f" {', '.join(name for name in BASELINES if name not in _ESTIMATORS)}, most of"
@@ -68,6 +68,8 @@ def execute(options: argparse.Namespace) -> None:
         raise InvalidOptionError.out_of_range("--seeds", seeds, "at least 1")
     output = options.output or _OUTPUT
     names = tuple(options.estimators or (_QUICK_ESTIMATORS if options.quick else _ESTIMATORS))
+    for name in names:
+        find_estimator(name, registry=COMPARED, option="--estimators")
     for needed in ("lis", "gpis", RunConfig().estimator):
         if needed not in names:
             raise InvalidOptionError(

@@ -11,6 +11,7 @@ from typing import Any, get_args
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
+from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.pipeline.run_config import RunConfig
 
 _OUTPUT = Path("results/surfaces")
@@ -52,6 +53,7 @@ def add_parser(verbs: Any) -> None:
         help=f"estimators to compare (default: {RunConfig().estimator} and"
         f" {', '.join(_ESTIMATORS)}; poisson needs lis-grasp[baselines])",
     )
+    opt.add_estimator(parser)
     parser.add_argument(
         "--subject", metavar="NAME", help="estimator in question (default: the first)"
     )
@@ -136,9 +138,9 @@ def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
         has_meshlab = find_spec("pymeshlab") is not None
         names = tuple(n for n in rivals if n != "poisson" or has_meshlab)
         names = (RunConfig().estimator, *names)
+    names = (*(name for name in options.estimator or () if name not in names), *names)
     for name in (*names, options.subject or names[0], options.reference):
-        if name not in STUDIED:
-            raise InvalidOptionError.not_one_of("--estimators", name, STUDIED)
+        find_estimator(name, registry=STUDIED, option="--estimators")
     for needed in (options.subject or names[0], options.reference):
         if needed not in names:
             raise InvalidOptionError(
@@ -178,6 +180,8 @@ def _command(options: argparse.Namespace) -> str:
     for name in ("families", "estimators"):
         values = getattr(options, name)
         words += [f"--{name}", *values] if values else []
+    for value in options.estimator or ():
+        words += ["--estimator", value]
     for name in ("meshes", "subject", "part"):
         value = getattr(options, name)
         words += [f"--{name}", str(value)] if value is not None else []

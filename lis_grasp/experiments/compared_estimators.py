@@ -11,6 +11,8 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.experiments.baselines import BASELINES
+from lis_grasp.pipeline.plugged_in import find_estimator
+from lis_grasp.plugins import Registry
 from lis_grasp.surfaces import (
     BlendedImplicitSurface,
     GaussianProcessImplicitSurface,
@@ -65,15 +67,16 @@ OURS: Mapping[str, Callable[..., ImplicitSurface]] = {
 }
 """Estimators of this package by name; each takes contacts, and options for the sensor's noise."""
 
-COMPARED: tuple[str, ...] = (*OURS, *BASELINES)
+COMPARED = Registry("estimator", {**OURS, **BASELINES})
 """Every name that `compared_estimator` knows; some baselines need packages of their own."""
 
 
 def compared_estimator(name: str) -> Estimator:
-    """Return an estimator of this package, or a baseline, by its name.
+    """Return an estimator of this package, a baseline, or a plug-in, by its name.
 
-    Baselines have no option for the sensor's noise.
+    Baselines have no option for the sensor's noise. Errors as of `find_estimator`.
     """
-    if name in OURS:
-        return lambda contacts, noise: OURS[name](contacts, **noise.options())
-    return lambda contacts, noise: BASELINES[name](contacts)
+    make = find_estimator(name, registry=COMPARED)
+    if name in BASELINES:
+        return lambda contacts, noise: make(contacts)
+    return lambda contacts, noise: make(contacts, **noise.options())

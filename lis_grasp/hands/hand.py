@@ -68,7 +68,7 @@ class Hand(HandModel):
 
     @classmethod
     def load(cls, path_or_name: str | Path) -> Hand:
-        """Read a hand: one of `HAND_NAMES`, or the path of a hand's YAML file.
+        """Read a hand: one of `HAND_NAMES` or of an installed package, or a YAML file by its path.
 
         Raises
         ------

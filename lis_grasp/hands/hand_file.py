@@ -12,12 +12,13 @@ import yaml
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.hands.hand_parts import Pad, ProbePosture
+from lis_grasp.hands.hand_plugins import hand_path
 from lis_grasp.hands.hand_schema import HandEntry, parse_hand
 from lis_grasp.hands.hand_sdf import read_sdf
 from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_tree import HandModel, rpy_pose
 from lis_grasp.hands.model_uri import resolve_uri
-from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
+from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
@@ -47,16 +48,13 @@ def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
 
 def _find(path_or_name: str | Path) -> Path:
     if str(path_or_name) in HAND_NAMES:
-        return model_path(f"hands/{path_or_name}/{path_or_name}.yaml")
+        return hand_path(str(path_or_name))
     try:
         if Path(path_or_name).is_file():
             return Path(path_or_name)
     except (OSError, ValueError):  # no name that a file can have
         pass
-    raise InvalidHandError(
-        f"a hand must be one of {', '.join(HAND_NAMES)}, or a hand's YAML file; '{path_or_name}' is"
-        " neither"
-    )
+    return hand_path(str(path_or_name))
 
 
 class _Assembly:

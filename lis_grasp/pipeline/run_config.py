@@ -9,7 +9,6 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration import (
-    POLICIES,
     StopRule,
     TactileSensor,
     Workspace,
@@ -17,7 +16,7 @@ from lis_grasp.exploration import (
     stop_when_certain,
     stop_when_covered,
 )
-from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator
 
 PROBERS = ("dynamic", "kinematic")
 """Probers: Drake's dynamics, or geometry alone."""
@@ -41,7 +40,8 @@ class RunConfig:
     hand
         Name of a shipped hand, or path of a hand's YAML file.
     estimator
-        Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`.
+        Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`, or a plug-in: the
+        name of one that is installed, or ``my.module:Class``.
     prober
         "dynamic" touches in Drake's dynamics; "kinematic" by geometry alone, which is faster.
     fingers
@@ -50,7 +50,7 @@ class RunConfig:
     free
         Whether the object is free on a table and may be pushed by touches; else it is fixed.
     policy
-        Policy of the next touch, a key of `lis_grasp.exploration.POLICIES`.
+        Policy of the next touch, a key of `lis_grasp.exploration.POLICIES`, or a plug-in.
     until_coverage, until_uncertainty, max_seconds
         Stop early: when this fraction of the estimate is within a step of a contact, when nearly
         all of the estimate has at most this standard deviation [m], after this robot time [s].
@@ -106,13 +106,13 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         for name, choices in (
-            ("estimator", tuple(ESTIMATORS)),
             ("prober", PROBERS),
             ("fingers", FINGERS),
-            ("policy", tuple(POLICIES)),
         ):
             if getattr(self, name) not in choices:
                 raise InvalidOptionError.not_one_of(name, getattr(self, name), choices)
+        find_estimator(self.estimator)
+        POLICY_NAMES.find(self.policy)
         require_at_least(1, touches=self.touches, grasps=self.grasps, attempts=self.attempts)
         require_at_least(0, seed=self.seed)
         for name in ("mass", "friction"):

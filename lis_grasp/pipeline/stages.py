@@ -14,7 +14,6 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
-    POLICIES,
     STEP_FRACTION,
     Exploration,
     Policy,
@@ -26,15 +25,17 @@ from lis_grasp.exploration import (
     Workspace,
     explore,
 )
+from lis_grasp.exploration.policy import PolicyKind
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.hand import Hand
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
+from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator, find_policy
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.worker_pool import worker_pool
 from lis_grasp.shapes import Shape
-from lis_grasp.surfaces import ESTIMATORS, Estimator, ImplicitSurface, carved
+from lis_grasp.surfaces import Estimator, ImplicitSurface, carved
 from lis_grasp.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -119,22 +120,24 @@ def touch(
     return exploration
 
 
-def make_policy(config: RunConfig, space: Workspace) -> TargetPolicy:
+def make_policy(config: RunConfig, space: Workspace) -> Policy:
     """Return the policy that a configuration names, for one workspace."""
-    kind = POLICIES[config.policy]
+    kind = POLICY_NAMES.find(config.policy)
+    if not isinstance(kind, PolicyKind):
+        return find_policy(config.policy, space)
     guess = make_estimator("gpis", config.sensor()) if kind.uses_gaussian_process else None
     return TargetPolicy(space, kind.select, guess)
 
 
 def make_estimator(name: str, sensor: TactileSensor | None = None) -> Estimator:
-    """Return an estimator of `ESTIMATORS` that is given the sensor's noise.
+    """Return an estimator, the package's or a plug-in, that is given the sensor's noise.
 
     Without noise an estimator keeps its own small default, which conditions its equations.
     """
     if sensor is None or not (sensor.position_noise or sensor.normal_noise):
-        return ESTIMATORS[name]
+        return find_estimator(name)
     return partial(
-        ESTIMATORS[name],
+        find_estimator(name),
         position_noise=sensor.position_noise,
         normal_noise=sensor.normal_noise,
     )

@@ -10,7 +10,6 @@ from typing import Any
 from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.experiments.baselines import (
     HermiteRBFSurface,
     MeshLabSurface,
@@ -18,6 +17,8 @@ from lis_grasp.experiments.baselines import (
     PrimitiveCSGSurface,
 )
 from lis_grasp.experiments.compared_estimators import OURS, Estimator, Noise
+from lis_grasp.pipeline.plugged_in import find_estimator
+from lis_grasp.plugins import Registry
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
 from lis_grasp.surfaces.kernels import KernelName
 
@@ -108,19 +109,22 @@ CHOSEN: Mapping[str, Settings] = MappingProxyType(
 COMPETITORS: tuple[str, ...] = tuple(_MAKERS)
 """Names of the competitors; `poisson` needs pymeshlab."""
 
-STUDIED: tuple[str, ...] = (*OURS, *COMPETITORS)
-"""Every name that `studied_estimator` knows."""
-
 
 def with_settings(name: str, settings: Settings) -> Estimator:
     """Return a competitor with settings of its own."""
     return partial(_MAKERS[name], **settings)
 
 
+STUDIED = Registry("estimator", {**OURS, **{n: with_settings(n, CHOSEN[n]) for n in COMPETITORS}})
+"""Every name that `studied_estimator` knows."""
+
+
 def studied_estimator(name: str) -> Estimator:
-    """Return an estimator of this package with its defaults, or a competitor as chosen."""
-    if name in OURS:
-        return lambda contacts, noise: OURS[name](contacts, **noise.options())
-    if name not in _MAKERS:
-        raise InvalidOptionError.not_one_of("estimator", name, STUDIED)
-    return with_settings(name, CHOSEN[name])
+    """Return an estimator of this package with its defaults, a competitor as chosen, or a plug-in.
+
+    Errors as of `find_estimator`.
+    """
+    make = find_estimator(name, registry=STUDIED)
+    if name in _MAKERS:
+        return make
+    return lambda contacts, noise: make(contacts, **noise.options())

@@ -67,7 +67,7 @@ def write_contact_report(
         write_text(folder / f"{table.name}.csv", table.csv())
     head = list(rows[0]) if rows else []
     write_text(
-        folder / "rows.csv", csv_text([head, *([row[name] for name in head] for row in rows)])
+        folder / "rows.csv", csv_text([head, *([row.get(name) for name in head] for row in rows)])
     )
     page = [_introduction(rows, reference, command)]
     page += [f"## {table.title}\n\n{_note(table)}{table.markdown()}" for table in tables[:-1]]

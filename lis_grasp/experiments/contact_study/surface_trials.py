@@ -20,9 +20,6 @@ from lis_grasp.experiments.runner import single_thread
 from lis_grasp.experiments.trial_results import Job
 from lis_grasp.io.json_lines import Row
 
-ESTIMATOR_NAMES: tuple[str, ...] = (*STUDIED, TRUTH)
-"""Names that a row can be of: estimators, competitors, and the clipped true surface."""
-
 
 @dataclass(frozen=True, slots=True)
 class SurfaceTrial:
@@ -49,13 +46,15 @@ def surface_trials(
 
 
 def trial_key(trial: SurfaceTrial, estimator: str) -> tuple[Any, ...]:
-    """Return the key of a row: object, case, seed, box, estimator."""
-    return trial.object, trial.case.name, trial.seed, trial.box, estimator
+    """Return the key of a row: object, case, seed, box, estimator, and the source of a plug-in."""
+    source = "" if estimator == TRUTH else STUDIED.digest(estimator)
+    return trial.object, trial.case.name, trial.seed, trial.box, estimator, source
 
 
 def key_of(row: Row) -> tuple[Any, ...]:
     """Return the key of a row, as `trial_key` does."""
-    return row["object"], row["case"], row["seed"], row["box"], row["estimator"]
+    names = ("object", "case", "seed", "box", "estimator")
+    return *(row[name] for name in names), row.get("source", "")
 
 
 def run_surface_trial(job: Job) -> list[Row]:
@@ -80,5 +79,7 @@ def run_surface_trial(job: Job) -> list[Row]:
                 if name == TRUTH
                 else score_estimate(studied_estimator(name), data, box=trial.box)
             )
-            rows.append(facts | {"estimator": name} | asdict(score))
+            source = trial_key(trial, name)[-1]
+            added = {"source": source} if source else {}
+            rows.append(facts | {"estimator": name} | added | asdict(score))
         return rows

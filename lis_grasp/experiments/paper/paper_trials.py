@@ -17,7 +17,7 @@ from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import LisGraspError
-from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
+from lis_grasp.experiments.compared_estimators import COMPARED, Noise, compared_estimator
 from lis_grasp.experiments.paper.paper_contacts import (
     NOISE_LEVELS,
     SurfaceWalk,
@@ -64,13 +64,14 @@ class PaperTrial:
 
 
 def trial_key(trial: PaperTrial, estimator: str) -> tuple[Any, ...]:
-    """Return the key of a row: experiment, object, seed, estimator."""
-    return *astuple(trial), estimator
+    """Return the key of a row: experiment, object, seed, estimator, and the source of a plug-in."""
+    return *astuple(trial), estimator, COMPARED.digest(estimator)
 
 
 def key_of(row: Row) -> tuple[Any, ...]:
     """Return the key of a row, as `trial_key` does."""
-    return row["experiment"], row["object"], row["seed"], row["estimator"]
+    names = ("experiment", "object", "seed", "estimator")
+    return *(row[name] for name in names), row.get("source", "")
 
 
 @lru_cache(maxsize=32)
@@ -105,6 +106,8 @@ def _row(
     trial: PaperTrial, name: str, shape: Shape, clean: Contacts, contacts: Contacts, noise: Noise
 ) -> Row:
     row: Row = {**asdict(trial), "estimator": name, "contacts": len(contacts)}
+    source = COMPARED.digest(name)
+    row |= {"source": source} if source else {}
     try:
         surface = compared_estimator(name)(contacts, noise)
         mesh = extract_mesh(surface)

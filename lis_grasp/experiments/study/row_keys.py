@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.experiments.study.study import TRIAL_COLUMNS, Trial, label
+from lis_grasp.experiments.compared_estimators import COMPARED
+from lis_grasp.experiments.study.study import OWN, TRIAL_COLUMNS, TRUTH, Trial, label
+from lis_grasp.hands.hand_plugins import hand_path
 from lis_grasp.hands.shipped_models import HAND_NAMES
+from lis_grasp.pipeline.plugged_in import POLICY_NAMES
 from lis_grasp.shapes import NAMES
 
 KEY_LENGTH = 16
@@ -20,9 +23,10 @@ KEY_LENGTH = 16
 def row_key(trial: Trial, estimator: str) -> str:
     """Return the key of a row: a hash of everything that decides its content.
 
-    An object's mesh file and a hand's YAML, URDF and SDF count by name and content, not by folder.
+    An object's mesh file and a hand's YAML, URDF and SDF count by name and content, not by folder;
+    plug-ins by name and source file.
     """
-    digests = file_digests(trial.object, trial.hand)
+    digests = [*file_digests(trial.object, trial.hand), *_plugin_digests(trial, estimator)]
     text = json.dumps([columns_of(trial), asdict(trial.setup), estimator, *digests], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
@@ -38,8 +42,16 @@ def file_digests(object_name: str, hand_name: str) -> tuple[str, ...]:
     files = [] if object_name in NAMES else [Path(object_name)]
     if hand_name not in HAND_NAMES:
         hand = Path(hand_name)
+        hand = hand if hand.suffix else hand_path(hand_name)  # of an installed package
         files += [hand, *sorted(hand.parent.glob("*.urdf")), *sorted(hand.parent.glob("*.sdf"))]
     return tuple(map(_file_digest, files))
+
+
+def _plugin_digests(trial: Trial, estimator: str) -> list[str]:
+    """Return hashes of the sources of plugged-in estimators and policies."""
+    estimators = {estimator, trial.setup.explorer} - {TRUTH, OWN}
+    digests = [COMPARED.digest(name) for name in sorted(estimators)]
+    return [digest for digest in (*digests, POLICY_NAMES.digest(trial.setup.policy)) if digest]
 
 
 def object_digest(name: str) -> str | None:

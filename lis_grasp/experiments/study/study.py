@@ -27,6 +27,7 @@ from lis_grasp.exceptions import (
 from lis_grasp.experiments.compared_estimators import COMPARED, Noise, compared_estimator
 from lis_grasp.exploration import POLICIES
 from lis_grasp.hands.hand import Hand
+from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
 from lis_grasp.pipeline.run_config import PROBERS, RunConfig
 from lis_grasp.shapes import FORMATS, NAMES, UNITS, Shape, find
 from lis_grasp.surfaces import ESTIMATORS
@@ -74,6 +75,11 @@ def _one_of(choices: Sequence[str], default: str) -> Any:
     return Field(default=default, json_schema_extra={"enum": list(choices)})
 
 
+def _known(names: Sequence[str], default: str) -> Any:
+    """Return a field of a name that may also be a plug-in's."""
+    return Field(default=default, json_schema_extra={"examples": list(names)})
+
+
 @_with_package_errors
 @pydantic.dataclasses.dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Setup:
@@ -87,10 +93,10 @@ class Setup:
 
     prober: StrictStr = _one_of(PROBERS, "kinematic")
     """Prober, "kinematic" or "dynamic", see `RunConfig`."""
-    explorer: StrictStr = _one_of([*ESTIMATORS, OWN], "blend")
+    explorer: StrictStr = _known([*ESTIMATORS, OWN], "blend")
     """Estimator that drives the exploration, whose contacts all estimators get; "own": each
     estimator drives its own, and contacts differ."""
-    policy: StrictStr = _one_of(list(POLICIES), "spread")
+    policy: StrictStr = _known(list(POLICIES), "spread")
     """Chooses the next touch, see `RunConfig`; "spread" uses no explorer."""
     size: StrictFloat | None = None
     """Largest extent of built-in shapes [m]; None for one that a hand can grasp."""
@@ -104,10 +110,12 @@ class Setup:
     """Ranked grasps to plan; the first is executed."""
 
     def __post_init__(self) -> None:
-        _require("explorer", self.explorer, (*ESTIMATORS, OWN))
+        if self.explorer != OWN:
+            find_estimator(self.explorer, option="explorer")
         _require("units", self.units, tuple(UNITS))
         self.run_config()
-        if self.explorer == OWN and POLICIES[self.policy].uses_gaussian_process:
+        kind = POLICY_NAMES.find(self.policy)
+        if self.explorer == OWN and getattr(kind, "uses_gaussian_process", False):
             raise InvalidOptionError(
                 "explorer 'own' needs a policy that uses the estimate, such as frontier or"
                 f" uncertainty; the policy is '{self.policy}'",
@@ -192,7 +200,7 @@ class Study(Setup):
     objects, touches, noise, hands, seeds
         See `Trial`; `seeds` may be a number of seeds.
     estimators
-        Of `COMPARED`, or "truth": planning on the true mesh.
+        Of `COMPARED`, a plug-in as ``my.module:Class``, or "truth": planning on the true mesh.
     reference
         The estimator that the others are compared with.
 
@@ -219,9 +227,10 @@ class Study(Setup):
             _require_unique(name, getattr(self, name))
         for name in ("objects", "hands"):
             _require_unique(name, [label(path) for path in getattr(self, name)])
-        permitted = ESTIMATORS if self.explorer == OWN else COMPARED
+        permitted = ESTIMATOR_NAMES if self.explorer == OWN else COMPARED
         for estimator in self.estimators:
-            _require("estimators", estimator, (*permitted, TRUTH))
+            if estimator != TRUTH:
+                find_estimator(estimator, registry=permitted, option="estimators")
             if estimator not in (*ESTIMATORS, TRUTH):
                 _require_installed(estimator)
         _require("reference", self.reference, self.estimators)

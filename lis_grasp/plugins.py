@@ -1,0 +1,118 @@
+"""Registry of what users can plug in by name: estimators, exploration policies and hands.
+
+A name is one of the package's own, one that an installed package registers as an entry point of
+the group ``lis_grasp.estimators``, ``lis_grasp.policies`` or ``lis_grasp.hands``, or
+``my.module:Class``, which is imported; the current folder is searched too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, Literal
+
+from lis_grasp.exceptions import InvalidOptionError
+
+Role = Literal["estimator", "policy", "hand"]
+
+_GROUPS = {
+    "estimator": "lis_grasp.estimators",
+    "policy": "lis_grasp.policies",
+    "hand": "lis_grasp.hands",
+}
+_DIGEST_LENGTH = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Registry:
+    """Names of one role and what they stand for.
+
+    Parameters
+    ----------
+    role
+        What is plugged in.
+    builtin
+        The package's own by name. These names cannot be taken by plug-ins.
+    """
+
+    role: Role
+    builtin: Mapping[str, Any]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the package's own, then those that installed packages register."""
+        return (*self.builtin, *(name for name in self._registered() if name not in self.builtin))
+
+    def find(self, name: str, *, option: str = "") -> Any:
+        """Return what a name stands for, imported if it is not the package's own.
+
+        Parameters
+        ----------
+        name
+            A registered name, or ``module:attribute``.
+        option
+            Name of the user's option, for messages; empty for the role.
+
+        Raises
+        ------
+        InvalidOptionError
+            If there is no such name, or its module cannot be imported.
+        """
+        option = option or self.role
+        if name in self.builtin:
+            return self.builtin[name]
+        registered = self._registered()
+        if name in registered:
+            return _loaded(registered[name], name, option)
+        if ":" not in name:
+            raise InvalidOptionError.not_one_of(option, name, (*self.names, "my.module:Class"))
+        if "" not in sys.path and str(Path.cwd()) not in sys.path:
+            sys.path.append(str(Path.cwd()))  # a console script's path lacks the current folder
+        return _loaded(EntryPoint(name, name, _GROUPS[self.role]), name, option)
+
+    def digest(self, name: str) -> str:
+        """Return a hash of the source file of a plug-in, by which stored results are recognised.
+
+        Empty for the package's own, and where there is no source file. Errors as of `find`.
+        """
+        if name in self.builtin:
+            return ""
+        found = self.find(name)
+        try:
+            file = inspect.getsourcefile(inspect.unwrap(found))
+            content = Path(file).read_bytes() if file else b""
+        except (OSError, TypeError):
+            return ""
+        return hashlib.sha256(content).hexdigest()[:_DIGEST_LENGTH]
+
+    def _registered(self) -> Mapping[str, EntryPoint]:
+        return _registered(_GROUPS[self.role], tuple(sys.path))
+
+
+@lru_cache
+def _registered(group: str, _path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
+    """Return the entry points of a group that are installed on a search path."""
+    return {point.name: point for point in entry_points(group=group)}
+
+
+def _loaded(point: EntryPoint, name: str, option: str) -> Any:
+    module, _, attribute = point.value.partition(":")
+    try:
+        return attrgetter(attribute)(import_module(module))
+    # An import runs a user's code, which may raise anything.
+    except Exception as error:  # noqa: BLE001
+        reason = " ".join(str(error).split())
+        raise InvalidOptionError(
+            f"{option} '{name}' must be an attribute of a module that can be imported;"
+            f" {type(error).__name__}: {reason or 'no reason given'}",
+            option=option,
+            value=name,
+        ) from None

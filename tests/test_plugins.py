@@ -1,0 +1,168 @@
+"""Plug-ins by entry point and by module: the example package as if installed."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp import Contacts, Hand, pipeline, shapes
+from lis_grasp.cli.main import main
+from lis_grasp.exceptions import EstimationError, InvalidHandError, InvalidOptionError
+from lis_grasp.experiments.compared_estimators import compared_estimator
+from lis_grasp.experiments.contact_study.competitors import studied_estimator
+from lis_grasp.experiments.study.row_keys import row_key
+from lis_grasp.experiments.study.study import Setup, Study, Trial
+from lis_grasp.hands.hand_check import check_hand
+from lis_grasp.io.surface_files import load_surface
+from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
+from lis_grasp.surfaces import ESTIMATORS
+
+tomllib = pytest.importorskip("tomllib")
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "own_package"
+OWN = """
+class Flat:
+    def __init__(self, contacts):
+        self.bounds = contacts.bounds
+
+    def evaluate(self, points):
+        return points[..., 2]
+
+    def gradient(self, points):
+        return 0.0 * points + [0.0, 0.0, 1.0]
+
+    def uncertainty(self, points):
+        return 0.001 + 0.0 * points[..., 0]
+
+
+class Flatter(Flat):
+    gradient = Flat.evaluate
+
+
+class Failing:
+    def __init__(self, contacts):
+        raise IndexError("no such row")
+
+
+def number(contacts):
+    return 3
+
+
+constant = 3
+"""
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder on the search path in which the example package is installed."""
+    site = tmp_path / "site"
+    shutil.copytree(EXAMPLE / "lis_grasp_example", site / "lis_grasp_example")
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    info = site / "lis_grasp_example-0.1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Name: {project['name']}\nVersion: {project['version']}\n")
+    lines = []
+    for group, points in project["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in points.items())]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    monkeypatch.syspath_prepend(str(site))
+    yield site
+    for name in [name for name in sys.modules if name.startswith("lis_grasp_example")]:
+        del sys.modules[name]
+
+
+@pytest.fixture
+def own_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a module in the current folder, which is not on the search path."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
+    (tmp_path / "own_surfaces.py").write_text(OWN, encoding="utf-8")
+    yield tmp_path / "own_surfaces.py"
+    sys.modules.pop("own_surfaces", None)
+
+
+@pytest.fixture
+def contacts(installed: Path) -> Contacts:
+    """Contacts by the policy of the example package with its hand and estimator."""
+    config = pipeline.RunConfig(
+        hand="square_jaw",
+        policy="from_above",
+        estimator="nearest_plane",
+        prober="kinematic",
+        touches=6,
+    )
+    hand = Hand.load(config.hand)
+    assert hand.name == "square_jaw"
+    assert all(finding.fine for finding in check_hand(hand))
+    return pipeline.touch(shapes.build("box", 0.06), hand, config).contacts
+
+
+def test_an_installed_package_is_found_in_every_role(contacts: Contacts) -> None:
+    assert "nearest_plane" in ESTIMATOR_NAMES.names
+    assert "from_above" in POLICY_NAMES.names
+    assert (contacts.normals[:, 2] > 0.99).sum() >= 5  # the policy touches the top
+    for find in (find_estimator, compared_estimator, studied_estimator):
+        assert callable(find("nearest_plane"))
+    surface, _ = pipeline.estimate(contacts, "nearest_plane")
+    assert abs(surface.evaluate(contacts.points)).max() < 1e-12
+
+
+def test_a_package_cannot_take_the_names_of_this_one(installed: Path) -> None:
+    points = installed / "lis_grasp_example-0.1.dist-info" / "entry_points.txt"
+    points.write_text("[lis_grasp.estimators]\nblend = lis_grasp_example:square_jaw")
+    assert find_estimator("blend") is ESTIMATORS["blend"]
+    assert ESTIMATOR_NAMES.names.count("blend") == 1
+
+
+def test_a_class_in_the_current_folder_is_an_estimator_of_every_verb(
+    own_module: Path, tmp_path: Path
+) -> None:
+    find_estimator("own_surfaces:Flat")
+    study = Study(estimators=("gpis", "own_surfaces:Flat"), explorer="own_surfaces:Flat")
+    assert study.estimators[1] == "own_surfaces:Flat"
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    Contacts(0.03 * axes, axes).save(tmp_path / "contacts.ply")
+    arguments = ["estimate", str(tmp_path / "contacts.ply"), "--estimator"]
+    assert main([*arguments, "own_surfaces:Flat"]) == 0
+    # The lower half of the box of the contacts.
+    assert load_surface(tmp_path / "surface.ply").volume == pytest.approx(0.5 * 0.06**3, rel=0.1)
+    assert main([*arguments, "own_surfaces:Absent"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "text"),
+    [
+        ("own_surfaces:Failing", EstimationError, "IndexError in .*own_surfaces.py, line 22: no"),
+        ("own_surfaces:Flatter", InvalidOptionError, r"gradient must return shape \(2, 3\)"),
+        ("own_surfaces:number", InvalidOptionError, "int has no evaluate"),
+        ("own_surfaces:constant", InvalidOptionError, "a class with from_contacts"),
+        ("own_surfaces:absent", InvalidOptionError, "no attribute 'absent'"),
+        ("absent_module:Class", InvalidOptionError, "No module named 'absent_module'"),
+        ("blnd", InvalidOptionError, "did you mean 'blend'"),
+    ],
+)
+def test_a_mistake_is_one_sentence(
+    name: str, error: type[Exception], text: str, own_module: Path
+) -> None:
+    axes = [[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    with pytest.raises(error, match=text):
+        find_estimator(name)(Contacts(axes, axes))
+
+
+def test_a_mistyped_policy_or_hand_names_the_nearest() -> None:
+    with pytest.raises(InvalidOptionError, match="did you mean 'frontier'"):
+        pipeline.RunConfig(policy="fronteer")
+    with pytest.raises(InvalidHandError, match="did you mean 'allegro'"):
+        Hand.load("alegro")
+
+
+def test_an_edited_plug_in_is_another_row(own_module: Path) -> None:
+    trial = Trial("box", "allegro", 10, "none", 0, Setup())
+    before, ours = row_key(trial, "own_surfaces:Flat"), row_key(trial, "blend")
+    own_module.write_text(OWN + "# edited\n", encoding="utf-8")
+    assert row_key(trial, "own_surfaces:Flat") != before
+    assert row_key(trial, "blend") == ours
