@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.atomic_writing import whole_file
-from lis_grasp.records import read_only
+from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
 
 OBJECT = "object"
@@ -44,6 +44,8 @@ class Motion:
 
     times: FloatArray
     poses: Mapping[str, FloatArray]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         times = np.array(self.times, dtype=np.float64)

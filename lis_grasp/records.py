@@ -1,12 +1,16 @@
-"""Helpers of records: read-only arrays, subsets, and pickling of read-only mappings."""
+"""Helpers of records: read-only arrays, subsets, short texts, and pickling of mappings."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
+
+# Entries of an array that are shown; of longer ones the shape is.
+_SHOWN = 4
 
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
 _Record = TypeVar("_Record")
@@ -26,6 +30,31 @@ def subset_of(record: _Record, index: Any) -> _Record:
 def fields_of(record: Any) -> dict[str, Any]:
     """Return the fields of a dataclass by name, without copying them."""
     return {item.name: getattr(record, item.name) for item in fields(record)}
+
+
+def short_repr(record: Any) -> str:
+    """Return the value of `__repr__` for a dataclass of arrays: one line, shapes for contents."""
+    public = {n: v for n, v in fields_of(record).items() if not n.startswith("_")}
+    parts = [f"{name}={_short(value)}" for name, value in public.items()]
+    return f"{type(record).__name__}({', '.join(parts)})"
+
+
+def _short(value: Any) -> str:
+    match value:
+        case np.ndarray() if value.size > _SHOWN or value.ndim > 1:
+            return f"array{value.shape}"
+        case np.ndarray():
+            return f"[{', '.join(_short(each) for each in value.tolist())}]"
+        case float():
+            return f"{value:.4g}"
+        case None | bool() | int() | str():
+            return repr(value)
+        case Mapping():
+            return f"{{{', '.join(f'{key}: {_short(each)}' for key, each in value.items())}}}"
+        case tuple() | list():
+            return f"{len(value)} {type(value[0]).__name__}s" if value else "()"
+        case _:
+            return type(value).__name__
 
 
 def reduce_record(record: Any) -> tuple[type, tuple[Any, ...]]:

@@ -46,7 +46,7 @@ def execute(options: argparse.Namespace) -> None:
     """Plan grasps, and write them."""
     recorded = provenance.read(options.mesh) if options.mesh.suffix.lower() == ".ply" else {}
     config = opt.configure(options, recorded)
-    mesh = _load(options.mesh, options.units, recorded)
+    mesh = load_mesh(options.mesh, options.units, recorded)
     hand = Hand.load(config.hand)
     support = options.support
     if support is None:
@@ -103,7 +103,8 @@ def say_search(search: GraspSearch) -> None:
         say(f"  {count:6d}  {reason}")
 
 
-def _load(path: Path, units: str | None, recorded: dict[str, Any]) -> trimesh.Trimesh:
+def load_mesh(path: Path, units: str | None, recorded: dict[str, Any]) -> trimesh.Trimesh:
+    """Return the mesh of a file [m]: an estimate with recorded facts, or repaired."""
     # A surface of this package has an uncertainty, and is in metres already.
     if recorded and units is None:
         return load_surface(path)

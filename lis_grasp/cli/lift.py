@@ -63,9 +63,9 @@ def execute(options: argparse.Namespace) -> None:
         if not outcomes:
             outcome.motion.save(output / "motion.npz")
         outcomes.append({"rank": rank, **lift_facts(outcome)})
+    facts = {name: value for name, value in config.facts().items() if name not in opt.PLUGGED}
     write_json(
-        output / "lifts.json",
-        {"header": provenance.merge(recorded, **config.facts()), "lifts": outcomes},
+        output / "lifts.json", {"header": provenance.merge(recorded, **facts), "lifts": outcomes}
     )
     held = sum(outcome["held"] for outcome in outcomes)
     say(f"held {held} of {len(outcomes)} grasps")

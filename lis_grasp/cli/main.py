@@ -14,6 +14,7 @@ from lis_grasp.cli import (
     doctor,
     estimate,
     explore,
+    export,
     grasp,
     lift,
     log_contacts,
@@ -25,7 +26,7 @@ from lis_grasp.cli import (
 from lis_grasp.exceptions import InvalidInputError, LisGraspError
 
 _VERBS = (
-    *(run, explore, log_contacts, estimate, grasp, lift),
+    *(run, explore, log_contacts, estimate, grasp, lift, export),
     *(compare, surfaces, paper, view, doctor),
 )
 

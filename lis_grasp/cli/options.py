@@ -11,6 +11,9 @@ from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
 from lis_grasp.pipeline.run_config import FINGERS, PROBERS, RunConfig
 from lis_grasp.shapes import NAMES, UNITS, Shape, find
 
+PLUGGED = ("estimator", "policy")
+"""Options whose values may be names of plug-ins."""
+
 _DEFAULTS = RunConfig()
 
 _OBJECT = f"built-in shape ({', '.join(NAMES)}) or mesh file (OBJ, STL, PLY, glTF, OFF)"
@@ -127,6 +130,9 @@ def add_jobs(parser: argparse.ArgumentParser) -> None:
 def configure(options: argparse.Namespace, recorded: dict[str, Any] | None = None) -> RunConfig:
     """Return the configuration: given options first, then recorded facts, then the defaults."""
     recorded = dict(recorded or {})
+    for plugged in PLUGGED:
+        if plugged not in vars(options):  # not used by this verb, and perhaps not installed here
+            recorded.pop(plugged, None)
     if getattr(options, "object", None) not in (None, recorded.get("object")):
         # Another object than the recorded one has another size and units.
         recorded.pop("size", None)

@@ -16,6 +16,7 @@ from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import IndexArray
 
@@ -32,6 +33,8 @@ class Exploration:
     contacts: Contacts  #: in O, without duplicates, with all free space
     outcomes: tuple[ProbeOutcome, ...]  #: of every probe, in order
     ended: str = ""  #: why it ended
+
+    __repr__ = short_repr
 
     @classmethod
     def replay(cls, outcomes: Sequence[ProbeOutcome], *, touches: int | None = None) -> Exploration:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.records import read_only
+from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
 
 ProbeStatus = Literal["touched", "missed", "blocked"]
@@ -81,6 +81,8 @@ class HandPose:
     X_OH: FloatArray  #: (4, 4): pose of the palm frame H in the object frame O
     joint_positions: FloatArray  #: (J,) [rad or m], in the order of the hand's joints
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         for name, required in (("X_OH", "4 x 4"), ("joint_positions", "a list of")):
             array = np.array(getattr(self, name), dtype=np.float64)
@@ -140,6 +142,8 @@ class ProbeOutcome:
     moved: float = 0.0
     free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
     hand_pose: HandPose | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if self.status not in get_args(ProbeStatus):

@@ -13,7 +13,7 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
-from lis_grasp.records import fields_of, read_only, reduce_record
+from lis_grasp.records import fields_of, read_only, reduce_record, short_repr
 from lis_grasp.typing import FloatArray
 
 
@@ -60,6 +60,8 @@ class Grasp:
     contact_forces: FloatArray
     quality: Mapping[str, float]
     accepted: str
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         joints, contacts = len(self.joint_names), len(self.contact_fingers)
@@ -113,6 +115,8 @@ class GraspSearch:
     grasps: tuple[Grasp, ...]
     rejections: Mapping[str, int] = field(default_factory=dict)
     candidates: int = 0
+
+    __repr__ = short_repr
 
     @classmethod
     def load(cls, path: Path | str) -> GraspSearch:

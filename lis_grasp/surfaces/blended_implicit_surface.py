@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
@@ -64,6 +65,8 @@ class BlendedImplicitSurface:
     smooth: GaussianProcessImplicitSurface  #: the estimate without
     places: FloatArray  #: (M, 3) [m], places of contacts
     log_ratios: FloatArray  #: (M,), mean log (error of smooth / error of sharp) at each place
+
+    __repr__ = short_repr
 
     @classmethod
     def from_contacts(

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
 from lis_grasp.typing import FloatArray, IndexArray
@@ -42,6 +43,8 @@ class CarvedImplicitSurface:
     surface: ImplicitSurface  #: the estimate g
     centers: FloatArray  #: (K, 3) [m], in O; K at least 1
     radii: FloatArray  #: (K,) [m]
+
+    __repr__ = short_repr
 
     @property
     def bounds(self) -> FloatArray:

@@ -10,6 +10,7 @@ from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_merging import (
     drop_repetitions,
     padded_bounds,
@@ -80,6 +81,8 @@ class GaussianProcessImplicitSurface:
     amplitude: float  #: standard deviation of the prior, scaled, see `variance`
     bounds: FloatArray  #: (2, 3) [m], the contacts' box grown by one spacing
     _process: GradientRegression
+
+    __repr__ = short_repr
 
     @classmethod
     def from_contacts(

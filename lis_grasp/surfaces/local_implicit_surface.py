@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.contact_noise import precisions_of
 from lis_grasp.surfaces.convexity import Convexity
@@ -61,6 +62,8 @@ class LocalImplicitSurface(BlockwiseSurface):
     position_noise: FloatArray  #: (N,) [m], standard deviations of the contacts along their normals
     normal_noise: FloatArray  #: (N,) [rad], of each component of their normals
     bounds: FloatArray  #: (2, 3) [m]
+
+    __repr__ = short_repr
 
     @classmethod
     def from_contacts(

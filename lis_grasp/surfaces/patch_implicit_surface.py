@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
+from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.contact_noise import noise_of
 from lis_grasp.surfaces.contact_pairs import ContactPairs
@@ -62,6 +63,8 @@ class PatchImplicitSurface(BlockwiseSurface):
     mean: KernelMean  #: kernel-weighted mean over contacts
     spacing: float  #: between places of contacts [m]
     bounds: FloatArray  #: (2, 3) [m]
+
+    __repr__ = short_repr
 
     @classmethod
     def from_contacts(

@@ -1,0 +1,64 @@
+"""`lis-grasp export`: an estimated object as URDF, SDF or MJCF for simulators."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.grasp import load_mesh
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.io import provenance
+from lis_grasp.pipeline.convex_parts import convex_parts
+from lis_grasp.pipeline.object_models import FORMATS, ObjectModel
+
+_MOST_PARTS = 32
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser(
+        "export", help="write an object as URDF, SDF and MJCF with mass, inertia and convex parts"
+    )
+    parser.add_argument(
+        "mesh", type=Path, metavar="MESH", help="surface.ply of `estimate`, or any mesh file"
+    )
+    parser.add_argument(
+        "--format",
+        nargs="+",
+        choices=list(FORMATS),
+        default=list(FORMATS),
+        help="formats to write (default: all)",
+    )
+    parser.add_argument(
+        "--name", metavar="NAME", help="name of the model (default: that of the object, or of MESH)"
+    )
+    parser.add_argument(
+        "--parts",
+        type=int,
+        default=_MOST_PARTS,
+        metavar="N",
+        help=f"convex parts at most; 1 is the convex hull (default: {_MOST_PARTS})",
+    )
+    opt.add_options(parser, "units", "mass", "friction")
+    opt.add_output(parser, "model in the folder of MESH")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Split the mesh into convex parts, and write the descriptions."""
+    recorded = provenance.read(options.mesh) if options.mesh.suffix.lower() == ".ply" else {}
+    config = opt.configure(options, recorded)
+    mesh = load_mesh(options.mesh, options.units, recorded)
+    folder = options.output or options.mesh.parent / "model"
+    name = options.name or Path(recorded.get("object", options.mesh)).stem
+    with Stage("Splitting into convex parts") as stage:
+        parts = convex_parts(mesh, most=options.parts)
+        volume = sum(part.volume for part in parts) / mesh.volume
+        stage.result = f"{len(parts)}, of {100 * volume:.0f} % of the object's volume together"
+    model = ObjectModel(re.sub(r"[^\w.-]", "_", name), mesh, parts, config.mass, config.friction)
+    for format_name in dict.fromkeys(options.format):
+        say(f"wrote {model.save(folder, format_name)}")
+    say(f"object: {config.mass:g} kg of uniform density, friction {config.friction:g}")

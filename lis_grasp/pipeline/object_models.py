@@ -1,0 +1,199 @@
+"""Object descriptions for simulators: URDF, SDF and MJCF with mass, inertia and convex parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from xml.etree import ElementTree
+
+import numpy as np
+import trimesh
+
+from lis_grasp.exceptions import InvalidOptionError, require_positive
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.typing import FloatArray
+
+_DRAKE = "http://drake.mit.edu"
+_VISUAL = "visual.obj"
+# MuJoCo's coefficients of torsional [m] and rolling friction [m], its defaults.
+_TORSION, _ROLLING = 0.005, 0.0001
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectModel:
+    """A rigid object of uniform density, in its frame O.
+
+    Parameters
+    ----------
+    name
+        Of the model: letters, digits, ``_``, ``-`` and ``.``.
+    mesh
+        What is drawn, and the mass is spread over: watertight, in metres.
+    parts
+        What collides: convex meshes in metres.
+    mass
+        [kg].
+    friction
+        Coulomb's coefficient, static and dynamic.
+
+    Raises
+    ------
+    InvalidOptionError
+        If mass or friction are not above 0, or there are no parts.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    parts: tuple[trimesh.Trimesh, ...]
+    mass: float
+    friction: float
+
+    def __post_init__(self) -> None:
+        require_positive(mass=self.mass, friction=self.friction)
+        if not self.parts:
+            message = "an object model needs at least one convex part; there is none"
+            raise InvalidOptionError(message, option="parts")
+
+    def __repr__(self) -> str:
+        return f"ObjectModel({self.name!r}, {self.mass:g} kg, {len(self.parts)} convex parts)"
+
+    @property
+    def center(self) -> FloatArray:
+        """Centre of mass, shape (3,) [m]."""
+        return np.asarray(self.mesh.center_mass)
+
+    @property
+    def inertia(self) -> FloatArray:
+        """Inertia about the centre of mass along O's axes, shape (3, 3) [kg m^2]."""
+        return np.asarray(self.mesh.moment_inertia) * (self.mass / self.mesh.volume)
+
+    def save(self, folder: Path, format_name: str) -> Path:
+        """Write the description and its meshes into a folder, and return the description's path.
+
+        Parameters
+        ----------
+        folder
+            Made if it is missing.
+        format_name
+            A key of `FORMATS`.
+
+        Raises
+        ------
+        InvalidOptionError
+            If there is no such format.
+        InvalidFileError
+            If a file cannot be written.
+        """
+        if format_name not in FORMATS:
+            raise InvalidOptionError.not_one_of("format", format_name, FORMATS)
+        ending, describe = FORMATS[format_name]
+        for file, mesh in ((_VISUAL, self.mesh), *zip(_files(self), self.parts, strict=True)):
+            plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+            write_text(folder / file, str(plain.export(file_type="obj", header="")))
+        root = describe(self)
+        ElementTree.indent(root)
+        path = folder / f"{self.name}{ending}"
+        text = ElementTree.tostring(root, encoding="unicode")
+        write_text(path, f'<?xml version="1.0"?>\n{text}\n')
+        return path
+
+
+def _files(model: ObjectModel) -> list[str]:
+    return [f"part_{k:02d}.obj" for k in range(len(model.parts))]
+
+
+def _numbers(*values: float) -> str:
+    return " ".join(f"{value:.9g}" for value in values)
+
+
+def _moments(model: ObjectModel) -> dict[str, str]:
+    axes = "xyz"
+    return {
+        f"i{axes[i]}{axes[j]}": _numbers(model.inertia[i, j]) for i in range(3) for j in range(i, 3)
+    }
+
+
+def _child(
+    parent: ElementTree.Element, tag: str, text: str = "", **attributes: str
+) -> ElementTree.Element:
+    child = ElementTree.SubElement(parent, tag, attributes)
+    child.text = text or None
+    return child
+
+
+def _add_drake_friction(parent: ElementTree.Element, friction: float, *, in_text: bool) -> None:
+    properties = _child(parent, "drake:proximity_properties")
+    for name in ("drake:mu_static", "drake:mu_dynamic"):
+        value = _numbers(friction)
+        _child(properties, name, value) if in_text else _child(properties, name, value=value)
+
+
+def _urdf(model: ObjectModel) -> ElementTree.Element:
+    robot = ElementTree.Element("robot", {"name": model.name, "xmlns:drake": _DRAKE})
+    link = _child(robot, "link", name=model.name)
+    inertial = _child(link, "inertial")
+    _child(inertial, "origin", xyz=_numbers(*model.center), rpy="0 0 0")
+    _child(inertial, "mass", value=_numbers(model.mass))
+    _child(inertial, "inertia", **_moments(model))
+    _child(_child(_child(link, "visual"), "geometry"), "mesh", filename=_VISUAL)
+    for file in _files(model):
+        collision = _child(link, "collision", name=Path(file).stem)
+        mesh = _child(_child(collision, "geometry"), "mesh", filename=file)
+        _child(mesh, "drake:declare_convex")
+        _add_drake_friction(collision, model.friction, in_text=False)
+    return robot
+
+
+def _sdf(model: ObjectModel) -> ElementTree.Element:
+    sdf = ElementTree.Element("sdf", {"version": "1.9", "xmlns:drake": _DRAKE})
+    link = _child(_child(sdf, "model", name=model.name), "link", name=model.name)
+    inertial = _child(link, "inertial")
+    _child(inertial, "pose", _numbers(*model.center, 0.0, 0.0, 0.0))
+    _child(inertial, "mass", _numbers(model.mass))
+    inertia = _child(inertial, "inertia")
+    for name, moment in _moments(model).items():
+        _child(inertia, name, moment)
+    visual = _child(link, "visual", name="visual")
+    _child(_child(_child(visual, "geometry"), "mesh"), "uri", _VISUAL)
+    for file in _files(model):
+        collision = _child(link, "collision", name=Path(file).stem)
+        mesh = _child(_child(collision, "geometry"), "mesh")
+        _child(mesh, "uri", file)
+        _child(mesh, "drake:declare_convex")
+        ode = _child(_child(_child(collision, "surface"), "friction"), "ode")
+        for name in ("mu", "mu2"):
+            _child(ode, name, _numbers(model.friction))
+        _add_drake_friction(collision, model.friction, in_text=True)
+    return sdf
+
+
+def _mjcf(model: ObjectModel) -> ElementTree.Element:
+    mujoco = ElementTree.Element("mujoco", {"model": model.name})
+    assets = _child(mujoco, "asset")
+    body = _child(_child(mujoco, "worldbody"), "body", name=model.name)
+    _child(body, "freejoint")
+    moments = _moments(model)
+    _child(
+        body,
+        "inertial",
+        pos=_numbers(*model.center),
+        mass=_numbers(model.mass),
+        fullinertia=" ".join(moments[k] for k in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")),
+    )
+    _child(assets, "mesh", name="visual", file=_VISUAL)
+    drawn = {"type": "mesh", "contype": "0", "conaffinity": "0", "group": "2"}
+    _child(body, "geom", mesh="visual", **drawn)
+    friction = _numbers(model.friction, _TORSION, _ROLLING)
+    for file in _files(model):
+        name = Path(file).stem
+        _child(assets, "mesh", name=name, file=file)
+        _child(body, "geom", type="mesh", mesh=name, group="3", friction=friction)
+    return mujoco
+
+
+FORMATS: Mapping[str, tuple[str, Callable[[ObjectModel], ElementTree.Element]]] = MappingProxyType(
+    {"urdf": (".urdf", _urdf), "sdf": (".sdf", _sdf), "mjcf": (".xml", _mjcf)}
+)
+"""Ending and writer of each format, by its name."""

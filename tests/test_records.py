@@ -1,0 +1,28 @@
+"""One-line representations of the records that people print."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lis_grasp import Contacts, ForceClosureSampler, Hand, extract_mesh, pipeline, shapes
+from lis_grasp.surfaces import ESTIMATORS, carved
+
+
+def test_records_print_as_one_short_line() -> None:
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    contacts, hand = Contacts(0.03 * axes, axes), Hand.load("wsg50")
+    surfaces = [make(contacts) for make in ESTIMATORS.values()]
+    config = pipeline.RunConfig(hand="wsg50", prober="kinematic", touches=2)
+    exploration = pipeline.touch(shapes.build("box"), hand, config)
+    outcome = exploration.outcomes[0]
+    mesh = extract_mesh(surfaces[0])
+    search = ForceClosureSampler(hand, candidates=20).sample(
+        mesh, rng=np.random.default_rng(0), support_height=-0.03, count=1
+    )
+    records = [contacts, hand, *surfaces, carved(surfaces[0], exploration.contacts), exploration]
+    records += [outcome, outcome.probe, outcome.hand_pose, search, *search.grasps]
+    for record in records:
+        text = repr(record)
+        assert text.startswith(type(record).__name__)
+        assert "\n" not in text
+        assert len(text) < 600, text
