@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from lis_grasp import Contacts, Hand
+from lis_grasp import Contacts, Hand, shapes
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.motion import Motion
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -44,6 +45,15 @@ def _check_policy(folder: Path) -> None:
     _has_mesh(folder)
 
 
+def _check_loop(folder: Path) -> None:
+    contacts = Contacts.load(folder / "contacts.ply")
+    assert len(contacts) == 20
+    # Every answer of the robot is on its box of 12 cm.
+    box = shapes.build("box", 0.12).mesh
+    assert distances_to_mesh(contacts.points, box)[0].max() < 1e-9
+    assert trimesh.load(folder / "surface.ply").volume == pytest.approx(box.volume, rel=0.1)
+
+
 def _check_lift(folder: Path) -> None:
     assert len(Contacts.load(folder / "contacts.ply")) == 15
     _has_mesh(folder)
@@ -65,6 +75,7 @@ CHECKS: dict[str, Callable[[Path], None]] = {
     "own_hand": _check_hand,
     "own_estimator": _has_mesh,
     "own_policy": _check_policy,
+    "robot_in_the_loop": _check_loop,
     "explore_to_lift": _check_lift,
     "compare_estimators": _check_comparison,
 }

@@ -18,6 +18,7 @@ from lis_grasp.cli import (
     grasp,
     lift,
     log_contacts,
+    next_probe,
     paper,
     run,
     surfaces,
@@ -26,7 +27,7 @@ from lis_grasp.cli import (
 from lis_grasp.exceptions import InvalidInputError, LisGraspError
 
 _VERBS = (
-    *(run, explore, log_contacts, estimate, grasp, lift, export),
+    *(run, explore, next_probe, log_contacts, estimate, grasp, lift, export),
     *(compare, surfaces, paper, view, doctor),
 )
 

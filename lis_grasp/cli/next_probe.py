@@ -1,0 +1,108 @@
+"""`lis-grasp next`: where to touch next, given contacts so far."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.contacts import Contacts
+from lis_grasp.exploration import Exploration, ProbeOutcome, load_outcomes
+from lis_grasp.hands.hand import Hand
+from lis_grasp.io import provenance
+from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.pipeline.next_touch import NextTouch, next_touch, workspace_of
+from lis_grasp.surfaces import load_contacts
+from lis_grasp.typing import FloatArray
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb to the command line."""
+    parser = verbs.add_parser(
+        "next",
+        help="say where to touch next, given contacts so far; write next.json",
+        description="Choose the next touch: the motion of a fingertip and the pose of the hand, in"
+        " the frame of the contacts.",
+    )
+    parser.add_argument(
+        "contacts",
+        type=Path,
+        metavar="CONTACTS",
+        help="contacts as of `estimate`, or a touches.jsonl, whose misses count too",
+    )
+    parser.add_argument(
+        "--center",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="centre of the object [m] (default: that of the contacts)",
+    )
+    parser.add_argument(
+        "--size",
+        type=float,
+        metavar="METRES",
+        help="largest extent of the object (default: 1.2 extents of the contacts)",
+    )
+    parser.add_argument(
+        "--support",
+        type=float,
+        metavar="METRES",
+        help="height of the table that the hand avoids (default: there is none)",
+    )
+    names = ("hand", "estimator", "policy", "position_noise", "normal_noise", "seed")
+    opt.add_options(parser, *names)
+    opt.add_output(parser, "the folder of CONTACTS")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Choose the next touch, print it, and write it."""
+    contacts, outcomes, recorded = _known(options.contacts, options.position_noise)
+    size, center = options.size, None if options.center is None else np.array(options.center)
+    options.size = None  # in a configuration it is the size of a built-in shape
+    config = opt.configure(options, recorded)
+    hand = Hand.load(config.hand)
+    space = workspace_of(contacts, center=center, size=size, support_height=options.support)
+    with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
+        found = next_touch(contacts, hand, config, space, outcomes=outcomes)
+        stage.result = f"policy {config.policy}"
+    for line in _lines(found):
+        say(line)
+    path = (options.output or options.contacts.parent) / "next.json"
+    write_json(path, found.facts(hand))
+    say(f"wrote {path}")
+
+
+def _known(
+    path: Path, position_noise: float | None
+) -> tuple[Contacts, tuple[ProbeOutcome, ...], dict[str, Any]]:
+    """Return the contacts of a file, the outcomes of probes if it is a log, and its facts."""
+    if path.suffix.lower() == ".jsonl":
+        outcomes = load_outcomes(path)
+        return Exploration.replay(outcomes).contacts, outcomes, {}
+    recorded = provenance.read(path) if path.suffix.lower() == ".ply" else {}
+    return load_contacts(path, position_noise=position_noise), (), recorded
+
+
+def _lines(found: NextTouch) -> tuple[str, ...]:
+    pose, probe = found.approach.X_OH, found.probe
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
+    return (
+        f"touch     near {_millimetres(probe.target)} along"
+        f" ({', '.join(f'{each:.3f}' for each in probe.direction)})",
+        f"finger    {found.approach.posture.finger}: from {_millimetres(probe.start)} at most to"
+        f" {_millimetres(probe.end)}",
+        f"hand      palm at {_millimetres(pose[:3, 3])}, quaternion xyzw"
+        f" ({x:.4f}, {y:.4f}, {z:.4f}, {w:.4f}), after a straight approach of"
+        f" {1e3 * found.approach.distance:.0f} mm",
+        f"why       {found.why()}",
+    )
+
+
+def _millimetres(point: FloatArray) -> str:
+    return f"({', '.join(f'{1e3 * each:.1f}' for each in point)}) mm"

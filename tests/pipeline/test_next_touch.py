@@ -1,0 +1,64 @@
+"""The next touch of an object: a probe that the hand can begin, away from the contacts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp import Contacts, Hand, pipeline, shapes
+from lis_grasp.cli.main import main
+from lis_grasp.exceptions import EstimationError, InvalidOptionError
+from lis_grasp.exploration import Exploration, Workspace
+from lis_grasp.pipeline.next_touch import next_touch, workspace_of
+
+
+@pytest.fixture(scope="module")
+def explored() -> Exploration:
+    config = pipeline.RunConfig(prober="kinematic", touches=7)
+    return pipeline.touch(shapes.build("mallet"), Hand.load("allegro"), config)
+
+
+@pytest.mark.parametrize("name", ["allegro", "wsg50"])
+def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration) -> None:
+    hand, contacts = Hand.load(name), explored.contacts
+    space = workspace_of(contacts)
+    found = next_touch(contacts, hand, pipeline.RunConfig(), space, outcomes=explored.outcomes)
+    posture, probe = found.approach.posture, found.probe
+    X_OL = hand.forward_kinematics(found.approach.X_OH, posture.joint_positions)[posture.link]
+    center = X_OL[:3, :3] @ posture.center_L + X_OL[:3, 3]
+    assert center + posture.radius * probe.direction == pytest.approx(probe.start, abs=1e-9)
+    nearest = np.linalg.norm(contacts.points - probe.target, axis=1).min()
+    assert found.distance == pytest.approx(nearest)
+    assert nearest > 0.5 * contacts.spacing
+    again = next_touch(contacts, hand, pipeline.RunConfig(), space, outcomes=explored.outcomes)
+    assert again.facts(hand) == found.facts(hand)
+
+
+def test_without_contacts_the_size_is_needed() -> None:
+    with pytest.raises(InvalidOptionError, match="--size"):
+        workspace_of(Contacts.empty())
+    space = workspace_of(Contacts.empty(), size=0.1)
+    found = next_touch(Contacts.empty(), Hand.load("allegro"), pipeline.RunConfig(), space)
+    assert found.distance is None
+    assert "no contacts" in found.why()
+
+
+def test_a_place_that_cannot_be_approached_is_one_sentence(explored: Exploration) -> None:
+    contacts = explored.contacts
+    buried = Workspace(0.03, contacts.bounds.mean(axis=0), 0.12, support_height=1.0)
+    with pytest.raises(EstimationError, match="--support"):
+        next_touch(contacts, Hand.load("allegro"), pipeline.RunConfig(), buried)
+
+
+def test_the_command_writes_the_touch(explored: Exploration, tmp_path: Path) -> None:
+    path = tmp_path / "contacts.ply"
+    explored.contacts.save(path)
+    assert main(["next", str(path), "--hand", "wsg50"]) == 0
+    written = json.loads((tmp_path / "next.json").read_text())
+    hand, space = Hand.load("wsg50"), workspace_of(explored.contacts)
+    found = next_touch(explored.contacts, hand, pipeline.RunConfig(), space)
+    assert written == json.loads(json.dumps(found.facts(hand)))
+    assert main(["next", str(path), "--size", "0"]) == 2
