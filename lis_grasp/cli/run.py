@@ -18,6 +18,7 @@ from lis_grasp.cli.results_folder import default_output
 from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.inertias import require_possible_inertias
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.surface_files import load_surface
@@ -49,6 +50,7 @@ def execute(options: argparse.Namespace) -> None:
     output: Path = options.output or default_output(config)
     shape = opt.load_object(config)
     hand = Hand.load(config.hand)
+    require_possible_inertias(hand.inertials)
 
     with watch.measure("touch"):
         exploration = explore_with_log(config, shape, hand, output)

@@ -40,6 +40,10 @@ class Hand(HandModel):
         Mass properties by link name.
     link_geometries
         The collision bodies.
+    visuals
+        What the links look like; drawn only.
+    hulls_of_visuals
+        Names of the links whose collision bodies are the convex hulls of their visual meshes.
     pads
         One a finger.
     X_LH

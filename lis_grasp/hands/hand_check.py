@@ -12,6 +12,7 @@ import trimesh
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import Pad, ProbePosture
+from lis_grasp.hands.inertias import impossible_inertias
 from lis_grasp.typing import FloatArray
 
 # A pad counts as covered by its link where the link is further out by more than this [m].
@@ -35,16 +36,19 @@ def check_hand(hand: Hand) -> list[Finding]:
 
 
 def _masses(hand: Hand) -> Iterator[Finding]:
-    faults = []
-    for link, inertial in hand.inertials.items():
-        low, middle, high = np.sort(np.linalg.eigvalsh(inertial.inertia_L))
-        if inertial.mass > 0.0 and (low <= 0.0 or high > (low + middle) * (1.0 + 1e-6)):
-            faults.append(link)
+    faults = impossible_inertias(hand.inertials)
     if faults:
         yield Finding(
             False,
             f"the inertia of {', '.join(faults)} is impossible: principal moments must be positive,"
-            " and none larger than the other two together",
+            " and none larger than the other two together. Add `repair: true` to the YAML, or write"
+            " a corrected copy of the description with --repair OUT",
+        )
+    if hand.hulls_of_visuals:
+        yield Finding(
+            True,
+            "without collision bodies, so the convex hulls of their visual meshes are used:"
+            f" {', '.join(hand.hulls_of_visuals)}",
         )
     weight = 0.05 <= hand.mass <= 10.0
     advice = "" if weight else ": masses must be in kg, 0.05 to 10 in all"

@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand_parts import Pad, ProbePosture
 from lis_grasp.hands.hand_plugins import hand_path
 from lis_grasp.hands.hand_schema import HandEntry, parse_hand
@@ -40,7 +41,18 @@ def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
     entry = parse_hand(document, path.name)
     try:
         urdf = resolve_uri(entry.urdf, path.parent, "urdf")
-        model = read_sdf(urdf) if urdf.suffix == ".sdf" else read_urdf(urdf)
+    except InvalidFileError as error:
+        advice = f"; to get the model: {entry.model_from}" if entry.model_from else ""
+        message = f"{path.name}: {error}{advice}"
+        raise InvalidHandError(message, file=path.name, key="urdf") from None
+    edits = DescriptionEdits(
+        base_link=entry.base_link,
+        locked_joints=entry.locked_joints,
+        effort_limits=entry.effort_limits,
+        repair=entry.repair,
+    )
+    try:
+        model = read_sdf(urdf, edits) if urdf.suffix == ".sdf" else read_urdf(urdf, edits)
     except InvalidFileError as error:
         raise InvalidHandError(f"{path.name}: {error}", file=path.name, key="urdf") from None
     return _Assembly(entry, model, path.name).fields()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -69,7 +70,17 @@ class LinkGeometry:
     kind: GeometryKind
     # [m] box: sides; sphere: radius; cylinder, capsule: radius, (straight) length on z; mesh: empty
     dimensions: tuple[float, ...]
-    mesh: trimesh.Trimesh  # the body as a closed triangle mesh in G [m]
+    mesh: trimesh.Trimesh  # the body as a closed triangle mesh in G [m], convex
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkVisual:
+    """What a link looks like; see `load_visual`."""
+
+    link: str
+    X_LG: FloatArray  # (4, 4): pose of its frame G in the link frame
+    shape: trimesh.Trimesh | Path  # in G [m], or a mesh file
+    scale: FloatArray | None = None  # (1,) or (3,): of the file
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -75,6 +75,22 @@ class HandEntry(_Record):
     name: Name
     kind: HandKind = Field(description="jaw: flat parallel pads; multi_finger: rounded pads.")
     urdf: Name = Field(description="URDF or SDF file: a path from this file, or package://NAME/...")
+    model_from: str = Field(
+        default="", description="How to get the URDF or SDF, for the message when it is missing."
+    )
+    base_link: Name | None = Field(
+        default=None, description="Root of the hand: links before it, an arm's, are left out."
+    )
+    locked_joints: dict[Name, Number] = Field(
+        default_factory=dict, description="Joints that do not move, at these positions [rad or m]."
+    )
+    effort_limits: dict[Name, Positive] = Field(
+        default_factory=dict, description="Instead of the file's, by joint [N m or N]."
+    )
+    repair: bool = Field(
+        default=False,
+        description="Replace impossible inertias and missing masses by those of the link's bodies.",
+    )
     joints: list[Name] = Field(
         description="Movable joints that mimic no other, in the URDF's order."
     )
@@ -86,10 +102,14 @@ class HandEntry(_Record):
         min_length=1, description="Opened postures by name: one number for each joint [rad or m]."
     )
     probe_postures: dict[Name, ProbeEntry] = Field(
-        min_length=1, description="By the name of the leading finger."
+        default_factory=dict,
+        description="By the name of the leading finger; none if the hand does not touch.",
     )
     self_collision_exclusions: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = (
-        Field(description="Pairs of links that may touch, besides those joined by a joint.")
+        Field(
+            default_factory=list,
+            description="Pairs of links that may touch, besides those joined by a joint.",
+        )
     )
 
 

@@ -11,6 +11,7 @@ import yourdfpy
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand_urdf import parse_xml
 from lis_grasp.hands.link_bodies import LARGEST
 from lis_grasp.hands.link_tree import Capsule, HandModel, build_hand_model, rpy_pose
@@ -21,15 +22,19 @@ _DRAKE = "{http://drake.mit.edu}"
 _UNLIMITED = 1e15
 
 
-def read_sdf(path: Path) -> HandModel:
+def read_sdf(path: Path, edits: DescriptionEdits | None = None) -> HandModel:
     """Read links, joints, inertias and collision bodies of the file's one model.
 
     The model is translated to what a URDF says, so that the same checks apply. A joint whose frame
     is not the child link's gets a frame link ``<joint>_frame``, on which the child is fixed, so
     that every link keeps the frame that the file gives it. Errors as `build_hand_model`.
     """
-    model = _Model(parse_xml(path), path.name)
-    return build_hand_model(model.robot(), path)
+    return build_hand_model(parse_sdf(path), path, edits)
+
+
+def parse_sdf(path: Path) -> yourdfpy.Robot:
+    """Return the links and joints of an SDF file's one model as a URDF would have them."""
+    return _Model(parse_xml(path), path.name).robot()
 
 
 class _Model:
@@ -37,7 +42,7 @@ class _Model:
 
     def __init__(self, root: ET.Element, file: str) -> None:
         self._file = file
-        models = root.findall("model")
+        models = root.findall("model") or root.findall("world/model")
         if len(models) != 1:
             self._fail(f"the file must hold one model; it holds {len(models)}")
         if models[0].find("include") is not None or models[0].find("model") is not None:
@@ -53,6 +58,8 @@ class _Model:
         links = [self._link(name, element) for name, element in self._links.items()]
         joints = []
         for name, element in self._joints.items():
+            if element.findtext("parent", "").strip() == "world":  # how the model is held
+                continue
             made = self._chain(name, element)
             joints += made
             links += [yourdfpy.Link(joint.child) for joint in made[:-1]]
@@ -72,6 +79,9 @@ class _Model:
         for body in element.findall("collision"):
             geometry = self._geometry(body.find("geometry"))
             link.collisions.append(yourdfpy.Collision("", self._own_pose(body), geometry))
+        for body in element.findall("visual"):
+            geometry = self._geometry(body.find("geometry"))
+            link.visuals.append(yourdfpy.Visual("", self._own_pose(body), geometry))
         return link
 
     def _geometry(self, shape: ET.Element | None) -> yourdfpy.Geometry:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -11,11 +12,19 @@ import yourdfpy
 from defusedxml import DefusedXmlException
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.link_tree import HandModel, build_hand_model
 
+_NAMESPACES = {b"drake": b"http://drake.mit.edu"}
 
-def read_urdf(path: Path) -> HandModel:
+
+def read_urdf(path: Path, edits: DescriptionEdits | None = None) -> HandModel:
     """Read links, joints, inertias and collision bodies of a URDF; errors as `build_hand_model`."""
+    return build_hand_model(parse_urdf(path), path, edits)
+
+
+def parse_urdf(path: Path) -> yourdfpy.Robot:
+    """Return the links and joints that a URDF describes, unchecked."""
     # yourdfpy logs a syntax error and reads on; a hand that is half read must be refused.
     parse_xml(path)
     try:
@@ -24,13 +33,22 @@ def read_urdf(path: Path) -> HandModel:
     except (AttributeError, LookupError, TypeError, ValueError, SyntaxError) as error:
         message = f"{path.name} is not a URDF that can be read: {error}"
         raise InvalidHandError(message, file=path.name) from None
-    return build_hand_model(urdf.robot, path)
+    return urdf.robot
 
 
 def parse_xml(path: Path) -> ET.Element:
-    """Return the root of an XML file without entities; raise `InvalidFileError` for any other."""
+    """Return the root of an XML file without entities; raise `InvalidFileError` for any other.
+
+    A prefix of names that the file does not declare, as ``drake:``, is taken as declared.
+    """
     try:
-        root: ET.Element = defusedxml.ElementTree.parse(path).getroot()
+        text = path.read_bytes()
+        try:
+            root: ET.Element = defusedxml.ElementTree.fromstring(text)
+        except ET.ParseError as error:
+            if "unbound prefix" not in str(error):
+                raise
+            root = defusedxml.ElementTree.fromstring(_with_prefixes(text))
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
     except DefusedXmlException:
@@ -38,3 +56,13 @@ def parse_xml(path: Path) -> ET.Element:
     except (ET.ParseError, LookupError, ValueError) as error:
         raise InvalidFileError(f"{path} is not valid XML: {error}", path=path) from None
     return root
+
+
+def _with_prefixes(text: bytes) -> bytes:
+    """Declare all prefixes of element names that an XML text uses at its root element."""
+    used = set(re.findall(rb"<(\w+):\w", text)) - set(re.findall(rb"xmlns:(\w+)=", text))
+    names = b"".join(
+        b' xmlns:%s="%s"' % (prefix, _NAMESPACES.get(prefix, b"urn:" + prefix))
+        for prefix in sorted(used)
+    )
+    return re.sub(rb"<\w[\w.-]*", lambda root: root.group() + names, text, count=1)

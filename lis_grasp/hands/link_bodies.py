@@ -1,4 +1,4 @@
-"""Collision bodies of a hand's links: primitive shapes and mesh files."""
+"""Bodies of a hand's links: primitive shapes, and convex hulls of mesh files."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import trimesh
+from scipy.spatial import QhullError
 
-from lis_grasp.exceptions import InvalidFileError, InvalidHandError, shown
-from lis_grasp.hands.hand_parts import GeometryKind, LinkGeometry
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspError, shown
+from lis_grasp.hands.hand_parts import GeometryKind, LinkGeometry, LinkVisual
 from lis_grasp.typing import FloatArray
 
 # Facets round a sphere or cylinder: the chord is within 1 % of the radius of the arc.
@@ -68,3 +69,22 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
     if not (np.abs(loaded.vertices) <= LARGEST).all():
         raise InvalidHandError(f"the mesh {file.name} must be within {LARGEST:g} m of its origin")
     return loaded
+
+
+def convex_body(link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> LinkGeometry | None:
+    """Return the convex hull of a mesh as a body; None if the mesh is flat and has no hull."""
+    try:
+        hull = mesh.convex_hull
+    except QhullError:
+        return None
+    return LinkGeometry(link, X_LG, "mesh", (), hull) if hull.volume > 0.0 else None
+
+
+def load_visual(visual: LinkVisual) -> trimesh.Trimesh | None:
+    """Return the mesh of a link's visual in its frame G [m]; None if its file cannot be read."""
+    if isinstance(visual.shape, trimesh.Trimesh):
+        return visual.shape
+    try:
+        return load_mesh(visual.shape, visual.scale)
+    except LisGraspError:
+        return None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,9 +13,23 @@ import numpy.typing as npt
 import trimesh
 import yourdfpy
 
-from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.hands.hand_parts import Inertial, Joint, JointKind, LinkGeometry
-from lis_grasp.hands.link_bodies import LARGEST, load_mesh, primitive
+from lis_grasp.exceptions import InvalidHandError, LisGraspError
+from lis_grasp.hands.description_edits import DescriptionEdits, apply_edits
+from lis_grasp.hands.hand_parts import (
+    GeometryKind,
+    Inertial,
+    Joint,
+    JointKind,
+    LinkGeometry,
+    LinkVisual,
+)
+from lis_grasp.hands.inertias import (
+    LEAST_MASS,
+    impossible_inertias,
+    repaired_inertial,
+    without_rounding,
+)
+from lis_grasp.hands.link_bodies import LARGEST, convex_body, load_mesh, load_visual, primitive
 from lis_grasp.hands.model_uri import resolve_uri
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
@@ -45,27 +59,35 @@ class HandModel:
     joints: tuple[Joint, ...]
     inertials: Mapping[str, Inertial]
     link_geometries: tuple[LinkGeometry, ...]
+    visuals: tuple[LinkVisual, ...]
+    hulls_of_visuals: tuple[str, ...]
 
 
-def build_hand_model(robot: yourdfpy.Robot, path: Path) -> HandModel:
+def build_hand_model(
+    robot: yourdfpy.Robot, path: Path, edits: DescriptionEdits | None = None
+) -> HandModel:
     """Return links, joints, inertias and collision bodies of the robot that a file describes.
+
+    The edits are applied to the robot first. A link that has visual meshes and no collision bodies
+    gets the meshes' convex hulls.
 
     Links and joints have the meaning of a URDF's. Raises `InvalidFileError` if a mesh file is
     missing or unreadable, `InvalidHandError` if the tree cannot be used: a loop, several roots,
     missing limits or masses.
     """
     try:
-        return _Builder(robot, path).model()
+        edits = edits or DescriptionEdits()
+        return _Builder(apply_edits(robot, edits), path, repair=edits.repair).model()
     except InvalidHandError as error:
-        raise InvalidHandError(f"{path.name}: {error}", file=path.name) from None
+        raise InvalidHandError(f"{path.name}: {error}", file=path.name, key=error.key) from None
 
 
 class _Builder:
     """Checks the links and joints of one robot description and converts them to a hand's."""
 
-    def __init__(self, robot: yourdfpy.Robot, path: Path) -> None:
+    def __init__(self, robot: yourdfpy.Robot, path: Path, *, repair: bool) -> None:
         self._links = {link.name: link for link in robot.links}
-        self._joints, self._path = robot.joints, path
+        self._joints, self._path, self._repair = robot.joints, path, repair
         self._actuated = [j for j in robot.joints if j.type != "fixed" and j.mimic is None]
         self._names = [joint.name for joint in self._actuated]
 
@@ -73,16 +95,12 @@ class _Builder:
         joints = self._ordered_joints()
         limits = np.array([_limits(joint) for joint in self._actuated])  # (J, 3)
         names = (joints[0].parent, *(joint.child for joint in joints))
-        inertials = {name: _inertial(self._links[name]) for name in names}
-        masses = {name: inertial.mass for name, inertial in inertials.items()}
-        for joint in reversed(joints):
-            if joint.kind == "fixed":
-                masses[joint.parent] += masses[joint.child]
-            elif masses[joint.child] <= 0.0:
-                raise InvalidHandError(
-                    f"link '{joint.child}' moves on joint '{joint.name}' and must have an"
-                    " inertial with a mass above 0"
-                )
+        visuals = tuple(v for name in names for v in self._visuals(name))
+        bodies = [body for name in names for body in self._bodies(name)]
+        bare = {v.link for v in visuals} - {body.link for body in bodies}
+        hulls = [hull for v in visuals if v.link in bare for hull in _hull(v)]
+        bodies += hulls
+        inertials = self._inertials(names, joints, bodies)
         lower, upper, effort = (read_only(column.copy()) for column in limits.T)
         return HandModel(
             joint_names=tuple(self._names),
@@ -92,12 +110,51 @@ class _Builder:
             links=names,
             joints=joints,
             inertials=MappingProxyType(inertials),
-            link_geometries=tuple(
-                self._geometry(name, collision)
-                for name in names
-                for collision in self._links[name].collisions
-            ),
+            link_geometries=tuple(bodies),
+            visuals=visuals,
+            hulls_of_visuals=tuple(dict.fromkeys(hull.link for hull in hulls)),
         )
+
+    def _inertials(
+        self, names: Sequence[str], joints: Sequence[Joint], bodies: Sequence[LinkGeometry]
+    ) -> dict[str, Inertial]:
+        """Return the mass properties by link; a link that moves must have, or carry, a mass."""
+        inertials = {name: _inertial(self._links[name]) for name in names}
+        repair = set(impossible_inertias(inertials)) if self._repair else set()
+        while missing := _massless(inertials, joints):
+            joint = missing[0]
+            if not self._repair or joint.child in repair:
+                raise InvalidHandError(
+                    f"link '{joint.child}' moves on joint '{joint.name}' and must have an inertial"
+                    " with a mass above 0; `repair: true` in the hand's YAML gives it one"
+                )
+            repair.add(joint.child)
+            inertials[joint.child] = replace(inertials[joint.child], mass=LEAST_MASS)
+        for link in repair:
+            placed = [_in_link(body) for body in bodies if body.link == link]
+            inertials[link] = repaired_inertial(_inertial(self._links[link]), placed)
+        return inertials
+
+    def _visuals(self, link: str) -> Iterator[LinkVisual]:
+        for visual in self._links[link].visuals:
+            shape, X_LG = visual.geometry, _pose(visual.origin)
+            try:
+                if shape is None or shape.mesh is None:
+                    body = self._geometry(link, visual)
+                    if body is not None:
+                        yield LinkVisual(link, X_LG, body.mesh)
+                else:
+                    file = resolve_uri(shape.mesh.filename, self._path.parent, self._path.name)
+                    scale = None if shape.mesh.scale is None else np.atleast_1d(shape.mesh.scale)
+                    yield LinkVisual(link, X_LG, file, scale)
+            except LisGraspError:  # a hand can do without its looks
+                continue
+
+    def _bodies(self, link: str) -> Iterator[LinkGeometry]:
+        for collision in self._links[link].collisions:
+            body = self._geometry(link, collision)
+            if body is not None:
+                yield body
 
     def _ordered_joints(self) -> tuple[Joint, ...]:
         """Return the joints, a parent before its children, otherwise in the file's order."""
@@ -158,22 +215,59 @@ class _Builder:
             offset=offset,
         )
 
-    def _geometry(self, link: str, collision: Any) -> LinkGeometry:
+    def _geometry(self, link: str, collision: Any) -> LinkGeometry | None:
+        """Return a body; None for one without extent, as frames that only carry a name have."""
         geometry, X_LG = collision.geometry, _pose(collision.origin)
-        if geometry.box is not None:
-            return primitive(link, X_LG, "box", geometry.box.size)
-        if geometry.sphere is not None:
-            return primitive(link, X_LG, "sphere", [geometry.sphere.radius])
-        if (cylinder := geometry.cylinder) is not None:
-            sizes = [cylinder.radius, cylinder.length]
-            is_capsule = isinstance(cylinder, Capsule)
-            return primitive(link, X_LG, "capsule" if is_capsule else "cylinder", sizes)
-        if geometry.mesh is not None:
+        if geometry is not None and geometry.mesh is not None:
             file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
-            return LinkGeometry(link, X_LG, "mesh", (), load_mesh(file, geometry.mesh.scale))
-        raise InvalidHandError(
-            f"a collision body of link '{link}' must be a box, sphere, cylinder, capsule or mesh"
-        )
+            return convex_body(link, X_LG, load_mesh(file, geometry.mesh.scale))
+        shape, sizes = _shape_and_sizes(geometry)
+        if shape is None:
+            raise InvalidHandError(
+                f"a collision body of link '{link}' must be a box, sphere, cylinder, capsule or"
+                " mesh"
+            )
+        return None if 0.0 in sizes else primitive(link, X_LG, shape, sizes)
+
+
+def _shape_and_sizes(geometry: Any) -> tuple[GeometryKind | None, list[float]]:
+    """Return the kind and sizes of a simple shape; None for no shape."""
+    if geometry is None:
+        return None, []
+    if geometry.box is not None:
+        return "box", np.ravel(geometry.box.size).tolist()
+    if geometry.sphere is not None:
+        return "sphere", [geometry.sphere.radius]
+    if (cylinder := geometry.cylinder) is not None:
+        kind: GeometryKind = "capsule" if isinstance(cylinder, Capsule) else "cylinder"
+        # A capsule without a straight part is a sphere.
+        if kind == "capsule" and not cylinder.length:
+            return "sphere", [cylinder.radius]
+        return kind, [cylinder.radius, cylinder.length]
+    return None, []
+
+
+def _massless(inertials: Mapping[str, Inertial], joints: Sequence[Joint]) -> list[Joint]:
+    """Return the movable joints that move no mass, the outermost first."""
+    masses = {name: inertial.mass for name, inertial in inertials.items()}
+    found = []
+    for joint in reversed(joints):
+        if joint.kind == "fixed":
+            masses[joint.parent] += masses[joint.child]
+        elif masses[joint.child] <= 0.0:
+            found.append(joint)
+    return found
+
+
+def _hull(visual: LinkVisual) -> Iterator[LinkGeometry]:
+    mesh = load_visual(visual)
+    body = None if mesh is None else convex_body(visual.link, visual.X_LG, mesh)
+    if body is not None:
+        yield body
+
+
+def _in_link(body: LinkGeometry) -> trimesh.Trimesh:
+    return body.mesh.copy().apply_transform(body.X_LG)
 
 
 def _unit_axis(joint: Any) -> FloatArray:
@@ -193,7 +287,8 @@ def _limits(joint: Any) -> tuple[float, float, float]:
     effort = None if limit is None else limit.effort
     if effort is None or not (np.isfinite(effort) and effort > 0.0):
         raise InvalidHandError(
-            f"joint '{joint.name}' must have a limit with an effort above 0; it is {effort}"
+            f"joint '{joint.name}' must have a limit with an effort above 0; it is {effort}: give"
+            " it under effort_limits in the hand's YAML"
         )
     if joint.type == "continuous":
         return -np.pi, np.pi, float(effort)
@@ -219,7 +314,7 @@ def _inertial(link: Any) -> Inertial:
             f" [kg, m]; its mass is {mass}"
         )
     X_LI = _pose(inertial.origin)
-    rotated = X_LI[:3, :3] @ inertia @ X_LI[:3, :3].T
+    rotated = without_rounding(X_LI[:3, :3] @ inertia @ X_LI[:3, :3].T)
     return Inertial(mass, read_only(X_LI[:3, 3].copy()), read_only(rotated))
 
 

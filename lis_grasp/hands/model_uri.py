@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 from lis_grasp.exceptions import InvalidFileError, shown
+
+_LISTS = ("LIS_GRASP_MODELS", "ROS_PACKAGE_PATH")
+_DEPTH = 4  # folders above a file in which the root of its package may be
 
 
 def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
     """Return the file that a path or URI in another file means.
 
     A plain path is relative to `folder`. ``package://NAME/...`` is searched in a folder NAME above
-    it, in `folder` itself, and in ``ROS_PACKAGE_PATH``: in its folders NAME, and in folders NAME
-    inside its folders. Raises `InvalidFileError`, which says where the file was searched.
+    it, in `folder` itself, and in the folders of `package_folders`. Raises `InvalidFileError`,
+    which says where the file was searched.
     """
     scheme, separator, rest = uri.partition("://")
     if not separator:
@@ -26,10 +30,10 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
             raise InvalidFileError(f"{named_in}: {uri} must not lead out of its package")
         here = folder.resolve()
         above = [parent / inside for parent in (here, *here.parents) if parent.name == package]
-        roots = [Path(r) for r in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if r]
-        listed = [root / package / inside for root in roots]
-        listed += [root / inside for root in roots if root.name == package]
-        candidates = [*above, folder / inside, *listed]
+        listed = [root / inside for root in package_folders(package)]
+        # Where a package's folder was renamed, its files are still at the same place in it.
+        renamed = [parent / inside for parent in (here, *here.parents)[:_DEPTH]]
+        candidates = [*above, folder / inside, *listed, *renamed[1:]]
     else:
         raise InvalidFileError(f"{named_in}: files are named by path or package:// URI, not {uri}")
     for candidate in candidates:
@@ -40,6 +44,34 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
             raise InvalidFileError(f"{named_in}: {shown(uri)} is no file: {error}") from None
     tried = ", ".join(str(candidate) for candidate in candidates)
     raise InvalidFileError(
-        f"{named_in}: {uri} was not found; tried {tried}: a package's folder may be listed in"
-        " ROS_PACKAGE_PATH"
+        f"{named_in}: {uri} was not found; tried {tried}: folders that hold packages are listed in"
+        f" {' or '.join(_LISTS)}"
     )
+
+
+def package_folders(package: str) -> list[Path]:
+    """Return the folders in which a package of models may be.
+
+    They are, in this order: folders in or of ``LIS_GRASP_MODELS`` and ``ROS_PACKAGE_PATH``,
+    lists of folders as in ``PATH``; the shares of ROS 2 workspaces (``AMENT_PREFIX_PATH``); an
+    installed Python package of that name, or the data of one in ``share/NAME``; and the models that
+    Drake downloaded.
+    """
+    roots = [Path(root) for name in _LISTS for root in _listed(name)]
+    folders = [root / package for root in roots]
+    folders += [root for root in roots if root.name == package]
+    folders += [Path(root) / "share" / package for root in _listed("AMENT_PREFIX_PATH")]
+    places = [Path(place) for place in sys.path if place]
+    folders += [place / package for place in places]
+    shares = [place / "cmeel.prefix" / "share" for place in places]
+    folders += [share / package for share in (*shares, Path(sys.prefix) / "share")]
+    if package == "drake_models":
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        manifests = sorted((cache / "drake" / "package_map").glob("**/package.xml"))
+        folders += [m.parent for m in manifests if "<name>drake_models<" in m.read_text("utf-8")]
+    present = (folder for folder in folders if folder.is_dir())
+    return list(dict.fromkeys(present)) or folders[: len(roots)]
+
+
+def _listed(variable: str) -> list[str]:
+    return [entry for entry in os.environ.get(variable, "").split(os.pathsep) if entry]

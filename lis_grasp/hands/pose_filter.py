@@ -34,7 +34,7 @@ class HandPoseFilter:
         self._of_pads = np.concatenate(
             [np.full(len(radii), g.link in hand.pad_links) for g, _, radii in balls]
         )
-        largest = float(self._radii.max())
+        largest = float(self._radii.max(initial=0.0))
         self._cell = max(float(mesh.extents.max()), largest) / _NODES
         margin = largest + 2.0 * self._cell
         self._lowest = np.asarray(mesh.bounds[0]) - margin
@@ -97,10 +97,10 @@ def balls_inside(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
 
 
 def _ball_in_mesh(mesh: trimesh.Trimesh) -> tuple[FloatArray, FloatArray]:
-    """Return the largest ball about the mean vertex inside all planes of a mesh's faces."""
-    center = np.asarray(mesh.vertices).mean(axis=0)
+    """Return the largest ball about the centre of mass of a convex mesh."""
+    center = np.asarray(mesh.center_mass)
     heights = ((mesh.triangles[:, 0] - center) * mesh.face_normals).sum(axis=1)
-    if not len(heights) or heights.min() <= 0.0:  # perhaps not inside
+    if not len(heights) or heights.min() <= 0.0:  # an open or concave mesh, perhaps not inside
         return np.zeros((0, 3)), np.zeros(0)
     return center[None], np.array([heights.min()])
 

@@ -41,6 +41,7 @@ from pydrake.multibody.tree import (
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import Inertial, LinkGeometry
 from lis_grasp.hands.hand_parts import Joint as HandJoint
+from lis_grasp.hands.inertias import LEAST_MASS
 from lis_grasp.simulation.object_plant import spatial_inertia
 from lis_grasp.typing import FloatArray
 
@@ -52,8 +53,6 @@ in by 0.25 mm, more than the 0.2 mm of a simulation step. While lifting, it is a
 5 N press it in by 0.4 mm.
 """
 
-# A link without inertia needs a mass for the solver: a gram on a hand of a kilogram.
-_LEAST_MASS = 1e-3
 _AXIS_NAMES = ("x", "y", "z")
 
 
@@ -231,14 +230,15 @@ def add_wrist(
 
 
 def _spatial_inertia(inertial: Inertial | None) -> SpatialInertia:
-    if inertial is None or inertial.mass < _LEAST_MASS:
-        return SpatialInertia(_LEAST_MASS, np.zeros(3), UnitInertia.SolidSphere(0.01))
+    # A link without inertia needs a mass for the solver: a gram on a hand of a kilogram.
+    if inertial is None or inertial.mass < LEAST_MASS:
+        return SpatialInertia(LEAST_MASS, np.zeros(3), UnitInertia.SolidSphere(0.01))
     return spatial_inertia(inertial.mass, inertial.center_L, inertial.inertia_L)
 
 
 def _shape(geometry: LinkGeometry) -> Shape:
     if geometry.kind == "mesh":
-        obj = geometry.mesh.convex_hull.export(file_type="obj", include_normals=False)
+        obj = geometry.mesh.export(file_type="obj", include_normals=False)
         return Convex(InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", geometry.link)))
     primitives = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
     return primitives[geometry.kind](*geometry.dimensions)

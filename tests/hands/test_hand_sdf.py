@@ -141,7 +141,7 @@ def test_a_mimic_joint_of_sdf_is_coupled_about_its_reference(tmp_path: Path) -> 
             "<radius>wide</radius>",
             "expected instead of 'wide'",
         ),
-        ("collision", "visual", "must give links collision bodies"),
+        ("collision", "light", "must give links collision bodies"),
         ('mimic joint="bend"', 'mimic joint="curl"', "mimics 'curl'"),
         ("<sdf ", '<sdf odd:key="1" ', "not valid XML: unbound prefix"),
     ],

@@ -1,0 +1,95 @@
+"""Edits of a robot description: cut it at a link, lock joints, set efforts, repair inertias."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+import trimesh
+import yourdfpy
+
+from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.typing import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class DescriptionEdits:
+    """What a hand's YAML changes of the URDF or SDF that it names."""
+
+    base_link: str | None = None
+    """The root of the hand: links before it, an arm's for example, are left out."""
+    locked_joints: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Position at which a joint is fixed [rad or m], by its name."""
+    effort_limits: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Largest effort of a joint [N m or N], by its name."""
+    repair: bool = False
+    """Whether impossible inertias and missing masses are replaced; see `repaired_inertial`."""
+
+
+def apply_edits(robot: yourdfpy.Robot, edits: DescriptionEdits) -> yourdfpy.Robot:
+    """Change the links and joints of a robot, and return it.
+
+    A joint that mimics a locked one is locked as well. Raises `InvalidHandError` for a link or
+    joint that is not in the description.
+    """
+    by_name = {joint.name: joint for joint in robot.joints}
+    for key, names in (
+        ("locked_joints", edits.locked_joints),
+        ("effort_limits", edits.effort_limits),
+    ):
+        for name in names:
+            if name not in by_name or by_name[name].type == "fixed":
+                raise InvalidHandError(
+                    f"{key} names '{name}', which is no movable joint", key=f"{key}.{name}"
+                )
+    for name, effort in edits.effort_limits.items():
+        limit = by_name[name].limit or yourdfpy.Limit()
+        limit.effort = effort
+        by_name[name].limit = limit
+    positions = dict(edits.locked_joints)
+    for joint in robot.joints:
+        if joint.mimic is not None and joint.mimic.joint in positions:
+            multiplier = 1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier
+            leader = edits.locked_joints[joint.mimic.joint]
+            positions[joint.name] = multiplier * leader + (joint.mimic.offset or 0.0)
+    for name, position in positions.items():
+        _lock(by_name[name], position)
+    if edits.base_link is not None:
+        _cut(robot, edits.base_link)
+    return robot
+
+
+def links_below(robot: yourdfpy.Robot, link: str) -> set[str]:
+    """Return a link and all links that it carries."""
+    below, waiting = {link}, list(robot.joints)
+    while found := [joint for joint in waiting if joint.parent in below]:
+        below |= {joint.child for joint in found}
+        waiting = [joint for joint in waiting if joint.parent not in below]
+    return below
+
+
+def _lock(joint: yourdfpy.Joint, position: float) -> None:
+    origin = np.eye(4) if joint.origin is None else np.asarray(joint.origin, np.float64)
+    axis = np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, np.float64)
+    motion: FloatArray = np.eye(4)
+    if joint.type in ("revolute", "continuous"):
+        motion = trimesh.transformations.rotation_matrix(position, axis)
+    elif joint.type == "prismatic":
+        motion[:3, 3] = position * axis / np.linalg.norm(axis)
+    elif position:
+        raise InvalidHandError(
+            f"joint '{joint.name}' is of type '{joint.type}' and can be locked at 0 only"
+        )
+    joint.origin, joint.type, joint.mimic = origin @ motion, "fixed", None
+
+
+def _cut(robot: yourdfpy.Robot, base: str) -> None:
+    if base not in {link.name for link in robot.links}:
+        raise InvalidHandError(
+            f"base_link must be a link of the description; it has no link '{base}'", key="base_link"
+        )
+    kept = links_below(robot, base)
+    robot.links = [link for link in robot.links if link.name in kept]
+    robot.joints = [joint for joint in robot.joints if joint.parent in kept]
