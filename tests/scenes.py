@@ -73,6 +73,8 @@ def hand() -> Hand:
         joints=joints,
         inertials={},
         link_geometries=(palm, *bars),
+        visuals=(),
+        hulls_of_visuals=(),
         pads=pads,
         X_LH=np.eye(4),
         approach_H=np.array([0.0, 0.0, -1.0]),

@@ -16,6 +16,7 @@ from lis_grasp.cli import (
     explore,
     export,
     grasp,
+    hand_files,
     lift,
     log_contacts,
     next_probe,
@@ -28,7 +29,7 @@ from lis_grasp.exceptions import InvalidInputError, LisGraspError
 
 _VERBS = (
     *(run, explore, next_probe, log_contacts, estimate, grasp, lift, export),
-    *(compare, surfaces, paper, view, doctor),
+    *(compare, surfaces, paper, view, hand_files, doctor),
 )
 
 

@@ -161,19 +161,29 @@ class HandCollisionChecker:
         ]
         return any_inside(self._mesh, np.array(inside))
 
+    def self_collisions(self, q: FloatArray) -> set[tuple[str, str]]:
+        """Return the pairs of links that collide at joint positions q, (J,), each pair sorted.
+
+        Pairs that may touch (`Hand.self_collision_exclusions`) are left out.
+        """
+        self._pose(self.poses_in_hand(q))
+        return self._self_collisions()
+
     def _touches_itself(self) -> bool:
+        return bool(self._self_collisions())
+
+    def _self_collisions(self) -> set[tuple[str, str]]:
         data = fcl.CollisionData(
             request=fcl.CollisionRequest(num_max_contacts=100_000, enable_contact=True)
         )
         self._manager.collide(data, fcl.defaultCollisionCallback)
-        geometries = self._hand.link_geometries
+        geometries, pairs = self._hand.link_geometries, set()
         for contact in data.result.contacts:
             first = geometries[self._index[id(contact.o1)]].link
             second = geometries[self._index[id(contact.o2)]].link
-            pair = (first, second) if first <= second else (second, first)
-            if first != second and pair not in self._hand.self_collision_exclusions:
-                return True
-        return False
+            if first != second:
+                pairs.add((min(first, second), max(first, second)))
+        return pairs - self._hand.self_collision_exclusions
 
 
 def _point_of(geometry: LinkGeometry) -> FloatArray:

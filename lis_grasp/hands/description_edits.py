@@ -65,8 +65,8 @@ def links_below(robot: yourdfpy.Robot, link: str) -> set[str]:
     """Return a link and all links that it carries."""
     below, waiting = {link}, list(robot.joints)
     while found := [joint for joint in waiting if joint.parent in below]:
-        below |= {joint.child for joint in found}
         waiting = [joint for joint in waiting if joint.parent not in below]
+        below |= {joint.child for joint in found}
     return below
 
 

@@ -133,11 +133,7 @@ def _probe_postures(hand: Hand) -> Iterator[Finding]:
 
 def _forces(hand: Hand) -> Iterator[Finding]:
     """Compare the force limit with the pad forces that the motors can hold: |J^T f| <= effort."""
-    q = np.mean(list(hand.pregrasps.values()), axis=0)
-    _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
-    levers = np.abs(np.einsum("fkj,fk->fj", jacobian[:, :, 6:], axes))
-    with np.errstate(divide="ignore", over="ignore"):
-        held = (hand.effort_limits / levers).min(axis=1)  # (F,) [N]
+    held = forces_along_pads(hand)
     weakest = int(np.argmin(held))
     fine = hand.max_contact_force <= 2.0 * held[weakest]
     text = (
@@ -145,6 +141,18 @@ def _forces(hand: Hand) -> Iterator[Finding]:
         f" max_contact_force is {hand.max_contact_force:g} N"
     )
     yield Finding(fine, text if fine else f"{text}: lower it, or check the URDF's effort limits")
+
+
+def forces_along_pads(hand: Hand) -> FloatArray:
+    """Return the force along each pad's axis that the motors hold, (F,) [N].
+
+    In the mean pregrasp: the largest f with ``|J^T f| <= effort``.
+    """
+    q = np.mean(list(hand.pregrasps.values()), axis=0)
+    _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
+    levers = np.abs(np.einsum("fkj,fk->fj", jacobian[:, :, 6:], axes))
+    with np.errstate(divide="ignore", over="ignore"):
+        return np.asarray((hand.effort_limits / levers).min(axis=1))
 
 
 def _lead(hand: Hand, posture: ProbePosture) -> tuple[float, str]:

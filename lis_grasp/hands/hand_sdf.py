@@ -58,7 +58,8 @@ class _Model:
         links = [self._link(name, element) for name, element in self._links.items()]
         joints = []
         for name, element in self._joints.items():
-            if element.findtext("parent", "").strip() == "world":  # how the model is held
+            held_by = element.findtext("parent", "").strip()
+            if held_by == "world" and held_by not in self._links:
                 continue
             made = self._chain(name, element)
             joints += made

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -26,10 +27,10 @@ def read_urdf(path: Path, edits: DescriptionEdits | None = None) -> HandModel:
 def parse_urdf(path: Path) -> yourdfpy.Robot:
     """Return the links and joints that a URDF describes, unchecked."""
     # yourdfpy logs a syntax error and reads on; a hand that is half read must be refused.
-    parse_xml(path)
+    text = io.BytesIO(ET.tostring(parse_xml(path)))
     try:
         with np.errstate(all="ignore"):  # poses are checked one by one
-            urdf = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False)
+            urdf = yourdfpy.URDF.load(text, build_scene_graph=False, load_meshes=False)
     except (AttributeError, LookupError, TypeError, ValueError, SyntaxError) as error:
         message = f"{path.name} is not a URDF that can be read: {error}"
         raise InvalidHandError(message, file=path.name) from None

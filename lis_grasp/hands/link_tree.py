@@ -15,6 +15,12 @@ import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError, LisGraspError
 from lis_grasp.hands.description_edits import DescriptionEdits, apply_edits
+from lis_grasp.hands.description_numbers import (
+    joint_limits,
+    link_inertial,
+    pose_matrix,
+    unit_axis,
+)
 from lis_grasp.hands.hand_parts import (
     GeometryKind,
     Inertial,
@@ -27,9 +33,8 @@ from lis_grasp.hands.inertias import (
     LEAST_MASS,
     impossible_inertias,
     repaired_inertial,
-    without_rounding,
 )
-from lis_grasp.hands.link_bodies import LARGEST, convex_body, load_mesh, load_visual, primitive
+from lis_grasp.hands.link_bodies import convex_body, load_mesh, load_visual, primitive
 from lis_grasp.hands.model_uri import resolve_uri
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
@@ -40,7 +45,6 @@ _JOINT_KINDS: Mapping[str, JointKind] = {
     "prismatic": "prismatic",
     "fixed": "fixed",
 }
-_HEAVIEST = 1e6  # [kg] or [kg m^2]
 
 
 class Capsule(yourdfpy.Cylinder):
@@ -93,7 +97,7 @@ class _Builder:
 
     def model(self) -> HandModel:
         joints = self._ordered_joints()
-        limits = np.array([_limits(joint) for joint in self._actuated])  # (J, 3)
+        limits = np.array([joint_limits(joint) for joint in self._actuated])  # (J, 3)
         names = (joints[0].parent, *(joint.child for joint in joints))
         visuals = tuple(v for name in names for v in self._visuals(name))
         bodies = [body for name in names for body in self._bodies(name)]
@@ -119,7 +123,7 @@ class _Builder:
         self, names: Sequence[str], joints: Sequence[Joint], bodies: Sequence[LinkGeometry]
     ) -> dict[str, Inertial]:
         """Return the mass properties by link; a link that moves must have, or carry, a mass."""
-        inertials = {name: _inertial(self._links[name]) for name in names}
+        inertials = {name: link_inertial(self._links[name]) for name in names}
         repair = set(impossible_inertias(inertials)) if self._repair else set()
         while missing := _massless(inertials, joints):
             joint = missing[0]
@@ -132,12 +136,12 @@ class _Builder:
             inertials[joint.child] = replace(inertials[joint.child], mass=LEAST_MASS)
         for link in repair:
             placed = [_in_link(body) for body in bodies if body.link == link]
-            inertials[link] = repaired_inertial(_inertial(self._links[link]), placed)
+            inertials[link] = repaired_inertial(link_inertial(self._links[link]), placed)
         return inertials
 
     def _visuals(self, link: str) -> Iterator[LinkVisual]:
         for visual in self._links[link].visuals:
-            shape, X_LG = visual.geometry, _pose(visual.origin)
+            shape, X_LG = visual.geometry, pose_matrix(visual.origin)
             try:
                 if shape is None or shape.mesh is None:
                     body = self._geometry(link, visual)
@@ -196,7 +200,7 @@ class _Builder:
 
     def _joint(self, joint: Any) -> Joint:
         kind, mimic = _JOINT_KINDS[joint.type], joint.mimic
-        axis = np.zeros(3) if kind == "fixed" else _unit_axis(joint)
+        axis = np.zeros(3) if kind == "fixed" else unit_axis(joint)
         multiplier = 1.0 if mimic is None or mimic.multiplier is None else float(mimic.multiplier)
         offset = 0.0 if mimic is None or mimic.offset is None else float(mimic.offset)
         if not np.isfinite([multiplier, offset]).all():
@@ -207,7 +211,7 @@ class _Builder:
             kind=kind,
             parent=joint.parent,
             child=joint.child,
-            X_PJ=_pose(joint.origin),
+            X_PJ=pose_matrix(joint.origin),
             axis_J=read_only(axis),
             index=self._names.index(leader) if kind != "fixed" else -1,
             follows=mimic is not None,
@@ -217,7 +221,7 @@ class _Builder:
 
     def _geometry(self, link: str, collision: Any) -> LinkGeometry | None:
         """Return a body; None for one without extent, as frames that only carry a name have."""
-        geometry, X_LG = collision.geometry, _pose(collision.origin)
+        geometry, X_LG = collision.geometry, pose_matrix(collision.origin)
         if geometry is not None and geometry.mesh is not None:
             file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
             return convex_body(link, X_LG, load_mesh(file, geometry.mesh.scale))
@@ -268,63 +272,6 @@ def _hull(visual: LinkVisual) -> Iterator[LinkGeometry]:
 
 def _in_link(body: LinkGeometry) -> trimesh.Trimesh:
     return body.mesh.copy().apply_transform(body.X_LG)
-
-
-def _unit_axis(joint: Any) -> FloatArray:
-    axis = np.asarray(joint.axis, np.float64)
-    largest = np.abs(axis).max(initial=0.0)
-    if axis.shape != (3,) or not 0.0 < largest < np.inf:
-        raise InvalidHandError(
-            f"joint '{joint.name}' must have an axis of three numbers, not all 0"
-        )
-    scaled = axis / largest  # the square of a very large number is infinite
-    return np.asarray(scaled / np.linalg.norm(scaled))
-
-
-def _limits(joint: Any) -> tuple[float, float, float]:
-    """Return lower and upper limit [rad or m] and effort [N m or N]."""
-    limit = joint.limit
-    effort = None if limit is None else limit.effort
-    if effort is None or not (np.isfinite(effort) and effort > 0.0):
-        raise InvalidHandError(
-            f"joint '{joint.name}' must have a limit with an effort above 0; it is {effort}: give"
-            " it under effort_limits in the hand's YAML"
-        )
-    if joint.type == "continuous":
-        return -np.pi, np.pi, float(effort)
-    lower, upper = limit.lower, limit.upper
-    if lower is None or upper is None or not -LARGEST <= lower < upper <= LARGEST:
-        raise InvalidHandError(
-            f"joint '{joint.name}' must have a lower limit below its upper limit; they are"
-            f" {lower} and {upper}"
-        )
-    return float(lower), float(upper), float(effort)
-
-
-def _inertial(link: Any) -> Inertial:
-    """Return a link's mass properties in the link frame."""
-    inertial = link.inertial
-    if inertial is None or not inertial.mass:
-        return Inertial(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
-    mass = float(inertial.mass)
-    inertia = np.zeros((3, 3)) if inertial.inertia is None else np.asarray(inertial.inertia)
-    if not (0.0 <= mass <= _HEAVIEST and np.all(np.abs(inertia) <= _HEAVIEST)):
-        raise InvalidHandError(
-            f"link '{link.name}' must have a mass of at least 0 and finite moments of inertia"
-            f" [kg, m]; its mass is {mass}"
-        )
-    X_LI = _pose(inertial.origin)
-    rotated = without_rounding(X_LI[:3, :3] @ inertia @ X_LI[:3, :3].T)
-    return Inertial(mass, read_only(X_LI[:3, 3].copy()), read_only(rotated))
-
-
-def _pose(matrix: FloatArray | None) -> FloatArray:
-    X = np.eye(4) if matrix is None else np.array(matrix, np.float64)
-    if not np.all(np.abs(X) <= LARGEST):
-        raise InvalidHandError(
-            f"a pose must be finite, and within {LARGEST:g} m; it is at {X[:3, 3].tolist()}"
-        )
-    return read_only(X)
 
 
 def rpy_pose(translation: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:

@@ -14,6 +14,7 @@ from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import drawing
 from lis_grasp.visualization.camera import outermost, surface_points
 from lis_grasp.visualization.drawing import OBJECT_NODE, ROOT, Canvas, Layer
+from lis_grasp.visualization.link_looks import link_looks
 
 if TYPE_CHECKING:
     from lis_grasp.exploration import ProbeOutcome
@@ -36,10 +37,7 @@ def draw_hand(canvas: Canvas, hand: Hand) -> None:
     for number, link in enumerate(hand.links):
         colour = PAD_COLOUR if link in pads else PALM_COLOUR if number == 0 else LINK_COLOUR
         surface = drawing.material(colour, roughness=0.7 if link in pads else 0.45)
-        parts = (g for g in hand.link_geometries if g.link == link)
-        for part, geometry in enumerate(parts):
-            mesh = geometry.mesh.copy()
-            mesh.apply_transform(geometry.X_LG)
+        for part, mesh in enumerate(link_looks(hand, link)):
             path = f"{ROOT}/hand/{number}/{part}"
             canvas.commands.append(drawing.draw_mesh(path, mesh, surface))
     canvas.layers.append(Layer("hand", "Robot hand", True, LINK_COLOUR))

@@ -29,14 +29,18 @@ def build_overlay(
     scale: ColourScale | None,
     grid: float,
     story: Story,
+    postures: bool = False,
 ) -> str:
     """Return the overlay's HTML, with all text escaped.
 
-    `scale` colours the estimate's uncertainty; `grid` is the spacing of the table's grid [m].
+    The layers of grasps are those of a hand's postures if `postures` is set. `scale` colours the
+    estimate's uncertainty; `grid` is the spacing of the table's grid [m].
     """
     grasps = [layer for layer in layers if _is_grasp(layer)]
     others = [layer for layer in layers if not _is_grasp(layer)]
     explained = "; then ".join(_EXPLAINED[chapter.name] for chapter in story.chapters)
+    if postures:
+        explained = "the hand takes one posture after the other"
     lines = "".join(f"<p>{escape(line)}</p>" for line in summary)
     parts = [
         '<details id="panel" open>',
@@ -44,10 +48,7 @@ def build_overlay(
         '<div class="content">',
         f'<p class="explained">Press play: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
-        f'<h2>Candidate grasps</h2><ul class="layers">{"".join(map(_row, grasps))}</ul>'
-        '<p class="fine">Ranked by predicted success on the uncertain estimate.</p>'
-        if grasps
-        else "",
+        _listed_grasps(grasps, postures=postures),
         f'<h2>Result</h2><div class="lines">{lines}</div>' if lines else "",
         f'<p class="fine">Grid {_millimetres(grid)}. Drag to turn, wheel or pinch to zoom,'
         " right button or two fingers to move.</p>",
@@ -59,6 +60,16 @@ def build_overlay(
         "</noscript>",
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _listed_grasps(grasps: Sequence[Layer], *, postures: bool) -> str:
+    if not grasps:
+        return ""
+    rows = f'<ul class="layers">{"".join(map(_row, grasps))}</ul>'
+    if postures:
+        return f"<h2>Postures</h2>{rows}"
+    ranked = '<p class="fine">Ranked by predicted success on the uncertain estimate.</p>'
+    return f"<h2>Candidate grasps</h2>{rows}{ranked}"
 
 
 def _is_grasp(layer: Layer) -> bool:

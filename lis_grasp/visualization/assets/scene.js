@@ -85,7 +85,7 @@
     grasps = scene.grasps.map((poses, rank) => {
       const group = posed(poses);
       const tint = new THREE.Color(facts.get(`grasp-${rank + 1}`).colour).convertSRGBToLinear();
-      if (rank > 0) for (const mesh of meshes(group)) mesh.material.color.lerp(tint, 0.75); // distinguishes several hands
+      if (rank > 0 && !scene.story.postures) for (const mesh of meshes(group)) mesh.material.color.lerp(tint, 0.75); // distinguishes several hands
       return group;
     });
     const touch = scene.touches.find((one) => one);

@@ -41,6 +41,7 @@ const Story = (facts) => {
       return `Touch ${now.contacts} of ${touch.contacts}${made}`;
     }
     if (now.name === "grasp") {
+      if (facts.postures) return facts.postures[now.rank - 1];
       const best = now.rank === 1 ? ", the best" : "";
       return `Grasp ${now.rank} of ${grasp.grasps}${best}; ${noteOf(now.rank)}`;
     }

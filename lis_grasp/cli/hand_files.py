@@ -1,0 +1,84 @@
+"""`lis-grasp hand`: write the first YAML of a hand, and draw a hand with its pads and postures."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lis_grasp.cli.progress import say
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.hands.draft.draft_hand import draft_hand
+from lis_grasp.hands.draft.hand_yaml import hand_yaml
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_check import check_hand
+from lis_grasp.hands.model_uri import resolve_uri
+from lis_grasp.io.atomic_writing import write_text
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb and its two actions to the command line."""
+    parser = verbs.add_parser("hand", help="write the first YAML of a hand, or draw a hand")
+    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    new = actions.add_parser("new", help="write the YAML of a hand from its URDF or SDF")
+    new.add_argument(
+        "description", metavar="FILE", help="URDF or SDF: a path, or package://NAME/..."
+    )
+    new.add_argument("--output", type=Path, metavar="YAML", help="(default: NAME.yaml here)")
+    new.add_argument("--name", metavar="NAME", help="of the hand (default: that of the file)")
+    new.add_argument(
+        "--base", metavar="LINK", help="link where the hand begins, if the file has an arm as well"
+    )
+    new.add_argument(
+        "--tips", nargs="+", default=(), metavar="LINK", help="links of the fingertips (default:"
+        " the leaves of the tree of links)"
+    )  # fmt: skip
+    new.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (default: 0)")
+    new.set_defaults(execute=write_draft)
+    view = actions.add_parser("view", help="write a page with frame H, pads, axes and postures")
+    view.add_argument("hand", metavar="HAND", help="a name or a YAML file")
+    view.add_argument("--output", type=Path, metavar="HTML", help="(default: NAME.html here)")
+    view.set_defaults(execute=write_page)
+
+
+def write_draft(options: argparse.Namespace) -> None:
+    """Write the YAML, and print the findings on it; existing files are not replaced."""
+    path = resolve_uri(options.description, Path(), "lis-grasp hand new")
+    name = options.name or path.stem
+    output = options.output or Path(f"{name}.yaml")
+    if output.exists():
+        raise InvalidFileError(f"{output} exists: name another with --output", path=output)
+    draft = draft_hand(
+        path,
+        name=name,
+        base_link=options.base,
+        tips=options.tips,
+        rng=np.random.default_rng(options.seed),
+    )
+    named = options.description
+    if "://" not in named:
+        named = os.path.relpath(path.resolve(), output.resolve().parent)
+    write_text(output, hand_yaml(draft.hand, named, draft.edits, draft.notes))
+    hand = Hand.load(output)
+    for note in draft.notes:
+        say(f"note  {note}")
+    for finding in check_hand(hand):
+        say(f"{'ok  ' if finding.fine else 'FIX '}  {finding.text}")
+    say(f"wrote {output}: {len(hand.joint_names)} joints, fingers {', '.join(hand.fingers)}")
+    say(f"next: lis-grasp hand view {output}, or: lis-grasp run box --hand {output}")
+
+
+def write_page(options: argparse.Namespace) -> None:
+    """Write the page of a hand."""
+    from lis_grasp.visualization.hand_page import hand_page
+
+    hand = Hand.load(options.hand)
+    output = options.output or Path(f"{hand.name}.html")
+    findings = check_hand(hand)
+    lines = tuple(f"{'ok' if f.fine else 'FIX'}: {f.text}" for f in findings)
+    write_text(output, hand_page(hand, summary=lines))
+    say(f"wrote {output}")
+    say(f"next: open {output}; then edit the YAML and check it: lis-grasp doctor --hand FILE")

@@ -1,0 +1,200 @@
+"""Draft of a hand from its URDF or SDF: fingers, pads, palm frame, postures, exclusions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import trimesh
+import yourdfpy
+
+from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.description_edits import DescriptionEdits, apply_edits
+from lis_grasp.hands.draft.find_exclusions import find_exclusions
+from lis_grasp.hands.draft.find_fingers import find_fingers, rigid_groups, shared_joints
+from lis_grasp.hands.draft.find_pregrasps import Opening, find_pregrasps
+from lis_grasp.hands.draft.find_probe_postures import find_probe_postures
+from lis_grasp.hands.draft.fit_pads import fit_pads
+from lis_grasp.hands.draft.palm_frame import find_palm_frame
+from lis_grasp.hands.efforts import is_plausible_effort, usual_effort
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_check import forces_along_pads
+from lis_grasp.hands.hand_sdf import parse_sdf
+from lis_grasp.hands.hand_urdf import parse_urdf
+from lis_grasp.hands.inertias import impossible_inertias
+from lis_grasp.hands.link_tree import HandModel, build_hand_model
+from lis_grasp.records import fields_of, read_only
+
+# Joints before all fingers that are locked, as of a wrist; more are an arm, which is left out.
+_WRIST = 2
+_PREGRASPS = ("wide", "medium", "narrow", "tight")
+# Of one finger [N]: files often give more than a robot uses.
+_LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "jaw": 40.0}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandDraft:
+    """A drafted hand, and what its YAML says besides."""
+
+    hand: Hand
+    edits: DescriptionEdits
+    notes: tuple[str, ...]  # what was decided, and what is missing
+
+
+def draft_hand(
+    path: Path,
+    *,
+    name: str,
+    base_link: str | None = None,
+    tips: Sequence[str] = (),
+    rng: np.random.Generator,
+) -> HandDraft:
+    """Return the draft of a hand.
+
+    Parameters
+    ----------
+    path
+        URDF or SDF of the hand, or of a robot with it.
+    name
+        Of the hand.
+    base_link
+        The root of the hand, if the file has more; by default an arm before all fingers is left
+        out, and a wrist is locked.
+    tips
+        Links of the fingertips; by default the leaves of the tree of links.
+    rng
+        For the samples of postures.
+
+    Raises
+    ------
+    InvalidFileError, InvalidHandError
+        If the description cannot be read, has no fingers, or no posture with opposed pads exists.
+    """
+    notes: list[str] = []
+    robot = parse_sdf(path) if path.suffix == ".sdf" else parse_urdf(path)
+    edits = _edits(deepcopy(robot), base_link, notes)
+    model = build_hand_model(deepcopy(robot), path, edits)
+    fingers = find_fingers(model, tips)
+    wrist = shared_joints(model, fingers)
+    if wrist:
+        if len(wrist) > _WRIST:
+            edits = replace(edits, base_link=_root_of(model, wrist[-1].child))
+            notes.append(f"{len(wrist)} joints before the fingers are left out, by base_link")
+        else:
+            positions = {
+                j.name: float(np.clip(0.0, model.lower[j.index], model.upper[j.index]))
+                for j in wrist
+                if j.is_actuated
+            }
+            edits = replace(edits, locked_joints=MappingProxyType(positions))
+            notes.append(f"joints of the wrist are locked: {', '.join(positions)}")
+        edits = _pruned(edits, apply_edits(deepcopy(robot), edits))
+        model = build_hand_model(deepcopy(robot), path, edits)
+        fingers = find_fingers(model, tips)
+    edits = replace(edits, repair=_needs_repair(robot, path, edits))
+    if edits.repair:
+        notes.append("impossible inertias or missing masses are replaced, by repair")
+    hand = _without_postures(model, name, fit_pads(model, fingers))
+    checker = checker_of(hand)
+    hand = replace(
+        hand,
+        self_collision_exclusions=hand.self_collision_exclusions
+        | find_exclusions(hand, checker, rng=rng),
+    )
+    openings = find_pregrasps(hand, checker_of(hand), rng=rng)
+    if not openings:
+        raise InvalidHandError(
+            f"{path.name}: no posture was found in which the pads of {', '.join(hand.fingers)} face"
+            " each other: name the fingertips' links with --tips, or write the pads by hand"
+        )
+    chosen = _chosen(openings)
+    middle = chosen[len(chosen) // 2]
+    hand = replace(
+        hand,
+        X_LH=read_only(find_palm_frame(hand, middle)),
+        pregrasps=MappingProxyType(
+            {label: read_only(o.q) for label, o in zip(_PREGRASPS, chosen, strict=False)}
+        ),
+    )
+    postures = find_probe_postures(hand, checker_of(hand), rng=rng)
+    silent = [finger for finger in hand.fingers if finger not in postures]
+    if silent:
+        notes.append(f"no probe posture was found for {', '.join(silent)}")
+    held = 0.9 * float(forces_along_pads(hand).min())
+    force = float(np.clip(held, _LEAST_FORCE, _MOST_FORCE[hand.kind]))
+    hand = replace(
+        hand,
+        probe_postures=MappingProxyType(postures),
+        max_contact_force=float(f"{force:.2g}"),
+    )
+    return HandDraft(hand, edits, tuple(notes))
+
+
+def checker_of(hand: Hand) -> HandCollisionChecker:
+    """Return a checker for collisions of a hand with itself alone."""
+    far_away = trimesh.creation.box(extents=[1e-3] * 3)
+    far_away.apply_translation([0.0, 0.0, 1e3])
+    return HandCollisionChecker(hand, far_away)
+
+
+def _edits(robot: yourdfpy.Robot, base_link: str | None, notes: list[str]) -> DescriptionEdits:
+    """Return edits that let a file be read: a base, and usual efforts for missing ones."""
+    edits = DescriptionEdits(base_link=base_link, repair=True)
+    robot = apply_edits(robot, edits)
+    efforts = {}
+    for joint in robot.joints:
+        if joint.type in ("revolute", "continuous", "prismatic") and joint.mimic is None:
+            effort = None if joint.limit is None else joint.limit.effort
+            if not is_plausible_effort(joint.type, effort):
+                efforts[joint.name] = usual_effort(joint.type)
+    if efforts:
+        notes.append(f"efforts are missing or absurd, so usual ones are set: {', '.join(efforts)}")
+    return replace(edits, effort_limits=MappingProxyType(efforts))
+
+
+def _pruned(edits: DescriptionEdits, robot: yourdfpy.Robot) -> DescriptionEdits:
+    """Leave out efforts of joints that are locked or cut off."""
+    moving = {joint.name for joint in robot.joints if joint.type != "fixed"}
+    efforts = {name: effort for name, effort in edits.effort_limits.items() if name in moving}
+    return replace(edits, effort_limits=MappingProxyType(efforts))
+
+
+def _needs_repair(robot: yourdfpy.Robot, path: Path, edits: DescriptionEdits) -> bool:
+    try:
+        as_is = build_hand_model(deepcopy(robot), path, replace(edits, repair=False))
+    except InvalidHandError:
+        return True
+    return bool(impossible_inertias(as_is.inertials))
+
+
+def _root_of(model: HandModel, link: str) -> str:
+    return rigid_groups(model)[link]
+
+
+def _without_postures(model: HandModel, name: str, pads: tuple) -> Hand:
+    pairs = frozenset((min(j.parent, j.child), max(j.parent, j.child)) for j in model.joints)
+    middle = read_only(0.5 * (model.lower + model.upper))
+    return Hand(
+        **fields_of(model),
+        name=name,
+        kind="jaw" if len(pads) == 2 else "multi_finger",
+        pads=pads,
+        X_LH=read_only(np.eye(4)),
+        approach_H=read_only(np.array([0.0, 0.0, 1.0])),
+        pregrasps=MappingProxyType({"middle": middle}),
+        probe_postures=MappingProxyType({}),
+        self_collision_exclusions=pairs,
+        max_contact_force=1.0,
+    )
+
+
+def _chosen(openings: Sequence[Opening]) -> list[Opening]:
+    """Return at most four openings, evenly spread from the widest to the narrowest."""
+    count = min(len(openings), len(_PREGRASPS))
+    rows = np.unique(np.linspace(0, len(openings) - 1, count).round().astype(int))
+    return [openings[row] for row in rows]

@@ -1,0 +1,47 @@
+"""Pairs of links that collide by design, found by sampling postures."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_parts import joints_to
+
+_SAMPLES = 200
+# A pair may touch if it collides in this fraction of random postures: near in the tree, and any.
+_OFTEN_NEAR, _OFTEN = 0.1, 0.4
+_NEAR = 3  # movable joints between two links that are near in the tree
+
+
+def find_exclusions(
+    hand: Hand, checker: HandCollisionChecker, *, rng: np.random.Generator
+) -> frozenset[tuple[str, str]]:
+    """Return the pairs of links that collide in so many postures that they must do so by design.
+
+    These are pairs that collide in 40 % of random postures, and in 10 % if at most three movable
+    joints are between them. Of a hand with two fingers every pair that collides at all counts,
+    since its fingers close on each other and its linkages overlap.
+    """
+    q = rng.uniform(hand.lower, hand.upper, size=(_SAMPLES, len(hand.joint_names)))
+    q[0] = np.clip(0.0, hand.lower, hand.upper)
+    found = Counter(pair for posture in q for pair in checker.self_collisions(posture))
+    excluded = set()
+    for pair, count in found.items():
+        often = _OFTEN_NEAR if _joints_between(hand, *pair) <= _NEAR else _OFTEN
+        if (
+            len(hand.pads) == 2
+            or count >= often * _SAMPLES
+            or pair in checker.self_collisions(q[0])
+        ):
+            excluded.add(pair)
+    return frozenset(excluded)
+
+
+def _joints_between(hand: Hand, first: str, second: str) -> int:
+    chains = [
+        {j.name for j in joints_to(hand.joints, link) if j.index >= 0} for link in (first, second)
+    ]
+    return len(chains[0] ^ chains[1])

@@ -1,0 +1,152 @@
+"""Fingers of a robot description: rigid groups of links, leaf groups, and the joints to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.hands.draft.hand_points import points_of_bodies
+from lis_grasp.hands.hand_parts import Joint, joints_to
+from lis_grasp.hands.kinematics import Kinematics
+from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.typing import FloatArray
+
+MOST_FINGERS = 6
+# Of leaf links that one motor moves, those that reach less far than this fraction of the farthest
+# are parts of a linkage.
+_LINKAGE = 0.85
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finger:
+    """A chain of joints from the palm to a fingertip."""
+
+    name: str
+    link: str  # the link of the tip whose body reaches farthest
+    points_L: FloatArray  # (N, 3) [m] of the tip's rigid group, in that link's frame
+    joint: Joint  # the last one that moves the tip
+    origin_L: FloatArray  # (3,) [m]: of that joint, in the link frame
+    axis_L: FloatArray  # (3,), unit: its axis
+    motors: tuple[int, ...]  # the actuated joints that move the tip, from the palm outwards
+
+
+def find_fingers(model: HandModel, tips: Sequence[str] = ()) -> tuple[Finger, ...]:
+    """Return the fingers of a hand: one for each of the named tip links, else for each leaf.
+
+    A leaf is a rigid group of links with bodies that moves and carries no other such group. Raises
+    `InvalidHandError` if there are fewer than two, or more than a hand has.
+    """
+    groups = rigid_groups(model)
+    for tip in tips:
+        if tip not in groups:
+            raise InvalidHandError(f"a fingertip must be a link; there is no link '{tip}'")
+    leaves = [groups[tip] for tip in tips] if tips else _leaves(model, groups)
+    fingers = [_finger(model, groups, leaf) for leaf in leaves]
+    if not tips:
+        fingers = _without_linkages(model, fingers)
+    if not 2 <= len(fingers) <= MOST_FINGERS:
+        found = ", ".join(finger.link for finger in fingers) or "none"
+        raise InvalidHandError(
+            f"a hand must have 2 to {MOST_FINGERS} fingers; the movable leaf links are {found}:"
+            " name the link where the hand begins with --base, or the fingertips' links with --tips"
+        )
+    return tuple(_renamed(fingers))
+
+
+def rigid_groups(model: HandModel) -> dict[str, str]:
+    """Return by link the first link of those that are fixed to each other with it."""
+    groups = {model.links[0]: model.links[0]}
+    for joint in model.joints:  # parents come before their children
+        groups[joint.child] = groups[joint.parent] if joint.kind == "fixed" else joint.child
+    return groups
+
+
+def shared_joints(model: HandModel, fingers: Sequence[Finger]) -> list[Joint]:
+    """Return the movable joints before all fingers, as of a wrist or an arm, the first first."""
+    chains = [[j.name for j in joints_to(model.joints, f.link) if j.index >= 0] for f in fingers]
+    common = set(chains[0]).intersection(*chains[1:])
+    return [joint for joint in model.joints if joint.name in common]
+
+
+def _leaves(model: HandModel, groups: Mapping[str, str]) -> list[str]:
+    solid = {groups[body.link] for body in model.link_geometries} - {groups[model.links[0]]}
+    carriers = {
+        groups[joint.parent]
+        for leaf in solid
+        for joint in joints_to(model.joints, leaf)
+        if joint.kind != "fixed"
+    }
+    return [link for link in model.links if link in solid - carriers]
+
+
+def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
+    members = [link for link in model.links if groups[link] == leaf]
+    X_GL = {leaf: np.eye(4)}  # poses of the group's links in the first one
+    for joint in model.joints:
+        if joint.child in members and joint.kind == "fixed":
+            X_GL[joint.child] = X_GL[joint.parent] @ joint.X_PJ
+    chain = joints_to(model.joints, leaf)
+    last = chain[-1]
+    bodies = {m: [b for b in model.link_geometries if b.link == m] for m in members}
+    p_G = {
+        link: points_of_bodies(parts) @ X_GL[link][:3, :3].T + X_GL[link][:3, 3]
+        for link, parts in bodies.items()
+        if parts
+    }
+    if not p_G:
+        raise InvalidHandError(f"the fingertip '{leaf}' must have a body; it has none")
+    arms = {link: float(np.linalg.norm(p, axis=1).max()) for link, p in p_G.items()}
+    link = max(arms, key=lambda name: arms[name])
+    X_LG = np.linalg.inv(X_GL[link])
+    points = np.vstack(list(p_G.values()))
+    motors = tuple(dict.fromkeys(joint.index for joint in chain if joint.index >= 0))
+    return Finger(
+        name=link,
+        link=link,
+        points_L=points @ X_LG[:3, :3].T + X_LG[:3, 3],
+        joint=last,
+        origin_L=np.array(X_LG[:3, 3], np.float64),
+        axis_L=X_LG[:3, :3] @ last.axis_J,
+        motors=motors,
+    )
+
+
+def _without_linkages(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
+    """Leave out bars of linkages: they move with the same motor as a tip, and reach less far."""
+    q = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
+    actuated = len(model.joint_names)
+    kinematics = Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
+    poses = kinematics.poses(np.eye(4), q)
+    reached = {
+        f.link: float(
+            np.linalg.norm(
+                f.points_L @ poses[f.link][:3, :3].T + poses[f.link][:3, 3], axis=1
+            ).max()
+        )
+        for f in fingers
+    }
+    kept = []
+    for finger in fingers:
+        rivals = [reached[f.link] for f in fingers if f.motors[-1] == finger.motors[-1]]
+        if reached[finger.link] >= _LINKAGE * max(rivals):
+            kept.append(finger)
+    return kept
+
+
+def _renamed(fingers: Sequence[Finger]) -> list[Finger]:
+    """Name fingers as people do where the names of links say so, else by the links."""
+    words = ("thumb", "index", "middle", "ring", "little", "pinky", "left", "right")
+    short = {"th": "thumb", "ff": "index", "mf": "middle", "rf": "ring", "lf": "little"}
+    names = []
+    for finger in fingers:
+        low = finger.link.lower()
+        found = [word for word in words if word in low] or [
+            word for key, word in short.items() if low.startswith(key)
+        ]
+        names.append(found[0] if found else finger.link)
+    if len(set(names)) < len(names):
+        names = [finger.link for finger in fingers]
+    return [replace(finger, name=name) for finger, name in zip(fingers, names, strict=True)]

@@ -1,0 +1,185 @@
+"""Opened postures of a hand by optimisation: pads round balls of several sizes, facing them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.draft.hand_points import link_points
+from lis_grasp.hands.hand import Hand
+from lis_grasp.typing import FloatArray
+
+RADII = (0.085, 0.07, 0.057, 0.046, 0.036, 0.027, 0.019, 0.012, 0.007)
+"""Of the balls [m], from the widest opening to the narrowest."""
+
+_FIRST = (0.036, 0.027, 0.046, 0.019, 0.012)  # radii that are tried first
+_STARTS, _ENOUGH = 24, 4  # random starts, and good openings of them
+_RETRIES = (0.0, 0.02, 0.05, 0.1, 0.1, 0.15)  # spread of starts about a neighbour, of the range
+# Units of the residuals: [m], [-] (of unit vectors), [m] (of penetrations).
+_POSITION, _AXIS, _BALANCE, _PENETRATION = 0.004, 0.5, 0.25, 0.003
+_RANGE = 3.0  # fractions of a joint's range off its relaxed position
+_CLEARANCE = 0.004  # of the ball from links without pads [m]
+# A posture is accepted within these errors: pads off the ball [m], axes off its centre (chord of
+# the angle), and the unbalanced fraction of the pads' forces.
+_MOST_OFF, _MOST_TURNED, _MOST_UNBALANCED = 0.006, 0.75, 0.35
+_LEAST_WEIGHT = 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Opening:
+    """A posture whose pads are round a ball."""
+
+    radius: float  # of the ball [m]
+    q: FloatArray  # (J,) [rad or m]
+    center_H: FloatArray  # (3,) [m]: of the ball
+    cost: float
+    good: bool  # whether the errors are small and no links collide
+
+
+def find_pregrasps(
+    hand: Hand, checker: HandCollisionChecker, *, rng: np.random.Generator
+) -> list[Opening]:
+    """Return openings of several sizes, the widest first; none if no opposed posture was found.
+
+    The first is found from many random starts; each other one starts from its neighbour, so that
+    the fingers stay arranged alike. Minimises, by trust-region least squares (Branch, Coleman and
+    Li, 1999), over joint positions, the ball's centre and the pads' shares of the force: pads off
+    the ball, axes off its centre, forces that do not balance, links in the ball, joints off a
+    relaxed posture.
+    """
+    problem = _Problem(hand, checker)
+    anchor = None
+    for radius in _FIRST:
+        good: list[Opening] = []
+        for _ in range(_STARTS):
+            opening = problem.solve(radius, problem.random_start(rng))
+            good += [opening] if opening.good else []
+            if len(good) == _ENOUGH:
+                break
+        if good:
+            anchor = min(good, key=lambda opening: opening.cost)
+            break
+    if anchor is None:
+        return []
+    at = RADII.index(anchor.radius)
+    openings = [anchor]
+    for radii in (RADII[at + 1 :], RADII[:at][::-1]):
+        last = anchor
+        for radius in radii:
+            for spread in _RETRIES:
+                following = problem.solve(radius, problem.start_from(last, spread, rng))
+                if following.good:
+                    break
+            else:
+                break
+            openings.append(following)
+            last = following
+    return sorted(openings, key=lambda opening: -opening.radius)
+
+
+class _Problem:
+    """Residuals over x = joint positions (J), the ball's centre (3), pads' weights (F)."""
+
+    def __init__(self, hand: Hand, checker: HandCollisionChecker) -> None:
+        self._hand, self._checker = hand, checker
+        self._count, self._fingers = len(hand.joint_names), len(hand.pads)
+        self._radii = np.array([pad.radius for pad in hand.pads])
+        points = link_points(hand)
+        others = [link for link in points if link not in {pad.link for pad in hand.pads}]
+        self._points = [(link, points[link]) for link in others]
+        low, high = hand.lower, hand.upper
+        self._range = high - low
+        zero = np.clip(0.0, low, high)
+        longer = np.where(np.abs(high) >= np.abs(low), high, low)
+        lopsided = np.abs(high + low) > 0.3 * self._range
+        self._relaxed = np.where(lopsided, zero + 0.35 * (longer - zero), 0.5 * (low + high))
+        size = max(float(np.abs(p).max()) for p in points.values()) + 0.3
+        self._low = np.concatenate([low, np.full(3, -size), np.full(self._fingers, _LEAST_WEIGHT)])
+        self._high = np.concatenate([high, np.full(3, size), np.ones(self._fingers)])
+
+    def random_start(self, rng: np.random.Generator) -> FloatArray:
+        spread = rng.uniform(-0.35, 0.35, self._count) * self._range
+        q = np.clip(self._relaxed + spread, self._hand.lower, self._hand.upper)
+        centers = self._hand.pad_centers(np.eye(4), q)
+        return np.concatenate([q, centers.mean(axis=0), np.full(self._fingers, 0.6)])
+
+    def start_from(self, opening: Opening, spread: float, rng: np.random.Generator) -> FloatArray:
+        q = opening.q + spread * rng.uniform(-1.0, 1.0, self._count) * self._range
+        return np.concatenate([q, opening.center_H, np.full(self._fingers, 0.6)])
+
+    def solve(self, radius: float, start: FloatArray) -> Opening:
+        inside = np.clip(start, self._low + 1e-9, self._high - 1e-9)
+        scale = np.concatenate([self._range, np.full(3, 0.05), np.ones(self._fingers)])
+        solved = least_squares(
+            lambda x: self._residuals(x[None], radius)[0],
+            inside,
+            jac=lambda x: self._jacobian(x, radius),
+            bounds=(self._low, self._high),
+            x_scale=scale,
+            max_nfev=60,
+            ftol=1e-4,
+            xtol=1e-5,
+        )
+        q, center = solved.x[: self._count], solved.x[self._count : self._count + 3]
+        good = self._fits(solved.x, radius) and not self._checker.self_collisions(q)
+        return Opening(radius, q, center, float(solved.cost), good)
+
+    def _fits(self, x: FloatArray, radius: float) -> bool:
+        off, turned, balance, inside, _ = self._errors(x[None], radius)
+        return bool(
+            np.abs(off).max() <= _MOST_OFF
+            and np.linalg.norm(turned[0], axis=1).max() <= _MOST_TURNED
+            and np.linalg.norm(balance) <= _MOST_UNBALANCED
+            and inside.max(initial=0.0) <= _CLEARANCE
+        )
+
+    def _errors(self, x: FloatArray, radius: float) -> tuple[FloatArray, ...]:
+        """Return errors at points x (N, X): see `_residuals` for what they are."""
+        count = self._count
+        q, center, weights = x[:, :count], x[:, count : count + 3], x[:, count + 3 :]
+        poses = np.eye(4)[None].repeat(len(x), axis=0)
+        pads = self._hand.pad_centers(poses, q)  # (N, F, 3)
+        axes = self._hand.pad_axes(poses, q)
+        inward = center[:, None] - pads
+        distance = np.linalg.norm(inward, axis=2)
+        inward = inward / np.maximum(distance, 1e-6)[..., None]
+        off = distance - radius - self._radii
+        weights = weights / weights.sum(axis=1, keepdims=True)
+        balance = (weights[..., None] * inward).sum(axis=1)
+        links = self._hand.forward_kinematics(poses, q)
+        gaps = [
+            np.linalg.norm(
+                p @ np.swapaxes(links[link][:, :3, :3], 1, 2)
+                + (links[link][:, :3, 3] - center)[:, None],
+                axis=2,
+            ).min(axis=1)
+            for link, p in self._points
+        ]
+        inside = np.maximum(radius + _CLEARANCE - np.array(gaps).T.reshape(len(x), -1), 0.0)
+        i, j = np.triu_indices(self._fingers, 1)
+        between = np.linalg.norm(pads[:, i] - pads[:, j], axis=2)
+        least = np.maximum(self._radii[i] + self._radii[j] + 0.002, 0.25 * radius)
+        return off, axes - inward, balance, inside, np.maximum(least - between, 0.0)
+
+    def _residuals(self, x: FloatArray, radius: float) -> FloatArray:
+        off, turned, balance, inside, crowded = self._errors(x, radius)
+        strain = (x[:, : self._count] - self._relaxed) / (_RANGE * self._range)
+        return np.column_stack(
+            [
+                off / _POSITION,
+                turned.reshape(len(x), -1) / _AXIS,
+                balance / _BALANCE,
+                inside / _PENETRATION,
+                crowded / _POSITION,
+                strain,
+            ]
+        )
+
+    def _jacobian(self, x: FloatArray, radius: float) -> FloatArray:
+        step = 1e-6
+        moved = np.vstack([x, x + step * np.eye(len(x))])
+        values = self._residuals(moved, radius)
+        return np.asarray((values[1:] - values[0]).T / step)

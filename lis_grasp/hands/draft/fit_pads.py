@@ -1,0 +1,152 @@
+"""Pads of fingertips: a sphere fitted to the closing side, or a jaw's flat face."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from lis_grasp.hands.draft.find_fingers import Finger
+from lis_grasp.hands.draft.hand_points import fibonacci_directions, reach
+from lis_grasp.hands.hand_parts import Pad
+from lis_grasp.hands.kinematics import Kinematics
+from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.records import read_only
+from lis_grasp.typing import FloatArray
+
+# Angles of a pad's axis from the closing direction towards the end of the finger [rad].
+_TILTS = (0.45, 0.25, 0.7, 0.0)
+_CONE = np.cos(0.9)  # directions to which the sphere is fitted
+_TIP_LENGTH = 0.03  # part of a finger, from its end, to which the sphere is fitted [m]
+_RADII = (0.004, 0.02)  # [m]
+_PROTRUSION = 0.004  # by which the link may reach beyond the pad's sphere [m]
+_HALF_ANGLES = (0.5, 1.2)  # [rad]
+_JAW_HALF_ANGLE = 0.3
+# A face counts as that of a jaw within these angles: to the other pad, and over itself [rad].
+_FACING, _FLAT = 0.7, 0.1
+_LEVEL = 0.0015  # of a face's corners [m]
+_SYMMETRIC = 0.3  # a range of motion is one-sided if one end is farther from 0 by this fraction
+
+
+def fit_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
+    """Return one pad for each finger; the flat faces of a jaw's two, else spheres.
+
+    A finger closes in the direction in which its last joint bends farther from 0; if both are
+    alike, towards the other fingertips in the middle of all joints' ranges.
+    """
+    actuated = len(model.joint_names)
+    kinematics = Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
+    poses = kinematics.poses(np.eye(4), 0.5 * (model.lower + model.upper))
+    middles = [f.points_L.mean(axis=0) for f in fingers]
+    middles_B = np.array(
+        [
+            poses[f.link][:3, :3] @ m + poses[f.link][:3, 3]
+            for f, m in zip(fingers, middles, strict=True)
+        ]
+    )
+    pads = []
+    for i, finger in enumerate(fingers):
+        X_BL = poses[finger.link]
+        others = np.delete(middles_B, i, axis=0).mean(axis=0)
+        towards_L = X_BL[:3, :3].T @ (others - middles_B[i])
+        towards_L /= np.linalg.norm(towards_L)
+        if len(fingers) == 2:
+            pads.append(flat_pad(finger, towards_L))
+        else:
+            closing, outward = _closing(model, finger, towards_L)
+            pads.append(round_pad(finger, closing, outward))
+    return tuple(pads)
+
+
+def _closing(
+    model: HandModel, finger: Finger, towards_L: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return unit vectors in the link frame: the tip's motion when closing, and its far end."""
+    joint = finger.joint
+    if joint.kind == "prismatic":
+        axis = finger.axis_L
+        sign = np.sign(axis @ towards_L) or 1.0
+        arm = finger.points_L.mean(axis=0) - finger.origin_L
+        arm = arm - (arm @ axis) * axis
+        length = np.linalg.norm(arm)
+        outward = arm / length if length > 1e-4 else _perpendicular(axis)
+        return sign * axis, outward
+    outward = reach(finger.points_L, finger.origin_L, finger.axis_L)
+    outward /= np.linalg.norm(outward)
+    motion = np.cross(finger.axis_L, outward)
+    ends = joint.multiplier * np.array([model.lower[joint.index], model.upper[joint.index]])
+    ends = ends + joint.offset
+    low, high = ends.min(), ends.max()
+    if abs(low + high) > _SYMMETRIC * (high - low):
+        sign = np.sign(low + high)
+    else:
+        sign = np.sign(motion @ towards_L) or 1.0
+    return sign * motion, outward
+
+
+def _perpendicular(axis: FloatArray) -> FloatArray:
+    other = np.eye(3)[np.argmin(np.abs(axis))]
+    across = np.cross(axis, other)
+    return np.asarray(across / np.linalg.norm(across))
+
+
+def round_pad(finger: Finger, closing_L: FloatArray, outward_L: FloatArray) -> Pad:
+    """Return the sphere whose support function fits that of the finger's end best.
+
+    A sphere has the support function ``u @ center + radius``, so that the fit over directions u in
+    a cone about the pad's axis is linear. The half angle is the largest within which the whole
+    link reaches at most 4 mm beyond the sphere.
+    """
+    along = finger.points_L @ outward_L
+    end = finger.points_L[along >= along.max() - _TIP_LENGTH]
+    lattice = fibonacci_directions(600)
+    fits = []
+    for tilt in _TILTS:
+        axis = np.cos(tilt) * closing_L + np.sin(tilt) * outward_L
+        cone = lattice[lattice @ axis >= _CONE]
+        support = (end @ cone.T).max(axis=0)
+        columns = np.column_stack([cone, np.ones(len(cone))])
+        solution = np.linalg.lstsq(columns, support, rcond=None)[0]
+        radius = float(np.clip(solution[3], *_RADII))
+        center = np.linalg.lstsq(cone, support - radius, rcond=None)[0]
+        # The sphere touches the face at the middle of the pad exactly.
+        center = center + ((end @ axis).max() - radius - center @ axis) * axis
+        error = float(np.sqrt(np.mean((support - cone @ center - radius) ** 2)))
+        fits.append((error, axis, center, radius))
+    best = min(fits, key=lambda fit: round(fit[0], 4))
+    _, axis, center, radius = best
+    beyond = (finger.points_L @ lattice.T).max(axis=0) - lattice @ center - radius
+    angles = np.arccos(np.clip(lattice @ axis, -1.0, 1.0))
+    reached = angles[beyond > _PROTRUSION]
+    half_angle = float(np.clip(reached.min(initial=np.pi), *_HALF_ANGLES))
+    return _pad(finger, center, radius, axis, half_angle)
+
+
+def flat_pad(finger: Finger, towards_L: FloatArray) -> Pad:
+    """Return the largest flat face of a jaw's finger that looks about to the other finger."""
+    hull = ConvexHull(finger.points_L)
+    normals = hull.equations[:, :3]
+    corners = finger.points_L[hull.simplices]  # (F, 3, 3)
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    best, axis, center = 0.0, towards_L, finger.points_L.mean(axis=0)
+    for normal in normals[normals @ towards_L > np.cos(_FACING)]:
+        heights = corners.mean(axis=1) @ normal
+        face = (normals @ normal > np.cos(_FLAT)) & (heights > heights.max() - _LEVEL)
+        area = float(areas[face].sum()) * float(normal @ towards_L)
+        if area > best:
+            weights = areas[face] / areas[face].sum()
+            best, axis, center = area, normal, weights @ corners[face].mean(axis=1)
+    center = center + ((finger.points_L @ axis).max() - center @ axis) * axis
+    return _pad(finger, center, 0.0, axis, _JAW_HALF_ANGLE)
+
+
+def _pad(
+    finger: Finger, center: FloatArray, radius: float, axis: FloatArray, half_angle: float
+) -> Pad:
+    axis = axis / np.linalg.norm(axis)
+    return Pad(
+        finger.name, finger.link, read_only(np.array(center)), radius, read_only(axis), half_angle
+    )

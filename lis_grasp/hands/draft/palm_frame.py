@@ -1,0 +1,85 @@
+"""Palm frame H and approach direction of a hand: the side on which an opened hand is most open."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lis_grasp.hands.draft.find_pregrasps import Opening
+from lis_grasp.hands.draft.hand_points import fibonacci_directions, link_points
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_parts import joints_to
+from lis_grasp.typing import FloatArray
+
+_ENOUGH = 0.04  # clearance that counts [m]
+_FORWARD = 0.03  # weight of the direction from the palm [m]
+_BESIDE = 0.02  # of the palm's points from the line through the ball [m]
+
+
+def find_palm_frame(hand: Hand, opening: Opening) -> FloatArray:
+    """Return the pose (4, 4) of H in the base link, with z along the approach.
+
+    The ball of an opening leaves the hand along +z, the direction in which it passes the links at
+    the largest distance, preferably away from the fingers' roots; of two fingers, away from the
+    middle of the base link and perpendicular to the closing direction. The x axis points from the
+    thumb to the other fingers, across z. The origin is on the palm, below the ball. `hand` must
+    have its palm frame at the base link.
+    """
+    links = hand.forward_kinematics(np.eye(4), opening.q)
+    points = link_points(hand)
+    p_B = np.vstack([p @ links[k][:3, :3].T + links[k][:3, 3] for k, p in points.items()])
+    arms = p_B - opening.center_H
+    closing = _closing_direction(hand, opening.q)
+    candidates = fibonacci_directions(1000)
+    if len(hand.pads) == 2:  # open on all sides: the only reason is the direction of the fingers
+        palm = points.get(hand.base_link, np.zeros((1, 3))).mean(axis=0)
+        forward = opening.center_H - palm
+        candidates = forward[None] - (forward @ closing) * closing
+    else:
+        palm = _finger_roots(hand, links).mean(axis=0)
+        forward = opening.center_H - palm
+    forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
+    candidates = candidates / np.linalg.norm(candidates, axis=1, keepdims=True)
+    ahead = arms @ candidates.T  # (P, D)
+    across = np.sqrt(np.maximum((arms**2).sum(axis=1)[:, None] - ahead**2, 0.0))
+    clearance = np.where(ahead > 0.0, across, np.inf).min(axis=0)
+    scores = np.minimum(clearance, _ENOUGH) + _FORWARD * candidates @ forward
+    approach = candidates[np.argmax(scores)]
+    across_z = closing - (closing @ approach) * approach
+    x = across_z / np.linalg.norm(across_z)
+    X = np.eye(4)
+    X[:3, :3] = np.column_stack([x, np.cross(approach, x), approach])
+    X[:3, 3] = _on_palm(
+        hand,
+        points.get(hand.base_link, p_B),
+        opening.center_H,
+        approach,
+        palm,
+    )
+    return X
+
+
+def _finger_roots(hand: Hand, links: dict[str, FloatArray]) -> FloatArray:
+    roots = []
+    for pad in hand.pads:
+        first = next(j for j in joints_to(hand.joints, pad.link) if j.index >= 0)
+        roots.append(links[first.child][:3, 3])
+    return np.array(roots)
+
+
+def _closing_direction(hand: Hand, q: FloatArray) -> FloatArray:
+    """Return the direction from the thumb's pad to the middle of the others, unit, (3,)."""
+    axes, centers = hand.pad_axes(np.eye(4), q), hand.pad_centers(np.eye(4), q)
+    facing = [axes[f] @ np.delete(axes, f, axis=0).mean(axis=0) for f in range(len(axes))]
+    thumb = int(np.argmin(facing))
+    closing = np.delete(centers, thumb, axis=0).mean(axis=0) - centers[thumb]
+    return np.asarray(closing / np.linalg.norm(closing))
+
+
+def _on_palm(
+    hand: Hand, base: FloatArray, center: FloatArray, approach: FloatArray, palm: FloatArray
+) -> FloatArray:
+    behind = (base - center) @ approach
+    beside = np.linalg.norm(base - center - np.outer(behind, approach), axis=1)
+    below = behind[(beside < _BESIDE) & (behind < 0.0)]
+    height = below.max() if len(below) else (palm - center) @ approach
+    return np.asarray(center + height * approach)
