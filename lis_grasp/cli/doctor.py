@@ -10,14 +10,17 @@ import subprocess
 import sys
 import time
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import lis_grasp
 from lis_grasp import pipeline
 from lis_grasp.cli.progress import say
-from lis_grasp.exceptions import LisGraspError
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import Finding, check_hand
+from lis_grasp.hands.hand_file import description_of
+from lis_grasp.hands.repair_file import write_repaired
 from lis_grasp.pipeline.regrasp import make_planner
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import find
@@ -33,17 +36,40 @@ def add_parser(verbs: Any) -> None:
         "doctor", help="check this machine, or the files of a hand, and say what to fix"
     )
     parser.add_argument("--hand", metavar="HAND", help="check this hand: a name or a YAML file")
+    parser.add_argument(
+        "--repair",
+        type=Path,
+        metavar="OUT",
+        help="write a copy of the hand's URDF or SDF with impossible inertias and missing masses"
+        " replaced",
+    )
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
     """Print what is fine and what to fix; LisGraspError if something must be fixed."""
+    if options.repair is not None:
+        _repair(options.hand, options.repair)
+        return
     findings = check_machine() if options.hand is None else check_hand(Hand.load(options.hand))
     for finding in findings:
         say(f"{'ok  ' if finding.fine else 'FIX '}  {finding.text}")
     faults = sum(not finding.fine for finding in findings)
     if faults:
         raise LisGraspError(f"{faults} of {len(findings)} findings must be fixed, see above")
+
+
+def _repair(hand: str | None, output: Path) -> None:
+    """Write a corrected copy of a hand's description, and print what changed."""
+    if hand is None:
+        raise InvalidOptionError("--repair needs the hand: name it with --hand", option="repair")
+    description, edits = description_of(hand)
+    if output.exists():
+        raise InvalidFileError(f"{output} exists: name another file", path=output)
+    changes = write_repaired(description, edits, output)
+    for change in changes:
+        say(f"repaired: {change}")
+    say(f"wrote {output}: {len(changes)} links changed; name it under urdf in the hand's YAML")
 
 
 def check_machine() -> list[Finding]:

@@ -12,9 +12,9 @@ import numpy as np
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.hands.draft.draft_hand import draft_hand
-from lis_grasp.hands.draft.hand_yaml import hand_yaml
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import check_hand
+from lis_grasp.hands.hand_yaml import hand_yaml
 from lis_grasp.hands.model_uri import resolve_uri
 from lis_grasp.io.atomic_writing import write_text
 

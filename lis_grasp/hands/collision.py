@@ -186,6 +186,13 @@ class HandCollisionChecker:
         return pairs - self._hand.self_collision_exclusions
 
 
+def checker_of(hand: Hand) -> HandCollisionChecker:
+    """Return a checker for collisions of a hand with itself alone."""
+    far_away = trimesh.creation.box(extents=[1e-3] * 3)
+    far_away.apply_translation([0.0, 0.0, 1e3])
+    return HandCollisionChecker(hand, far_away)
+
+
 def _point_of(geometry: LinkGeometry) -> FloatArray:
     """Return a point of a link's body, shape (3,), in the body's frame."""
     if geometry.kind == "mesh":

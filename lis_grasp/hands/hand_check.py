@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import trimesh
 
-from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.collision import checker_of
+from lis_grasp.hands.efforts import is_plausible_effort
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import Pad, ProbePosture
+from lis_grasp.hands.hand_yaml import exclusion_lines
 from lis_grasp.hands.inertias import impossible_inertias
 from lis_grasp.typing import FloatArray
 
@@ -31,7 +32,10 @@ class Finding:
 
 def check_hand(hand: Hand) -> list[Finding]:
     """Return the findings on a hand, in the order in which to fix what failed."""
-    checks = (_masses, _self_collisions, _pads, _opposition, _probe_postures, _forces)
+    checks = (
+        *(_masses, _efforts, _self_collisions),
+        *(_pads, _opposition, _probe_postures, _forces),
+    )
     return [finding for check in checks for finding in check(hand)]
 
 
@@ -56,15 +60,36 @@ def _masses(hand: Hand) -> Iterator[Finding]:
 
 
 def _self_collisions(hand: Hand) -> Iterator[Finding]:
-    far_away = trimesh.creation.box(extents=[1e-3] * 3)
-    far_away.apply_translation([0.0, 0.0, 1e3])
-    checker = HandCollisionChecker(hand, far_away)
+    checker = checker_of(hand)
     postures = {f"pregrasp {name}": q for name, q in hand.pregrasps.items()}
     postures |= {f"probe posture {f}": p.joint_positions for f, p in hand.probe_postures.items()}
-    hits = [n for n, q in postures.items() if checker.first_collision(np.eye(4), q) == "self"]
-    advice = "change the positions, or name pairs that may touch under self_collision_exclusions"
-    good = f"no links collide in {len(postures)} postures"
-    yield Finding(not hits, f"links collide in {', '.join(hits)}: {advice}" if hits else good)
+    hits = {name: checker.self_collisions(q) for name, q in postures.items()}
+    pairs = sorted(set().union(*hits.values()))
+    if not pairs:
+        yield Finding(True, f"no links collide in {len(postures)} postures")
+        return
+    where = ", ".join(name for name, found in hits.items() if found)
+    lines = "\n".join(exclusion_lines(pairs))
+    yield Finding(
+        False,
+        f"links collide in {where}: change the positions or, where links may touch, paste below"
+        f" self_collision_exclusions:\n{lines}",
+    )
+
+
+def _efforts(hand: Hand) -> Iterator[Finding]:
+    kinds = {joint.index: joint.kind for joint in hand.joints if joint.is_actuated}
+    absurd = [
+        f"{name} {hand.effort_limits[j]:g} {'N m' if kinds[j] == 'revolute' else 'N'}"
+        for j, name in enumerate(hand.joint_names)
+        if not is_plausible_effort(kinds[j], float(hand.effort_limits[j]))
+    ]
+    if absurd:
+        yield Finding(
+            False,
+            f"no joint of a hand has an effort limit as large as {', '.join(absurd)}: give its own"
+            " under effort_limits in the YAML",
+        )
 
 
 def _pads(hand: Hand) -> Iterator[Finding]:

@@ -29,6 +29,23 @@ _LIMIT_TOLERANCE = 1e-4
 
 def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
     """Return the fields of a `Hand`; arguments and errors as of `Hand.load`."""
+    entry, description, edits, file = _read(path_or_name)
+    try:
+        read = read_sdf if description.suffix == ".sdf" else read_urdf
+        model = read(description, edits)
+    except InvalidFileError as error:
+        raise InvalidHandError(f"{file}: {error}", file=file, key="urdf") from None
+    return _Assembly(entry, model, file).fields()
+
+
+def description_of(path_or_name: str | Path) -> tuple[Path, DescriptionEdits]:
+    """Return the URDF or SDF of a hand, and what its YAML changes of it; errors as `Hand.load`."""
+    _, description, edits, _ = _read(path_or_name)
+    return description, edits
+
+
+def _read(path_or_name: str | Path) -> tuple[HandEntry, Path, DescriptionEdits, str]:
+    """Return the YAML's content, its description's path and edits, and the file's name."""
     path = _find(path_or_name)
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -40,7 +57,7 @@ def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
         raise InvalidHandError(message, file=path.name) from None
     entry = parse_hand(document, path.name)
     try:
-        urdf = resolve_uri(entry.urdf, path.parent, "urdf")
+        description = resolve_uri(entry.urdf, path.parent, "urdf")
     except InvalidFileError as error:
         advice = f"; to get the model: {entry.model_from}" if entry.model_from else ""
         message = f"{path.name}: {error}{advice}"
@@ -51,11 +68,7 @@ def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
         effort_limits=entry.effort_limits,
         repair=entry.repair,
     )
-    try:
-        model = read_sdf(urdf, edits) if urdf.suffix == ".sdf" else read_urdf(urdf, edits)
-    except InvalidFileError as error:
-        raise InvalidHandError(f"{path.name}: {error}", file=path.name, key="urdf") from None
-    return _Assembly(entry, model, path.name).fields()
+    return entry, description, edits, path.name
 
 
 def _find(path_or_name: str | Path) -> Path:

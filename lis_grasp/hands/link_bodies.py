@@ -20,6 +20,7 @@ _SPHERE_SUBDIVISIONS = 3
 _SIZES: Mapping[GeometryKind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
 LARGEST = 1e3
 """Largest length or position in a hand [m or rad]; more is a mistake."""
+_MOST_VERTICES = 200  # of a mesh's convex hull
 _SMALLEST = 1e-6  # size of a body [m]
 
 
@@ -72,12 +73,27 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
 
 
 def convex_body(link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> LinkGeometry | None:
-    """Return the convex hull of a mesh as a body; None if the mesh is flat and has no hull."""
+    """Return the convex hull of a mesh as a body; None if the mesh is flat and has no hull.
+
+    A hull of many vertices is replaced by that of its outermost points along 200 directions. On a
+    round part of radius R this is at most 0.01 R smaller, and much faster to check and to simulate.
+    """
     try:
         hull = mesh.convex_hull
+        if len(hull.vertices) > _MOST_VERTICES:
+            far = np.argmax(hull.vertices @ fibonacci_directions(_MOST_VERTICES).T, axis=0)
+            hull = trimesh.convex.convex_hull(hull.vertices[np.unique(far)])
     except QhullError:
         return None
     return LinkGeometry(link, X_LG, "mesh", (), hull) if hull.volume > 0.0 else None
+
+
+def fibonacci_directions(count: int) -> FloatArray:
+    """Return unit vectors (N, 3) on a spherical Fibonacci lattice (Gonzalez, 2010)."""
+    height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    angle = np.pi * (1.0 + 5.0**0.5) * np.arange(count)
+    across = np.sqrt(1.0 - height**2)
+    return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
 def load_visual(visual: LinkVisual) -> trimesh.Trimesh | None:

@@ -9,11 +9,10 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-import trimesh
 import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.collision import checker_of
 from lis_grasp.hands.description_edits import DescriptionEdits, apply_edits
 from lis_grasp.hands.draft.find_exclusions import find_exclusions
 from lis_grasp.hands.draft.find_fingers import find_fingers, rigid_groups, shared_joints
@@ -133,13 +132,6 @@ def draft_hand(
         max_contact_force=float(f"{force:.2g}"),
     )
     return HandDraft(hand, edits, tuple(notes))
-
-
-def checker_of(hand: Hand) -> HandCollisionChecker:
-    """Return a checker for collisions of a hand with itself alone."""
-    far_away = trimesh.creation.box(extents=[1e-3] * 3)
-    far_away.apply_translation([0.0, 0.0, 1e3])
-    return HandCollisionChecker(hand, far_away)
 
 
 def _edits(robot: yourdfpy.Robot, base_link: str | None, notes: list[str]) -> DescriptionEdits:

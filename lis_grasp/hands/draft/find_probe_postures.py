@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from lis_grasp.hands.collision import HandCollisionChecker
-from lis_grasp.hands.draft.hand_points import fibonacci_directions, link_points
+from lis_grasp.hands.draft.hand_points import link_points
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import ProbePosture, joints_to
+from lis_grasp.hands.link_bodies import fibonacci_directions
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 

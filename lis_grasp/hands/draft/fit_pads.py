@@ -8,9 +8,10 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from lis_grasp.hands.draft.find_fingers import Finger
-from lis_grasp.hands.draft.hand_points import fibonacci_directions, reach
+from lis_grasp.hands.draft.hand_points import reach
 from lis_grasp.hands.hand_parts import Pad
 from lis_grasp.hands.kinematics import Kinematics
+from lis_grasp.hands.link_bodies import fibonacci_directions
 from lis_grasp.hands.link_tree import HandModel
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray

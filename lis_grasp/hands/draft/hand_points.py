@@ -7,18 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from lis_grasp.hands.hand_parts import LinkGeometry
+from lis_grasp.hands.link_bodies import fibonacci_directions
 from lis_grasp.hands.link_tree import HandModel
 from lis_grasp.typing import FloatArray
 
 _KEPT = 60  # points of a body
-
-
-def fibonacci_directions(count: int) -> FloatArray:
-    """Return unit vectors (N, 3) on a spherical Fibonacci lattice (Gonzalez, 2010)."""
-    height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    angle = np.pi * (1.0 + 5.0**0.5) * np.arange(count)
-    across = np.sqrt(1.0 - height**2)
-    return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
 def points_of_bodies(bodies: Sequence[LinkGeometry]) -> FloatArray:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from lis_grasp.hands.draft.find_pregrasps import Opening
-from lis_grasp.hands.draft.hand_points import fibonacci_directions, link_points
+from lis_grasp.hands.draft.hand_points import link_points
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import joints_to
+from lis_grasp.hands.link_bodies import fibonacci_directions
 from lis_grasp.typing import FloatArray
 
 _ENOUGH = 0.04  # clearance that counts [m]
