@@ -29,7 +29,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "METRES", "largest extent of a built-in shape; 0.20 is the paper's (default: graspable)"
     ),
     "units": {"choices": list(UNITS), "help": "length unit of a mesh file"},
-    "hand": {"metavar": "HAND", "help": "allegro, wsg50, barrett, or a hand's YAML file"},
+    "hand": {
+        "metavar": "HAND",
+        "help": "a hand's YAML file, or a name: allegro, wsg50, barrett; of vendors' hands"
+        " allegro_right, robotiq_2f85, panda_hand and more",
+    },
     "estimator": {
         "metavar": "NAME",
         "help": f"surface estimator: {', '.join(ESTIMATOR_NAMES.names)}, or my.module:Class",

@@ -19,7 +19,7 @@ from lis_grasp.hands.hand_sdf import read_sdf
 from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_tree import HandModel, rpy_pose
 from lis_grasp.hands.model_uri import resolve_uri
-from lis_grasp.hands.shipped_models import HAND_NAMES
+from lis_grasp.hands.shipped_models import HAND_NAMES, VENDOR_HANDS
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
@@ -59,8 +59,9 @@ def _read(path_or_name: str | Path) -> tuple[HandEntry, Path, DescriptionEdits, 
     try:
         description = resolve_uri(entry.urdf, path.parent, "urdf")
     except InvalidFileError as error:
-        advice = f"; to get the model: {entry.model_from}" if entry.model_from else ""
-        message = f"{path.name}: {error}{advice}"
+        message = f"{path.name}: {error}"
+        if entry.model_from:
+            message = f"{path.name} needs {entry.urdf}, which is not there: {entry.model_from}"
         raise InvalidHandError(message, file=path.name, key="urdf") from None
     edits = DescriptionEdits(
         base_link=entry.base_link,
@@ -72,7 +73,7 @@ def _read(path_or_name: str | Path) -> tuple[HandEntry, Path, DescriptionEdits, 
 
 
 def _find(path_or_name: str | Path) -> Path:
-    if str(path_or_name) in HAND_NAMES:
+    if str(path_or_name) in (*HAND_NAMES, *VENDOR_HANDS):
         return hand_path(str(path_or_name))
     try:
         if Path(path_or_name).is_file():

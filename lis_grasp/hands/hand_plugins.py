@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from lis_grasp.exceptions import InvalidHandError, nearest_of
-from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
+from lis_grasp.hands.shipped_models import HAND_NAMES, VENDOR_HANDS, model_path
 from lis_grasp.plugins import Registry
 
-HAND_REGISTRY = Registry("hand", dict.fromkeys(HAND_NAMES))
+HAND_REGISTRY = Registry("hand", dict.fromkeys((*HAND_NAMES, *VENDOR_HANDS)))
 """Names of hands; a plug-in is the path of a YAML file, or a function that returns it."""
 
 
@@ -24,6 +24,8 @@ def hand_path(name: str) -> Path:
     """
     if name in HAND_NAMES:
         return model_path(f"hands/{name}/{name}.yaml")
+    if name in VENDOR_HANDS:
+        return model_path(f"hands/vendors/{name}.yaml")
     known = HAND_REGISTRY.names
     if name not in known:
         raise InvalidHandError(

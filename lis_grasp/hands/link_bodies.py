@@ -21,6 +21,7 @@ _SIZES: Mapping[GeometryKind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "cap
 LARGEST = 1e3
 """Largest length or position in a hand [m or rad]; more is a mistake."""
 _MOST_VERTICES = 200  # of a mesh's convex hull
+_LEAST_HEIGHT = 2e-5  # of a triangle of a hull [m]
 _SMALLEST = 1e-6  # size of a body [m]
 
 
@@ -83,9 +84,32 @@ def convex_body(link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> LinkGeome
         if len(hull.vertices) > _MOST_VERTICES:
             far = np.argmax(hull.vertices @ fibonacci_directions(_MOST_VERTICES).T, axis=0)
             hull = trimesh.convex.convex_hull(hull.vertices[np.unique(far)])
+        hull = _without_slivers(hull)
     except QhullError:
         return None
     return LinkGeometry(link, X_LG, "mesh", (), hull) if hull.volume > 0.0 else None
+
+
+def _without_slivers(hull: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return a hull without triangles lower than 20 um, of which Drake finds no plane.
+
+    Removes one vertex of a short edge, else the middle one of three that are about on a line.
+    """
+    while len(hull.vertices) > 4:
+        triangles = hull.triangles
+        sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)  # (F, 3)
+        heights = 2.0 * hull.area_faces / sides.max(axis=1)
+        low = np.flatnonzero(heights < _LEAST_HEIGHT)
+        if not len(low):
+            break
+        # Side k is from corner k to the next: opposite of the longest is the middle corner.
+        middle = (sides[low].argmax(axis=1) + 2) % 3
+        dropped = np.zeros(len(hull.vertices), dtype=bool)
+        for corner, face in zip(middle, hull.faces[low], strict=True):
+            if not dropped[face].any():
+                dropped[face[corner]] = True
+        hull = trimesh.convex.convex_hull(hull.vertices[~dropped])
+    return hull
 
 
 def fibonacci_directions(count: int) -> FloatArray:

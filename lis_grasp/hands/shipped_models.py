@@ -7,6 +7,12 @@ from lis_grasp.exceptions import InvalidFileError
 HAND_NAMES = ("allegro", "wsg50", "barrett")
 """The hands that the package ships, by the name that `Hand.load` takes."""
 
+VENDOR_HANDS = (
+    *("allegro_right", "allegro_left", "leap", "shadow", "barrett_bh280", "schunk_svh"),
+    *("robotiq_2f85", "panda_hand", "jaco", "dex3_left", "ability_hand", "inspire_hand"),
+)
+"""Vendors' hands whose YAML the package ships; the model is installed apart, as an error says."""
+
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 

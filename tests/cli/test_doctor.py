@@ -79,6 +79,7 @@ def folder(tmp_path: Path) -> Path:
             "will touch flat objects first",
         ),
         (change_yaml(lambda d: d.update(max_contact_force=60)), "lower it, or check"),
+        (change_urdf('effort="0.7"', 'effort="25000"'), "as large as index_0 25000 N m"),
     ],
 )
 def test_a_fault_of_a_hand_is_named(
@@ -93,6 +94,38 @@ def test_a_fault_of_a_hand_is_named(
     faults = [line for line in output.out.splitlines() if line.startswith("FIX")]
     assert any(message in line for line in faults), output.out
     assert "must be fixed" in output.err
+
+
+def test_colliding_pairs_are_printed_as_yaml_to_paste(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = folder / "allegro.yaml"
+    document = yaml.safe_load(path.read_text())
+    document["pregrasps"]["fist"] = [0, 1.6, 1.7, 1.6] * 3 + [0.3] * 4
+    path.write_text(yaml.safe_dump(document))
+    assert main(["doctor", "--hand", str(path)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    pairs = yaml.safe_load("\n".join(line for line in lines if line.startswith("  - [")))
+    document["self_collision_exclusions"] += pairs
+    path.write_text(yaml.safe_dump(document))
+    assert main(["doctor", "--hand", str(path)]) == 0
+
+
+def test_repair_writes_a_copy_that_is_healthy(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change_urdf('ixx="1.960e-05"', 'ixx="1.960e-02"')(folder)
+    path, copy = folder / "allegro.yaml", tmp_path / "deeper" / "copy.urdf"
+    copy.parent.mkdir()
+    assert main(["run", "box", "--hand", str(path), "--output", str(tmp_path / "run")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("lis-grasp: the inertia of")
+    assert "--repair" in error
+    assert main(["doctor", "--hand", str(path), "--repair", str(copy)]) == 0
+    document = yaml.safe_load(path.read_text())
+    path.write_text(yaml.safe_dump(document | {"urdf": "deeper/copy.urdf"}))
+    assert main(["doctor", "--hand", str(path)]) == 0
+    assert main(["doctor", "--repair", str(copy)]) == 2
 
 
 def test_this_machine_is_fit(capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,8 +12,9 @@ from typing import Any
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.compared_estimators import COMPARED
 from lis_grasp.experiments.study.study import OWN, TRIAL_COLUMNS, TRUTH, Trial, label
+from lis_grasp.hands.hand_file import description_of
 from lis_grasp.hands.hand_plugins import hand_path
-from lis_grasp.hands.shipped_models import HAND_NAMES
+from lis_grasp.hands.shipped_models import HAND_NAMES, VENDOR_HANDS
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES
 from lis_grasp.shapes import NAMES
 
@@ -40,7 +41,9 @@ def columns_of(trial: Trial) -> dict[str, Any]:
 def file_digests(object_name: str, hand_name: str) -> tuple[str, ...]:
     """Return hashes of the files of an object and a hand; none of built-in ones."""
     files = [] if object_name in NAMES else [Path(object_name)]
-    if hand_name not in HAND_NAMES:
+    if hand_name in VENDOR_HANDS:
+        files += [hand_path(hand_name), description_of(hand_name)[0]]
+    elif hand_name not in HAND_NAMES:
         hand = Path(hand_name)
         hand = hand if hand.suffix else hand_path(hand_name)  # of an installed package
         files += [hand, *sorted(hand.parent.glob("*.urdf")), *sorted(hand.parent.glob("*.sdf"))]

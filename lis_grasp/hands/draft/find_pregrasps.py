@@ -16,7 +16,7 @@ RADII = (0.085, 0.07, 0.057, 0.046, 0.036, 0.027, 0.019, 0.012, 0.007)
 """Of the balls [m], from the widest opening to the narrowest."""
 
 _FIRST = (0.036, 0.027, 0.046, 0.019, 0.012)  # radii that are tried first
-_STARTS, _ENOUGH = 24, 4  # random starts, and good openings of them
+_STARTS, _ENOUGH = 30, 4  # random starts, and good openings of them
 _RETRIES = (0.0, 0.02, 0.05, 0.1, 0.1, 0.15)  # spread of starts about a neighbour, of the range
 # Units of the residuals: [m], [-] (of unit vectors), [m] (of penetrations).
 _POSITION, _AXIS, _BALANCE, _PENETRATION = 0.004, 0.5, 0.25, 0.003
@@ -26,6 +26,7 @@ _CLEARANCE = 0.004  # of the ball from links without pads [m]
 # the angle), and the unbalanced fraction of the pads' forces.
 _MOST_OFF, _MOST_TURNED, _MOST_UNBALANCED = 0.006, 0.75, 0.35
 _LEAST_WEIGHT = 0.2
+_MANY = 4  # of so many fingers one may be off, as a little finger is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,9 +130,11 @@ class _Problem:
 
     def _fits(self, x: FloatArray, radius: float) -> bool:
         off, turned, balance, inside, _ = self._errors(x[None], radius)
+        on = np.abs(off[0]) <= _MOST_OFF
+        facing = np.linalg.norm(turned[0], axis=1) <= _MOST_TURNED
+        idle = int(self._fingers >= _MANY)
         return bool(
-            np.abs(off).max() <= _MOST_OFF
-            and np.linalg.norm(turned[0], axis=1).max() <= _MOST_TURNED
+            np.count_nonzero(on & facing) >= self._fingers - idle
             and np.linalg.norm(balance) <= _MOST_UNBALANCED
             and inside.max(initial=0.0) <= _CLEARANCE
         )

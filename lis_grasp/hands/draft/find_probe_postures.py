@@ -17,7 +17,7 @@ from lis_grasp.typing import FloatArray
 _SAMPLES = 300  # postures of each finger
 _DIRECTIONS = 200
 _TRIED = 40  # directions whose posture is checked for collisions
-_LEAST_LEAD, _ENOUGH_LEAD = 0.005, 0.06  # of the tip over all else [m]
+_LEAST_LEAD, _ENOUGH_LEAD = 0.021, 0.06  # of the tip over all else [m]
 _TIP_RADII = (0.003, 0.008)  # [m]
 _BEHIND = 0.002  # least distance of the finger's other links behind its tip [m]
 _LEVEL = 0.002  # of the foremost points of a tip [m]

@@ -96,12 +96,15 @@ def round_pad(finger: Finger, closing_L: FloatArray, outward_L: FloatArray) -> P
     """Return the sphere whose support function fits that of the finger's end best.
 
     A sphere has the support function ``u @ center + radius``, so that the fit over directions u in
-    a cone about the pad's axis is linear. The half angle is the largest within which the whole
-    link reaches at most 4 mm beyond the sphere.
+    a cone about the pad's axis is linear. Its radius is at most half the
+    width of the finger. The half angle is the largest within which the whole link reaches at most
+    4 mm beyond the sphere.
     """
     along = finger.points_L @ outward_L
     end = finger.points_L[along >= along.max() - _TIP_LENGTH]
     lattice = fibonacci_directions(600)
+    width = float(np.ptp(end @ np.cross(closing_L, outward_L)))
+    largest = float(np.clip(0.5 * width, *_RADII))
     fits = []
     for tilt in _TILTS:
         axis = np.cos(tilt) * closing_L + np.sin(tilt) * outward_L
@@ -109,11 +112,14 @@ def round_pad(finger: Finger, closing_L: FloatArray, outward_L: FloatArray) -> P
         support = (end @ cone.T).max(axis=0)
         columns = np.column_stack([cone, np.ones(len(cone))])
         solution = np.linalg.lstsq(columns, support, rcond=None)[0]
-        radius = float(np.clip(solution[3], *_RADII))
+        radius = float(np.clip(solution[3], _RADII[0], largest))
         center = np.linalg.lstsq(cone, support - radius, rcond=None)[0]
         # The sphere touches the face at the middle of the pad exactly.
         center = center + ((end @ axis).max() - radius - center @ axis) * axis
         error = float(np.sqrt(np.mean((support - cone @ center - radius) ** 2)))
+        # What is behind the finger's end should not be farther out.
+        # What is behind the finger's end should not be farther out.
+        error += float((finger.points_L @ axis).max() - (end @ axis).max())
         fits.append((error, axis, center, radius))
     best = min(fits, key=lambda fit: round(fit[0], 4))
     _, axis, center, radius = best
