@@ -162,7 +162,7 @@ class TargetPolicy:
         rng: np.random.Generator,
     ) -> Probe:
         """Return the next probe; see `Policy`. There always is one."""
-        space = self.space
+        space = self.space.felt(contacts)
         made = sum(len(outcome.contacts) for outcome in outcomes)
         if len(outcomes) < len(AXES) and len(contacts) <= made:
             return axis_probe(space, outcomes, rng)
@@ -172,9 +172,9 @@ class TargetPolicy:
         sideways = concavity_probe(space, contacts, searched, outcomes, rng)
         if sideways is not None:
             return sideways
-        best = self._target(searched, contacts, outcomes, rng)
+        best = self._target(space, searched, contacts, outcomes, rng)
         if self.guess is not None and (best is None or best[2] <= space.step):
-            own = self._target(surface, contacts, outcomes, rng)
+            own = self._target(space, surface, contacts, outcomes, rng)
             if own is not None and (best is None or own[2] > best[2]):
                 best, searched = own, surface
         if best is None:
@@ -184,13 +184,14 @@ class TargetPolicy:
 
     def _target(
         self,
+        space: Workspace,
         surface: ImplicitSurface,
         contacts: Contacts,
         outcomes: Sequence[ProbeOutcome],
         rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, float] | None:
         """Return the selected target, its normal, and its distance to the nearest contact [m]."""
-        targets = Targets.find(self.space, contacts, surface, outcomes, rng=rng)
+        targets = Targets.find(space, contacts, surface, outcomes, rng=rng)
         i = self.select(targets, surface, rng=rng)
         return None if i is None else (targets.points[i], targets.normals[i], targets.nearest[i])
 

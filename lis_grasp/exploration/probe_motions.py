@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
@@ -22,7 +23,7 @@ SAME_DIRECTION = float(np.cos(np.radians(50.0)))
 # Distance between the points checked along a tip's path, in steps.
 _SPACING = 0.25
 # Random offset of the first probes from the centre, in sizes of the object.
-_AXIS_SPREAD = 0.1
+_AXIS_SPREAD = 0.02
 # Length of the motion beyond the target, in steps.
 _OVERSHOOT = 1.5
 # Angle of a probe after a miss: from beyond the edge back towards the nearest contact.
@@ -38,8 +39,23 @@ def axis_probe(
     probed = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
     left = np.flatnonzero(~np.any(AXES @ probed.T > SAME_DIRECTION, axis=1))
     direction = AXES[rng.choice(left)]
-    target = space.center + _AXIS_SPREAD * space.size * rng.uniform(-1.0, 1.0, size=3)
+    target = _middle(space, outcomes) + _AXIS_SPREAD * space.size * rng.uniform(-1.0, 1.0, size=3)
     return Probe(target, direction, 0.6 * space.size + 0.5 * space.step, 0.0)
+
+
+def _middle(space: Workspace, outcomes: Sequence[ProbeOutcome]) -> FloatArray:
+    """Return a point of the object as far as it is known, shape (3,) [m].
+
+    It begins at the centre. Each touch moves it to the touched line, halfway to the contact.
+    """
+    middle = np.array(space.center)
+    for outcome in outcomes:
+        if len(outcome.contacts):
+            axis = int(np.argmax(np.abs(outcome.probe.direction)))
+            point = np.array(outcome.contacts.points[0])
+            point[axis] = 0.5 * (point[axis] + middle[axis])
+            middle = point
+    return middle
 
 
 def random_pass(space: Workspace, rng: np.random.Generator) -> Probe:
@@ -98,11 +114,17 @@ def surface_probe(
         above = (target[2] - space.support_height) / space.step
         retreat[2] = max(retreat[2], _START_ABOVE_TABLE - above)
         retreat /= np.linalg.norm(retreat)
+    hull = ContactHull.of(contacts)
+    overshoot = _OVERSHOOT * space.step
+    if hull is not None:
+        enter, leave = hull.crossing(target, -retreat)
+        if np.isfinite(enter):
+            overshoot = max(overshoot, float(leave))
     # Start a step away, or halfway to where the line meets the estimate again.
     distances = space.step * np.arange(0.2, 1.01, 0.1)
     inside = surface.evaluate(target + distances[:, None] * retreat) < 0.0
     standoff = 0.5 * float(distances[np.argmax(inside)]) if inside.any() else space.step
-    return Probe(target, -retreat, standoff, _OVERSHOOT * space.step)
+    return Probe(target, -retreat, standoff, overshoot)
 
 
 def _bridged_points(

@@ -34,11 +34,12 @@ def stop_when_covered(fraction: float, space: Workspace) -> StopRule:
     def rule(
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        points, normals = space.sample(surface)
+        felt = space.felt(contacts)
+        points, normals = felt.sample(surface, contacts)
         if not len(points):
             return None
         nearest, _ = gaps(points, normals, contacts)
-        covered = float(np.mean(nearest <= space.step))
+        covered = float(np.mean(nearest <= felt.step))
         if covered < fraction:
             return None
         return f"{100.0 * covered:.0f} % of the estimate is within a step of a contact"
@@ -59,7 +60,7 @@ def stop_when_certain(deviation: float, space: Workspace) -> StopRule:
     def rule(
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        points, _ = space.sample(surface)
+        points, _ = space.felt(contacts).sample(surface, contacts)
         if not len(points):
             return None
         reached = float(np.quantile(surface.uncertainty(points), _CERTAIN_QUANTILE))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
 from lis_grasp.exploration.probe_motions import SAME_DIRECTION
 from lis_grasp.exploration.workspace import Workspace
@@ -22,6 +23,8 @@ _FREE_RADIUS = 0.2
 _IN_FREE_SPACE = 0.05
 # Above a table, surface that faces down more than this (45 degrees) cannot be touched.
 _FACES_DOWN = -float(np.sqrt(0.5))
+# A line to a target passes the contacts' hull at most so far beside it, in steps.
+_BESIDE = 0.2
 # A contact does not count for surface that faces away from it, as on the far side of a thin wall.
 _FACES_AWAY = -0.5
 
@@ -50,11 +53,15 @@ class Targets:
         rng: np.random.Generator,
     ) -> Targets:
         """Return the targets of an estimate, given before free space is carved off."""
-        points, normals = space.sample(surface, rng=rng)
+        points, normals = space.sample(surface, contacts, rng=rng)
         nearest, second = gaps(points, normals, contacts)
         free_distance = _distance_to_misses(points, outcomes)
         eligible = free_distance > _FREE_RADIUS * space.step
         eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
+        hull = ContactHull.of(contacts)
+        if hull is not None:
+            enter, leave = hull.crossing(points, -normals, margin=_BESIDE * space.step)
+            eligible &= np.isfinite(enter) & (leave > 0.0)
         if space.support_height is not None:
             eligible &= points[:, 2] > space.support_height + _FREE_RADIUS * space.step
             eligible &= normals[:, 2] > _FACES_DOWN

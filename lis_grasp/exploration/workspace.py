@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_positive
+from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.records import read_only
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray
@@ -20,6 +21,8 @@ STEP_FRACTION = 0.25
 _ROUNDS = 2
 # Grid that samples an estimate: cells a step, and margin of its box in sizes of the object.
 _CELLS_PER_STEP, _MARGIN = 4.0, 0.05
+# An estimate is sampled within so many steps of the contacts' box.
+_REACH = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +64,18 @@ class Workspace:
         """Radius of the ball about the centre that contains the object [m]."""
         return 0.5 * float(np.sqrt(3.0)) * self.size
 
+    def felt(self, contacts: Contacts) -> Workspace:
+        """Return the workspace with the step of the object that the contacts show.
+
+        The step is `STEP_FRACTION` of the diameter of the ball whose area is that of the contacts'
+        convex hull: as many steps cover a bar as a ball. It never exceeds the original step.
+        """
+        hull = ContactHull.of(contacts)
+        if hull is None:
+            return self
+        step = STEP_FRACTION * float(np.sqrt(hull.area / np.pi))
+        return replace(self, step=min(self.step, step))
+
     def approach_distance(self, points: FloatArray, directions: FloatArray) -> FloatArray:
         """Return the distance from the object's ball to each point along its direction [m].
 
@@ -75,18 +90,25 @@ class Workspace:
         )
 
     def sample(
-        self, surface: ImplicitSurface, *, rng: np.random.Generator | None = None
+        self,
+        surface: ImplicitSurface,
+        contacts: Contacts,
+        *,
+        rng: np.random.Generator | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return points and unit outward normals of an estimate here, shapes (P, 3).
 
-        The points are a quarter of a step apart. With `rng`, the grid is shifted at random, which
-        keeps its pattern out of the touches.
+        The points are a quarter of a step apart, and within two steps of the contacts' box. With
+        `rng`, the grid is shifted at random, which keeps its pattern out of the touches.
         """
         cell = self.step / _CELLS_PER_STEP
         half = (0.5 + _MARGIN) * self.size
         shift = 0.0 if rng is None else cell * rng.random(3)
-        low = self.center - half - shift
-        return sample_zero_level_set(surface, np.array([low, self.center + half]), cell)
+        low, high = contacts.bounds
+        reach = _REACH * self.step
+        low = np.maximum(self.center - half, low - reach) - shift
+        high = np.minimum(self.center + half, high + reach)
+        return sample_zero_level_set(surface, np.array([low, high]), cell)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
