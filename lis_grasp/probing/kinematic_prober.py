@@ -54,7 +54,7 @@ class KinematicProber:
         self._motion = GuardedMotion(hand, mesh)
         self._extender = FingerExtender(hand, mesh) if fingers == "all" else None
         self._link_fingers = hand.link_fingers
-        self._normals = np.array(mesh.face_normals)
+        self._normals = _face_normals(mesh)
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`."""
@@ -169,6 +169,15 @@ class FingerExtender:
         pad = self._hand.fingers.index(finger)
         places = self._hand.pad_centers(X_OH, postures)[:, pad]  # (_PATH_POINTS, 3)
         return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
+
+
+def _face_normals(mesh: trimesh.Trimesh) -> FloatArray:
+    """Return unit normals, shape (F, 3); a triangle without area has that of its surroundings."""
+    normals = np.array(mesh.face_normals)
+    flat = np.linalg.norm(normals, axis=1) < 0.5
+    around = np.asarray(mesh.vertex_normals)[mesh.faces[flat]].sum(axis=1)  # (K, 3)
+    normals[flat] = around / np.maximum(np.linalg.norm(around, axis=1, keepdims=True), 1e-12)
+    return normals
 
 
 def _largest_radius(hand: Hand, index: int) -> float:

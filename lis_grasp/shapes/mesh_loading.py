@@ -24,6 +24,8 @@ UNITS: Mapping[str, float] = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001
 FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 """Endings of the mesh files that can be read."""
 
+# Largest extents of objects that hands hold [m]: units that give one of these are proposed first.
+_HANDY = (0.02, 0.5)
 # Coordinates beyond this, in whatever unit, are damage.
 _FARTHEST = 1e12
 
@@ -158,11 +160,13 @@ def _read(path: Path) -> tuple[FloatArray, IntArray]:
 
 
 def _mistaken_units(path: Path, extent: float, units: str) -> str:
-    fitting = [
-        f"{name} (then {extent * metres:.3g} m)"
-        for name, metres in UNITS.items()
-        if SMALLEST <= extent * metres <= LARGEST
-    ]
+    sizes = {name: extent * metres for name, metres in UNITS.items()}
+    for low, high in (_HANDY, (SMALLEST, LARGEST)):
+        fitting = [
+            f"{name} (then {size:.3g} m)" for name, size in sizes.items() if low <= size <= high
+        ]
+        if fitting:
+            break
     advice = f"--units {' or --units '.join(fitting)} would fit" if fitting else "no unit would fit"
     return (
         f"{path} is {extent * UNITS[units]:.3g} m large when read in {units}, an object must be"

@@ -16,7 +16,9 @@ from scipy.sparse.csgraph import connected_components
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.shapes.hole_filling import fill_loop
 from lis_grasp.shapes.mesh_union import unite
+from lis_grasp.shapes.nearby_parts import overlapping_groups, rows_by_label
 from lis_grasp.shapes.shape import signed_volume
+from lis_grasp.shapes.slivers import flip_slivers
 from lis_grasp.shapes.topology import (
     boundary_loops,
     disagreeing_faces,
@@ -52,6 +54,7 @@ def repair_mesh(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh,
     _orient(mesh, repairs)
     mesh = _close(mesh, repairs)
     _turn_parts_outward(mesh, repairs)
+    _flip_slivers(mesh, repairs)
     mesh = _drop_specks(mesh, repairs)
     if not len(mesh.faces) or signed_volume(mesh.triangles) < _SHEET * _roughly_boxed(mesh):
         raise InvalidMeshError("encloses no volume, as a flat sheet does: a solid object is needed")
@@ -130,13 +133,27 @@ def _orient(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
         for label in _each_body(mesh):
             if signed_volume(mesh.triangles[label]) < 0.0:
                 mesh.faces[label] = mesh.faces[label][:, ::-1]
-    elif signed_volume(mesh.triangles) < 0.0:
-        mesh.invert()
+    else:
+        # An open sheet has no volume of its own, and must not decide for closed parts.
+        closed = _is_closed_part(mesh)
+        for part in (np.flatnonzero(closed), np.flatnonzero(~closed)):
+            if len(part) and signed_volume(mesh.triangles[part]) < 0.0:
+                mesh.faces[part] = mesh.faces[part][:, ::-1]
     after = np.asarray(mesh.faces)
     same = _is_even(before, np.sort(before, axis=1)) == _is_even(after, np.sort(after, axis=1))
     turned = int(np.sum(~same))
     if turned:
         repairs.append(f"turned {_count(turned, 'face')} outward")
+
+
+def _is_closed_part(mesh: trimesh.Trimesh) -> BoolArray:
+    """Return which faces, shape (F,), belong to a part without an open edge."""
+    edge, _, count = edge_groups(np.asarray(mesh.faces))
+    open_faces = (count[edge] == 1).any(axis=1)
+    closed = np.ones(len(mesh.faces), dtype=bool)
+    for body in _each_body(mesh):
+        closed[body] = not open_faces[body].any()
+    return closed
 
 
 def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
@@ -186,15 +203,30 @@ def _turn_parts_outward(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     if not inward or len(inward) == len(bodies):
         return
     triangles = np.array(mesh.triangles)
-    solid = np.delete(np.array(mesh.faces), np.concatenate(inward), axis=0)
+    outward = [body for body in bodies if signed_volume(triangles[body]) > 0.0]
+    lows, highs = _boxes(mesh, outward)
     turned = 0
     for body in inward:
         places = triangles[body[:: max(1, len(body) // _PLACES)]].mean(axis=1)
-        if not (winding_numbers(places, mesh.vertices, solid) > 0.5).all():
+        around = np.all((lows <= places.min(axis=0)) & (highs >= places.max(axis=0)), axis=1)
+        solid = [mesh.faces[outward[i]] for i in np.flatnonzero(around)]
+        inside = bool(solid) and bool(
+            (winding_numbers(places, mesh.vertices, np.concatenate(solid)) > 0.5).all()
+        )
+        if not inside:
             mesh.faces[body] = mesh.faces[body][:, ::-1]
             turned += 1
     if turned:
         repairs.append(f"turned {_count(turned, 'part')} outward")
+
+
+def _flip_slivers(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
+    """Give the area of faces without a certain normal to their neighbours."""
+    height = _SAME_VERTEX * float(mesh.extents.max()) if len(mesh.faces) else 0.0
+    faces, flips = flip_slivers(np.asarray(mesh.vertices), np.asarray(mesh.faces), height=height)
+    if flips:
+        mesh.faces = faces
+        repairs.append(f"flipped {_count(flips, 'edge')} of triangles with vertices on a line")
 
 
 def _each_body(mesh: trimesh.Trimesh) -> list[IntArray]:
@@ -203,7 +235,7 @@ def _each_body(mesh: trimesh.Trimesh) -> list[IntArray]:
     pairs = mesh.face_adjacency
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     bodies, labels = connected_components(graph, directed=False)
-    return [np.flatnonzero(labels == i) for i in range(bodies)]
+    return rows_by_label(bodies, labels)
 
 
 def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
@@ -223,17 +255,46 @@ def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
 
 
 def _joined_bodies(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
-    """Unite solid parts that touch, so that no face is left inside the object."""
+    """Unite solid parts that touch, so that no face is left inside the object.
+
+    Parts that touch nothing keep the file's own triangles.
+    """
     bodies = [b for b in _each_body(mesh) if signed_volume(mesh.triangles[b]) > 0.0]
     if len(bodies) < 2:
         return mesh
-    parts = [mesh.submesh([body], append=True, repair=False) for body in bodies]
-    united = unite(parts)
-    # Separate parts keep their whole surface, and the file's own triangles.
-    if not united.is_watertight or united.area > (1.0 - 1e-6) * mesh.area:
+    low, high = _boxes(mesh, bodies)
+    joined: list[trimesh.Trimesh] = []
+    replaced: list[IntArray] = []
+    count = 0
+    for group in overlapping_groups(low, high):
+        if len(group) < 2:
+            continue
+        parts = [mesh.submesh([bodies[i]], append=True, repair=False) for i in group]
+        united = unite(parts)
+        area = sum(float(part.area) for part in parts)
+        if not united.is_watertight or united.area > (1.0 - 1e-6) * area:
+            continue
+        joined.append(united)
+        replaced += [bodies[i] for i in group]
+        count += len(group)
+    if not count:
         return mesh
-    repairs.append(f"united {len(parts)} parts that touch")
-    return united
+    repairs.append(f"united {count} parts that touch")
+    kept = np.ones(len(mesh.faces), dtype=bool)
+    kept[np.concatenate(replaced)] = False
+    if not kept.any():
+        return joined[0] if len(joined) == 1 else trimesh.util.concatenate(joined)
+    mesh.update_faces(kept)
+    mesh.remove_unreferenced_vertices()
+    return trimesh.util.concatenate([mesh, *joined])
+
+
+def _boxes(mesh: trimesh.Trimesh, bodies: list[IntArray]) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and highest corners of parts, shapes (B, 3) [m]."""
+    corners = np.array(mesh.triangles)
+    rows, starts = np.concatenate(bodies), np.cumsum([0, *map(len, bodies[:-1])])
+    low = np.minimum.reduceat(corners.min(axis=1)[rows], starts)
+    return low, np.maximum.reduceat(corners.max(axis=1)[rows], starts)
 
 
 def _count(number: int, thing: str) -> str:

@@ -48,6 +48,29 @@ def test_a_box_is_touched_exactly_at_the_target(hand: Hand) -> None:
     assert outcome.duration == pytest.approx(0.3 + 0.12, abs=1e-3)
 
 
+def test_a_touch_on_a_sliver_has_the_normal_around_it() -> None:
+    # The upper face's diagonal has its middle as a vertex on one side only: a sliver in between.
+    box = trimesh.creation.box(extents=[0.1, 0.08, 0.06])
+    top = np.flatnonzero(box.face_normals[:, 2] > 0.5)
+    first, second = box.faces[top[0]].tolist(), set(box.faces[top[1]].tolist())
+    k = next(k for k in range(3) if {first[k], first[(k + 1) % 3]} <= second)
+    a, b, c = first[k], first[(k + 1) % 3], first[(k + 2) % 3]
+    split = [[a, 8, c], [8, b, c], [a, b, 8]]
+    mesh = trimesh.Trimesh(
+        np.vstack([box.vertices, [0.0, 0.0, 0.03]]),
+        np.vstack([split[::-1], np.delete(box.faces, top[0], axis=0)]),
+        process=False,
+    )
+    assert mesh.is_watertight
+    prober = KinematicProber(Hand.load("allegro"), mesh)
+    touched = [
+        prober.probe(Probe([x, 0.8 * x, 0.03], [0.0, 0.0, -1.0], 0.03, 0.02))
+        for x in np.linspace(-0.02, 0.02, 9)
+    ]
+    normals = np.concatenate([outcome.contacts.normals for outcome in touched])
+    np.testing.assert_allclose(normals, np.tile([0.0, 0.0, 1.0], (9, 1)), atol=1e-12)
+
+
 def test_a_spherical_tip_touches_a_slope_beside_the_target() -> None:
     # A sphere of radius r that moves down on a slope at 30 degrees, its lowest point along a line,
     # meets it r sin 30 beside that line.

@@ -10,6 +10,7 @@ import trimesh
 
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError
+from lis_grasp.shapes.nearby_parts import overlapping_groups
 
 YCB = Path(os.environ.get("LIS_GRASP_YCB", ""))
 
@@ -275,6 +276,62 @@ def test_a_part_that_is_inside_out_is_a_part_and_no_cavity(tmp_path: Path, at: t
     assert "turned 1 part outward" in shape.repairs
 
 
+@pytest.mark.parametrize("solid_inward", [False, True])
+@pytest.mark.parametrize("sheet_turned", [False, True])
+def test_an_open_sheet_does_not_turn_a_solid_inside_out(
+    tmp_path: Path, solid_inward: bool, sheet_turned: bool
+) -> None:
+    # A sheet of 200 x 300 mm, bent by 20 mm: two triangles, which enclose 0.2 l with the line
+    # between their far corners.
+    sheet = trimesh.Trimesh(
+        [[0.2, 0, -0.3], [0.4, 0, -0.3], [0.4, 0.3, -0.28], [0.2, 0.3, -0.3]],
+        [[0, 1, 2], [0, 2, 3]],
+    )
+    solid = block()
+    if solid_inward:
+        solid.invert()
+    if sheet_turned:
+        sheet.invert()
+    shape = shapes.load(
+        write(trimesh.util.concatenate([solid, sheet]), tmp_path / "with_sheet.ply")
+    )
+    volume = 0.2 * 0.3 * 0.02 / 6.0
+    assert shape.mesh.volume == pytest.approx(VOLUME + volume, rel=1e-5)
+
+
+def with_sliver(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """Split the first face at the middle of an edge, but leave its neighbour: a sliver between."""
+    a, b, c = (int(v) for v in mesh.faces[0])
+    middle = len(mesh.vertices)
+    vertices = np.vstack([mesh.vertices, mesh.vertices[[a, b]].mean(axis=0)])
+    split = [[a, middle, c], [middle, b, c], [a, b, middle]]
+    return vertices, np.vstack([mesh.faces[1:], split])
+
+
+def test_a_sliver_is_flipped_away(tmp_path: Path) -> None:
+    vertices, faces = with_sliver(block())
+    assert np.isclose(trimesh.Trimesh(vertices, faces, process=False).area_faces.min(), 0.0)
+    shape = shapes.load(write_faces(vertices, faces, tmp_path / "sliver.off"))
+    assert len(shape.mesh.faces) == 14
+    assert shape.mesh.volume == pytest.approx(VOLUME, rel=1e-9)
+    # The smallest triangle is a quarter of the smallest face.
+    assert shape.mesh.area_faces.min() == pytest.approx(0.25 * 0.04 * 0.06)
+    assert len(shape.repairs) == 1
+
+
+def test_groups_of_overlapping_boxes_are_those_of_all_pairs() -> None:
+    rng = np.random.default_rng(0)
+    low = rng.random((200, 3))
+    high = low + 0.12 * rng.random((200, 3))
+    meet = np.all((low[:, None] <= high) & (high[:, None] >= low), axis=-1)
+    reached = meet
+    for _ in range(8):  # 2^8 boxes in a chain
+        reached = (reached.astype(float) @ reached.astype(float)) > 0
+    expected = {tuple(np.flatnonzero(row)) for row in reached}
+    assert 20 < len(expected) < 180
+    assert {tuple(sorted(group)) for group in overlapping_groups(low, high)} == expected
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_meshes_with_missing_and_turned_faces_are_closed_and_outward(
     tmp_path: Path, seed: int
@@ -363,6 +420,9 @@ def test_unknown_units_are_refused(tmp_path: Path) -> None:
     ("scale", "message"),
     [
         (1000.0, r"80 m large when read in m.*--units mm \(then 0\.08 m\)"),
+        # In centimetres it would be 0.8 m: no object of a hand.
+        (1000.0, r"m: --units mm \(then 0\.08 m\) would fit$"),
+        (30.0, r"m: --units cm \(then 0\.024 m\) or --units inch \(then 0\.061 m\) would fit$"),
         (0.01, r"0\.0008 m large when read in m.*no unit would fit"),
         (1e6, "no unit would fit"),
     ],
