@@ -10,13 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.shapes.hole_filling import fill_loop
-from lis_grasp.shapes.mesh_union import unite
-from lis_grasp.shapes.nearby_parts import overlapping_groups, rows_by_label
+from lis_grasp.shapes.parts import boxes, each_part, unite_parts
 from lis_grasp.shapes.shape import signed_volume
 from lis_grasp.shapes.slivers import flip_slivers
 from lis_grasp.shapes.topology import (
@@ -62,7 +59,7 @@ def repair_mesh(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh,
         raise InvalidMeshError(
             "could not be closed: repair it by hand, for example with MeshLab or Blender"
         )
-    return _joined_bodies(mesh, repairs), tuple(repairs)
+    return unite_parts(mesh, repairs), tuple(repairs)
 
 
 def _roughly_boxed(mesh: trimesh.Trimesh) -> float:
@@ -130,7 +127,7 @@ def _orient(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     if not mesh.is_winding_consistent:
         wrong = disagreeing_faces(before)
         mesh.faces[wrong] = mesh.faces[wrong][:, ::-1]
-        for label in _each_body(mesh):
+        for label in each_part(mesh):
             if signed_volume(mesh.triangles[label]) < 0.0:
                 mesh.faces[label] = mesh.faces[label][:, ::-1]
     else:
@@ -151,7 +148,7 @@ def _is_closed_part(mesh: trimesh.Trimesh) -> BoolArray:
     edge, _, count = edge_groups(np.asarray(mesh.faces))
     open_faces = (count[edge] == 1).any(axis=1)
     closed = np.ones(len(mesh.faces), dtype=bool)
-    for body in _each_body(mesh):
+    for body in each_part(mesh):
         closed[body] = not open_faces[body].any()
     return closed
 
@@ -198,13 +195,13 @@ def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
 
 def _turn_parts_outward(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     """Turn closed parts that are inside out, except cavities, which are inside a solid."""
-    bodies = _each_body(mesh)
+    bodies = each_part(mesh)
     inward = [body for body in bodies if signed_volume(mesh.triangles[body]) < 0.0]
     if not inward or len(inward) == len(bodies):
         return
     triangles = np.array(mesh.triangles)
     outward = [body for body in bodies if signed_volume(triangles[body]) > 0.0]
-    lows, highs = _boxes(mesh, outward)
+    lows, highs = boxes(mesh, outward)
     turned = 0
     for body in inward:
         places = triangles[body[:: max(1, len(body) // _PLACES)]].mean(axis=1)
@@ -229,18 +226,9 @@ def _flip_slivers(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
         repairs.append(f"flipped {_count(flips, 'edge')} of triangles with vertices on a line")
 
 
-def _each_body(mesh: trimesh.Trimesh) -> list[IntArray]:
-    """Return the face indices of every connected part."""
-    count = len(mesh.faces)
-    pairs = mesh.face_adjacency
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    bodies, labels = connected_components(graph, directed=False)
-    return rows_by_label(bodies, labels)
-
-
 def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     """Drop parts so small that they are dirt of a scan."""
-    bodies = _each_body(mesh)
+    bodies = each_part(mesh)
     if len(bodies) < 2:
         return mesh
     # Of bodies that are all flat none is dropped: `repair_mesh` refuses them.
@@ -252,49 +240,6 @@ def _drop_specks(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     mesh.update_faces(np.sort(np.concatenate([b for b, k in zip(bodies, kept, strict=True) if k])))
     mesh.remove_unreferenced_vertices()
     return mesh
-
-
-def _joined_bodies(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
-    """Unite solid parts that touch, so that no face is left inside the object.
-
-    Parts that touch nothing keep the file's own triangles.
-    """
-    bodies = [b for b in _each_body(mesh) if signed_volume(mesh.triangles[b]) > 0.0]
-    if len(bodies) < 2:
-        return mesh
-    low, high = _boxes(mesh, bodies)
-    joined: list[trimesh.Trimesh] = []
-    replaced: list[IntArray] = []
-    count = 0
-    for group in overlapping_groups(low, high):
-        if len(group) < 2:
-            continue
-        parts = [mesh.submesh([bodies[i]], append=True, repair=False) for i in group]
-        united = unite(parts)
-        area = sum(float(part.area) for part in parts)
-        if not united.is_watertight or united.area > (1.0 - 1e-6) * area:
-            continue
-        joined.append(united)
-        replaced += [bodies[i] for i in group]
-        count += len(group)
-    if not count:
-        return mesh
-    repairs.append(f"united {count} parts that touch")
-    kept = np.ones(len(mesh.faces), dtype=bool)
-    kept[np.concatenate(replaced)] = False
-    if not kept.any():
-        return joined[0] if len(joined) == 1 else trimesh.util.concatenate(joined)
-    mesh.update_faces(kept)
-    mesh.remove_unreferenced_vertices()
-    return trimesh.util.concatenate([mesh, *joined])
-
-
-def _boxes(mesh: trimesh.Trimesh, bodies: list[IntArray]) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and highest corners of parts, shapes (B, 3) [m]."""
-    corners = np.array(mesh.triangles)
-    rows, starts = np.concatenate(bodies), np.cumsum([0, *map(len, bodies[:-1])])
-    low = np.minimum.reduceat(corners.min(axis=1)[rows], starts)
-    return low, np.maximum.reduceat(corners.max(axis=1)[rows], starts)
 
 
 def _count(number: int, thing: str) -> str:

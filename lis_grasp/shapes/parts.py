@@ -1,0 +1,95 @@
+"""Connected parts of a mesh, their bounding boxes, and the union of those that touch."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from lis_grasp.shapes.mesh_union import unite
+from lis_grasp.shapes.shape import signed_volume
+from lis_grasp.typing import FloatArray, IntArray
+
+
+def each_part(mesh: trimesh.Trimesh) -> list[IntArray]:
+    """Return the face indices of every connected part of a mesh."""
+    count = len(mesh.faces)
+    pairs = mesh.face_adjacency
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    bodies, labels = connected_components(graph, directed=False)
+    return _rows_by_label(bodies, labels)
+
+
+def unite_parts(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
+    """Unite solid parts that touch, so that no face is left inside; list it in `repairs`.
+
+    Parts that touch nothing keep the file's own triangles.
+    """
+    bodies = [b for b in each_part(mesh) if signed_volume(mesh.triangles[b]) > 0.0]
+    if len(bodies) < 2:
+        return mesh
+    low, high = boxes(mesh, bodies)
+    joined: list[trimesh.Trimesh] = []
+    replaced: list[IntArray] = []
+    count = 0
+    for group in overlapping_groups(low, high):
+        if len(group) < 2:
+            continue
+        parts = [mesh.submesh([bodies[i]], append=True, repair=False) for i in group]
+        united = unite(parts)
+        area = sum(float(part.area) for part in parts)
+        if not united.is_watertight or united.area > (1.0 - 1e-6) * area:
+            continue
+        joined.append(united)
+        replaced += [bodies[i] for i in group]
+        count += len(group)
+    if not count:
+        return mesh
+    repairs.append(f"united {count} parts that touch")
+    kept = np.ones(len(mesh.faces), dtype=bool)
+    kept[np.concatenate(replaced)] = False
+    if not kept.any():
+        return joined[0] if len(joined) == 1 else trimesh.util.concatenate(joined)
+    mesh.update_faces(kept)
+    mesh.remove_unreferenced_vertices()
+    return trimesh.util.concatenate([mesh, *joined])
+
+
+def boxes(mesh: trimesh.Trimesh, bodies: list[IntArray]) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and highest corners of parts, shapes (B, 3) [m]."""
+    corners = np.array(mesh.triangles)
+    rows, starts = np.concatenate(bodies), np.cumsum([0, *map(len, bodies[:-1])])
+    low = np.minimum.reduceat(corners.min(axis=1)[rows], starts)
+    return low, np.maximum.reduceat(corners.max(axis=1)[rows], starts)
+
+
+def overlapping_groups(low: FloatArray, high: FloatArray) -> list[IntArray]:
+    """Return groups of boxes that overlap, directly or through others; each box is in one group.
+
+    `low` and `high`, shapes (B, 3), are the boxes' corners; boxes that touch overlap. The time
+    grows with the boxes that overlap along the axis of the largest extent, not with all pairs.
+    """
+    axis = int(np.argmax(high.max(axis=0) - low.min(axis=0)))
+    order = np.argsort(low[:, axis], kind="stable")
+    low, high = low[order], high[order]
+    last = np.searchsorted(low[:, axis], high[:, axis], side="right")
+    first, second = [np.empty(0, dtype=np.int64)], [np.empty(0, dtype=np.int64)]
+    for i, end in enumerate(last):
+        ahead = slice(i + 1, int(end))
+        meet = np.all((low[ahead] <= high[i]) & (high[ahead] >= low[i]), axis=1)
+        others = i + 1 + np.flatnonzero(meet)
+        first.append(np.full(len(others), i))
+        second.append(others)
+    rows, columns = np.concatenate(first), np.concatenate(second)
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(low), len(low)))
+    count, labels = connected_components(graph, directed=False)
+    return _rows_by_label(count, labels[np.argsort(order)])
+
+
+def _rows_by_label(count: int, labels: IntArray) -> list[IntArray]:
+    """Return the rows of each label from 0 to `count` - 1, in order."""
+    if not count:
+        return []
+    rows = np.argsort(labels, kind="stable")
+    return np.split(rows, np.cumsum(np.bincount(labels, minlength=count))[:-1])
