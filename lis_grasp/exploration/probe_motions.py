@@ -39,23 +39,8 @@ def axis_probe(
     probed = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
     left = np.flatnonzero(~np.any(AXES @ probed.T > SAME_DIRECTION, axis=1))
     direction = AXES[rng.choice(left)]
-    target = _middle(space, outcomes) + _AXIS_SPREAD * space.size * rng.uniform(-1.0, 1.0, size=3)
+    target = space.center + _AXIS_SPREAD * space.size * rng.uniform(-1.0, 1.0, size=3)
     return Probe(target, direction, 0.6 * space.size + 0.5 * space.step, 0.0)
-
-
-def _middle(space: Workspace, outcomes: Sequence[ProbeOutcome]) -> FloatArray:
-    """Return a point of the object as far as it is known, shape (3,) [m].
-
-    It begins at the centre. Each touch moves it to the touched line, halfway to the contact.
-    """
-    middle = np.array(space.center)
-    for outcome in outcomes:
-        if len(outcome.contacts):
-            axis = int(np.argmax(np.abs(outcome.probe.direction)))
-            point = np.array(outcome.contacts.points[0])
-            point[axis] = 0.5 * (point[axis] + middle[axis])
-            middle = point
-    return middle
 
 
 def random_pass(space: Workspace, rng: np.random.Generator) -> Probe:
@@ -80,7 +65,8 @@ def concavity_probe(
     sideways = np.cross(directions, rng.normal(size=3))
     sideways /= np.maximum(np.linalg.norm(sideways, axis=1, keepdims=True), 1e-12)
     near = np.linalg.norm(points[:, None] - starts, axis=-1) < space.step  # (K, outcomes)
-    new = ~np.any(near & (sideways @ probed.T > SAME_DIRECTION), axis=1)
+    blocked = np.array([outcome.status == "blocked" for outcome in outcomes], dtype=np.bool_)
+    new = ~np.any(near & (blocked | (sideways @ probed.T > SAME_DIRECTION)), axis=1)
     if not new.any():
         return None
     chosen = rng.choice(np.flatnonzero(new))

@@ -88,7 +88,10 @@ def _tried(
     """Return which points, shape (P,), were a target before, from about the same side."""
     targets = np.array([outcome.probe.target for outcome in outcomes]).reshape(-1, 3)
     directions = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
-    near = np.linalg.norm(points[:, None] - targets, axis=-1) < _SAME_TARGET * gap[:, None]
+    blocked = np.array([outcome.status == "blocked" for outcome in outcomes], dtype=np.bool_)
+    # A hand that could not get to a place will hardly get to its surroundings.
+    radius = np.where(blocked, 1.0, _SAME_TARGET) * gap[:, None]  # (P, outcomes)
+    near = np.linalg.norm(points[:, None] - targets, axis=-1) < radius
     return np.asarray(np.any(near & (-normals @ directions.T > SAME_DIRECTION), axis=1))
 
 
