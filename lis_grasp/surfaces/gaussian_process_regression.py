@@ -154,7 +154,7 @@ class GradientRegression:
         for group in np.unique(groups):
             members = np.flatnonzero(groups == group)
             columns = inverse[:, (ROWS * members[:, None] + np.arange(ROWS)).ravel()]
-            covariance = np.linalg.inv(columns.T @ columns)
+            covariance = np.asarray(np.linalg.inv(columns.T @ columns), np.float64)
             residuals = covariance @ self.weights[members].ravel()
             yield members, residuals.reshape(-1, ROWS), covariance
 
