@@ -18,6 +18,8 @@ VIRIDIS = (
     "#fde725",
 )  # fmt: skip
 
+# Upper end of the scale of an object, in sizes of it.
+_SHOWN_SIZE = 0.025
 # Quantile at the upper end of the scale: large values must not compress the rest into one colour.
 _SHOWN_FRACTION = 0.8
 
@@ -64,6 +66,17 @@ class ColourScale:
         if not len(finite) or finite.max() <= 0.0:
             return cls(0.0, 1e-3, clipped=bool(len(finite) < all_values.size))
         high = round_up(float(np.quantile(finite, _SHOWN_FRACTION)) or float(finite.max()))
+        return cls(0.0, high, clipped=bool(np.any(~(all_values <= high * (1.0 + 1e-9)))))
+
+    @classmethod
+    def of_object(cls, size: float, values: npt.ArrayLike) -> ColourScale:
+        """Return the scale of every estimate of an object of `size` [m]: the same in all runs.
+
+        Its upper end is the first round number above 2.5 % of the size; `values` (N,) [m] only
+        say whether some are above it.
+        """
+        high = round_up(_SHOWN_SIZE * size)
+        all_values = np.asarray(values, dtype=np.float64)
         return cls(0.0, high, clipped=bool(np.any(~(all_values <= high * (1.0 + 1e-9)))))
 
     def colours(self, values: npt.ArrayLike) -> FloatArray:

@@ -19,7 +19,7 @@ FREE_COLOUR = "#8fb7d8"
 PLAIN_ESTIMATE_COLOUR = "#2c9a8f"
 TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
 
-# Fractions of the object's largest extent, chosen by eye at 4 to 20 cm.
+# Fractions of the markers' size, chosen by eye at 4 to 20 cm.
 _CONTACT_RADIUS = 0.018
 _NORMAL_LENGTH = 0.15
 _FREE_POINT_RADIUS = 0.007
@@ -28,11 +28,11 @@ _MOST_FREE_POINTS = 5000
 
 
 def draw_estimates(
-    canvas: Canvas, surfaces: Sequence[tuple[int, trimesh.Trimesh]]
+    canvas: Canvas, surfaces: Sequence[tuple[int, trimesh.Trimesh]], size: float
 ) -> ColourScale | None:
-    """Draw the estimates from increasing numbers of contacts; return the last one's colour scale.
+    """Draw the estimates from increasing numbers of contacts; return their colour scale.
 
-    None if that has no finite uncertainty.
+    It is that of an object of `size` [m]; None if the last one has no finite uncertainty.
     """
     surfaces = [(count, mesh) for count, mesh in surfaces if len(mesh.faces)]
     if not surfaces:
@@ -42,7 +42,7 @@ def draw_estimates(
     )
     values = surfaces[-1][1].vertex_attributes.get("uncertainty")
     known = values is not None and bool(np.isfinite(values).any())
-    scale = ColourScale.of(values) if known else None
+    scale = ColourScale.of_object(size, values) if known else None
     for count, mesh in surfaces:
         path = f"{OBJECT_NODE}/estimate/{count}"
         canvas.commands.append(_draw_estimate(path, mesh, scale))
@@ -64,8 +64,17 @@ def draw_truth(canvas: Canvas, truth: trimesh.Trimesh) -> None:
     canvas.layers.append(Layer("truth", "True object", True, TRUTH_COLOUR, "unknown to the robot"))
 
 
+def marker_size(points: FloatArray, least: float) -> float:
+    """Return the size [m] of an object (N, 3) that its markers are scaled by, at least `least`.
+
+    The geometric mean of its two largest extents: arrows as for its length would hide a bar.
+    """
+    _, middle, largest = np.sort(np.ptp(points, axis=0))
+    return max(float(np.sqrt(max(middle, 0.05 * largest) * largest)), least)
+
+
 def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
-    """Draw contacts, normals and free points, scaled to an object of `size` [m]."""
+    """Draw contacts, normals and free points as markers for an object of `size` [m]."""
     if len(contacts):
         at = _poses_along(contacts.points, contacts.normals)
         colours = {"contacts": CONTACT_COLOUR, "normals": NORMAL_COLOUR}

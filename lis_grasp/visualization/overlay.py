@@ -46,10 +46,10 @@ def build_overlay(
         '<details id="panel" open>',
         f"<summary><h1>{escape(title)}</h1></summary>",
         '<div class="content">',
+        f'<h2>Result</h2><div class="lines">{lines}</div>' if lines else "",
         f'<p class="explained">Press play: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
         _listed_grasps(grasps, postures=postures),
-        f'<h2>Result</h2><div class="lines">{lines}</div>' if lines else "",
         f'<p class="fine">Grid {_millimetres(grid)}. Drag to turn, wheel or pinch to zoom,'
         " right button or two fingers to move.</p>",
         "</div>",

@@ -34,6 +34,7 @@ from lis_grasp.visualization.object_layers import (
     draw_estimates,
     draw_table,
     draw_truth,
+    marker_size,
 )
 from lis_grasp.visualization.overlay import build_overlay
 from lis_grasp.visualization.story import Story
@@ -66,12 +67,13 @@ class Scene:
         The true object [m], in O; drawn as a glass shell round the estimate, solid in the lift.
     estimate
         The estimated surface [m], in O, coloured by its ``vertex_attributes["uncertainty"]``,
-        shape (V,) [m]; in one colour if there is none, or none is finite.
+        shape (V,) [m], on a scale that depends on the object's size only; in one colour if there
+        is none, or none is finite.
     contacts
         Contacts in O, in the order of the touches.
     growth
         Earlier estimates, each with its number of contacts; the numbers increase, and are less than
-        that of all contacts.
+        that of all contacts. A contact is shown together with the first estimate from it.
     touches
         The probe outcome that made each contact, None where it is unknown; or empty. The hand is
         drawn at its `hand_pose`, and approaches along the probe's direction.
@@ -153,10 +155,10 @@ class Scene:
         surfaces = list(self.growth)
         if self.estimate is not None:
             surfaces.append((len(self.contacts), self.estimate))
-        scale = draw_estimates(canvas, surfaces)
+        scale = draw_estimates(canvas, surfaces, size)
         if self.truth is not None:
             draw_truth(canvas, self.truth)
-        draw_contacts(canvas, self.contacts, size)
+        draw_contacts(canvas, self.contacts, marker_size(object_points, _LEAST_SIZE))
         lift_seconds, postures, moved = self._draw_hand(canvas, object_points)
         hands = [hand_points(self.hand, p) for p in postures] if self.hand is not None else []
         best = hands[0] if hands else _NOTHING

@@ -145,6 +145,14 @@ def test_the_estimate_is_absent_at_first_grows_and_is_there_after_the_touches(
     assert seen[4] > 1.5 * seen[2]  # which is half as wide as the last one
     assert dots[0] < 1e-5 < dots[1]
     assert dots[1] < dots[-1]
+    # No contact is ahead of the estimate: five touches are made, the estimate is from three.
+    assert dots[3] == pytest.approx(dots[2], rel=0.01)
+
+
+def test_the_result_is_read_without_scrolling(browser: Browser, page: str) -> None:
+    browser.open(page, (1280, 600))
+    bottom = "document.querySelector('.lines').getBoundingClientRect().bottom"
+    assert 0.0 < browser.evaluate(bottom) < 300.0
 
 
 def test_the_hand_comes_in_touches_and_leaves(browser: Browser, page: str) -> None:

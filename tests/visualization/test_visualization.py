@@ -28,7 +28,7 @@ from lis_grasp.visualization import Scene, SceneServer
 from lis_grasp.visualization.camera import choose_azimuth, outermost, surface_points
 from lis_grasp.visualization.colours import ColourScale, linear_rgb, round_up, viridis
 from lis_grasp.visualization.drawing import animate, draw_mesh, material, shade
-from lis_grasp.visualization.object_layers import _poses_along
+from lis_grasp.visualization.object_layers import _poses_along, marker_size
 
 
 def _facts(page: str) -> dict[str, Any]:
@@ -188,6 +188,22 @@ def test_infinite_uncertainty_is_clipped_to_the_upper_end() -> None:
     assert_allclose(scale.colours([np.inf, np.nan, 5.0]), viridis([1.0, 1.0, 1.0]))
 
 
+def test_runs_on_one_object_have_one_scale() -> None:
+    scales = [ColourScale.of_object(0.14, values) for values in ([0.0, 1e-4], [0.01, np.inf])]
+    assert {(scale.low, scale.high) for scale in scales} == {(0.0, 4e-3)}  # 2.5 % is 3.5 mm
+    assert [scale.clipped for scale in scales] == [False, True]
+    assert ColourScale.of_object(0.28, [0.0]).high == pytest.approx(8e-3)
+
+
+def test_markers_scale_with_the_object_and_not_with_its_length() -> None:
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    assert marker_size(0.1 * corners, 0.01) == pytest.approx(0.1)
+    bar = [0.3, 0.025, 0.025] * corners
+    assert marker_size(bar, 0.01) == pytest.approx(np.sqrt(0.3 * 0.025))
+    assert marker_size(2.0 * bar, 0.01) == pytest.approx(2.0 * marker_size(bar, 0.01))
+    assert marker_size(0.0 * bar, 0.01) == 0.01
+
+
 def test_a_surface_without_finite_uncertainty_has_no_colour_scale() -> None:
     mesh = scenes.estimate()
     mesh.vertex_attributes["uncertainty"] = np.full(len(mesh.vertices), np.inf)
@@ -260,7 +276,7 @@ def test_colours_of_vertices_are_those_of_their_uncertainty() -> None:
         for name in ("position", "color")
     )
     uncertainty = 1e-3 * (1.0 + position[:, 2] / scenes.HALF)
-    scale = ColourScale.of(mesh.vertex_attributes["uncertainty"])
+    scale = ColourScale.of_object(mesh.extents.max(), mesh.vertex_attributes["uncertainty"])
     assert_allclose(colour, linear_rgb(scale.colours(uncertainty)), atol=1e-5)
 
 

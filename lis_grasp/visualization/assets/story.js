@@ -7,25 +7,27 @@ const Story = (facts) => {
 
   // State at a time. A chapter includes its end, but not its start.
   //   name      of the chapter, "" for a static scene
-  //   contacts  number of contacts so far
+  //   made      number of touches so far
+  //   contacts  number of contacts that are shown: those of the latest estimate, if there is one
   //   next      number of the current touch; 0 for none
   //   away      remaining part of the approach: 1 at first, 0 at the touch
   //   surface   number of contacts of the latest estimate; null before the first one
   //   rank      of the shown grasp, 0 for none
   //   lift      time since the start of the lift [s]
   function at(time) {
-    const now = { name: "", contacts: Infinity, next: 0, away: 0, surface: Infinity, rank: 1, lift: 0 };
+    const now = { name: "", made: Infinity, contacts: Infinity, next: 0, away: 0, surface: Infinity, rank: 1, lift: 0 };
     if (!chapters.length) return now;
     const current = chapters.reduce((found, c) => (time > c.start ? c : found));
     const gone = time - current.start;
     now.name = current.name;
     if (current === touch) {
-      now.contacts = Math.min(touch.contacts, Math.floor(gone / touch.step + 1e-6));
+      now.made = Math.min(touch.contacts, Math.floor(gone / touch.step + 1e-6));
       // The hand approaches, touches when the contact appears, and stays for a moment.
       const turn = gone / touch.step;
       const next = Math.floor(turn + 0.6);
       if (next <= touch.contacts) Object.assign(now, { next, away: Math.max(0, (next - turn) / 0.6) ** 2 });
-      now.surface = touch.surfaces.filter((count) => count <= now.contacts).pop() ?? null;
+      now.surface = touch.surfaces.filter((count) => count <= now.made).pop() ?? null;
+      now.contacts = now.surface ?? now.made;
       now.rank = 0;
     }
     // From the worst to the best one.
@@ -36,9 +38,9 @@ const Story = (facts) => {
 
   function caption(now, noteOf) {
     if (now.name === "touch") {
-      if (!now.contacts) return "No contacts yet";
+      if (!now.made) return "No contacts yet";
       const made = now.surface === null ? "" : `; estimate from ${now.surface}`;
-      return `Touch ${now.contacts} of ${touch.contacts}${made}`;
+      return `Touch ${now.made} of ${touch.contacts}${made}`;
     }
     if (now.name === "grasp") {
       if (facts.postures) return facts.postures[now.rank - 1];
