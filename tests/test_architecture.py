@@ -1,10 +1,12 @@
 """The package's structure: direction of imports, where Drake is, public names."""
 
 import ast
+import json
 import subprocess
 import sys
 from collections import Counter
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import networkx as nx
@@ -141,6 +143,17 @@ print(len(search.grasps))
 def test_every_public_name_resolves() -> None:
     for name in lis_grasp.__all__:
         assert getattr(lis_grasp, name) is not None
+    assert set(lis_grasp.__all__) <= set(dir(lis_grasp))
+
+
+def test_notebooks_import_public_names_only() -> None:
+    for path in sorted((PACKAGE.parent / "notebooks").glob("*.ipynb")):
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        sources = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+        for node in ast.walk(ast.parse("\n".join(sources))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("lis_grasp"):
+                public = import_module(str(node.module)).__all__
+                assert {alias.name for alias in node.names} <= set(public), f"{path}: {node.module}"
 
 
 def test_unknown_public_name_is_refused() -> None:

@@ -1,1 +1,5 @@
 """Grasping: hands, contact models, quality, collision, and the sampler of grasps; no Drake."""
+
+from lis_grasp.grasping.contact_wrenches import WrenchModel
+
+__all__ = ["WrenchModel"]

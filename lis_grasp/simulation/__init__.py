@@ -1,1 +1,5 @@
 """Simulation in Drake, at both ends of the flow: touching an object, and lifting it."""
+
+from lis_grasp.simulation.dynamic_prober import DynamicProber
+
+__all__ = ["DynamicProber"]

@@ -17,7 +17,10 @@ from lis_grasp.experiments.figures.charts import bars, calibration, curve_panels
 from lis_grasp.experiments.figures.convexity_figures import figure_4, figure_5
 from lis_grasp.experiments.figures.error_figures import figure_8, figure_11
 from lis_grasp.experiments.figures.object_figures import figure_6, figure_7, patch_map
+from lis_grasp.experiments.figures.painter import View
+from lis_grasp.experiments.figures.palette import estimator_colour, estimator_label
 from lis_grasp.experiments.figures.planar_figures import figure_1, figure_2
+from lis_grasp.experiments.figures.static_scene import draw_still
 from lis_grasp.experiments.figures.style import png_of
 
 
@@ -116,9 +119,13 @@ __all__ = [
     "CHART_CAPTIONS",
     "FIGURES",
     "PaperFigure",
+    "View",
     "bars",
     "calibration",
     "curve_panels",
+    "draw_still",
+    "estimator_colour",
+    "estimator_label",
     "patch_map",
     "png_of",
 ]

@@ -1,7 +1,23 @@
 """Studies of estimators by grasp success: definition, trials, results, comparison."""
 
+from lis_grasp.experiments.runner import LocalPool
 from lis_grasp.experiments.study.comparison import Comparison, compare
 from lis_grasp.experiments.study.study import Setup, Study, Trial, load_study
+from lis_grasp.experiments.study.study_figures import epsilon_against_truth
 from lis_grasp.experiments.study.study_results import StudyResults
+from lis_grasp.experiments.study.study_trial import run_trial
+from lis_grasp.experiments.trial_results import Job
 
-__all__ = ["Comparison", "Setup", "Study", "StudyResults", "Trial", "compare", "load_study"]
+__all__ = [
+    "Comparison",
+    "Job",
+    "LocalPool",
+    "Setup",
+    "Study",
+    "StudyResults",
+    "Trial",
+    "compare",
+    "epsilon_against_truth",
+    "load_study",
+    "run_trial",
+]
