@@ -374,7 +374,7 @@ def test_a_package_uri_does_not_lead_out_of_its_package(tmp_path: Path) -> None:
 
 def test_names_and_files_that_are_no_hand_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidHandError, match="one of allegro, wsg50, barrett"):
-        Hand.load("shadow")
+        Hand.load("claw")
     broken = tmp_path / "broken.yaml"
     broken.write_text("name: [")
     with pytest.raises(InvalidHandError, match="not valid YAML"):

@@ -118,7 +118,6 @@ def round_pad(finger: Finger, closing_L: FloatArray, outward_L: FloatArray) -> P
         center = center + ((end @ axis).max() - radius - center @ axis) * axis
         error = float(np.sqrt(np.mean((support - cone @ center - radius) ** 2)))
         # What is behind the finger's end should not be farther out.
-        # What is behind the finger's end should not be farther out.
         error += float((finger.points_L @ axis).max() - (end @ axis).max())
         fits.append((error, axis, center, radius))
     best = min(fits, key=lambda fit: round(fit[0], 4))

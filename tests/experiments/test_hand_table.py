@@ -1,0 +1,47 @@
+"""The table of hands: one line each, whether its model is installed or not."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from lis_grasp.experiments import hand_table as module
+from lis_grasp.experiments.hand_table import hand_table
+from lis_grasp.hands.shipped_models import model_path
+
+
+def test_a_hand_without_its_model_has_a_line_that_says_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable in ("LIS_GRASP_MODELS", "ROS_PACKAGE_PATH"):
+        monkeypatch.delenv(variable, raising=False)
+    table = hand_table(["shadow"], ["box"], seeds=1, touches=5, output=tmp_path)
+    document = yaml.safe_load(model_path("hands/vendors/shadow.yaml").read_text())
+    assert document["model_from"] in table
+    assert not list(tmp_path.iterdir())  # nothing was run
+
+
+def test_the_table_counts_held_trials_of_each_hand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [
+        {"hand": hand, "held": held, "seconds_grasp": seconds}
+        for hand, held, seconds in [
+            ("wsg50", True, 2.0),
+            ("wsg50", False, None),
+            ("wsg50", True, 4.0),
+            ("barrett", False, 7.0),
+        ]
+    ]
+    monkeypatch.setattr(module, "_rows", lambda *_: rows)
+    table = hand_table(["wsg50", "barrett"], ["box"], seeds=1, touches=5, output=tmp_path)
+    assert "| `wsg50` | ok | 3 s | 2 of 3 |" in table
+    assert "| `barrett` | ok | 7 s | 0 of 1 |" in table
+
+
+def test_objects_beside_the_built_in_ones_are_written_at_10_cm(tmp_path: Path) -> None:
+    import trimesh
+
+    path = module._object("bean", tmp_path)
+    assert trimesh.load(path).extents.max() == pytest.approx(0.1)
+    assert module._object("box", tmp_path) == "box"
