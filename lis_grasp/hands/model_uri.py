@@ -33,6 +33,8 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
         listed = [root / inside for root in package_folders(package)]
         # Where a package's folder was renamed, its files are still at the same place in it.
         renamed = [parent / inside for parent in (here, *here.parents)[:_DEPTH]]
+        # Some files name a folder beside them as if it were a package.
+        renamed += [parent / package / inside for parent in (here, *here.parents)[:_DEPTH]]
         candidates = [*above, folder / inside, *listed, *renamed[1:]]
     else:
         raise InvalidFileError(f"{named_in}: files are named by path or package:// URI, not {uri}")

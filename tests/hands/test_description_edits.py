@@ -17,6 +17,7 @@ from lis_grasp.hands.inertias import is_possible, repaired_inertial, without_rou
 from lis_grasp.hands.kinematics import Kinematics
 from lis_grasp.hands.link_bodies import convex_body
 from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.hands.model_uri import resolve_uri
 from lis_grasp.hands.pose_filter import HandPoseFilter, balls_inside
 from lis_grasp.hands.shipped_models import model_path
 
@@ -157,6 +158,18 @@ def test_a_visual_mesh_serves_where_no_collision_body_is(tmp_path: Path) -> None
     assert model.hulls_of_visuals == ("extra",)
     (body,) = [body for body in model.link_geometries if body.link == "extra"]
     np.testing.assert_allclose(body.mesh.extents, 0.02, rtol=0.02)  # facets are inside the ball
+
+
+@pytest.mark.parametrize("uri", ["package://old_name/meshes/a.stl", "package://meshes/a.stl"])
+def test_files_of_a_renamed_or_missing_package_are_found_above_the_file(
+    uri: str, tmp_path: Path
+) -> None:
+    mesh = tmp_path / "new_name" / "meshes" / "a.stl"
+    urdf = tmp_path / "new_name" / "urdf"
+    for folder in (mesh.parent, urdf):
+        folder.mkdir(parents=True)
+    mesh.write_text("solid")
+    assert resolve_uri(uri, urdf, "claw.urdf").samefile(mesh)
 
 
 def test_models_are_found_in_a_folder_given_once(
