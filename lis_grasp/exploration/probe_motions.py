@@ -23,7 +23,7 @@ SAME_DIRECTION = float(np.cos(np.radians(50.0)))
 # Distance between the points checked along a tip's path, in steps.
 _SPACING = 0.25
 # Random offset of the first probes from the centre, in sizes of the object.
-_AXIS_SPREAD = 0.02
+_AXIS_SPREAD = 0.05
 # Length of the motion beyond the target, in steps.
 _OVERSHOOT = 1.5
 # Angle of a probe after a miss: from beyond the edge back towards the nearest contact.

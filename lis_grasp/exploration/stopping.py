@@ -35,7 +35,7 @@ def stop_when_covered(fraction: float, space: Workspace) -> StopRule:
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
         felt = space.felt(contacts)
-        points, normals = felt.sample(surface, contacts)
+        points, normals = felt.sample(surface)
         if not len(points):
             return None
         nearest, _ = gaps(points, normals, contacts)
@@ -60,7 +60,7 @@ def stop_when_certain(deviation: float, space: Workspace) -> StopRule:
     def rule(
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        points, _ = space.felt(contacts).sample(surface, contacts)
+        points, _ = space.felt(contacts).sample(surface)
         if not len(points):
             return None
         reached = float(np.quantile(surface.uncertainty(points), _CERTAIN_QUANTILE))

@@ -53,7 +53,7 @@ class Targets:
         rng: np.random.Generator,
     ) -> Targets:
         """Return the targets of an estimate, given before free space is carved off."""
-        points, normals = space.sample(surface, contacts, rng=rng)
+        points, normals = space.sample(surface, near=contacts, rng=rng)
         nearest, second = gaps(points, normals, contacts)
         free_distance = _distance_to_misses(points, outcomes)
         eligible = free_distance > _FREE_RADIUS * space.step

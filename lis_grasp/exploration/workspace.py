@@ -21,8 +21,11 @@ STEP_FRACTION = 0.25
 _ROUNDS = 2
 # Grid that samples an estimate: cells a step, and margin of its box in sizes of the object.
 _CELLS_PER_STEP, _MARGIN = 4.0, 0.05
-# An estimate is sampled within so many steps of the contacts' box.
-_REACH = 2.0
+# An estimate is sampled within so many sizes of the contacts' box.
+_REACH = 0.25
+# The hull of n contacts lacks about 2.5 / n of a ball's area: 2.5 / 4 for a regular tetrahedron,
+# 2.7 / 6 for an octahedron, 2.9 / 12 for an icosahedron.
+_CUT_OFF = 2.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,14 +70,17 @@ class Workspace:
     def felt(self, contacts: Contacts) -> Workspace:
         """Return the workspace with the step of the object that the contacts show.
 
-        The step is `STEP_FRACTION` of the diameter of the ball whose area is that of the contacts'
-        convex hull: as many steps cover a bar as a ball. It never exceeds the original step.
+        The step is `STEP_FRACTION` of the diameter of the ball of the same area: as many steps
+        cover a bar as a ball. The area is that of the contacts' convex hull, enlarged to the known
+        size, and as that of a ball would be with as few contacts. The step never exceeds the
+        original one.
         """
         hull = ContactHull.of(contacts)
         if hull is None:
             return self
-        step = STEP_FRACTION * float(np.sqrt(hull.area / np.pi))
-        return replace(self, step=min(self.step, step))
+        enlarged = self.size / min(float(np.ptp(contacts.bounds, axis=0).max()), self.size)
+        area = hull.area * enlarged**2 / (1.0 - _CUT_OFF / len(contacts))
+        return replace(self, step=min(self.step, STEP_FRACTION * float(np.sqrt(area / np.pi))))
 
     def approach_distance(self, points: FloatArray, directions: FloatArray) -> FloatArray:
         """Return the distance from the object's ball to each point along its direction [m].
@@ -92,22 +98,27 @@ class Workspace:
     def sample(
         self,
         surface: ImplicitSurface,
-        contacts: Contacts,
         *,
+        near: Contacts | None = None,
         rng: np.random.Generator | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return points and unit outward normals of an estimate here, shapes (P, 3).
 
-        The points are a quarter of a step apart, and within two steps of the contacts' box. With
-        `rng`, the grid is shifted at random, which keeps its pattern out of the touches.
+        The points are a quarter of a step apart; those `near` contacts are within a quarter of the
+        size of the contacts' box. With `rng`, the grid is shifted at random, which keeps its
+        pattern out of the touches.
         """
         cell = self.step / _CELLS_PER_STEP
         half = (0.5 + _MARGIN) * self.size
         shift = 0.0 if rng is None else cell * rng.random(3)
-        low, high = contacts.bounds
-        reach = _REACH * self.step
-        low = np.maximum(self.center - half, low - reach) - shift
-        high = np.minimum(self.center + half, high + reach)
+        low, high = self.center - half, self.center + half
+        if near is not None:
+            reach = _REACH * self.size
+            low, high = (
+                np.maximum(low, near.bounds[0] - reach),
+                np.minimum(high, near.bounds[1] + reach),
+            )
+        low = low - shift
         return sample_zero_level_set(surface, np.array([low, high]), cell)
 
 

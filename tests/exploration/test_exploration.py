@@ -474,11 +474,15 @@ def test_an_exploration_without_touches_is_a_result() -> None:
 def test_no_target_is_in_free_space() -> None:
     # The estimate is a ball of 1 m; a link passed through a ball about its pole without a touch.
     pole = np.array([[0.0, 0.0, 1.0]])
-    touched = Contacts([[-1.0, 0.0, 0.0]], [[-1.0, 0.0, 0.0]])
+    c = np.sqrt(0.5)
+    normals = np.vstack([np.eye(3)[:2], -np.eye(3), [[c, 0, c], [-c, 0, c], [0, c, c], [0, -c, c]]])
+    touched = Contacts(normals, normals)
     carving = Contacts(touched.points, touched.normals, free_points=pole, free_radii=[0.4])
     space = Workspace(0.5, np.zeros(3), 2.0)
     outcomes = [
-        ProbeOutcome(Probe([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.1, 0.1), "touched", touched)
+        ProbeOutcome(
+            Probe([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.1, 0.1), "touched", touched.subset([2])
+        )
     ]
     before = Targets.find(space, touched, Ball(1.0), outcomes, rng=np.random.default_rng(0))
     after = Targets.find(space, carving, Ball(1.0), outcomes, rng=np.random.default_rng(0))

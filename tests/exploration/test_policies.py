@@ -6,6 +6,7 @@ import trimesh
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_radius
 from lis_grasp.exploration import (
     POLICIES,
     Exploration,
@@ -15,6 +16,7 @@ from lis_grasp.exploration import (
     Workspace,
     explore,
 )
+from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.policy import (
     TargetSelector,
     farthest,
@@ -24,6 +26,8 @@ from lis_grasp.exploration.policy import (
 )
 from lis_grasp.exploration.target_candidates import Targets
 from lis_grasp.hands.hand import Hand
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.stages import make_policy, workspace
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.surfaces import ESTIMATORS
 
@@ -103,12 +107,100 @@ def test_the_guess_is_searched_before_the_estimate(step: float, radius: float) -
     # that ball, comes first. With steps of 50 mm it is covered, and the estimate, a ball of 55 mm
     # and farther from the contacts, is searched.
     contacts, outcomes = six_touches()
-    space = Workspace(step, np.zeros(3), 0.12)
+    # Known to be 0.2 m large, so that six contacts do not show a smaller object.
+    space = Workspace(step, np.zeros(3), 0.2)
     policy = TargetPolicy(space, farthest, guess=lambda _: Ball(RADIUS))
     rng = np.random.default_rng(0)
     probe = policy.next_probe(contacts, Ball(0.055), outcomes=outcomes, rng=rng)
     # Samples are on the surface within a percent of a cell of 5 mm and more.
     assert np.linalg.norm(probe.target) == pytest.approx(radius, abs=2e-4)
+
+
+def bar(size: tuple[float, float, float], turn: tuple[float, float, float]) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box(size)
+    mesh.apply_transform(trimesh.transformations.euler_matrix(*turn))
+    return mesh
+
+
+def corners_and_middles(mesh: trimesh.Trimesh) -> Contacts:
+    points = np.vstack([mesh.vertices, mesh.triangles_center])
+    return Contacts(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))
+
+
+@pytest.mark.parametrize("factor", [0.1, 1.0, 3.0])
+def test_the_felt_step_is_that_of_the_ball_of_the_same_area(factor: float) -> None:
+    size = factor * np.array([0.3, 0.025, 0.025])
+    contacts = corners_and_middles(bar(tuple(size), (0.0, 0.0, 0.0)))
+    space = Workspace(0.25 * size[0], np.zeros(3), size[0])
+    area = 2.0 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
+    ball = np.sqrt(area / np.pi)
+    # 20 contacts: the hull counts as 1 - 2.5 / 20 of the area, although it is all of it.
+    assert space.felt(contacts).step == pytest.approx(0.25 * ball / np.sqrt(1.0 - 2.5 / 20))
+    # Of a cube the ball is larger than the cube's edge: the step stays.
+    cube = corners_and_middles(bar((0.3, 0.3, 0.3), (0.0, 0.0, 0.0)))
+    assert Workspace(0.05, np.zeros(3), 0.3).felt(cube).step == 0.05
+
+
+def test_lines_cross_the_hull_where_they_cross_the_box() -> None:
+    mesh = bar((0.3, 0.025, 0.025), (0.3, 0.5, 0.7))
+    hull = ContactHull.of(corners_and_middles(mesh))
+    assert hull is not None
+    assert hull.area == pytest.approx(mesh.area)
+    rng = np.random.default_rng(0)
+    starts = 0.3 * rng.normal(size=(200, 3))
+    directions = 0.05 * rng.normal(size=(200, 3)) - starts
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    enter, leave = hull.crossing(starts, directions)
+    along = np.linspace(-1.5, 1.5, 6001)[:, None, None]
+    inside = hull_contains(mesh, starts + along * directions)  # (6001, 200)
+    crosses = inside.any(axis=0)
+    assert 20 < crosses.sum() < 180
+    first = along[np.argmax(inside, axis=0), 0, 0]
+    last = along[len(along) - 1 - np.argmax(inside[::-1], axis=0), 0, 0]
+    # Along the line the samples are 0.5 mm apart; a line may cross a corner between two.
+    np.testing.assert_allclose(enter[crosses], first[crosses], atol=5e-4)
+    np.testing.assert_allclose(leave[crosses], last[crosses], atol=5e-4)
+    missed = np.isinf(enter)
+    assert not (missed & crosses).any()
+    assert (missed | crosses).sum() > 195
+
+
+def hull_contains(mesh: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
+    heights = points @ mesh.face_normals.T - np.einsum(
+        "fk,fk->f", mesh.face_normals, mesh.triangles[:, 0]
+    )
+    return np.asarray((heights <= 0.0).all(axis=-1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("size", "turn"),
+    [
+        ((0.3, 0.025, 0.025), (0.6, -0.7, 0.3)),
+        ((0.2, 0.15, 0.01), (0.0, np.pi / 2.0, 0.0)),
+    ],
+)
+def test_bars_and_plates_are_covered_with_few_missed_probes(
+    size: tuple[float, float, float], turn: tuple[float, float, float]
+) -> None:
+    mesh = bar(size, turn)
+    shape = shapes.Shape.from_mesh("bar", mesh)
+    hand, space = Hand.load("allegro"), workspace(shape)
+    exploration = explore(
+        KinematicProber(hand, mesh),
+        make_policy(RunConfig(), space),
+        ESTIMATORS["blend"],
+        touches=40,
+        space=space,
+        rng=np.random.default_rng(0),
+    )
+    assert len(exploration.contacts) == 40
+    assert len(exploration.outcomes) <= 1.3 * 40
+    covered = reachable_coverage(
+        mesh, exploration.contacts, tip_radius=0.012, radius=touch_radius(mesh)
+    )
+    assert covered is not None
+    assert covered >= 0.9
 
 
 def explored(name: str, policy: str) -> tuple[trimesh.Trimesh, Exploration]:
