@@ -13,11 +13,14 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import LOG, default_output, remove_made_from
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
 from lis_grasp.exploration import Exploration, TouchLog
+from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.growth_files import remove_growth, save_growth
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.report_json import exploration_facts
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.summary import exploration_lines
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ImplicitSurface
 
@@ -59,11 +62,25 @@ def execute(options: argparse.Namespace) -> None:
     output = options.output or default_output(config)
     shape = opt.load_object(config)
     hand = Hand.load(config.hand)
+    warn_if_too_wide(shape, hand)
     exploration = explore_with_log(config, shape, hand, output)
+    for line in exploration_lines(exploration_facts(config, shape, hand, exploration)):
+        say(line)
     path = output / "contacts.ply"
     say(f"ended: {exploration.ended}")
     say(f"wrote {path} ({len(exploration.contacts)} contacts), {output / LOG}")
     say(f"next: lis-grasp estimate {path}")
+
+
+def warn_if_too_wide(shape: Shape, hand: Hand) -> None:
+    """Print a warning if the object is everywhere wider than the hand opens."""
+    width, opening = narrowest_width(shape.mesh), largest_opening(hand)
+    if width > opening > 0.0:
+        say(
+            f"warning: {shape.name} is {1e3 * width:.0f} mm wide where it is narrowest, and"
+            f" {hand.name} opens {1e3 * opening:.0f} mm: only a rim or a handle can be grasped;"
+            " check the units of the mesh (--units), or take a smaller object"
+        )
 
 
 def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) -> Exploration:

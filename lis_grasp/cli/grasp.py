@@ -17,6 +17,7 @@ from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
+from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import load
 
@@ -100,7 +101,8 @@ def say_search(search: GraspSearch) -> None:
         return
     say("no grasp found; rejected candidates by reason:")
     for reason, count in sorted(search.rejections.items(), key=lambda item: -item[1]):
-        say(f"  {count:6d}  {reason}")
+        if count:
+            say(f"  {count:6d}  {rejection_sentence(reason)} ({reason})")
 
 
 def load_mesh(path: Path, units: str | None, recorded: dict[str, Any]) -> trimesh.Trimesh:

@@ -14,6 +14,7 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.pipeline.reasons import lift_sentence
 from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.worker_pool import process_count
 
@@ -69,5 +70,8 @@ def execute(options: argparse.Namespace) -> None:
     )
     held = sum(outcome["held"] for outcome in outcomes)
     say(f"held {held} of {len(outcomes)} grasps")
+    for reason in dict.fromkeys(o["reason"] for o in outcomes if not o["held"]):
+        ranks = ", ".join(str(o["rank"]) for o in outcomes if o["reason"] == reason)
+        say(f"grasp {ranks} not held: {lift_sentence(reason)}")
     say(f"wrote {output / 'lifts.json'}")
     say(f"next: lis-grasp view {output}")

@@ -11,7 +11,7 @@ import trimesh
 from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.estimate import write_surface
-from lis_grasp.cli.explore import TOUCH_OPTIONS, explore_with_log
+from lis_grasp.cli.explore import TOUCH_OPTIONS, explore_with_log, warn_if_too_wide
 from lis_grasp.cli.grasp import say_search, write_grasps
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import default_output
@@ -25,6 +25,7 @@ from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.summary import run_lines
 from lis_grasp.shapes import Shape
 from lis_grasp.visualization.run_scene import write_scene_of
 
@@ -51,6 +52,7 @@ def execute(options: argparse.Namespace) -> None:
     shape = opt.load_object(config)
     hand = Hand.load(config.hand)
     require_possible_inertias(hand.inertials)
+    warn_if_too_wide(shape, hand)
 
     with watch.measure("touch"):
         exploration = explore_with_log(config, shape, hand, output)
@@ -61,8 +63,8 @@ def execute(options: argparse.Namespace) -> None:
     search = attempts[-1].search
 
     with Stage("Reporting"), watch.measure("report"):
-        report = build_report(config, shape, hand, attempts, touches=len(exploration.contacts))
-        lines = _summary(report)
+        report = build_report(config, shape, hand, attempts, exploration=exploration)
+        lines = run_lines(report)
         write_scene_of(output, summary=lines)
     report["timings"] = {name: round(seconds, 3) for name, seconds in watch.seconds.items()}
     report["timings"]["total"] = round(sum(watch.seconds.values()), 3)
@@ -109,29 +111,3 @@ def _attempts(
 
     (output / "motion.npz").unlink(missing_ok=True)
     return tuple(grasp_with_tactile_check(shape, hand, contacts, config, planner=plan, lift=lift))
-
-
-def _summary(report: dict[str, Any]) -> tuple[str, ...]:
-    surface, grasps, lift = report["surface"], report["grasps"], report["lift"]
-    edge = surface["edge_rmsd"]
-    edges = "" if edge is None else f", {1e3 * edge:.2f} mm at the edges"
-    lines = [
-        f"touched   {report['touches']} contacts, coverage {100 * surface['coverage']:.0f} %",
-        f"estimated rmsd {1e3 * surface['rmsd']:.2f} mm{edges}",
-    ]
-    if grasps["number"]:
-        lines.append(
-            f"planned   {grasps['number']} grasps; epsilon of the best"
-            f" {grasps['best_epsilon_estimate']:.3f} on the estimate,"
-            f" {grasps['best_epsilon_truth']:.3f} on the true object"
-        )
-    else:
-        lines.append("planned   no grasp found")
-    aborted = len(report["attempts"]) - 1
-    if aborted:
-        lines.append(f"aborted   {aborted} by the tactile check, each planned again")
-    if lift["held"]:
-        lines.append(f"lifted    and held through the shake; slip {1e3 * lift['slip']:.1f} mm")
-    else:
-        lines.append(f"lifted    {'yes' if lift['lifted'] else 'no'}, not held: {lift['reason']}")
-    return tuple(lines)

@@ -12,7 +12,8 @@ import lis_grasp
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import surface_error
-from lis_grasp.exploration import STEP_FRACTION
+from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_coverage, touch_radius
+from lis_grasp.exploration import STEP_FRACTION, Exploration
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.regrasp import Attempt
@@ -24,12 +25,16 @@ if TYPE_CHECKING:
 
 
 def build_report(
-    config: RunConfig, shape: Shape, hand: Hand, attempts: Sequence[Attempt], *, touches: int
+    config: RunConfig,
+    shape: Shape,
+    hand: Hand,
+    attempts: Sequence[Attempt],
+    *,
+    exploration: Exploration,
 ) -> dict[str, Any]:
     """Return the report of a run as plain values, in metres and seconds, without timings.
 
-    Surface, grasps and lift are those of the last attempt. `touches` are the contacts made by the
-    exploration.
+    Surface, grasps and lift are those of the last attempt.
     """
     last = attempts[-1]
     return {
@@ -39,12 +44,47 @@ def build_report(
         "hand": config.hand,
         "estimator": config.estimator,
         "seed": config.seed,
-        "touches": touches,
+        "touches": len(exploration.contacts),
+        "exploration": exploration_facts(config, shape, hand, exploration, last.mesh),
         "repairs": list(shape.repairs),
         "surface": _surface_facts(shape, last.contacts, last.mesh),
         "grasps": _grasp_facts(config, shape, hand, last.search),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
         "lift": lift_facts(last.outcome),
+    }
+
+
+def exploration_facts(
+    config: RunConfig,
+    shape: Shape,
+    hand: Hand,
+    exploration: Exploration,
+    estimate: trimesh.Trimesh | None = None,
+) -> dict[str, Any]:
+    """Return what an exploration made of what was asked, and what it covered, as plain values.
+
+    Covered is what is within `covered_radius` [m] of a contact on its side. The true surface is
+    known in simulation only; exploration never uses it.
+    """
+    contacts = exploration.contacts
+    radius = touch_radius(shape.mesh)
+    tips = [posture.radius for posture in hand.probe_postures.values() if posture.radius > 0.0]
+    return {
+        "asked": config.touches,
+        "contacts": len(contacts),
+        "probes": len(exploration.outcomes),
+        "ended": exploration.ended,
+        "covered_radius": radius,
+        "reachable_coverage": reachable_coverage(
+            shape.mesh,
+            contacts,
+            tip_radius=min(tips, default=0.1 * radius),
+            radius=radius,
+            support_height=float(shape.mesh.bounds[0, 2]) if config.free else None,
+        ),
+        "estimate_coverage": None
+        if estimate is None
+        else touch_coverage(estimate, contacts, radius=radius),
     }
 
 

@@ -1,0 +1,72 @@
+"""Sentences and advice for the reason codes of reports: lifts, rejected grasps, explorations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+LIFT_REASONS: Mapping[str, str] = MappingProxyType(
+    {
+        "held": "the object was lifted and held through the shake",
+        "no_grasp": "no grasp was found on the estimate: make more touches (--touches), or take a"
+        " hand whose opening fits the object",
+        "unstable": "the object does not stand on the table by itself: turn its mesh so that it"
+        " rests on a face",
+        "collision_on_approach": "the opened hand hit the object on its way to the grasp: the"
+        " estimate is too small there, so make more touches (--touches), or try the next grasps"
+        " (lis-grasp lift --best 5)",
+        "no_contact": "fewer than two fingers met the object: the estimate is too large there, so"
+        " make more touches (--touches)",
+        "aborted": "the tactile check rejected the grasp before the squeeze: permit more attempts"
+        " (--attempts), or make more touches (--touches)",
+        "ejected": "closing the fingers drove the object out of the hand: try the next grasps"
+        " (lis-grasp lift --best 5), or make more touches (--touches)",
+        "not_lifted": "the hand rose without the object: it slid out, or is too heavy for the"
+        " grip; try the next grasps (lis-grasp lift --best 5), or a smaller --mass",
+        "dropped": "the object was lifted and then lost: try the next grasps"
+        " (lis-grasp lift --best 5), or a smaller --mass",
+        "slipped": "the object is still in the hand, but moved too far in it: try the next grasps"
+        " (lis-grasp lift --best 5), or a smaller --mass",
+        "diverged": "the simulation failed: try the next grasps (lis-grasp lift --best 5)",
+    }
+)
+"""A sentence for every reason of `LiftOutcome`, and for ``no_grasp``."""
+
+REJECTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "steep": "the surface at the thumb faces up or down, so that no opposed pair is beside the"
+        " hand: the object is flat or low, lay it higher or on its side",
+        "no_opposing_surface": "there is no surface opposite the thumb's contact that faces the"
+        " other way: the object tapers, or is open there",
+        "no_surface_for_a_finger": "the opposite surface is too small for all fingers: the object"
+        " is small for this hand",
+        "no_flat_supported_surface": "no touched and flat part of the estimate is large enough for"
+        " a pad: make more touches (--touches)",
+        "no_force_closure": "the contacts could not resist every force: raise --friction, or make"
+        " more touches (--touches)",
+        "out_of_reach": "a finger does not get to its contact: the object is too wide or too narrow"
+        " for this hand",
+        "pad_does_not_face_the_surface": "a fingertip would touch with its edge, not its pad",
+        "grasp_hits_object": "a link of the closed hand would be inside the object",
+        "grasp_hits_support": "a link of the closed hand would be inside the table: the object is"
+        " low for this hand",
+        "grasp_hits_self": "two links of the closed hand would collide",
+        "approach_hits_object": "the opened hand would hit the object on its way: the object is"
+        " wide for this hand's opening",
+        "approach_hits_support": "the opened hand would hit the table on its way: the object is low"
+        " for this hand",
+        "approach_hits_self": "two links of the opened hand would collide",
+        "outranked": "other grasps were better",
+    }
+)
+"""A sentence for every reason of rejection in `GraspSearch.rejections`."""
+
+
+def lift_sentence(reason: str) -> str:
+    """Return what a lift's reason means and what to do; the code itself where it is unknown."""
+    return LIFT_REASONS.get(reason, reason)
+
+
+def rejection_sentence(reason: str) -> str:
+    """Return why a grasp candidate was rejected; the code itself where it is unknown."""
+    return REJECTIONS.get(reason, reason)

@@ -1,0 +1,63 @@
+"""Summary lines of an exploration and of a run, in words, from the facts of their reports."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lis_grasp.pipeline.reasons import lift_sentence
+
+# Below this intersection over union the estimate is named as poor.
+_LOW_IOU = 0.8
+# Below this coverage more touches are advised.
+_LOW_COVERAGE = 0.9
+
+
+def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
+    """Return the summary of an exploration, from the facts of `exploration_facts`."""
+    made, asked = facts["contacts"], facts["asked"]
+    lines = [f"touched   {made} of {asked} contacts, from {facts['probes']} probes"]
+    if made < asked:
+        lines.append(f"ended     before {asked} contacts: {facts['ended']}")
+    within = f"within {1e3 * facts['covered_radius']:.0f} mm of a contact"
+    truth = facts["reachable_coverage"]
+    if truth is not None:
+        parts = [f"{100 * truth:.0f} % of the reachable true surface"]
+        if facts["estimate_coverage"] is not None:
+            parts.append(f"{100 * facts['estimate_coverage']:.0f} % of the estimate")
+        advice = "" if truth >= _LOW_COVERAGE else "; more touches (--touches) cover more"
+        lines.append(f"covered   {' and '.join(parts)}, {within}{advice}")
+    return tuple(lines)
+
+
+def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
+    """Return the summary of a run, from its report."""
+    surface, grasps, lift = report["surface"], report["grasps"], report["lift"]
+    edge = surface["edge_rmsd"]
+    edges = "" if edge is None else f", {1e3 * edge:.2f} mm at the edges"
+    lines = [
+        *exploration_lines(report["exploration"]),
+        f"estimated rmsd {1e3 * surface['rmsd']:.2f} mm{edges}",
+    ]
+    iou = surface["iou"]
+    if iou is not None and iou < _LOW_IOU:
+        lines.append(
+            f"          only {iou:.2f} of its volume and the object's is common (IoU): thin walls"
+            " and untouched parts are guessed; make more touches (--touches)"
+        )
+    if grasps["number"]:
+        lines.append(
+            f"planned   {grasps['number']} grasps; epsilon of the best"
+            f" {grasps['best_epsilon_estimate']:.3f} on the estimate,"
+            f" {grasps['best_epsilon_truth']:.3f} on the true object"
+        )
+    else:
+        lines.append("planned   no grasp found")
+    aborted = sum(attempt["reason"] == "aborted" for attempt in report["attempts"][:-1])
+    if aborted:
+        lines.append(f"aborted   {aborted} by the tactile check, each planned again")
+    if lift["held"]:
+        lines.append(f"lifted    and held through the shake; slip {1e3 * lift['slip']:.1f} mm")
+    else:
+        lifted = "lifted, but not held" if lift["lifted"] else "not lifted"
+        lines.append(f"{lifted}: {lift_sentence(lift['reason'])}")
+    return tuple(lines)

@@ -1,0 +1,91 @@
+"""Reasons and summaries in words."""
+
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp import shapes
+from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
+from lis_grasp.grasping.sampler import ForceClosureSampler
+from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.lift_outcome import Reason
+from lis_grasp.pipeline.reasons import LIFT_REASONS, REJECTIONS, lift_sentence
+from lis_grasp.pipeline.summary import exploration_lines, run_lines
+
+
+def facts(**changed: Any) -> dict[str, Any]:
+    return {
+        "asked": 40,
+        "contacts": 40,
+        "probes": 44,
+        "ended": "40 contacts made",
+        "covered_radius": 0.025,
+        "reachable_coverage": 0.97,
+        "estimate_coverage": 1.0,
+    } | changed
+
+
+def report(*, iou: float, reason: str) -> dict[str, Any]:
+    return {
+        "exploration": facts(),
+        "surface": {"edge_rmsd": None, "rmsd": 0.001, "iou": iou},
+        "grasps": {"number": 0},
+        "attempts": [{"reason": reason}],
+        "lift": {"lifted": False, "held": False, "reason": reason},
+    }
+
+
+def test_every_reason_of_a_lift_has_a_sentence() -> None:
+    assert set(LIFT_REASONS) == {*get_args(Reason), "no_grasp"}
+
+
+@pytest.mark.slow
+def test_every_reason_of_a_rejection_has_a_sentence() -> None:
+
+    mesh = shapes.build("mallet").mesh
+    for hand in ("allegro", "wsg50"):
+        search = ForceClosureSampler(Hand.load(hand), candidates=200).sample(
+            mesh, rng=np.random.default_rng(0), support_height=float(mesh.bounds[0, 2])
+        )
+        assert len(search.rejections) > 3
+        assert set(search.rejections) <= set(REJECTIONS)
+
+
+def test_missing_contacts_are_named_with_the_cause() -> None:
+    text = "\n".join(exploration_lines(facts(contacts=17, ended="180 probes made")))
+    assert "17 of 40" in text
+    assert "180 probes made" in text
+    assert "180 probes made" not in "\n".join(exploration_lines(facts()))
+
+
+def test_the_coverage_of_the_truth_is_beside_that_of_the_estimate() -> None:
+    (line,) = (line for line in exploration_lines(facts()) if "97 %" in line)
+    assert "100 %" in line
+    assert "25 mm" in line
+
+
+def test_a_low_overlap_of_volumes_is_named_and_a_high_one_is_not() -> None:
+    assert "0.32" in "\n".join(run_lines(report(iou=0.32, reason="no_grasp")))
+    assert "0.95" not in "\n".join(run_lines(report(iou=0.95, reason="no_grasp")))
+
+
+@pytest.mark.parametrize("reason", [reason for reason in LIFT_REASONS if reason != "held"])
+def test_a_lift_that_failed_ends_in_a_sentence_without_its_code(reason: str) -> None:
+    last = run_lines(report(iou=0.9, reason=reason))[-1]
+    assert last.endswith(lift_sentence(reason))
+    assert "_" not in last
+
+
+def test_the_grippers_opening_is_its_stroke() -> None:
+    # Two pads, each moved by up to 55 mm from the middle.
+    assert largest_opening(Hand.load("wsg50")) == pytest.approx(0.11)
+
+
+def test_the_width_of_a_turned_plate_is_its_thickness() -> None:
+
+    plate = trimesh.creation.box((0.4, 0.3, 0.02))
+    plate.apply_transform(trimesh.transformations.euler_matrix(0.5, -0.8, 0.3))
+    assert narrowest_width(plate) == pytest.approx(0.02, rel=1e-4)  # directions to 6 digits
+    assert narrowest_width(shapes.build("sphere", 1.8).mesh) == pytest.approx(1.8, rel=2e-3)
