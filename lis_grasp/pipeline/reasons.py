@@ -8,8 +8,7 @@ from types import MappingProxyType
 LIFT_REASONS: Mapping[str, str] = MappingProxyType(
     {
         "held": "the object was lifted and held through the shake",
-        "no_grasp": "no grasp was found on the estimate: make more touches (--touches), or take a"
-        " hand whose opening fits the object",
+        "no_grasp": "no grasp was found on the estimate",
         "unstable": "the object does not stand on the table by itself: turn its mesh so that it"
         " rests on a face",
         "collision_on_approach": "the opened hand hit the object on its way to the grasp: the"
@@ -35,13 +34,15 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
 REJECTIONS: Mapping[str, str] = MappingProxyType(
     {
         "steep": "the surface at the thumb faces up or down, so that no opposed pair is beside the"
-        " hand: the object is flat or low, lay it higher or on its side",
+        " hand: the object is flat or low there, so turn its mesh to stand"
+        " higher",
         "no_opposing_surface": "there is no surface opposite the thumb's contact that faces the"
         " other way: the object tapers, or is open there",
         "no_surface_for_a_finger": "the opposite surface is too small for all fingers: the object"
         " is small for this hand",
-        "no_flat_supported_surface": "no touched and flat part of the estimate is large enough for"
-        " a pad: make more touches (--touches)",
+        "no_flat_supported_surface": "no touched and flat part of the estimate is large and high"
+        " enough for a pad: turn the object so that more of it is 25 mm above the table, or make"
+        " more touches (--touches)",
         "no_force_closure": "the contacts could not resist every force: raise --friction, or make"
         " more touches (--touches)",
         "out_of_reach": "a finger does not get to its contact: the object is too wide or too narrow"
@@ -65,6 +66,19 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
 def lift_sentence(reason: str) -> str:
     """Return what a lift's reason means and what to do; the code itself where it is unknown."""
     return LIFT_REASONS.get(reason, reason)
+
+
+def no_grasp_sentence(rejections: Mapping[str, int]) -> str:
+    """Return that no grasp was found, and the reason of most rejections, with advice."""
+    counts = {reason: count for reason, count in rejections.items() if count}
+    if not counts:
+        return f"{LIFT_REASONS['no_grasp']}: make more touches (--touches)"
+    most = max(counts, key=lambda reason: counts[reason])
+    part = 100.0 * counts[most] / sum(counts.values())
+    return (
+        f"{LIFT_REASONS['no_grasp']}; of the rejected candidates, {part:.0f} % because"
+        f" {rejection_sentence(most)}"
+    )
 
 
 def rejection_sentence(reason: str) -> str:

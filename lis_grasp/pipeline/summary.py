@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lis_grasp.pipeline.reasons import lift_sentence
+from lis_grasp.pipeline.reasons import lift_sentence, no_grasp_sentence
 
 # Below this intersection over union the estimate is named as poor.
 _LOW_IOU = 0.8
@@ -59,5 +59,7 @@ def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
         lines.append(f"lifted    and held through the shake; slip {1e3 * lift['slip']:.1f} mm")
     else:
         lifted = "lifted, but not held" if lift["lifted"] else "not lifted"
-        lines.append(f"{lifted}: {lift_sentence(lift['reason'])}")
+        no_grasp = lift["reason"] == "no_grasp"
+        why = no_grasp_sentence(grasps["rejections"]) if no_grasp else lift_sentence(lift["reason"])
+        lines.append(f"{lifted}: {why}")
     return tuple(lines)

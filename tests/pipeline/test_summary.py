@@ -31,7 +31,7 @@ def report(*, iou: float, reason: str) -> dict[str, Any]:
     return {
         "exploration": facts(),
         "surface": {"edge_rmsd": None, "rmsd": 0.001, "iou": iou},
-        "grasps": {"number": 0},
+        "grasps": {"number": 0, "rejections": {"steep": 70, "out_of_reach": 30}},
         "attempts": [{"reason": reason}],
         "lift": {"lifted": False, "held": False, "reason": reason},
     }
@@ -74,8 +74,14 @@ def test_a_low_overlap_of_volumes_is_named_and_a_high_one_is_not() -> None:
 @pytest.mark.parametrize("reason", [reason for reason in LIFT_REASONS if reason != "held"])
 def test_a_lift_that_failed_ends_in_a_sentence_without_its_code(reason: str) -> None:
     last = run_lines(report(iou=0.9, reason=reason))[-1]
-    assert last.endswith(lift_sentence(reason))
+    assert lift_sentence(reason) in last
     assert "_" not in last
+
+
+def test_without_a_grasp_the_most_frequent_rejection_is_named() -> None:
+    last = run_lines(report(iou=0.9, reason="no_grasp"))[-1]
+    assert "70 %" in last
+    assert last.endswith(REJECTIONS["steep"])
 
 
 def test_the_grippers_opening_is_its_stroke() -> None:
