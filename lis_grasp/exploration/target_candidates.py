@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.contact_hull import ContactHull
@@ -17,6 +18,8 @@ from lis_grasp.typing import BoolArray, FloatArray
 
 # A target equals an earlier one within this fraction of its gap, if their directions agree.
 _SAME_TARGET = 0.4
+# A start equals that of a blocked probe within this distance, in steps.
+_SAME_START = 0.5
 # Free space around the path of a tip that missed: no surface is this near, in steps.
 _FREE_RADIUS = 0.2
 # Largest depth of a target in free space that a link passed, in steps.
@@ -66,6 +69,7 @@ class Targets:
             eligible &= points[:, 2] > space.support_height + _FREE_RADIUS * space.step
             eligible &= normals[:, 2] > _FACES_DOWN
         eligible &= ~_tried(points, normals, np.minimum(nearest, space.step), outcomes)
+        eligible &= ~_starts_blocked(points, normals, space.step, outcomes)
         seconds = seconds_to_touch(points, normals, space, outcomes)
         return cls(points, normals, nearest, second, free_distance, eligible, space.step, seconds)
 
@@ -88,11 +92,26 @@ def _tried(
     """Return which points, shape (P,), were a target before, from about the same side."""
     targets = np.array([outcome.probe.target for outcome in outcomes]).reshape(-1, 3)
     directions = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
-    blocked = np.array([outcome.status == "blocked" for outcome in outcomes], dtype=np.bool_)
-    # A hand that could not get to a place will hardly get to its surroundings.
-    radius = np.where(blocked, 1.0, _SAME_TARGET) * gap[:, None]  # (P, outcomes)
-    near = np.linalg.norm(points[:, None] - targets, axis=-1) < radius
+    near = np.linalg.norm(points[:, None] - targets, axis=-1) < _SAME_TARGET * gap[:, None]
     return np.asarray(np.any(near & (-normals @ directions.T > SAME_DIRECTION), axis=1))
+
+
+def _starts_blocked(
+    points: FloatArray, normals: FloatArray, step: float, outcomes: Sequence[ProbeOutcome]
+) -> BoolArray:
+    """Return which points, shape (P,), would be probed from a place that the hand did not get to.
+
+    As in a cavity that is narrow for the hand: another direction from there is blocked as well.
+    """
+    blocked = np.zeros(len(points), dtype=np.bool_)
+    starts = [outcome.probe.start for outcome in outcomes if outcome.status == "blocked"]
+    if not starts:
+        return blocked
+    tree = cKDTree(np.array(starts))
+    for distance in (0.0, 0.5, 1.0):  # a probe starts up to a step from its target
+        near, _ = tree.query(points + distance * step * normals)
+        blocked |= near < _SAME_START * step
+    return blocked
 
 
 def _distance_to_misses(points: FloatArray, outcomes: Sequence[ProbeOutcome]) -> FloatArray:

@@ -58,7 +58,7 @@ def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
     if lift["held"]:
         lines.append(f"lifted    and held through the shake; slip {1e3 * lift['slip']:.1f} mm")
     else:
-        lifted = "lifted, but not held" if lift["lifted"] else "not lifted"
+        lifted = "lifted, but not held" if lift["lifted"] else "not held"
         no_grasp = lift["reason"] == "no_grasp"
         why = no_grasp_sentence(grasps["rejections"]) if no_grasp else lift_sentence(lift["reason"])
         lines.append(f"{lifted}: {why}")
