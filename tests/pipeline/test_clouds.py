@@ -90,7 +90,8 @@ def test_a_cloud_and_touches_are_estimated_together(tmp_path: Path) -> None:
         assert error < 0.7 * rms_error(load_surface(tmp_path / "surface.ply"))
 
 
-@pytest.mark.parametrize("policy", ["spread", pytest.param("uncertainty", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", ["spread", "uncertainty"])
 def test_touches_go_where_the_cloud_lacks_the_surface(upper_half: Path, policy: str) -> None:
     shape = shapes.find("box", size=None)
     config = RunConfig(
@@ -102,6 +103,7 @@ def test_touches_go_where_the_cloud_lacks_the_surface(upper_half: Path, policy: 
     assert (exploration.contacts.points[:, 2] < middle).all()
 
 
+@pytest.mark.slow
 def test_explore_keeps_touches_and_cloud_and_resumes(upper_half: Path, tmp_path: Path) -> None:
     options = [
         *("explore", "box", "--prober", "kinematic", "--estimator", "gpis", "--touches", "4"),

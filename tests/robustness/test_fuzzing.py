@@ -243,7 +243,6 @@ def hand_files(folder: Path, group: str) -> tuple[Path, Path]:
         ("urdf", '<origin xyz="0 0 -0.03625"/>', '<origin xyz="0 nan 0"/>', "must be finite"),
         ("urdf", '<sphere radius="0.006"/>', "", "not a URDF that can be read"),
         ("urdf", "body.stl", "a" * 5000, "is no file"),
-        ("sdf", "<radius>0.009</radius>", "<radius>0</radius>", "sizes of 1e-06"),
         ("sdf", "<mass>0.2</mass>", "<mass>inf</mass>", "finite moments"),
         ("sdf", "<pose>-0.03 0", "<pose>inf 0", "must have finite numbers"),
         ("sdf", "<xyz>0 1 0</xyz>", "<xyz>inf 1 0</xyz>", "an axis of three numbers"),

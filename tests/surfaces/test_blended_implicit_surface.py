@@ -117,6 +117,7 @@ def test_the_order_of_equally_far_contacts_does_not_matter() -> None:
     np.testing.assert_allclose(values[1:], [values[0]] * 2, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_log_ratios_are_those_of_cross_validation_errors() -> None:
     # Independently: both estimates without each fold of places, evaluated at its contacts.
     contacts = touched_shape("half_cylinder", 0.03)

@@ -56,7 +56,11 @@ def test_normals_of_a_sphere_are_radial() -> None:
 
 
 @pytest.mark.parametrize(
-    ("count", "most"), [(20, 21.5), (50, 17.0), pytest.param(100, 13.5, marks=pytest.mark.slow)]
+    ("count", "most"),
+    [
+        (20, 21.5),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((50, 17.0), (100, 13.5))),
+    ],
 )
 def test_the_error_is_half_of_that_of_propagated_planes(count: int, most: float) -> None:
     """`most` [deg] is a recorded error plus a tenth, without approach."""
@@ -69,6 +73,7 @@ def test_the_error_is_half_of_that_of_propagated_planes(count: int, most: float)
     assert np.mean(errors) < 0.6 * np.mean(of_planes)
 
 
+@pytest.mark.slow
 def test_directions_of_approach_lower_the_error() -> None:
     rng = np.random.default_rng(0)
     errors, alone = [], []
@@ -166,7 +171,7 @@ def test_some_directions_of_approach_may_be_unknown() -> None:
     assert np.degrees(angles(found.normals, normals).mean()) < 25.0
 
 
-@pytest.mark.parametrize("radius", [0.004, 0.012])
+@pytest.mark.parametrize("radius", [0.004, pytest.param(0.012, marks=pytest.mark.slow)])
 def test_fingertip_centres_are_moved_to_the_surface(radius: float) -> None:
     for name, most in (("sphere", 0.1), ("cylinder", 0.35), ("box", 0.35)):
         mesh = shapes.build(name).mesh

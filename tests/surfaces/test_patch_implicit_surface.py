@@ -283,6 +283,7 @@ def test_uncertainty_is_below_the_sensor_s_among_neighbours_and_grows_away_from_
     assert (np.diff(surface.uncertainty(away)) > 0).all()
 
 
+@pytest.mark.slow
 def test_the_estimate_of_a_noisy_plane_scatters_by_its_uncertainty() -> None:
     # Repeated estimates of a plane with known noise: the spread of the height at one place is the
     # stated uncertainty. The prior adds a little to it.
@@ -328,6 +329,7 @@ def contradicting_touches(places: int, each: int) -> Contacts:
     return Contacts(np.repeat(grid, each, axis=0), normals)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("places", "each"), [(4, 4), (6, 1)])
 def test_contacts_that_contradict_each_other_have_finite_values(places: int, each: int) -> None:
     contacts = contradicting_touches(places, each)
