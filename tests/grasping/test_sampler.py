@@ -265,6 +265,7 @@ def test_a_parallel_jaw_gripper_grasps_a_thin_rod(radius: float) -> None:
         assert np.abs(grasp.contact_points[:, 2]).max() < 0.06 - 0.005
 
 
+@pytest.mark.slow
 def test_pads_may_press_on_balls_and_rods_but_not_beside_edges_or_in_grooves() -> None:
     def samples(mesh: trimesh.Trimesh) -> SurfaceSamples:
         return SurfaceSamples(mesh, lowest=-1.0, rng=np.random.default_rng(0), bends=True)

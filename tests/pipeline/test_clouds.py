@@ -70,6 +70,7 @@ def test_the_noise_that_a_file_s_header_records_is_that_of_its_contacts(tmp_path
     assert contacts.normal_noise[0] == pytest.approx(TILT, rel=0.5)
 
 
+@pytest.mark.slow
 def test_a_cloud_and_touches_are_estimated_together(tmp_path: Path) -> None:
     box_cloud(600, top=True).save(tmp_path / "cloud.ply")
     touches = box_cloud(80, top=False, noise=0.0)
@@ -129,6 +130,7 @@ def test_explore_keeps_touches_and_cloud_and_resumes(upper_half: Path, tmp_path:
         assert (tmp_path / "b" / name).read_bytes() == (tmp_path / "a" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_cloud_of_other_content_starts_from_the_beginning(
     upper_half: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -384,6 +384,7 @@ def test_the_shakes_have_the_wanted_acceleration_along_and_about_every_axis(
         assert np.abs(accelerations).max() == pytest.approx(9.81, rel=0.3)
 
 
+@pytest.mark.slow
 def test_lifts_do_not_depend_on_the_number_of_processes(wsg50: Hand) -> None:
     box = Shape("box", box_mesh(), np.empty((0, 2, 3)))
     grasps = [jaw_grasp(wsg50, np.array([0.0, 0.0, height]), 0.05) for height in (0.02, 0.3, 0.03)]

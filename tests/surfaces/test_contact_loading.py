@@ -89,6 +89,7 @@ def test_the_command_estimates_a_surface_from_fingertip_centres(
     assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(0.03, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_cloud_and_fingertip_centres_are_joined(centers: FloatArray, tmp_path: Path) -> None:
     touches = write(tmp_path / "touches.csv", centers)
     mesh = shapes.build("sphere", size=0.06).mesh

@@ -63,9 +63,8 @@ def log_ratio_of_errors(name: str, kind: str, seed: int) -> float:
     return float(np.log(errors[1] / errors[0]))
 
 
-@pytest.mark.parametrize("kind", ["far", "random", "near"])
-def test_more_true_contacts_lower_the_expected_error(kind: str) -> None:
-    ratios = [log_ratio_of_errors(name, kind, seed) for name in NAMES for seed in range(1)]
+def test_more_true_contacts_near_others_lower_the_expected_error() -> None:
+    ratios = [log_ratio_of_errors(name, "near", seed=0) for name in NAMES]
     assert np.mean(ratios) < 0.0, np.round(ratios, 2)
 
 

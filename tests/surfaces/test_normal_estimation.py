@@ -202,6 +202,7 @@ def test_misshapen_input_is_refused() -> None:
         estimate_normals(points[:, :2])
 
 
+@pytest.mark.slow
 def test_known_noise_is_kept_and_used() -> None:
     rng = np.random.default_rng(8)
     points, normals = sampled("sphere", 60, 8)
