@@ -1,4 +1,4 @@
-"""Convex hull of the contacts: the part of space where the object is known to be, and its area."""
+"""Convex hull of the contacts: the part of space where the object is known to be."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ class ContactHull:
     """
 
     equations: FloatArray  # (S, 4): unit outward normal and offset of each facet
-    area: float  # of its surface [m^2]
 
     @classmethod
     def of(cls, contacts: Contacts) -> ContactHull | None:
@@ -29,7 +28,7 @@ class ContactHull:
             hull = ConvexHull(contacts.points)
         except (QhullError, ValueError):
             return None
-        return cls(hull.equations, float(hull.area))
+        return cls(hull.equations)
 
     def crossing(
         self, points: FloatArray, directions: FloatArray, *, margin: float = 0.0

@@ -28,6 +28,8 @@ _IN_FREE_SPACE = 0.05
 _FACES_DOWN = -float(np.sqrt(0.5))
 # A line to a target passes the contacts' hull at most so far beside it, in steps.
 _BESIDE = 0.2
+# So many probes for every contact may miss: they show where the estimate extends too far.
+_MISSES = 0.1
 # A contact does not count for surface that faces away from it, as on the far side of a thin wall.
 _FACES_AWAY = -0.5
 
@@ -61,17 +63,27 @@ class Targets:
         free_distance = _distance_to_misses(points, outcomes)
         eligible = free_distance > _FREE_RADIUS * space.step
         eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
-        hull = ContactHull.of(contacts)
-        if hull is not None:
-            enter, leave = hull.crossing(points, -normals, margin=_BESIDE * space.step)
-            eligible &= np.isfinite(enter) & (leave > 0.0)
         if space.support_height is not None:
             eligible &= points[:, 2] > space.support_height + _FREE_RADIUS * space.step
             eligible &= normals[:, 2] > _FACES_DOWN
         eligible &= ~_tried(points, normals, np.minimum(nearest, space.step), outcomes)
         eligible &= ~_starts_blocked(points, normals, space.step, outcomes)
+        misses = sum(outcome.status == "missed" for outcome in outcomes)
+        if misses >= _MISSES * len(contacts):  # most surface beside the hull is extrapolated
+            eligible &= _meets_hull(points, normals, contacts, _BESIDE * space.step)
         seconds = seconds_to_touch(points, normals, space, outcomes)
         return cls(points, normals, nearest, second, free_distance, eligible, space.step, seconds)
+
+
+def _meets_hull(
+    points: FloatArray, normals: FloatArray, contacts: Contacts, margin: float
+) -> BoolArray:
+    """Return which probes of points, shape (P,), pass the hull of the contacts on their way."""
+    hull = ContactHull.of(contacts)
+    if hull is None:
+        return np.ones(len(points), dtype=np.bool_)
+    enter, leave = hull.crossing(points, -normals, margin=margin)
+    return np.isfinite(enter) & (leave > 0.0)
 
 
 def gaps(

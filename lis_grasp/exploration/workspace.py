@@ -9,9 +9,9 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_positive
-from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.records import read_only
 from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces.contact_places import box_area
 from lis_grasp.typing import BoolArray, FloatArray
 
 STEP_FRACTION = 0.25
@@ -23,9 +23,8 @@ _ROUNDS = 2
 _CELLS_PER_STEP, _MARGIN = 4.0, 0.05
 # An estimate is sampled within so many sizes of the contacts' box.
 _REACH = 0.25
-# The hull of n contacts lacks about 2.5 / n of a ball's area: 2.5 / 4 for a regular tetrahedron,
-# 2.7 / 6 for an octahedron, 2.9 / 12 for an icosahedron.
-_CUT_OFF = 2.5
+# Fewer contacts show no size.
+_FEW = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,15 +70,14 @@ class Workspace:
         """Return the workspace with the step of the object that the contacts show.
 
         The step is `STEP_FRACTION` of the diameter of the ball of the same area: as many steps
-        cover a bar as a ball. The area is that of the contacts' convex hull, enlarged to the known
-        size, and as that of a ball would be with as few contacts. The step never exceeds the
-        original one.
+        cover a bar as a ball. The area is that of the box along the contacts' principal axes,
+        enlarged to the known size. The step never exceeds the original one, which is that of
+        objects about as wide as long.
         """
-        hull = ContactHull.of(contacts)
-        if hull is None:
+        if len(contacts) < _FEW:
             return self
         enlarged = self.size / min(float(np.ptp(contacts.bounds, axis=0).max()), self.size)
-        area = hull.area * enlarged**2 / (1.0 - _CUT_OFF / len(contacts))
+        area = box_area(contacts.points) * enlarged**2
         return replace(self, step=min(self.step, STEP_FRACTION * float(np.sqrt(area / np.pi))))
 
     def approach_distance(self, points: FloatArray, directions: FloatArray) -> FloatArray:
