@@ -197,10 +197,10 @@ def _turn_parts_outward(mesh: trimesh.Trimesh, repairs: list[str]) -> None:
     """Turn closed parts that are inside out, except cavities, which are inside a solid."""
     bodies = each_part(mesh)
     inward = [body for body in bodies if signed_volume(mesh.triangles[body]) < 0.0]
-    if not inward or len(inward) == len(bodies):
-        return
     triangles = np.array(mesh.triangles)
     outward = [body for body in bodies if signed_volume(triangles[body]) > 0.0]
+    if not inward or not outward:
+        return
     lows, highs = boxes(mesh, outward)
     turned = 0
     for body in inward:
