@@ -7,7 +7,6 @@ the group ``lis_grasp.estimators``, ``lis_grasp.policies`` or ``lis_grasp.hands`
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import sys
 from collections.abc import Mapping
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.io.provenance import digest_of
 
 Role = Literal["estimator", "policy", "hand"]
 
@@ -28,7 +28,6 @@ _GROUPS = {
     "policy": "lis_grasp.policies",
     "hand": "lis_grasp.hands",
 }
-_DIGEST_LENGTH = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,15 +82,8 @@ class Registry:
 
         Empty for the package's own, and where there is no source file. Errors as of `find`.
         """
-        if name in self.builtin:
-            return ""
-        found = self.find(name)
-        try:
-            file = inspect.getsourcefile(inspect.unwrap(found))
-            content = Path(file).read_bytes() if file else b""
-        except (OSError, TypeError):
-            return ""
-        return hashlib.sha256(content).hexdigest()[:_DIGEST_LENGTH]
+        file = None if name in self.builtin else _source_file(self.find(name))
+        return "" if file is None else digest_of(file)
 
     def _registered(self) -> Mapping[str, EntryPoint]:
         return _registered(_GROUPS[self.role], tuple(sys.path))
@@ -101,6 +93,15 @@ class Registry:
 def _registered(group: str, _path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
     """Return the entry points of a group that are installed on a search path."""
     return {point.name: point for point in entry_points(group=group)}
+
+
+def _source_file(found: Any) -> Path | None:
+    """Return the file that defines an object, None if there is none."""
+    try:
+        file = inspect.getsourcefile(inspect.unwrap(found))
+    except TypeError:
+        return None
+    return Path(file) if file and Path(file).is_file() else None
 
 
 def _loaded(point: EntryPoint, name: str, option: str) -> Any:

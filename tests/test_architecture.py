@@ -18,9 +18,9 @@ PACKAGE = Path(lis_grasp.__file__).resolve().parent
 
 # The flow: a module imports from its own folder and from those above it in this list, never below.
 LAYERS = [
-    ["exceptions", "typing", "records", "plugins"],
+    ["exceptions", "typing", "records"],
     ["io"],
-    ["contacts", "motion"],
+    ["contacts", "motion", "plugins"],
     ["shapes"],
     ["surfaces"],
     ["meshing"],

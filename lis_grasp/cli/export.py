@@ -49,7 +49,7 @@ def add_parser(verbs: Any) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Split the mesh into convex parts, and write the descriptions."""
-    recorded = provenance.read(options.mesh) if options.mesh.suffix.lower() == ".ply" else {}
+    recorded = provenance.read(options.mesh)
     config = opt.configure(options, recorded)
     mesh = load_mesh(options.mesh, options.units, recorded)
     folder = options.output or options.mesh.parent / "model"

@@ -45,7 +45,7 @@ def add_parser(verbs: Any) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Plan grasps, and write them."""
-    recorded = provenance.read(options.mesh) if options.mesh.suffix.lower() == ".ply" else {}
+    recorded = provenance.read(options.mesh)
     config = opt.configure(options, recorded)
     mesh = load_mesh(options.mesh, options.units, recorded)
     hand = Hand.load(config.hand)

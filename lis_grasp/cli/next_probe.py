@@ -85,8 +85,7 @@ def _known(
     if path.suffix.lower() == ".jsonl":
         outcomes = load_outcomes(path)
         return Exploration.replay(outcomes).contacts, outcomes, {}
-    recorded = provenance.read(path) if path.suffix.lower() == ".ply" else {}
-    return load_contacts(path, position_noise=position_noise), (), recorded
+    return load_contacts(path, position_noise=position_noise), (), provenance.read(path)
 
 
 def _lines(found: NextTouch) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ def require_plausible_size(points: FloatArray, units: str) -> None:
     )
     raise InvalidContactsError(
         f"contacts must be within {_LEAST_EXTENT:g} to {LARGEST:g} m of each other; they are"
-        f" {extent:.3g} m apart when read in {units}: {advice} would fit",
+        f" {extent:.3g} m apart when read in {units}: {advice}",
         field="points",
     )
 

@@ -162,20 +162,15 @@ class GaussianProcessImplicitSurface:
                 _variances(position / scale, normal),
             )
 
-        def fit(some: Contacts) -> GradientRegression:
-            prior, of_misfit = _KERNELS[kernel](scaled_length), _variances(*misfit)
-            nodes, targets, noise = observed(some)
-            if noise.any():  # in units of the prior's amplitude, and so is the result
-                few, few_targets, few_noise = observed(thin_contacts(some, _MOST_FOR_AMPLITUDE))
-                noise = noise * np.exp(
-                    -2.0
-                    * GradientRegression.log_prior_amplitude(
-                        prior, few, few_targets, sensor_noise=few_noise, misfit=of_misfit
-                    )
-                )
-            return GradientRegression.fit(prior, nodes, targets, of_misfit + noise)
-
-        process = fit(contacts)
+        prior, of_misfit = _KERNELS[kernel](scaled_length), _variances(*misfit)
+        nodes, targets, noise = observed(contacts)
+        if noise.any():  # in units of the prior's amplitude, and so is the result
+            few, few_targets, few_noise = observed(thin_contacts(contacts, _MOST_FOR_AMPLITUDE))
+            log_amplitude = GradientRegression.log_prior_amplitude(
+                prior, few, few_targets, sensor_noise=few_noise, misfit=of_misfit
+            )
+            noise = noise * np.exp(-2.0 * log_amplitude)
+        process = GradientRegression.fit(prior, nodes, targets, of_misfit + noise)
         # Contacts of one place predict each other, however wrong the surface between places.
         places = ContactPlaces.of(contacts.points)
         return cls(
