@@ -44,13 +44,11 @@ _FLAGS = {
 _SETUP = ("reference", "prober", "explorer", "policy", "mass", "friction")
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser(
-        "compare",
-        help="compare estimators by surface and grasp success in many trials, one report.html",
-        description="Run a study: objects x estimators x touches x noise x hands x seeds. Options"
-        " override the study file or --quick. Run again, it continues with the missing trials.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
+    parser.description = (
+        "Run a study: objects x estimators x touches x noise x hands x seeds. Options"
+        " override the study file or --quick. Run again, it continues with the missing trials."
     )
     parser.add_argument("--study", type=Path, metavar="YAML", help="study file")
     parser.add_argument("--quick", action="store_true", help="a small study, under five minutes")

@@ -11,7 +11,6 @@ import sys
 import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import lis_grasp
 from lis_grasp import pipeline
@@ -30,11 +29,8 @@ _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
 _ENOUGH_MEMORY = 2.0  # [GiB]
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser(
-        "doctor", help="check this machine, or the files of a hand, and say what to fix"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     parser.add_argument("--hand", metavar="HAND", help="check this hand: a name or a YAML file")
     parser.add_argument(
         "--repair",

@@ -26,11 +26,8 @@ from lis_grasp.typing import FloatArray
 _NOISE = ("position_noise", "normal_noise")
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser(
-        "estimate", help="estimate a surface from contacts, write surface.ply"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     parser.add_argument(
         "contacts",
         type=Path,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
@@ -47,9 +46,8 @@ _MEANING = {
 }
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser("explore", help="touch an object, write contacts.ply")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     opt.add_object(parser)
     opt.add_options(parser, *TOUCH_OPTIONS)
     opt.add_output(parser, "results/<run>")

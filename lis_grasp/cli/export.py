@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
-from typing import Any
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.grasp import load_mesh
@@ -17,11 +16,8 @@ from lis_grasp.pipeline.object_models import FORMATS, ObjectModel
 _MOST_PARTS = 32
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser(
-        "export", help="write an object as URDF, SDF and MJCF with mass, inertia and convex parts"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     parser.add_argument(
         "mesh", type=Path, metavar="MESH", help="surface.ply of `estimate`, or any mesh file"
     )

@@ -22,9 +22,8 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import load
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser("grasp", help="plan grasps on a mesh, write grasps.json")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     parser.add_argument(
         "mesh", type=Path, metavar="MESH", help="surface.ply of `estimate`, or any mesh file"
     )

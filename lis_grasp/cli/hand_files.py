@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,9 +18,8 @@ from lis_grasp.hands.model_uri import resolve_uri
 from lis_grasp.io.atomic_writing import write_text
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb and its two actions to the command line."""
-    parser = verbs.add_parser("hand", help="write the first YAML of a hand, or draw a hand")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's two actions to its parser."""
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     new = actions.add_parser("new", help="write the YAML of a hand from its URDF or SDF")
     new.add_argument(

@@ -19,9 +19,8 @@ from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.worker_pool import process_count
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser("lift", help="simulate the lift of the true object, write lifts.json")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     parser.add_argument("grasps_file", type=Path, metavar="GRASPS", help="grasps.json of `grasp`")
     opt.add_object(parser, required_name=False)
     parser.add_argument(

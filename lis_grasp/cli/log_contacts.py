@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,11 +21,8 @@ from lis_grasp.typing import FloatArray
 _DEFAULTS = TouchDetection()
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser(
-        "contacts", help="find touches in a robot's log (ROS 1, ROS 2, MCAP, CSV), write contacts"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     parser.add_argument(
         "log",
         type=Path,

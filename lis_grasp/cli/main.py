@@ -5,51 +5,75 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib import import_module
+from typing import NoReturn
 
 from threadpoolctl import threadpool_limits
 
 import lis_grasp
-from lis_grasp.cli import (
-    compare,
-    doctor,
-    estimate,
-    explore,
-    export,
-    grasp,
-    hand_files,
-    lift,
-    log_contacts,
-    next_probe,
-    paper,
-    run,
-    surfaces,
-    view,
-)
-from lis_grasp.exceptions import InvalidInputError, LisGraspError
+from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, LisGraspError
 
+# Name, module in this folder, and help of each verb. A module is imported when its verb is used.
 _VERBS = (
-    *(run, explore, next_probe, log_contacts, estimate, grasp, lift, export),
-    *(compare, surfaces, paper, view, hand_files, doctor),
+    ("run", "run", "touch -> estimate -> mesh -> grasp -> lift and shake, one folder of results"),
+    ("explore", "explore", "touch an object, write contacts.ply"),
+    ("next", "next_probe", "say where to touch next, given contacts so far; write next.json"),
+    (
+        "contacts",
+        "log_contacts",
+        "find touches in a robot's log (ROS 1, ROS 2, MCAP, CSV), write contacts",
+    ),
+    ("estimate", "estimate", "estimate a surface from contacts, write surface.ply"),
+    ("grasp", "grasp", "plan grasps on a mesh, write grasps.json"),
+    ("lift", "lift", "simulate the lift of the true object, write lifts.json"),
+    ("export", "export", "write an object as URDF, SDF and MJCF with mass, inertia, convex parts"),
+    (
+        "compare",
+        "compare",
+        "compare estimators by surface and grasp success in many trials, one report.html",
+    ),
+    (
+        "surfaces",
+        "surfaces",
+        "compare estimates on even, random, clustered and noisy contacts of many objects",
+    ),
+    ("paper", "paper", "reproduce every figure and table of the paper in one report.html"),
+    ("view", "view", "show the scene of a folder of results in the browser"),
+    ("hand", "hand_files", "write the first YAML of a hand, or draw a hand"),
+    ("doctor", "doctor", "check this machine, or the files of a hand, and say what to fix"),
 )
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line."""
-    parser = argparse.ArgumentParser(
+class _Parser(argparse.ArgumentParser):
+    """Parser whose errors are one sentence, without the list of all options."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
+    """Return the parser of the command line, with the arguments of one verb, or of every verb."""
+    parser = _Parser(
         prog="lis-grasp",
         description="Learn an unknown object's shape by touch alone, and grasp it.",
     )
     parser.add_argument("--version", action="version", version=f"lis-grasp {lis_grasp.__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for verb in _VERBS:
-        verb.add_parser(verbs)
+    for name, module, text in _VERBS:
+        of_verb = verbs.add_parser(name, help=text)
+        if verb in (None, name):
+            import_module(f"lis_grasp.cli.{module}").add_arguments(of_verb)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 when done, 1 when it failed, 2 on misuse, 130 on Ctrl-C."""
-    options = build_parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    verb = next((word for word in arguments if not word.startswith("-")), "")
     try:
+        if verb and verb not in (names := [name for name, _, _ in _VERBS]):
+            raise InvalidOptionError.not_one_of("VERB", verb, names)
+        options = build_parser(verb).parse_args(arguments)
         # Threads change the order of sums, and so the last digits of results.
         with threadpool_limits(1):
             options.execute(options)

@@ -21,13 +21,11 @@ from lis_grasp.surfaces import load_contacts
 from lis_grasp.typing import FloatArray
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser(
-        "next",
-        help="say where to touch next, given contacts so far; write next.json",
-        description="Choose the next touch: the motion of a fingertip and the pose of the hand, in"
-        " the frame of the contacts.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
+    parser.description = (
+        "Choose the next touch: the motion of a fingertip and the pose of the hand, in"
+        " the frame of the contacts."
     )
     parser.add_argument(
         "contacts",

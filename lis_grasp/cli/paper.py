@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
@@ -30,11 +30,8 @@ _QUICK_ESTIMATORS = ("lis", "lis_as_published", "gpis", "blend")
 _ESTIMATORS = (*OURS, "hermite_rbf", "offset_rbf")
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser(
-        "paper", help="reproduce every figure and table of the paper in one report.html"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     parser.add_argument(
         "--quick",
         action="store_true",

@@ -33,11 +33,8 @@ if TYPE_CHECKING:
     from lis_grasp.simulation.simulate_lift import LiftOutcome
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser(
-        "run", help="touch -> estimate -> mesh -> grasp -> lift and shake, one folder of results"
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     opt.add_object(parser)
     opt.add_options(parser, *TOUCH_OPTIONS, "free_space", "grasps", "attempts")
     opt.add_output(parser, "results/<run>")

@@ -6,7 +6,7 @@ import argparse
 import shlex
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
@@ -22,14 +22,12 @@ _ESTIMATORS = (_REFERENCE, "hermite_rbf", "thin_plate", "ransac_csg", "poisson")
 _SETS = ("evaluation", "development")
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser(
-        "surfaces",
-        help="compare estimates on even, random, clustered and noisy contacts of many objects",
-        description="Estimate the surfaces of test objects of five families from contacts drawn in"
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
+    parser.description = (
+        "Estimate the surfaces of test objects of five families from contacts drawn in"
         " 31 ways, and write tables of errors, losses and calibration. Run again, it continues with"
-        " the missing trials.",
+        " the missing trials."
     )
     parser.add_argument(
         "--quick",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import Any
 
 from lis_grasp.cli.progress import say
 from lis_grasp.cli.results_folder import scene_is_outdated
@@ -13,9 +12,8 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.visualization.run_scene import write_scene_of
 
 
-def add_parser(verbs: Any) -> None:
-    """Add the verb to the command line."""
-    parser = verbs.add_parser("view", help="show the scene of a folder of results in the browser")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
     parser.add_argument("directory", type=Path, metavar="DIR", help="folder of results")
     parser.add_argument("--port", type=int, default=7000, help="port on localhost (default: 7000)")
     parser.set_defaults(execute=execute)

@@ -227,3 +227,22 @@ def test_contacts_of_aborted_grasps_are_kept_in_the_results(tmp_path: Path) -> N
     again = tmp_path / "again"
     assert main(["estimate", str(tmp_path / "contacts.ply"), "--output", str(again)]) == 0
     assert (again / "surface.ply").read_bytes() == (tmp_path / "surface.ply").read_bytes()
+
+
+def test_help_loads_no_module_of_a_verb() -> None:
+    code = (
+        "import sys\nfrom lis_grasp.cli.main import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "sys.exit(any(name in sys.modules for name in ('numpy', 'lis_grasp.cli.run')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
+
+
+@pytest.mark.parametrize("line", ["rnu box", "run", "run box --prober dyn", "run box --seed x"])
+def test_misuse_is_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        code = main(line.split())
+    except SystemExit as end:
+        code = int(end.code or 0)
+    captured = capsys.readouterr()
+    assert (code, captured.out, captured.err.count("\n")) == (2, "", 1)
