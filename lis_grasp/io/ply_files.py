@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,15 @@ from plyfile import PlyData, PlyElement, PlyParseError
 
 from lis_grasp.exceptions import InvalidFileError
 
+# Lists that are read at once where all have this length; else row by row, which is slow.
+_TRIANGLES = {"face": {"vertex_indices": 3, "vertex_index": 3}}
+
 
 def read_ply(path: Path) -> PlyData:
     """Read a PLY file, text or binary; `InvalidFileError` if it is missing, damaged or no PLY."""
     try:
+        with suppress(PlyParseError, ValueError, OverflowError):
+            return PlyData.read(str(path), known_list_len=_TRIANGLES)
         return PlyData.read(str(path), mmap=False)
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
@@ -38,6 +44,26 @@ def ply_bytes(elements: Sequence[PlyElement], header: str, *, text: bool) -> byt
     """Return the bytes of a PLY file, text or little endian; header lines become comments."""
     lines = [line.rstrip() for line in header.splitlines() if line.strip()]
     comments = [line.encode("ascii", "backslashreplace").decode() for line in lines]
-    file = io.BytesIO()
-    PlyData(elements, text=text, byte_order="=" if text else "<", comments=comments).write(file)
-    return file.getvalue()
+    data = PlyData(elements, text=text, byte_order="=" if text else "<", comments=comments)
+    if text:
+        file = io.BytesIO()
+        data.write(file)
+        return file.getvalue()
+    # plyfile writes lists row by row; here all lists of a column have one length.
+    return data.header.encode("ascii") + b"\n" + b"".join(map(_packed, elements))
+
+
+def _packed(element: PlyElement) -> bytes:
+    """Return the rows of an element as little endian bytes, each list after its length."""
+    fields: list[tuple[Any, ...]] = []
+    for name in element.data.dtype.names:
+        column = element.data.dtype[name]
+        if column.shape:
+            fields.append((f"length of {name}", "u1"))
+        fields.append((name, column.base.newbyteorder("<"), column.shape))
+    rows = np.empty(len(element.data), dtype=fields)
+    for name, _, shape in (field for field in fields if len(field) == 3):
+        rows[name] = element.data[name]
+        if shape:
+            rows[f"length of {name}"] = shape[0]
+    return rows.tobytes()

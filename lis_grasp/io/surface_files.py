@@ -141,10 +141,12 @@ def _triangles(path: Path, element: PlyElement | None, vertices: int) -> IntArra
         message = f"{path} has no faces: a surface is needed, not a point cloud"
         raise InvalidFileError(message, path=path)
     lists = rows[name]
-    if any(len(row) != 3 for row in lists):
-        message = f"{path} must have triangles only; some face has another count"
-        raise InvalidFileError(message, path=path)
-    faces = np.array(lists.tolist(), dtype=np.int64).reshape(-1, 3)
+    if lists.dtype == object:  # lengths may differ
+        if any(len(row) != 3 for row in lists):
+            message = f"{path} must have triangles only; some face has another count"
+            raise InvalidFileError(message, path=path)
+        lists = np.array(lists.tolist())
+    faces = lists.astype(np.int64).reshape(-1, 3)
     if faces.min() < 0 or faces.max() >= vertices:
         message = f"{path}: a face has a vertex index outside of 0 to {vertices - 1}"
         raise InvalidFileError(message, path=path)
