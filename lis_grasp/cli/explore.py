@@ -30,9 +30,8 @@ TOUCH_OPTIONS = (
 )
 """The options of an exploration, beside its object."""
 
-# Intermediate estimates that are kept, and the cells along the object of their meshes: each takes
-# a fifth of a second and a tenth of a megabyte.
-_STEPS, _CELLS = 24, 28
+# Intermediate estimates that are kept, and the cells along the object of their meshes.
+_STEPS, _CELLS = 24, 20
 # The first of them; with fewer contacts the surface is nearly a guess.
 _FIRST = 3
 

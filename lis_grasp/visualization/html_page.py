@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import zlib
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
@@ -27,7 +28,11 @@ def build_page(
     viewer = _script_text(_asset("meshcat", "viewer/dist/main.min.js"))  # has three.js
     script = _script_text("".join(_asset(_HERE, f"assets/{name}") for name in _SCRIPTS))
     style = _asset(_HERE, "assets/scene.css")
-    facts = {**scene, "commands": [_base64(command) for command in commands]}
+    facts = {
+        **scene,
+        "lengths": [len(command) for command in commands],
+        "commands": _base64(zlib.compress(b"".join(commands))),
+    }
     data = json.dumps(facts, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     digests = [hashlib.sha256(text.encode("utf-8")).digest() for text in (viewer, script)]
     hashes = " ".join(f"'sha256-{_base64(digest)}'" for digest in digests)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 import socket
@@ -10,6 +11,7 @@ import sys
 import threading
 import urllib.error
 import urllib.request
+import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +40,9 @@ def _facts(page: str) -> dict[str, Any]:
 
 
 def _commands(page: str) -> list[dict[str, Any]]:
-    return [umsgpack.unpackb(base64.b64decode(c)) for c in _facts(page)["commands"]]
+    facts = _facts(page)
+    file = io.BytesIO(zlib.decompress(base64.b64decode(facts["commands"])))
+    return [umsgpack.unpackb(file.read(length)) for length in facts["lengths"]]
 
 
 def _without_viewer(page: str) -> str:

@@ -1,22 +1,36 @@
 // Draws the scene with meshcat's viewer and handles the overlay. The page sends no request.
-(() => {
+(async () => {
   "use strict";
   const THREE = MeshCat.THREE;
   const { addEdges, fade, makeGlass, meshes, pushBack, reveal, setUpCopies } = Appearance;
   const scene = JSON.parse(document.getElementById("scene-data").textContent);
   const element = (id) => document.getElementById(id);
   const pane = element("meshcat-pane");
+  const tell = (trouble) => {
+    element("trouble").hidden = false;
+    element("trouble").textContent = trouble;
+  };
 
   let viewer;
   try {
     viewer = new MeshCat.Viewer(pane);
   } catch (error) {
-    element("trouble").hidden = false;
-    element("trouble").textContent = "This browser cannot draw in 3D (WebGL is missing or switched off).";
+    tell("This browser cannot draw in 3D (WebGL is missing or switched off).");
     return;
   }
-  const decode = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  for (const command of scene.commands) viewer.handle_command_bytearray(decode(command));
+  if (!window.DecompressionStream) {
+    tell("This page needs a browser of 2023 or later.");
+    return;
+  }
+  window.onload = null;
+  const packed = Uint8Array.from(atob(scene.commands), (c) => c.charCodeAt(0));
+  const unpacked = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const commands = new Uint8Array(await new Response(unpacked).arrayBuffer());
+  let read = 0;
+  for (const length of scene.lengths) {
+    viewer.handle_command_bytearray(commands.slice(read, read + length));
+    read += length;
+  }
   delete scene.commands;
 
   const node = (...path) => viewer.scene_tree.find(["lis_grasp", ...path]).object;
@@ -255,7 +269,6 @@
   gatherLayers();
   setUpPlayer();
   start();
-  window.onload = null;
   window.addEventListener("resize", () => { if (eye.touched) viewer.set_3d_pane_size(); else frame(); });
   window.addEventListener("hashchange", start);
   element("panel").addEventListener("toggle", () => { if (!eye.touched) frame(); });
