@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.records import short_repr
@@ -40,8 +41,6 @@ _NO_WEIGHT, _FULL_WEIGHT = 0.1, 0.4
 # Distance between both estimates at which the sharp one begins to lose its weight, and has lost it,
 # in spacings: surface that is far from any smooth one is spurious.
 _NEAR, _FAR = 0.5, 1.0
-
-_CHUNK = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,36 +160,38 @@ class BlendedImplicitSurface:
         self, points: FloatArray, smooth: FloatArray
     ) -> tuple[IndexArray, FloatArray, FloatArray]:
         """Return the points with w above 0, (Q,), their w, and sharp - smooth there [m]."""
-        evidence = map_rows(
-            lambda x: self._evidence(x)[0], points, max(1, _CHUNK // len(self.places))
-        )
+        evidence = map_rows(lambda x: self._evidence(x)[0], points, len(self.places))
         weights, _ = _smoothstep(evidence, _NO_WEIGHT, _FULL_WEIGHT)
         some = np.flatnonzero(weights > 0.0)
         return some, weights[some], self.sharp.evaluate(points[some]) - smooth[some]
 
     def _weight_slopes(self, points: FloatArray) -> FloatArray:
         """Return the gradient of w at points, (P, 3)."""
-        answers = map_rows(
-            lambda x: np.column_stack(self._evidence(x)), points, max(1, _CHUNK // len(self.places))
-        )
+        answers = map_rows(self._evidence_and_slopes, points, len(self.places))
         _, rises = _smoothstep(answers[:, 0], _NO_WEIGHT, _FULL_WEIGHT)
         return rises[:, None] * answers[:, 1:]
 
     def _evidence(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the evidence for the sharp estimate at points, (P,), and its gradient, (P, 3).
+        """Return the evidence for the sharp estimate at points, (P,), and the places' weights.
 
-        A weighted mean of the log ratios, shrunk to that of all places.
+        A mean of the log ratios with these weights, (P, M), shrunk to that of all places.
         """
-        width = _SIGMA * self.spacing
-        offsets = self.places - points[:, None]  # (P, M, 3)
-        kernel = np.exp(-0.5 * np.einsum("pmk,pmk->pm", offsets, offsets) / width**2)
+        weights = cdist(points, self.places, "sqeuclidean")
+        weights *= -0.5 / (_SIGMA * self.spacing) ** 2
+        np.exp(weights, out=weights)
+        total = weights.sum(axis=1) + _PRIOR_PLACES
+        weights /= total[:, None]
         count, deviation = len(self.log_ratios), float(self.log_ratios.std())
         overall = float(self.log_ratios.sum()) / (count + _PRIOR_PLACES)
         overall -= _CAUTION * deviation / np.sqrt(count)
-        total = kernel.sum(axis=1) + _PRIOR_PLACES
-        evidence = (kernel @ self.log_ratios + _PRIOR_PLACES * overall) / total
-        pulls = kernel * (self.log_ratios - evidence[:, None]) / total[:, None]
-        return evidence, np.einsum("pm,pmk->pk", pulls, offsets) / width**2
+        return weights @ self.log_ratios + _PRIOR_PLACES * overall / total, weights
+
+    def _evidence_and_slopes(self, points: FloatArray) -> FloatArray:
+        """Return the evidence and its gradient at points, shape (P, 4)."""
+        evidence, weights = self._evidence(points)
+        pulls = weights * (self.log_ratios - evidence[:, None])
+        towards = pulls @ self.places - pulls.sum(axis=1)[:, None] * points
+        return np.column_stack([evidence, towards / (_SIGMA * self.spacing) ** 2])
 
 
 def _smoothstep(values: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:

@@ -25,9 +25,6 @@ _PLACES = np.vstack([np.zeros((1, 3)), _FACES, _CORNERS])  # (15, 3)
 # An estimate is about a distance: a ball whose centre has a value of this many radii is free.
 _FAR = 1.5
 
-# Pairs of points and balls held at once.
-_PAIRS = 2**20
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarvedImplicitSurface:
@@ -95,7 +92,7 @@ class CarvedImplicitSurface:
             ball = np.argmax(depths, axis=1)
             return np.column_stack([depths[np.arange(len(chosen)), ball], ball])
 
-        found = map_rows(deepest, points[checked], max(1, _PAIRS // len(self.radii)))
+        found = map_rows(deepest, points[checked], len(self.radii))
         return checked, found[:, 0], found[:, 1].astype(np.intp)
 
 

@@ -52,9 +52,6 @@ _MOST_CONTACTS = 400
 # The prior's amplitude is fitted to so many contacts at most: it takes a dozen solutions.
 _MOST_FOR_AMPLITUDE = 150
 
-# Numbers held at once by an evaluation: (queries) x (contacts or equations).
-_CHUNK = 2_000_000
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GaussianProcessImplicitSurface:
@@ -188,13 +185,13 @@ class GaussianProcessImplicitSurface:
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return the posterior mean of f at points of shape (..., 3) [m], shape (...) [m]."""
         rows, shape = self._scaled(points)
-        values = map_rows(self._process.mean.value, rows, max(1, _CHUNK // len(self.points)))
+        values = map_rows(self._process.mean.value, rows, len(self.points))
         return self.scale * (self.mean + values).reshape(shape)
 
     def gradient(self, points: npt.ArrayLike) -> FloatArray:
         """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
         rows, shape = self._scaled(points)
-        gradients = map_rows(self._process.mean.gradient, rows, max(1, _CHUNK // len(self.points)))
+        gradients = map_rows(self._process.mean.gradient, rows, len(self.points))
         return gradients.reshape(*shape, 3)
 
     def variance(self, points: npt.ArrayLike) -> FloatArray:
@@ -205,8 +202,7 @@ class GaussianProcessImplicitSurface:
         (`GradientRegression.leave_groups_out_amplitude`).
         """
         rows, shape = self._scaled(points)
-        count = max(1, _CHUNK // (ROWS * len(self.points)))
-        variances = map_rows(self._process.variance, rows, count)
+        variances = map_rows(self._process.variance, rows, ROWS * len(self.points))
         return (self.amplitude * self.scale) ** 2 * variances.reshape(shape)
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:

@@ -26,9 +26,8 @@ class KernelExpansion:
 
     def value(self, queries: FloatArray) -> FloatArray:
         """Return f at queries (P, 3), shape (P,)."""
-        r = _distances(queries, self.nodes)  # (P, N)
-        values = self.kernel.value(r) @ self.weights[:, 0]
-        return values + np.einsum("pn,pn->p", self.kernel.first(r), self._slopes(queries))
+        value, first = self.kernel.value_and_first(_distances(queries, self.nodes))  # (P, N)
+        return value @ self.weights[:, 0] + np.einsum("pn,pn->p", first, self._slopes(queries))
 
     def gradient(self, queries: FloatArray) -> FloatArray:
         """Return the gradient of f at queries (P, 3), shape (P, 3)."""
@@ -51,8 +50,7 @@ def cross_covariance(kernel: RadialKernel, queries: FloatArray, nodes: FloatArra
     """Return covariances of values at queries (P, 3) with the rows of nodes (N, 3), (P, 4N)."""
     r = _distances(queries, nodes)
     cross = np.empty((*r.shape, ROWS))  # (P, N, 4)
-    cross[:, :, 0] = kernel.value(r)
-    first = kernel.first(r)
+    cross[:, :, 0], first = kernel.value_and_first(r)
     for k in range(3):
         cross[:, :, k + 1] = first * (queries[:, k, None] - nodes[:, k])
     return cross.reshape(len(queries), ROWS * len(nodes))
@@ -65,9 +63,9 @@ def gradient_covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
     """
     offsets = nodes[:, None, :] - nodes  # (N, N, 3)
     r = np.linalg.norm(offsets, axis=2)
-    slope, bend = kernel.first(r), kernel.second(r)
+    bend = kernel.second(r)
     blocks = np.empty((len(nodes), ROWS, len(nodes), ROWS))
-    blocks[:, 0, :, 0] = kernel.value(r)
+    blocks[:, 0, :, 0], slope = kernel.value_and_first(r)
     for a in range(3):
         mixed = slope * offsets[:, :, a]
         blocks[:, 0, :, a + 1] = mixed
@@ -80,5 +78,8 @@ def gradient_covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
 
 def _distances(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return distances between rows, shape (P, N)."""
-    squares = np.sum(first**2, axis=1)[:, None] + np.sum(second**2, axis=1) - 2.0 * first @ second.T
-    return np.sqrt(np.maximum(squares, 0.0))
+    squares = first @ (-2.0 * second.T)
+    squares += np.einsum("pk,pk->p", first, first)[:, None]
+    squares += np.einsum("nk,nk->n", second, second)
+    np.maximum(squares, 0.0, out=squares)
+    return np.sqrt(squares, out=squares)

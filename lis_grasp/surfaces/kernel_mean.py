@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +12,6 @@ from lis_grasp.typing import FloatArray, IndexArray
 # Terms below exp(-30) = 1e-13 of the largest one vanish in a sum by rounding and are left out.
 NEGLIGIBLE = 30.0
 LEAST_WEIGHT = np.exp(-NEGLIGIBLE)
-
-LocalFunction = Callable[[int, IndexArray], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,36 +65,16 @@ class KernelMean:
         near = self._tree.query_ball_point(center, far * (1.0 + 1e-9), return_sorted=True)
         return np.asarray(near, dtype=np.intp)
 
-    def average(
-        self,
-        points: FloatArray,
-        near: IndexArray,
-        weights: FloatArray,
-        local: LocalFunction,
-        *,
-        with_gradient: bool,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the mean of the nodes' functions at points, shape (P,), and its gradient, (P, 3).
+    def pulls(self, points: FloatArray, near: IndexArray, terms: FloatArray) -> FloatArray:
+        """Return sum_i t_i (c_i - x) / sigma^2 over some nodes at points, shape (P, 3).
 
-        `near` and `weights` are of `weights`. `local` takes a node and the indices (R,) of some of
-        the points; it returns the node's function there, (R,), and its gradient, (R, 3). Without
-        `with_gradient`, gradients are neither read nor meaningful.
+        `terms` t_i have shape (M, P). The gradient of a mean sum_i s_i(x) f_i is that of its terms'
+        functions plus the pulls of s_i f_i, less f times the pulls of s_i.
         """
-        values = np.zeros(len(points))
-        gradients, pulls = np.zeros((len(points), 3)), np.zeros((len(points), 3))
-        for node, weight in zip(near, weights, strict=True):
-            seen = np.flatnonzero(weight > LEAST_WEIGHT)
-            if not len(seen):
-                continue
-            weight = weight[seen]
-            value, gradient = local(node, seen)
-            values[seen] += weight * value
-            if with_gradient:
-                # grad s_i = s_i (a_i - sum_j s_j a_j) with a_i = (c_i - x) / sigma^2.
-                aims = (self.nodes[node] - points[seen]) / self.sigma**2
-                gradients[seen] += weight[:, None] * (gradient + value[:, None] * aims)
-                pulls[seen] += weight[:, None] * aims
-        return values, gradients - values[:, None] * pulls
+        origin = points[0]
+        towards = terms.T @ (self.nodes[near] - origin)
+        towards -= terms.sum(axis=0)[:, None] * (points - origin)
+        return np.asarray(towards / self.sigma**2)
 
 
 def density_weights(points: FloatArray, sigma: float) -> FloatArray:

@@ -28,6 +28,9 @@ class RadialKernel(Protocol):
     def value(self, r: FloatArray) -> FloatArray:
         """Return k(r)."""
 
+    def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return k(r) and -k'(r) / r, in less time than one by one."""
+
     def first(self, r: FloatArray) -> FloatArray:
         """Return -k'(r) / r."""
 
@@ -44,6 +47,11 @@ class SquaredExponential:
     def value(self, r: FloatArray) -> FloatArray:
         """Return k(r)."""
         return np.exp(-0.5 * (r / self.length) ** 2)
+
+    def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return k(r) and -k'(r) / r."""
+        value = self.value(r)
+        return value, value / self.length**2
 
     def first(self, r: FloatArray) -> FloatArray:
         """Return -k'(r) / r."""
@@ -65,13 +73,23 @@ class Matern52:
 
     def value(self, r: FloatArray) -> FloatArray:
         """Return k(r)."""
+        return self.value_and_first(r)[0]
+
+    def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return k(r) and -k'(r) / r."""
         q = self._scaled(r)
-        return (1.0 + q + q**2 / 3.0) * np.exp(-q)
+        decay = np.exp(-q)
+        linear = (1.0 + q) * decay
+        q *= q
+        q *= decay
+        q /= 3.0
+        q += linear
+        linear *= 5.0 / (3.0 * self.length**2)
+        return q, linear
 
     def first(self, r: FloatArray) -> FloatArray:
         """Return -k'(r) / r."""
-        q = self._scaled(r)
-        return 5.0 / (3.0 * self.length**2) * (1.0 + q) * np.exp(-q)
+        return self.value_and_first(r)[1]
 
     def second(self, r: FloatArray) -> FloatArray:
         """Return (k''(r) - k'(r) / r) / r^2."""
@@ -94,6 +112,10 @@ class ThinPlate:
         """Return k(r)."""
         q = r / self.length
         return 2.0 * q**3 - 3.0 * q**2 + 1.0
+
+    def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return k(r) and -k'(r) / r."""
+        return self.value(r), self.first(r)
 
     def first(self, r: FloatArray) -> FloatArray:
         """Return -k'(r) / r."""

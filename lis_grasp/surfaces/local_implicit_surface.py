@@ -14,10 +14,10 @@ from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.contact_noise import precisions_of
 from lis_grasp.surfaces.convexity import Convexity
-from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
+from lis_grasp.surfaces.kernel_mean import LEAST_WEIGHT, KernelMean, density_weights
 from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import FloatArray
 
 Beta = Literal["corrected", "as_published", "none"]
 
@@ -145,12 +145,23 @@ class LocalImplicitSurface(BlockwiseSurface):
     def _value_and_gradient(
         self, points: FloatArray, *, with_gradient: bool
     ) -> tuple[FloatArray, FloatArray]:
-        def local(i: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
+        near, weights = self.mean.weights(points)  # (M,), (M, P)
+        terms = np.zeros_like(weights)
+        gradients = np.zeros((len(points), 3))
+        for row, i in enumerate(near):
+            seen = np.flatnonzero(weights[row] > LEAST_WEIGHT)
+            if not len(seen):
+                continue
             offsets = points[seen] - self.points[i]
-            return self._local_shape(i, offsets, with_gradient=with_gradient)
-
-        near, weights = self.mean.weights(points)
-        return self.mean.average(points, near, weights, local, with_gradient=with_gradient)
+            value, gradient = self._local_shape(i, offsets, with_gradient=with_gradient)
+            terms[row, seen] = weights[row, seen] * value
+            if with_gradient:
+                gradients[seen] += weights[row, seen, None] * gradient
+        values = terms.sum(axis=0)
+        if with_gradient:
+            gradients += self.mean.pulls(points, near, terms)
+            gradients -= values[:, None] * self.mean.pulls(points, near, weights)
+        return values, gradients
 
     def _local_shape(
         self, i: int, offsets: FloatArray, *, with_gradient: bool

@@ -211,13 +211,15 @@ class PatchImplicitSurface(BlockwiseSurface):
             values = patch.value(points)
             return values, patch.gradient(points) if with_gradient else values[:, None]
 
-        fields = self._fields(near, evaluate)
-
-        def local(node: int, seen: IndexArray) -> tuple[FloatArray, FloatArray]:
-            values, gradients = fields[self.expression_of[node]]
-            return values[seen], gradients[seen]
-
-        return self.mean.average(points, near, weights, local, with_gradient=with_gradient)
+        number, values, gradients = self._fields(near, evaluate)
+        terms = weights * values[number]  # (M, P)
+        mean = terms.sum(axis=0)
+        if not with_gradient:
+            return mean, points
+        slopes = np.einsum("ep,epk->pk", _sums(weights, number), gradients)
+        slopes += self.mean.pulls(points, near, terms)
+        slopes -= mean[:, None] * self.mean.pulls(points, near, weights)
+        return mean, slopes
 
     def _variance(self, points: FloatArray) -> FloatArray:
         """Return the variance of the surface, shape (P,) [m^2], at points close together."""
@@ -226,15 +228,18 @@ class PatchImplicitSurface(BlockwiseSurface):
         def value_and_variance(patch: Patch) -> tuple[FloatArray, FloatArray]:
             return patch.value(points), patch.variance(points)[:, None]
 
-        fields = self._fields(near, value_and_variance)
-        variances = np.stack([fields[k][1][:, 0] for k in self.expression_of[near]])  # (M, P)
-        return np.asarray(np.einsum("mp,mp->p", weights, variances))
+        number, _, variances = self._fields(near, value_and_variance)
+        return np.asarray(np.einsum("ep,ep->p", _sums(weights, number), variances[..., 0]))
 
     def _fields(
         self, near: IndexArray, evaluate: Callable[[Patch], tuple[FloatArray, FloatArray]]
-    ) -> dict[int, tuple[FloatArray, FloatArray]]:
-        """Evaluate contacts' expressions; values (P,) and attributes (P, K), as from `evaluate`."""
-        used = sorted({int(k) for k in self.expression_of[near]})
+    ) -> tuple[IndexArray, FloatArray, FloatArray]:
+        """Evaluate the expressions of contacts `near`, (M,), at P points.
+
+        Returns which of the E evaluated expressions is each contact's, (M,); their values (E, P);
+        and the attributes (E, P, K) of the patches that make them, as from `evaluate`.
+        """
+        used, number_of = np.unique(self.expression_of[near], return_inverse=True)
         terms = sorted({term for k in used for term in self.expressions[k]})
         involved = sorted({p for term in terms for p in term})
         evaluated = [evaluate(self.patches[p]) for p in involved]
@@ -250,9 +255,14 @@ class PatchImplicitSurface(BlockwiseSurface):
             active[row] = rows[values[rows].argmax(axis=0)]
         heights = values[active, columns]  # (terms, P)
         number = {term: row for row, term in enumerate(terms)}
-        fields = {}
-        for k in used:
+        shown = np.empty((len(used), len(columns)), dtype=np.intp)
+        for row, k in enumerate(used):
             rows = np.array([number[term] for term in self.expressions[k]])
-            patch = active[rows[heights[rows].argmin(axis=0)], columns]
-            fields[k] = values[patch, columns], attributes[patch, columns]
-        return fields
+            shown[row] = active[rows[heights[rows].argmin(axis=0)], columns]
+        return number_of, values[shown, columns], attributes[shown, columns]
+
+
+def _sums(weights: FloatArray, number: IndexArray) -> FloatArray:
+    """Return sums over the rows of weights (M, P) that have each number from 0 on, (E, P)."""
+    chosen = number == np.arange(number.max() + 1)[:, None]  # (E, M)
+    return np.asarray(chosen.astype(np.float64) @ weights)

@@ -17,6 +17,9 @@ _SMALL_BLOCK = 256
 # Squares of larger coordinates [m] overflow.
 _FARTHEST = 1e100
 
+# Numbers of an array that a processor's cache holds, together with a few like it.
+_CACHED = 2**17
+
 # Points evaluated at once: so many, in a box no larger than this many spacings.
 _BLOCK, _BLOCK_EXTENT = 4096, 8.0
 
@@ -81,9 +84,13 @@ def flat_points(points: npt.ArrayLike) -> tuple[FloatArray, tuple[int, ...]]:
 
 
 def map_rows(
-    function: Callable[[FloatArray], FloatArray], rows: FloatArray, count: int
+    function: Callable[[FloatArray], FloatArray], rows: FloatArray, columns: int
 ) -> FloatArray:
-    """Apply a row-wise function to at most `count` rows at a time and join the results."""
+    """Apply a row-wise function to so many rows at a time that its arrays stay in the cache.
+
+    `columns` is their width; the results are joined.
+    """
+    count = max(1, _CACHED // columns)
     if len(rows) <= count:
         return function(rows)
     return np.concatenate([function(rows[i : i + count]) for i in range(0, len(rows), count)])
@@ -97,18 +104,19 @@ def compact_blocks(
     Blocks of more than 256 points are also split until they are no larger than `extent` [m]: the
     cost of a block grows with the number of contacts near it.
     """
+    coordinates = np.ascontiguousarray(points.T)
     pending = [np.arange(len(points))]
     while pending:
         index = pending.pop()
-        chosen = points[index]
-        spans = np.ptp(chosen, axis=0) if len(index) > _SMALL_BLOCK else np.zeros(3)
+        chosen = coordinates[:, index]
+        spans = np.ptp(chosen, axis=1) if len(index) > _SMALL_BLOCK else np.zeros(3)
         axis = int(np.argmax(spans))
         if len(index) <= count and spans[axis] <= extent:
             if len(index):
                 yield index
             continue
         half = len(index) // 2
-        order = np.argpartition(chosen[:, axis], half)
+        order = np.argpartition(chosen[axis], half)
         pending += [index[order[half:]], index[order[:half]]]
 
 
