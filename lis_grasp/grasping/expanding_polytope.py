@@ -19,8 +19,10 @@ Farthest = Callable[[FloatArray, IndexArray], FloatArray]
 LEAST_RADIUS = 1e-4
 """Radius of the simplex that every polytope starts from; smaller balls may be missed."""
 _CORNERS = 7
-# Bodies that are worked on together: their facets fit into a processor's cache.
-_TOGETHER = 40
+# Bodies that are worked on together, and slots for facets that each has at first.
+_TOGETHER, _SLOTS = 40, 128
+# Facets of polytopes that are finished are dropped when this fraction is left.
+_DENSE = 0.7
 _MOST_POINTS = 249 - _CORNERS
 # A point sees a facet if it is beyond it by more than this fraction of the facet's distance.
 _SEEN = 1e-9
@@ -30,19 +32,89 @@ _JOGGLE = 1e-6
 
 @dataclass(slots=True)
 class _Facets:
-    """Facets of B simplicial polytopes about the origin, sorted by polytope.
+    """Facets of B simplicial polytopes about the origin, each in one of F slots; others are empty.
 
     A facet with its vertices as the rows of M is in the plane ``v x = 1``, ``v = M^-1 (1 ... 1)``.
-    Column j of ``M^-1`` is orthogonal to all vertices but the j-th.
+    Column j of ``M^-1`` is orthogonal to all vertices but the j-th. In an empty slot v is 0: its
+    plane is infinitely far, so that it is never the nearest one, and no point is beyond it.
     """
 
-    owner: IndexArray  # (F,): which polytope
-    vertices: npt.NDArray[np.int64]  # (F, 6): numbers of the vertices
-    inverses: FloatArray  # (F, 6, 6): M^-1
-    planes: FloatArray  # (F, 6): v
+    vertices: npt.NDArray[np.int64]  # (B, F, 6): numbers of the vertices
+    inverses: FloatArray  # (B, F, 6, 6): M^-1
+    planes: FloatArray  # (B, F, 6): v
+    sizes: FloatArray  # (B, F): |v|^2
+    used: IndexArray  # (B,): slots from here on have never been used
 
-    def subset(self, index: npt.NDArray[np.bool_] | IndexArray) -> _Facets:
+    @classmethod
+    def simplices(cls, count: int) -> _Facets:
+        """Return the facets that every one of the polytopes starts with."""
+        vertices = np.array(list(combinations(range(_CORNERS), 6)))  # (7, 6)
+        inverses = np.linalg.inv(_simplex()[vertices])
+        facets = cls(
+            np.zeros((count, _SLOTS, 6), dtype=np.int64),
+            np.zeros((count, _SLOTS, 6, 6)),
+            np.zeros((count, _SLOTS, 6)),
+            np.zeros((count, _SLOTS)),
+            np.full(count, _CORNERS),
+        )
+        row, slot = np.indices((count, _CORNERS)).reshape(2, -1)
+        facets._put(row, slot, np.tile(vertices, (count, 1)), np.tile(inverses, (count, 1, 1)))
+        return facets
+
+    def grow(self, rows: IndexArray, apexes: FloatArray, number: int) -> IndexArray:
+        """Add vertex `number` at (b, 6) to polytopes (b,): a cone replaces the facets that it sees.
+
+        Returns the polytopes that became degenerate.
+        """
+        beyond = (self.planes[rows] @ apexes[:, :, None])[..., 0]  # (b, F)
+        some, slot = np.nonzero(beyond > 1.0 + _SEEN)
+        row, apex_of = rows[some], np.zeros((len(self.used), 6))
+        apex_of[rows] = apexes
+        facet, place = _rim(row, self.vertices[row, slot])
+        owner, old = row[facet], slot[facet]
+        vertices, inverses = self.vertices[owner, old], self.inverses[owner, old]
+        vertices[np.arange(len(facet)), place] = number
+        inverses = _with_row(inverses, place, apex_of[owner])
+        self.planes[row, slot], self.sizes[row, slot] = 0.0, 0.0
+        free = self._free_slots(row, slot, owner)
+        return np.unique(owner[~self._put(owner, free, vertices, inverses)])
+
+    def subset(self, index: IndexArray) -> _Facets:
         return subset_of(self, index)
+
+    def _free_slots(self, row: IndexArray, slot: IndexArray, owner: IndexArray) -> IndexArray:
+        """Return a slot for each new facet: those just emptied at (row, slot), then unused ones."""
+        count = len(self.used)
+        emptied, new = np.bincount(row, minlength=count), np.bincount(owner, minlength=count)
+        rank = np.arange(len(owner)) - (np.cumsum(new) - new)[owner]
+        again = rank < emptied[owner]
+        free = self.used[owner] + rank - emptied[owner]
+        free[again] = slot[((np.cumsum(emptied) - emptied)[owner] + rank)[again]]
+        self.used += np.maximum(new - emptied, 0)
+        missing = int(self.used.max()) - self.sizes.shape[1]
+        if missing > 0:
+            self._extend(max(missing, self.sizes.shape[1] // 2))
+        return free
+
+    def _extend(self, slots: int) -> None:
+        for name in ("vertices", "inverses", "planes", "sizes"):
+            old = getattr(self, name)
+            new = np.zeros((len(old), slots, *old.shape[2:]), dtype=old.dtype)
+            setattr(self, name, np.concatenate([old, new], axis=1))
+
+    def _put(
+        self,
+        row: IndexArray,
+        slot: IndexArray,
+        vertices: npt.NDArray[np.int64],
+        inverses: FloatArray,
+    ) -> npt.NDArray[np.bool_]:
+        """Store facets; return which of them are finite."""
+        planes = inverses.sum(axis=2)
+        self.vertices[row, slot], self.inverses[row, slot] = vertices, inverses
+        self.planes[row, slot] = planes
+        self.sizes[row, slot] = np.einsum("nk,nk->n", planes, planes)
+        return np.asarray(np.isfinite(planes).all(axis=1))
 
 
 def inscribed_ball_radii(farthest: Farthest, count: int, *, tolerance: float = 1e-6) -> FloatArray:
@@ -73,38 +145,42 @@ def inscribed_ball_radii(farthest: Farthest, count: int, *, tolerance: float = 1
 
 
 def _expand(farthest: Farthest, count: int, tolerance: float) -> FloatArray:
-    facets = _simplices(count)
+    facets = _Facets.simplices(count)
+    bodies_of = np.arange(count)  # of the rows of `facets`
+    rows = np.arange(count)  # of bodies that still grow
     radii = np.zeros(count)
     corners = np.full((_MOST_POINTS, count, 6), np.inf)
-    degenerate = np.zeros(count, dtype=bool)
+    degenerate: list[int] = []
     for step in range(_MOST_POINTS):
-        nearest = _nearest(facets)
-        bodies = facets.owner[nearest]
-        v = facets.planes[nearest]  # (b, 6)
+        bodies, nearest = bodies_of[rows], facets.sizes[rows].argmax(axis=1)
+        v = facets.planes[rows, nearest]  # (b, 6)
         length = np.linalg.norm(v, axis=1)
         points = farthest(v / length[:, None], bodies)
         # The body need not contain the simplex: facets on its corners give no radius.
-        confirmed = (facets.vertices[nearest] >= _CORNERS).all(axis=1)
+        confirmed = (facets.vertices[rows, nearest] >= _CORNERS).all(axis=1)
         radii[bodies] = np.where(confirmed, 1.0 / length, 0.0)
         beyond = _beyond(v, points, tolerance)
         # A vertex is never beyond its own polytope, except by rounding at degenerate facets.
         again = (np.abs(corners[:step, bodies] - points).max(axis=-1) < _JOGGLE).any(axis=0)
-        degenerate[bodies[beyond & again]] = True
+        degenerate += bodies[beyond & again].tolist()
         corners[step, bodies] = points
-        growing = np.zeros(count, dtype=bool)
-        growing[bodies[beyond & ~again]] = True
-        if not growing.any():
+        growing = beyond & ~again
+        rows, points = rows[growing], points[growing]
+        if not len(rows):
             break
+        if len(rows) < _DENSE * len(bodies_of):
+            facets, bodies_of = facets.subset(rows), bodies_of[rows]
+            rows = np.arange(len(rows))
         number = _CORNERS + step
-        apexes = np.zeros((count, 6))
-        apexes[bodies] = points + _JOGGLE * np.sin(np.arange(6.0 * number, 6.0 * number + 6) ** 2)
-        facets = _grow(facets.subset(growing[facets.owner]), apexes, number)
-        degenerate[facets.owner[~np.isfinite(facets.planes).all(axis=1)]] = True
-        facets = facets.subset(~degenerate[facets.owner])
-        if not len(facets.owner):
-            break
-    for body in np.flatnonzero(degenerate):
-        radii[body] = _expand_hull(farthest, body, corners[:, body], tolerance)
+        joggle = _JOGGLE * np.sin(np.arange(6.0 * number, 6.0 * number + 6) ** 2)
+        failed = facets.grow(rows, points + joggle, number)
+        if len(failed):
+            degenerate += bodies_of[failed].tolist()
+            rows = np.setdiff1d(rows, failed)
+            if not len(rows):
+                break
+    for body in sorted(degenerate):
+        radii[body] = _expand_hull(farthest, np.intp(body), corners[:, body], tolerance)
     return radii
 
 
@@ -140,57 +216,27 @@ def _simplex() -> FloatArray:
     return np.asarray(LEAST_RADIUS * (corners @ rotation) / np.linalg.norm(corners[0]))
 
 
-def _simplices(count: int) -> _Facets:
-    """Return the facets that every one of the polytopes starts with."""
-    vertices = np.array(list(combinations(range(_CORNERS), 6)))  # (7, 6)
-    inverses = np.linalg.inv(_simplex()[vertices])
-    return _Facets(
-        np.repeat(np.arange(count), _CORNERS),
-        np.tile(vertices, (count, 1)),
-        np.tile(inverses, (count, 1, 1)),
-        np.tile(inverses.sum(axis=2), (count, 1)),
-    )
+def _with_row(inverses: FloatArray, place: IndexArray, apexes: FloatArray) -> FloatArray:
+    """Return M^-1 of matrices, (n, 6, 6), whose row `place` becomes the apex (n, 6).
 
-
-def _nearest(facets: _Facets) -> IndexArray:
-    """Return the facet of each polytope that is nearest to the origin."""
-    size = (facets.planes * facets.planes).sum(axis=1)
-    starts = np.flatnonzero(np.diff(facets.owner, prepend=-1))
-    largest = np.maximum.reduceat(size, starts)
-    index = np.flatnonzero(size == np.repeat(largest, np.diff(starts, append=len(size))))
-    return index[np.flatnonzero(np.diff(facets.owner[index], prepend=-1))]
-
-
-def _grow(facets: _Facets, apexes: FloatArray, number: int) -> _Facets:
-    """Add a vertex to each polytope: a cone over the rim replaces the facets that it sees."""
-    seen = (facets.planes * apexes[facets.owner]).sum(axis=1) > 1.0 + _SEEN
-    old = facets.subset(np.flatnonzero(seen))
-    facet, place = _rim(old)
-    owner, vertices, inverses = old.owner[facet], old.vertices[facet], old.inverses[facet]
-    # The row `place` of M becomes the apex: its inverse by Sherman and Morrison's formula.
-    heights = (apexes[owner][:, None] @ inverses)[:, 0]  # (n, 6)
-    rows = np.arange(len(facet))
+    By Sherman and Morrison's formula.
+    """
+    rows = np.arange(len(place))
+    heights = (apexes[:, None] @ inverses)[:, 0]  # (n, 6)
     pivot = heights[rows, place].copy()
     heights[rows, place] -= 1.0
     column = inverses[rows, :, place]
     with np.errstate(divide="ignore", invalid="ignore"):  # the caller drops what is not finite
-        inverses = inverses - column[:, :, None] * (heights / pivot[:, None])[:, None, :]
-    vertices[rows, place] = number
-    kept = facets.subset(np.flatnonzero(~seen))
-    owners = np.concatenate([kept.owner, owner])
-    order = np.argsort(owners, kind="stable")
-    return _Facets(
-        owners[order],
-        np.concatenate([kept.vertices, vertices])[order],
-        np.concatenate([kept.inverses, inverses])[order],
-        np.concatenate([kept.planes, inverses.sum(axis=2)])[order],
-    )
+        return inverses - column[:, :, None] * (heights / pivot[:, None])[:, None, :]
 
 
-def _rim(facets: _Facets) -> tuple[IndexArray, IndexArray]:
-    """Return ridges (five vertices) of only one facet: the facet, and the vertex they lack."""
-    order = np.argsort(facets.vertices, axis=1)
-    ordered = np.take_along_axis(facets.vertices, order, axis=1)  # (F, 6)
+def _rim(owner: IndexArray, vertices: npt.NDArray[np.int64]) -> tuple[IndexArray, IndexArray]:
+    """Return ridges (five vertices) of only one facet: the facet, and the vertex they lack.
+
+    Facets (F, 6) are sorted by `owner` (F,), and so are the ridges.
+    """
+    order = np.argsort(vertices, axis=1)
+    ordered = np.take_along_axis(vertices, order, axis=1)
     digits = 256 ** np.arange(5)
     lower, upper = ordered[:, :-1] * digits, ordered[:, 1:] * digits
     # Keys of ridges without the j-th vertex: later vertices move down by one digit.
@@ -198,7 +244,7 @@ def _rim(facets: _Facets) -> tuple[IndexArray, IndexArray]:
     after = np.concatenate(
         [upper[:, ::-1].cumsum(axis=1)[:, ::-1], np.zeros((len(ordered), 1), np.int64)], axis=1
     )
-    keys = (before + after + 256**5 * facets.owner[:, None]).ravel()  # (6 F,)
+    keys = (before + after + 256**5 * owner[:, None]).ravel()  # (6 F,)
     by_key = np.argsort(keys, kind="stable")
     keys = keys[by_key]
     changes = keys[1:] != keys[:-1]
