@@ -9,6 +9,7 @@ import numpy as np
 from lis_grasp.grasping.contact_samples import SEARCH_RADIUS, SurfaceSamples
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.thumb import thumb_of
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Largest angles [rad] between opposed normals: straight across from the thumb, and of each finger.
@@ -123,11 +124,7 @@ def initial_postures(
 def _opposition(hand: Hand) -> _Opposition:
     q = next(iter(hand.pregrasps.values()))
     centers, axes = hand.pad_centers(np.eye(4), q), hand.pad_axes(np.eye(4), q)
-    # The thumb's axis is the least aligned with the mean axis of the others.
-    facing = [
-        float(axes[f] @ np.delete(axes, f, axis=0).mean(axis=0)) for f in range(len(hand.pads))
-    ]
-    thumb = int(np.argmin(facing))
+    thumb = thumb_of(axes)
     others = tuple(f for f in range(len(hand.pads)) if f != thumb)
     approach = hand.approach_H
     closing = centers[list(others)].mean(axis=0) - centers[thumb]

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.thumb import thumb_of
 from lis_grasp.typing import FloatArray
 
 
@@ -82,8 +83,7 @@ def _gap(hand: Hand, q: FloatArray) -> float:
     centers, axes = hand.pad_centers(np.eye(4), q), hand.pad_axes(np.eye(4), q)
     radii = np.array([pad.radius for pad in hand.pads])[:, None]
     faces = centers + radii * axes
-    facing = [axes[f] @ np.delete(axes, f, axis=0).mean(axis=0) for f in range(len(axes))]
-    thumb = int(np.argmin(facing))
+    thumb = thumb_of(axes)
     return float(np.linalg.norm(np.delete(faces, thumb, axis=0).mean(axis=0) - faces[thumb]))
 
 

@@ -9,6 +9,7 @@ from lis_grasp.hands.draft.hand_points import link_points
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import joints_to
 from lis_grasp.hands.link_bodies import fibonacci_directions
+from lis_grasp.hands.thumb import thumb_of
 from lis_grasp.typing import FloatArray
 
 _ENOUGH = 0.04  # clearance that counts [m]
@@ -70,8 +71,7 @@ def _finger_roots(hand: Hand, links: dict[str, FloatArray]) -> FloatArray:
 def _closing_direction(hand: Hand, q: FloatArray) -> FloatArray:
     """Return the direction from the thumb's pad to the middle of the others, unit, (3,)."""
     axes, centers = hand.pad_axes(np.eye(4), q), hand.pad_centers(np.eye(4), q)
-    facing = [axes[f] @ np.delete(axes, f, axis=0).mean(axis=0) for f in range(len(axes))]
-    thumb = int(np.argmin(facing))
+    thumb = thumb_of(axes)
     closing = np.delete(centers, thumb, axis=0).mean(axis=0) - centers[thumb]
     return np.asarray(closing / np.linalg.norm(closing))
 
