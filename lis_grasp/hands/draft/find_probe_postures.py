@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.hands.draft.find_fingers import rigid_groups
 from lis_grasp.hands.draft.hand_points import link_points
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import ProbePosture, joints_to
@@ -48,6 +49,7 @@ class _Search:
     def __init__(self, hand: Hand, rng: np.random.Generator) -> None:
         self._hand = hand
         self._points = link_points(hand)
+        self._groups = rigid_groups(hand)
         self._directions = fibonacci_directions(_DIRECTIONS)
         self._joints = [list(hand.finger_joints(pad.finger)) for pad in hand.pads]
         rest = np.clip(0.0, hand.lower, hand.upper)
@@ -168,9 +170,4 @@ class _Search:
 
     def _group(self, link: str) -> set[str]:
         """Return the links with bodies that are fixed to a link, and itself."""
-        group = {link}
-        for _ in self._hand.joints:
-            for joint in self._hand.joints:
-                if joint.kind == "fixed" and {joint.parent, joint.child} & group:
-                    group |= {joint.parent, joint.child}
-        return group & set(self._points)
+        return {other for other in self._points if self._groups[other] == self._groups[link]}
