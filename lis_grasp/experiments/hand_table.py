@@ -20,7 +20,7 @@ from lis_grasp.experiments.study.study_trial import run_trial
 from lis_grasp.experiments.test_objects.shape_sets import build_shape
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import check_hand
-from lis_grasp.hands.shipped_models import HAND_NAMES, VENDOR_HANDS
+from lis_grasp.hands.shipped_models import READY_HANDS
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import NAMES
@@ -34,7 +34,7 @@ _FURTHER_SIZE = 0.1  # largest extent of the further objects [m]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the missing trials, and write and print the table; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--hands", nargs="+", default=[*HAND_NAMES, *VENDOR_HANDS])
+    parser.add_argument("--hands", nargs="+", default=READY_HANDS)
     parser.add_argument("--objects", nargs="+", default=[*NAMES, *FURTHER_OBJECTS])
     parser.add_argument("--seeds", type=int, default=3, help="(default: 3)")
     parser.add_argument("--touches", type=int, default=40, help="(default: 40)")

@@ -19,7 +19,7 @@ from lis_grasp.hands.hand_sdf import read_sdf
 from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_tree import HandModel, rpy_pose
 from lis_grasp.hands.model_uri import resolve_uri
-from lis_grasp.hands.shipped_models import HAND_NAMES, VENDOR_HANDS
+from lis_grasp.hands.shipped_models import READY_HANDS
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
@@ -73,7 +73,7 @@ def _read(path_or_name: str | Path) -> tuple[HandEntry, Path, DescriptionEdits, 
 
 
 def _find(path_or_name: str | Path) -> Path:
-    if str(path_or_name) in (*HAND_NAMES, *VENDOR_HANDS):
+    if str(path_or_name) in READY_HANDS:
         return hand_path(str(path_or_name))
     try:
         if Path(path_or_name).is_file():

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from lis_grasp.exceptions import InvalidHandError, nearest_of
-from lis_grasp.hands.shipped_models import HAND_NAMES, VENDOR_HANDS, model_path
+from lis_grasp.hands.shipped_models import HAND_NAMES, READY_HANDS, VENDOR_HANDS, model_path
 from lis_grasp.plugins import Registry
 
-HAND_REGISTRY = Registry("hand", dict.fromkeys((*HAND_NAMES, *VENDOR_HANDS)))
+HAND_REGISTRY = Registry("hand", dict.fromkeys(READY_HANDS))
 """Names of hands; a plug-in is the path of a YAML file, or a function that returns it."""
 
 

@@ -13,6 +13,9 @@ VENDOR_HANDS = (
 )
 """Vendors' hands whose YAML the package ships; the model is installed apart, as an error says."""
 
+READY_HANDS = (*HAND_NAMES, *VENDOR_HANDS)
+"""Every hand whose YAML the package ships."""
+
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 

@@ -16,7 +16,7 @@ from lis_grasp.experiments.study.row_keys import columns_of, row_key
 from lis_grasp.experiments.study.study import SETTINGS, TRIAL_COLUMNS, Setup, Study, Trial, label
 from lis_grasp.experiments.study.study_trial import COLUMNS, MACHINE, TIMES
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
-from lis_grasp.hands.shipped_models import HAND_NAMES, VENDOR_HANDS
+from lis_grasp.hands.shipped_models import READY_HANDS
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import NAMES
@@ -161,7 +161,7 @@ def job_of(row: Row, files: Iterable[str] = ()) -> Job:
     """
     places = {label(path): path for path in files}
     named = {name: row[name] for name in TRIAL_COLUMNS}
-    for what, known in (("object", NAMES), ("hand", (*HAND_NAMES, *VENDOR_HANDS))):
+    for what, known in (("object", NAMES), ("hand", READY_HANDS)):
         if named[what] not in known:
             if named[what] not in places:
                 raise InvalidOptionError(
