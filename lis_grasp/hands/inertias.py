@@ -16,7 +16,8 @@ from lis_grasp.typing import FloatArray
 LEAST_MASS = 1e-3
 """A link of less mass [kg] is simulated as a ball of this mass, whatever its inertia."""
 
-_DENSITY = 1000.0  # of a link whose file gives no mass [kg/m^3]: plastics, and metal with hollows
+# Of a link whose file gives no mass [kg/m^3]: plastics, or metal with cavities.
+_DENSITY = 1000.0
 _SMALL_BALL = 0.01  # radius of a link without bodies [m]
 # Files are written with few digits: a violation of up to this fraction is corrected in silence.
 _ROUNDING = 1e-3

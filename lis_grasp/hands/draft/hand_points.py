@@ -1,4 +1,4 @@
-"""Points on the links of a hand, and directions evenly spread over the sphere."""
+"""Points on the links of a hand: vertices of their bodies, and the farthest from a joint."""
 
 from __future__ import annotations
 
