@@ -14,6 +14,7 @@ from pathlib import Path
 
 import lis_grasp
 from lis_grasp import pipeline
+from lis_grasp.cli.findings import say_findings
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.hands.hand import Hand
@@ -48,8 +49,7 @@ def execute(options: argparse.Namespace) -> None:
         _repair(options.hand, options.repair)
         return
     findings = check_machine() if options.hand is None else check_hand(Hand.load(options.hand))
-    for finding in findings:
-        say(f"{'ok  ' if finding.fine else 'FIX '}  {finding.text}")
+    say_findings(findings)
     faults = sum(not finding.fine for finding in findings)
     if faults:
         raise LisGraspError(f"{faults} of {len(findings)} findings must be fixed, see above")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lis_grasp.cli.findings import say_findings
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.hands.draft.draft_hand import draft_hand
@@ -63,8 +64,7 @@ def write_draft(options: argparse.Namespace) -> None:
     hand = Hand.load(output)
     for note in draft.notes:
         say(f"note  {note}")
-    for finding in check_hand(hand):
-        say(f"{'ok  ' if finding.fine else 'FIX '}  {finding.text}")
+    say_findings(check_hand(hand))
     say(f"wrote {output}: {len(hand.joint_names)} joints, fingers {', '.join(hand.fingers)}")
     say(f"next: lis-grasp hand view {output}, or: lis-grasp run box --hand {output}")
 
