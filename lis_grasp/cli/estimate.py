@@ -121,7 +121,11 @@ def write_surface(
     """Estimate a surface from contacts with the recorded facts, and write and return its mesh."""
     with Stage(f"Estimating the surface ({config.estimator})") as stage:
         _, mesh = pipeline.estimate(
-            contacts, config.estimator, config.sensor(), free_space=config.free_space
+            contacts,
+            config.estimator,
+            config.sensor(),
+            free_space=config.free_space,
+            table=pipeline.table_of(config),
         )
         names = ("estimator", *_NOISE, "free_space")
         facts = {name: getattr(config, name) for name in names}

@@ -6,6 +6,8 @@ import argparse
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
@@ -22,16 +24,18 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.summary import exploration_lines
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces.above_table_implicit_surface import above_table
+from lis_grasp.typing import FloatArray
 
 TOUCH_OPTIONS = (
-    *("hand", "estimator", "prober", "fingers", "free", "mass", "friction", "policy"),
+    *("hand", "estimator", "prober", "fingers", "mass", "friction", "policy"),
     *("until_coverage", "until_uncertainty", "max_seconds", "position_noise", "normal_noise"),
-    *("cloud", "touches", "seed"),
+    *("force_threshold", "taxel_pitch", "cloud", "touches", "seed"),
 )
 """The options of an exploration, beside its object."""
 
-# Intermediate estimates that are kept, and the cells along the object of their meshes.
-_STEPS, _CELLS = 24, 20
+# Intermediate estimates that are kept, and the cells along the bounds of their meshes.
+_STEPS, _CELLS = 24, 26
 # The first of them; with fewer contacts the surface is nearly a guess.
 _FIRST = 3
 
@@ -48,6 +52,7 @@ _MEANING = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     opt.add_object(parser)
+    opt.add_conditions(parser)
     opt.add_options(parser, *TOUCH_OPTIONS)
     opt.add_output(parser, "results/<run>")
     parser.set_defaults(execute=execute)
@@ -55,12 +60,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Explore, and write the contacts."""
-    config = opt.configure(options)
+    config = opt.configure_touch(options)
     output = options.output or default_output(config)
-    shape = opt.load_object(config)
+    shape, X_WO = opt.place_object(config)
     hand = Hand.load(config.hand)
     warn_if_too_wide(shape, hand)
-    exploration = explore_with_log(config, shape, hand, output)
+    exploration = explore_with_log(config, shape, hand, output, X_WO)
     for line in exploration_lines(exploration_facts(config, shape, hand, exploration)):
         say(line)
     path = output / "contacts.ply"
@@ -80,17 +85,24 @@ def warn_if_too_wide(shape: Shape, hand: Hand) -> None:
         )
 
 
-def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) -> Exploration:
+def explore_with_log(
+    config: RunConfig, shape: Shape, hand: Hand, output: Path, X_WO: FloatArray | None
+) -> Exploration:
     """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
 
-    contacts.ply has the touches, then the points of the cloud.
+    The shape is at its pose X_WO (4, 4), if it has one. contacts.ply has the touches, then
+    the points of the cloud.
 
     An interrupted exploration is resumed from its log. With another configuration or another state
     of the package it starts from the beginning, and the earlier results are removed.
     """
     later = ("grasps", "attempts", *(() if config.free else ("mass", "friction")))
     facts = {name: value for name, value in config.facts().items() if name not in later}
-    header = provenance.describe(**facts, support_height=pipeline.support_height(shape))
+    header = provenance.describe(
+        **facts,
+        support_height=pipeline.support_height(shape, config),
+        X_WO=None if X_WO is None else X_WO.tolist(),
+    )
     cloud = None if config.cloud is None else pipeline.load_source(config.cloud)
     content = {
         f"{name}_digest": provenance.digest_of(Path(file))
@@ -114,7 +126,7 @@ def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) 
         remove_growth(output)
         remove_made_from(output / "contacts.ply", with_itself=True)
     counts = growth_counts(config.touches)
-    cell = shape.size / _CELLS
+    table = pipeline.table_of(config)
     last = len(Exploration.replay(known[:-1], touches=config.touches).contacts)
 
     def keep_growth(contacts: int, surface: ImplicitSurface) -> None:
@@ -123,7 +135,9 @@ def explore_with_log(config: RunConfig, shape: Shape, hand: Hand, output: Path) 
         before, last = last, contacts
         if contacts < config.touches and any(before < count <= contacts for count in counts):
             with suppress(EstimationError, InvalidMeshError):  # too few contacts for a surface
-                save_growth(output, contacts, extract_mesh(surface, resolution=cell), header)
+                cell = float(np.ptp(surface.bounds, axis=0).max()) / _CELLS
+                mesh = extract_mesh(above_table(surface, table), resolution=cell)
+                save_growth(output, contacts, mesh, header)
 
     with Stage(f"Touching {shape.name} with {hand.name}") as stage:
         exploration = pipeline.touch(

@@ -43,7 +43,7 @@ def execute(options: argparse.Namespace) -> None:
     if options.best < 1:
         raise InvalidOptionError.out_of_range("--best", options.best, "at least 1")
     config = opt.configure(options, recorded)
-    shape = opt.load_object(config)
+    shape = opt.load_object(config, recorded.get("X_WO"))
     hand = Hand.load(config.hand)
     output = options.output or options.grasps_file.parent
     grasps = search.grasps[: options.best]

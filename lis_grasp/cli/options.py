@@ -7,9 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.cli.progress import say
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.pipeline import pose_of
+from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
 from lis_grasp.pipeline.run_config import FINGERS, PROBERS, RunConfig
-from lis_grasp.shapes import NAMES, UNITS, Shape, find
+from lis_grasp.shapes import NAMES, STABLE, UNITS, Shape, find, placed
+from lis_grasp.typing import FloatArray
 
 PLUGGED = ("estimator", "policy")
 """Options whose values may be names of plug-ins."""
@@ -48,7 +52,20 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "free": {
         "action": "store_true",
-        "help": "the object is free on a table and may be pushed (default: it is fixed)",
+        "help": "the object is free on a table and may be pushed; needs --prober dynamic",
+    },
+    "pose": {
+        "metavar": "POSE",
+        "help": "the object stands on a table: upright (as its mesh) or stable (in any stable"
+        " pose), at a random place in the region; or a text file with its pose, four rows of four"
+        " numbers [m]",
+    },
+    "region": {
+        "type": float,
+        "nargs": 3,
+        "metavar": ("X", "Y", "Z"),
+        "help": "lengths [m] of the box on the table that contains the object: place and size of"
+        " the object are then unknown",
     },
     "policy": {
         "metavar": "NAME",
@@ -72,6 +89,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "normal_noise": _number(
         "RADIANS", "standard deviation of the normals of contacts that do not carry their own"
     ),
+    "force_threshold": _number("N", "smallest force that the sensor detects"),
+    "taxel_pitch": _number("METRES", "distance of the sensor's taxels"),
     "cloud": {
         "metavar": "FILE",
         "help": "contacts known before the first touch, in the object's frame: a point cloud with"
@@ -96,6 +115,43 @@ def add_options(parser: argparse.ArgumentParser, *names: str, show_default: bool
         if show_default and default is not None and not isinstance(default, bool):
             option["help"] += f" (default: {default})"
         parser.add_argument(f"--{name.replace('_', '-')}", default=None, **option)
+
+
+def add_conditions(parser: argparse.ArgumentParser) -> None:
+    """Add the options of what is known of the object, how it stands, and the sensor."""
+    parser.add_argument(
+        "--unknown",
+        action="store_true",
+        help="nothing is known but the region: the object stands free on a table in a stable pose"
+        " (fixed with --prober kinematic), and the sensor is realistic: 0.5 mm, 3 deg, 0.2 N,"
+        " taxels 2 mm apart",
+    )
+    add_options(parser, "pose", "region", "free")
+    parser.add_argument(
+        "--clamped", action="store_true", help="the object is fixed, as with --prober kinematic"
+    )
+    parser.add_argument("--ideal", action="store_true", help="the sensor has no noise")
+
+
+def configure_touch(options: argparse.Namespace) -> RunConfig:
+    """Return the configuration of a run or an exploration, with the conditions of its options.
+
+    Raises
+    ------
+    InvalidOptionError
+        If two options contradict each other, or a value is out of range.
+    """
+    if options.clamped and options.free:
+        raise InvalidOptionError("give either --clamped or --free; both are given", option="free")
+    conditions = dict(UNKNOWN if options.unknown else KNOWN)
+    prober = options.prober or _DEFAULTS.prober
+    if options.clamped or prober != "dynamic":  # geometry alone cannot move the object
+        conditions["free"] = False
+    if options.ideal:
+        conditions |= IDEAL_SENSOR
+    if options.region is not None:
+        conditions["pose"] = conditions["pose"] or STABLE
+    return configure(options, conditions)
 
 
 def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:
@@ -147,9 +203,20 @@ def configure(options: argparse.Namespace, recorded: dict[str, Any] | None = Non
     return RunConfig(**facts)
 
 
-def load_object(config: RunConfig) -> Shape:
-    """Return the true object of a configuration, and print the repairs of its mesh."""
-    return announced(find(config.object, size=config.size, units=config.units))
+def load_object(config: RunConfig, X_WO: FloatArray | None = None) -> Shape:
+    """Return the true object of a configuration, and print the repairs of its mesh.
+
+    `X_WO` (4, 4) is its recorded pose; None for one that is not placed.
+    """
+    shape = announced(find(config.object, size=config.size, units=config.units))
+    return shape if X_WO is None else placed(shape, X_WO)
+
+
+def place_object(config: RunConfig) -> tuple[Shape, FloatArray | None]:
+    """Return the true object at its configured pose, and this pose X_WO; None if it has none."""
+    shape = load_object(config)
+    X_WO = pose_of(shape, config)
+    return (shape if X_WO is None else placed(shape, X_WO)), X_WO
 
 
 def announced(shape: Shape) -> Shape:

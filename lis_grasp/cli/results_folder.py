@@ -13,6 +13,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
+from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.run_config import RunConfig
 
 LOG = "touches.jsonl"
@@ -46,9 +47,13 @@ def default_output(config: RunConfig) -> Path:
     facts, usual = config.facts(), RunConfig().facts()
     parts = [Path(config.object).stem, Path(config.hand).stem, config.estimator]
     parts.append(f"seed{config.seed}")
+    unknown = {**UNKNOWN, "free": config.prober == "dynamic"}
+    if all(facts[option] == value for option, value in unknown.items()):
+        parts.append("unknown")
+        usual |= unknown
     for name, value in facts.items():
         if name not in _NAMED and value != usual[name]:
-            shown = Path(value).stem if name == "cloud" else f"{value}"
+            shown = Path(value).stem if name in ("cloud", "pose") and value else f"{value}"
             parts.append({"True": name, "False": f"no_{name}"}.get(shown, f"{name}_{shown}"))
     name = "-".join(re.sub(r"[^\w.+-]", "_", part)[:_LONGEST_PART] for part in parts)
     folder = Path("results") / name

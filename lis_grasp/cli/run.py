@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     opt.add_object(parser)
+    opt.add_conditions(parser)
     opt.add_options(parser, *TOUCH_OPTIONS, "free_space", "grasps", "attempts")
     opt.add_output(parser, "results/<run>")
     parser.set_defaults(execute=execute)
@@ -44,15 +45,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Run every stage, and write the file of each as soon as it is done."""
     watch = pipeline.Stopwatch()
-    config = opt.configure(options)
+    config = opt.configure_touch(options)
     output: Path = options.output or default_output(config)
-    shape = opt.load_object(config)
+    shape, X_WO = opt.place_object(config)
     hand = Hand.load(config.hand)
     require_possible_inertias(hand.inertials)
     warn_if_too_wide(shape, hand)
 
     with watch.measure("touch"):
-        exploration = explore_with_log(config, shape, hand, output)
+        exploration = explore_with_log(config, shape, hand, output, X_WO)
         # Later stages read the files, so that each repeats exactly when run alone.
         contacts = Contacts.load(output / "contacts.ply")
 
@@ -95,7 +96,7 @@ def _attempts(
             write_surface(output / "surface.ply", contacts, config, recorded)
             mesh = load_surface(output / "surface.ply")
         with watch.measure("grasp"):
-            support = pipeline.support_height(shape)
+            support = pipeline.support_height(shape, config)
             path = output / "grasps.json"
             return mesh, write_grasps(path, mesh, hand, support, config, recorded)
 

@@ -4,6 +4,8 @@ from lis_grasp.exploration.exploration_loop import Exploration, explore
 from lis_grasp.exploration.log_touches import Finger, LogFrames, contacts_from_log
 from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, Prober, ProbeStatus
+from lis_grasp.exploration.region import DEFAULT_REGION, Region
+from lis_grasp.exploration.region_policy import RegionPolicy
 from lis_grasp.exploration.stopping import (
     StopRule,
     stop_after,
@@ -17,6 +19,7 @@ from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
 from lis_grasp.io.robot_logs import open_log
 
 __all__ = [
+    "DEFAULT_REGION",
     "POLICIES",
     "STEP_FRACTION",
     "Exploration",
@@ -28,6 +31,8 @@ __all__ = [
     "ProbeOutcome",
     "ProbeStatus",
     "Prober",
+    "Region",
+    "RegionPolicy",
     "StopRule",
     "TactileSensor",
     "TargetPolicy",

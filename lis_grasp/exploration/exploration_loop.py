@@ -13,6 +13,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_at_least
 from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
+from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.stopping import StopRule
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
@@ -80,7 +81,7 @@ def explore(
     *,
     touches: int,
     rng: np.random.Generator,
-    space: Workspace | None = None,
+    space: Workspace | Region | None = None,
     prior: Contacts | None = None,
     sensor: TactileSensor | None = None,
     stop: Sequence[StopRule] = (),
@@ -110,8 +111,8 @@ def explore(
     rng
         For every draw of policy and sensor.
     space
-        Position and size of the object; the hand approaches from outside of it and avoids what is
-        known. None leaves the approach to the prober.
+        Position and size of the object, or the region that contains it; the hand approaches from
+        outside of what is known, and avoids it. None leaves the approach to the prober.
     prior
         Contacts known before the first touch, for example of a camera; None for none. The surface
         is estimated from them and the touches, and touches go where both are missing. They are no
@@ -161,7 +162,7 @@ def explore(
         probe = policy.next_probe(known, estimated, outcomes=outcomes, rng=draws)
         if probe is None:
             return Exploration(contacts, tuple(outcomes), "the policy has no probe left")
-        obstacles = None if space is None else ObstacleModel(space, known, surface)
+        obstacles = None if space is None else ObstacleModel(space.grown(known), known, surface)
         outcome = prober.probe(probe, obstacles)
         if sensor is not None:
             outcome = sensor.report(outcome, rng=draws)

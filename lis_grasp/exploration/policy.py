@@ -128,8 +128,8 @@ def _best(targets: Targets, score: FloatArray) -> int | None:
 class TargetPolicy:
     """Touch a point of the estimated surface, selected by a `TargetSelector`.
 
-    The first six probes go along the axes to the object's centre, unless there are contacts before
-    the first touch. Later ones approach the selected
+    The first six probes go along the axes to the object's centre (five above a table), unless there
+    are contacts before the first touch. Later ones approach the selected
     target against the estimated outward normal; after a miss obliquely, from beyond the edge that
     the missed probe must have crossed. A concavity that the estimate bridges, although a tip passed
     through it, is touched from within. Earlier targets and free space are not targets. Without a
@@ -165,7 +165,9 @@ class TargetPolicy:
         space = self.space.felt(contacts)
         made = sum(len(outcome.contacts) for outcome in outcomes)
         if len(outcomes) < len(AXES) and len(contacts) <= made:
-            return axis_probe(space, outcomes, rng)
+            opening = axis_probe(space, outcomes, rng)
+            if opening is not None:
+                return opening
         if surface is None or not len(contacts):
             return random_pass(space, rng)
         searched = surface if self.guess is None else self.guess(contacts)

@@ -34,18 +34,28 @@ _START_ABOVE_TABLE = 1.0
 
 def axis_probe(
     space: Workspace, outcomes: Sequence[ProbeOutcome], rng: np.random.Generator
-) -> Probe:
-    """Return a probe along an axis to the centre, from a side that has not been probed."""
+) -> Probe | None:
+    """Return a probe along an axis to the centre, from a side that has not been probed, or None.
+
+    An object on a table is not probed from below.
+    """
     probed = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
-    left = np.flatnonzero(~np.any(AXES @ probed.T > SAME_DIRECTION, axis=1))
+    new = ~np.any(AXES @ probed.T > SAME_DIRECTION, axis=1)
+    if space.support_height is not None:
+        new &= AXES[:, 2] <= 0.0
+    left = np.flatnonzero(new)
+    if not len(left):
+        return None
     direction = AXES[rng.choice(left)]
     target = space.center + _AXIS_SPREAD * space.size * rng.uniform(-1.0, 1.0, size=3)
     return Probe(target, direction, 0.6 * space.size + 0.5 * space.step, 0.0)
 
 
 def random_pass(space: Workspace, rng: np.random.Generator) -> Probe:
-    """Return a probe along a random line through the whole workspace."""
+    """Return a probe along a random line through the whole workspace, not out of a table."""
     direction = rng.normal(size=3)
+    if space.support_height is not None:
+        direction[2] = -abs(direction[2])
     target = space.center + space.size * rng.uniform(-0.4, 0.4, size=3)
     return Probe(target, direction, 1.2 * space.size, 1.2 * space.size)
 

@@ -9,6 +9,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration.probe import ProbeOutcome
+from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.target_candidates import gaps
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
@@ -20,7 +21,7 @@ StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | 
 _CERTAIN_QUANTILE = 0.95
 
 
-def stop_when_covered(fraction: float, space: Workspace) -> StopRule:
+def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:
     """Stop when a fraction, from 0 to 1, of the estimate is within a step of a contact.
 
     Raises
@@ -47,7 +48,7 @@ def stop_when_covered(fraction: float, space: Workspace) -> StopRule:
     return rule
 
 
-def stop_when_certain(deviation: float, space: Workspace) -> StopRule:
+def stop_when_certain(deviation: float, space: Workspace | Region) -> StopRule:
     """Stop when 95 % of the estimate has at most a standard deviation along its normal [m].
 
     Raises

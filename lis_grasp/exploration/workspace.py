@@ -66,6 +66,10 @@ class Workspace:
         """Radius of the ball about the centre that contains the object [m]."""
         return 0.5 * float(np.sqrt(3.0)) * self.size
 
+    def grown(self, contacts: Contacts) -> Workspace:
+        """Return the workspace that contains the object: this one; see `Region.grown`."""
+        return self
+
     def felt(self, contacts: Contacts) -> Workspace:
         """Return the workspace with the step of the object that the contacts show.
 

@@ -10,7 +10,10 @@ from lis_grasp.pipeline.stages import (
     make_estimator,
     make_policy,
     plan,
+    pose_of,
+    prior_knowledge,
     support_height,
+    table_of,
     touch,
     workspace,
 )
@@ -26,7 +29,10 @@ __all__ = [
     "make_estimator",
     "make_policy",
     "plan",
+    "pose_of",
+    "prior_knowledge",
     "support_height",
+    "table_of",
     "touch",
     "workspace",
 ]

@@ -93,12 +93,16 @@ def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
 
     def estimate_and_plan(contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
         _, mesh = stages.estimate(
-            contacts, config.estimator, config.sensor(), free_space=config.free_space
+            contacts,
+            config.estimator,
+            config.sensor(),
+            free_space=config.free_space,
+            table=stages.table_of(config),
         )
         return mesh, stages.plan(
             mesh,
             hand,
-            support=stages.support_height(shape),
+            support=stages.support_height(shape, config),
             friction=config.friction,
             count=config.grasps,
             seed=config.seed,

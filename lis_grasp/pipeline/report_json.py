@@ -18,6 +18,7 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.stages import support_height
 from lis_grasp.shapes import Shape
 
 if TYPE_CHECKING:
@@ -74,18 +75,32 @@ def exploration_facts(
         "contacts": len(contacts),
         "probes": len(exploration.outcomes),
         "ended": exploration.ended,
+        "seconds": exploration.duration,
+        "search": None if config.region is None else _search_facts(exploration),
         "covered_radius": radius,
         "reachable_coverage": reachable_coverage(
             shape.mesh,
             contacts,
             tip_radius=min(tips, default=0.1 * radius),
             radius=radius,
-            support_height=float(shape.mesh.bounds[0, 2]) if config.free else None,
+            support_height=support_height(shape, config)
+            if config.free or config.pose is not None
+            else None,
         ),
         "estimate_coverage": None
         if estimate is None
         else touch_coverage(estimate, contacts, radius=radius),
     }
+
+
+def _search_facts(exploration: Exploration) -> dict[str, Any]:
+    """Return the number of probes and the time [s] up to the first contact, as plain values."""
+    outcomes, seconds = exploration.outcomes, 0.0
+    for number, outcome in enumerate(outcomes, start=1):
+        seconds += outcome.duration
+        if len(outcome.contacts):
+            return {"found": True, "probes": number, "seconds": seconds}
+    return {"found": False, "probes": len(outcomes), "seconds": seconds}
 
 
 def _surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> dict[str, Any]:

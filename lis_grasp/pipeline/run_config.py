@@ -9,6 +9,7 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration import (
+    Region,
     StopRule,
     TactileSensor,
     Workspace,
@@ -47,6 +48,13 @@ class RunConfig:
     fingers
         "one": one touch per probe; "all": the other fingers then extend until they touch too
         (kinematic prober only).
+    pose
+        "upright" or "stable": the object is placed in such a pose on a table, in the region, as
+        the seed decides; or the path of a text file with its pose. None: the object stands as its
+        mesh, which is touched in the air unless it is `free`.
+    region
+        Lengths along x, y and z [m] of the box on the table that contains the object: the only
+        prior knowledge. None: position and size of the object are known. Needs a pose.
     free
         Whether the object is free on a table and may be pushed by touches; else it is fixed.
     policy
@@ -57,6 +65,8 @@ class RunConfig:
     position_noise, normal_noise
         Noise of the tactile sensor, given to the estimator: one standard deviation of positions
         along each axis [m], of each component of normals [rad].
+    force_threshold, taxel_pitch
+        Smallest force that the sensor detects [N], and the distance of its taxels [m].
     free_space
         Whether the space that the hand passed through is carved off the estimate.
     cloud
@@ -88,6 +98,8 @@ class RunConfig:
     estimator: str = "blend"
     prober: str = "dynamic"
     fingers: str = "one"
+    pose: str | None = None
+    region: tuple[float, ...] | None = None
     free: bool = False
     policy: str = "spread"
     until_coverage: float | None = None
@@ -95,6 +107,8 @@ class RunConfig:
     max_seconds: float | None = None
     position_noise: float = 0.0
     normal_noise: float = 0.0
+    force_threshold: float = 0.0
+    taxel_pitch: float = 0.0
     free_space: bool = True
     cloud: str | None = None
     touches: int = 40
@@ -127,15 +141,27 @@ class RunConfig:
                 f"fingers '{self.fingers}' need the kinematic prober; it is {self.prober}",
                 option="fingers",
             )
+        if self.region is not None:
+            object.__setattr__(self, "region", Region(self.region).lengths)
+            if self.pose is None:
+                raise InvalidOptionError(
+                    "an object in a region needs a pose there, such as 'stable'; there is none",
+                    option="pose",
+                )
         # Both validate the remaining fields.
         self.sensor()
         self.stop_rules(Workspace(1.0, np.zeros(3), 1.0))
 
     def sensor(self) -> TactileSensor:
         """Return the tactile sensor of the hand."""
-        return TactileSensor(position_noise=self.position_noise, normal_noise=self.normal_noise)
+        return TactileSensor(
+            force_threshold=self.force_threshold,
+            position_noise=self.position_noise,
+            normal_noise=self.normal_noise,
+            taxel_pitch=self.taxel_pitch,
+        )
 
-    def stop_rules(self, space: Workspace) -> list[StopRule]:
+    def stop_rules(self, space: Workspace | Region) -> list[StopRule]:
         """Return the rules that stop the exploration of a workspace early."""
         rules: list[StopRule] = []
         if self.until_coverage is not None:
@@ -148,4 +174,5 @@ class RunConfig:
 
     def facts(self) -> dict[str, Any]:
         """Return the configuration as plain values, for file headers and reports."""
-        return asdict(self)
+        facts = asdict(self)
+        return facts | {"region": None if self.region is None else list(self.region)}

@@ -14,11 +14,14 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import (
+    DEFAULT_REGION,
     STEP_FRACTION,
     Exploration,
     Policy,
     ProbeOutcome,
     Prober,
+    Region,
+    RegionPolicy,
     TactileSensor,
     TargetPolicy,
     TouchLog,
@@ -34,8 +37,9 @@ from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator, find_policy
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.worker_pool import worker_pool
-from lis_grasp.shapes import Shape
+from lis_grasp.shapes import Shape, draw_pose
 from lis_grasp.surfaces import Estimator, ImplicitSurface, carved
+from lis_grasp.surfaces.above_table_implicit_surface import above_table
 from lis_grasp.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -43,7 +47,7 @@ if TYPE_CHECKING:
 
 
 # Each stage has its own random stream, so that a stage run alone repeats its part of a whole run.
-_TOUCH_STREAM, _GRASP_STREAM = 1, 2
+_TOUCH_STREAM, _GRASP_STREAM, _PLACE_STREAM = 1, 2, 3
 
 
 @dataclass(slots=True)
@@ -62,9 +66,27 @@ class Stopwatch:
             self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
-def support_height(shape: Shape) -> float:
-    """Return the height of the plane under the object, in O [m]: its lowest point."""
+def pose_of(shape: Shape, config: RunConfig) -> FloatArray | None:
+    """Return the configured pose X_WO (4, 4) of the true object, in W; None if O stays its frame.
+
+    `lis_grasp.shapes.placed` moves the object there. Its frame is then W, with the table at z = 0.
+    """
+    if config.pose is None:
+        return None
+    rng = np.random.default_rng([config.seed, _PLACE_STREAM])
+    return draw_pose(shape, config.pose, config.region or DEFAULT_REGION, rng=rng)
+
+
+def support_height(shape: Shape, config: RunConfig | None = None) -> float:
+    """Return the height of the plane under the object [m]: the table, or its lowest point in O."""
+    if config is not None and config.pose is not None:
+        return 0.0
     return float(shape.mesh.bounds[0, 2])
+
+
+def table_of(config: RunConfig) -> float | None:
+    """Return the height of the table under a placed object [m]; None if its mesh stands in O."""
+    return None if config.pose is None else 0.0
 
 
 def workspace(shape: Shape, *, free: bool = False) -> Workspace:
@@ -77,6 +99,16 @@ def workspace(shape: Shape, *, free: bool = False) -> Workspace:
     return Workspace(STEP_FRACTION * shape.size, center, shape.size, table)
 
 
+def prior_knowledge(shape: Shape, config: RunConfig) -> Workspace | Region:
+    """Return what is known before the first touch: the configured region, or else `workspace`.
+
+    With a region, nothing of the true object is used.
+    """
+    if config.region is not None:
+        return Region(config.region)
+    return workspace(shape, free=config.free or config.pose is not None)
+
+
 def touch(
     shape: Shape,
     hand: Hand,
@@ -84,6 +116,7 @@ def touch(
     *,
     estimator: Estimator | None = None,
     policy: Policy | None = None,
+    prober: Prober | None = None,
     log: TouchLog | None = None,
     recorded: Sequence[ProbeOutcome] = (),
     progress: Callable[[int, int], None] | None = None,
@@ -91,17 +124,20 @@ def touch(
 ) -> Exploration:
     """Explore the object by touch as configured; resume an interrupted log.
 
-    Your own `estimator` or `policy` replaces the configured one. Without a log, `recorded` are the
-    outcomes to resume: those of the same exploration for fewer touches. The configured cloud is
-    known before the first touch; it is no part of the result. The object is fixed, or free on a
-    table. `progress` and `observe` are those of `explore`.
+    Your own `estimator`, `policy` or `prober` replaces the configured one. Without a log,
+    `recorded` are the outcomes to resume: those of the same exploration for fewer touches. The
+    configured cloud is known before the first touch; it is no part of the result. The object is
+    fixed, or free on a table. `progress` and `observe` are those of `explore`.
+
+    The true `shape` is used for two things only: the prober touches it, and without a region its
+    bounding box is known. It is at the configured pose (see `pose_of`).
     """
-    space = workspace(shape, free=config.free)
+    space = prior_knowledge(shape, config)
     policy = policy or make_policy(config, space)
     recorded = log.resume() if log is not None else recorded
     cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
     exploration = explore(
-        _make_prober(config, hand, shape),
+        prober or make_prober(config, hand, shape),
         policy,
         estimator or make_estimator(config.estimator, config.sensor()),
         touches=config.touches,
@@ -120,8 +156,10 @@ def touch(
     return exploration
 
 
-def make_policy(config: RunConfig, space: Workspace) -> Policy:
-    """Return the policy that a configuration names, for one workspace."""
+def make_policy(config: RunConfig, space: Workspace | Region) -> Policy:
+    """Return the policy that a configuration names, for one workspace or a region."""
+    if isinstance(space, Region):
+        return RegionPolicy(space, partial(make_policy, config))
     kind = POLICY_NAMES.find(config.policy)
     if not isinstance(kind, PolicyKind):
         return find_policy(config.policy, space)
@@ -143,12 +181,13 @@ def make_estimator(name: str, sensor: TactileSensor | None = None) -> Estimator:
     )
 
 
-def _make_prober(config: RunConfig, hand: Hand, shape: Shape) -> Prober:
+def make_prober(config: RunConfig, hand: Hand, shape: Shape) -> Prober:
+    """Return the configured prober of the true object at its pose."""
     if config.prober == "dynamic":
         from lis_grasp.simulation.dynamic_prober import DynamicProber
         from lis_grasp.simulation.probing_scene import FreeObject
 
-        height = support_height(shape)
+        height = support_height(shape, config)
         free = FreeObject(height, config.mass, config.friction) if config.free else None
         return DynamicProber(hand, shape.mesh, free=free)
     from lis_grasp.probing.kinematic_prober import KinematicProber
@@ -162,15 +201,18 @@ def estimate(
     sensor: TactileSensor | None = None,
     *,
     free_space: bool = True,
+    table: float | None = None,
 ) -> tuple[ImplicitSurface, trimesh.Trimesh]:
     """Estimate the surface from contacts of a sensor, and mesh it.
 
-    With `free_space`, the contacts' free space is carved off.
+    With `free_space`, the contacts' free space is carved off. A `table` at a height [m] closes the
+    estimate from below.
     """
     surface = make_estimator(estimator, sensor)(contacts)
     if free_space:
         margin = 0.0 if sensor is None else sensor.free_margin
         surface = carved(surface, contacts, margin=margin)
+    surface = above_table(surface, table)
     return surface, extract_mesh(surface)
 
 

@@ -15,7 +15,13 @@ _LOW_COVERAGE = 0.9
 def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
     """Return the summary of an exploration, from the facts of `exploration_facts`."""
     made, asked = facts["contacts"], facts["asked"]
-    lines = [f"touched   {made} of {asked} contacts, from {facts['probes']} probes"]
+    lines = []
+    search = facts.get("search")
+    if search is not None:
+        found = "found     after" if search["found"] else "found     nothing in the region after"
+        probes = f"{search['probes']} probe" + ("" if search["probes"] == 1 else "s")
+        lines.append(f"{found} {probes}, {search['seconds']:.0f} s of motion")
+    lines += [f"touched   {made} of {asked} contacts, from {facts['probes']} probes"]
     if made < asked:
         lines.append(f"ended     before {asked} contacts: {facts['ended']}")
     within = f"within {1e3 * facts['covered_radius']:.0f} mm of a contact"

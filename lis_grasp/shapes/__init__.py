@@ -19,6 +19,7 @@ from lis_grasp.shapes.builtin import (
     torus,
 )
 from lis_grasp.shapes.mesh_loading import FORMATS, UNITS, find, load
+from lis_grasp.shapes.placement import STABLE, UPRIGHT, draw_pose, placed, roll_to_rest
 from lis_grasp.shapes.shape import SHARP_ANGLE, Shape, sharp_edges
 
 __all__ = [
@@ -28,17 +29,22 @@ __all__ = [
     "NAMES",
     "PAPER_SIZE",
     "SHARP_ANGLE",
+    "STABLE",
     "UNITS",
+    "UPRIGHT",
     "Shape",
     "box",
     "build",
     "cylinder",
+    "draw_pose",
     "find",
     "half_cylinder",
     "hollow_cylinder",
     "load",
     "mallet",
     "pentagon",
+    "placed",
+    "roll_to_rest",
     "sharp_edges",
     "sphere",
     "torus",

@@ -17,7 +17,7 @@ from lis_grasp.io import provenance
 from lis_grasp.io.growth_files import load_growth
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
-from lis_grasp.shapes import find
+from lis_grasp.shapes import find, placed
 from lis_grasp.visualization.scene import Scene
 
 _SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
@@ -55,6 +55,8 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
     content["title"] = f"lis_grasp: {directory.name}"
     if "object" in facts:
         truth = find(facts["object"], size=facts.get("size"), units=facts.get("units", "m"))
+        if facts.get("X_WO") is not None:
+            truth = placed(truth, facts["X_WO"])
         content |= {"truth": truth.mesh, "title": f"lis_grasp: {truth.name}"}
     content["hand"] = hand = Hand.load(facts.get("hand", "allegro"))
     if "contacts.ply" in files:

@@ -16,6 +16,7 @@ from lis_grasp.cli.results_folder import default_output, remove_made_from, scene
 from lis_grasp.exploration import TouchLog, load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig
+from lis_grasp.pipeline.conditions import UNKNOWN
 
 EXPLORE = ["explore", "box", "--prober", "kinematic", "--hand", "wsg50", "--touches", "6"]
 LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html")
@@ -165,6 +166,9 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "max_seconds": 9.0,
         "position_noise": 0.001,
         "normal_noise": 0.001,
+        "force_threshold": 0.1,
+        "taxel_pitch": 0.003,
+        "pose": "upright",
         "free_space": False,
         "cloud": "cloud.ply",
         "touches": 41,
@@ -175,9 +179,11 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "attempts": 4,
     }
     every = {"fingers": "all", "prober": "kinematic"}
-    assert {*options, *every} == set(RunConfig().facts())
+    unknown = {**UNKNOWN, "region": (0.4, 0.4, 0.3)}
+    assert {*options, *every, *unknown} == set(RunConfig().facts())
     configs = [RunConfig(**{name: value}) for name, value in options.items()]
-    configs += [RunConfig(), RunConfig(**every)]
+    configs += [RunConfig(), RunConfig(**every), RunConfig(**unknown)]
+    configs += [RunConfig(**{**unknown, "region": (0.5, 0.4, 0.3)})]
     names = {default_output(config) for config in configs}
     assert len(names) == len(configs)
     assert default_output(RunConfig()) == Path("results/box-allegro-blend-seed0")

@@ -1,0 +1,149 @@
+"""Placement of a true object on a table: a stable pose, a yaw and a place inside a region."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.shapes.shape import Shape
+from lis_grasp.typing import FloatArray
+
+UPRIGHT, STABLE = "upright", "stable"
+"""Poses by name: as the mesh stands, and any stable one. Another name is a file."""
+
+# Yaws drawn until the object fits into the region.
+_YAWS = 100
+# Faces whose directions agree within this cosine are one.
+_SAME_FACE = 1.0 - 1e-9
+# Largest error of a rotation read from a file.
+_ROTATION_ERROR = 1e-3
+
+
+def draw_pose(
+    shape: Shape, pose: str, region: Sequence[float], *, rng: np.random.Generator
+) -> FloatArray:
+    """Draw the pose X_WO (4, 4) of an object on the table z = 0 of the world frame W.
+
+    Parameters
+    ----------
+    shape
+        The object, in O.
+    pose
+        ``"upright"``: z of O is up; ``"stable"``: a pose in which the object rests (see
+        `roll_to_rest`). Both get a random yaw and place inside the region. Otherwise the path of
+        a text file with X_WO as four rows of four numbers, in metres; its height is replaced, so
+        that the object rests on the table.
+    region
+        Lengths of the region along x, y and z [m]: x and y are centred, z begins at the table.
+    rng
+        For every draw.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the object does not fit into the region.
+    InvalidFileError
+        If the file has no pose.
+    """
+    if pose not in (UPRIGHT, STABLE):
+        X_WO = _load_pose(Path(pose))
+        X_WO[2, 3] -= _bounds(shape, X_WO)[0, 2]
+        _require_inside(shape, X_WO, region)
+        return X_WO
+    rotation = np.eye(3) if pose == UPRIGHT else roll_to_rest(shape.mesh, rng=rng)
+    for _ in range(_YAWS):
+        X_WO = np.eye(4)
+        X_WO[:3, :3] = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix() @ rotation
+        low, high = _bounds(shape, X_WO)
+        room = np.array(region) - (high - low)
+        if np.all(room >= 0.0):
+            corner = np.append(room[:2] * rng.random(2) - 0.5 * np.array(region[:2]), 0.0)
+            X_WO[:3, 3] = corner - low
+            return X_WO
+    raise _too_large(shape, high - low, region)
+
+
+def placed(shape: Shape, X_WO: npt.ArrayLike) -> Shape:
+    """Return an object at a pose (4, 4): its mesh and edges are in W."""
+    pose = np.array(X_WO, dtype=np.float64)
+    mesh = trimesh.Trimesh(
+        trimesh.transform_points(shape.mesh.vertices, pose), shape.mesh.faces, process=False
+    )
+    edges = trimesh.transform_points(shape.edges.reshape(-1, 3), pose).reshape(-1, 2, 3)
+    return replace(shape, mesh=mesh, edges=edges)
+
+
+def roll_to_rest(mesh: trimesh.Trimesh, *, rng: np.random.Generator) -> FloatArray:
+    """Return a rotation (3, 3) in which a body of uniform density rests on a plane below it.
+
+    A random orientation lands on the face of the convex hull that its centre of mass is above. The
+    body rolls on over this face, until the centre of mass is above the face that it rests on. Each
+    face is nearer to the centre of mass than the one before, so this ends. (Quasi-static stable
+    poses: Goldberg et al. 1999.)
+    """
+    hull = mesh.convex_hull
+    normals = np.asarray(hull.face_normals)
+    heights = np.einsum("fk,fk->f", normals, hull.triangles[:, 0] - mesh.center_mass)
+    down = rng.normal(size=3)
+    down /= np.linalg.norm(down)
+    while True:
+        along = normals @ down
+        ahead = np.where(along > 0.0, along, 1.0)
+        face = np.argmin(np.where(along > 0.0, heights / ahead, np.inf))
+        if normals[face] @ down > _SAME_FACE:
+            break
+        down = normals[face]
+    # The last row of the rotation is the direction that becomes +z.
+    turn = trimesh.geometry.align_vectors(down, [0.0, 0.0, -1.0])
+    return np.asarray(turn[:3, :3])
+
+
+def _bounds(shape: Shape, X_WO: FloatArray) -> FloatArray:
+    points = trimesh.transform_points(shape.mesh.vertices, X_WO)
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+def _require_inside(shape: Shape, X_WO: FloatArray, region: Sequence[float]) -> None:
+    low, high = _bounds(shape, X_WO)
+    half = 0.5 * np.array(region[:2])
+    if np.any(low[:2] < -half) or np.any(high[:2] > half) or high[2] > region[2]:
+        raise _too_large(shape, high - low, region)
+
+
+def _too_large(shape: Shape, extents: FloatArray, region: Sequence[float]) -> InvalidOptionError:
+    def text(lengths: Sequence[float] | FloatArray) -> str:
+        return " x ".join(f"{1e3 * length:.0f}" for length in lengths) + " mm"
+
+    return InvalidOptionError(
+        f"the region must contain the object; {shape.name} at its pose is {text(extents)} and does"
+        f" not fit into the region of {text(region)}: give a larger one with --region, or check"
+        " --units and --pose",
+        option="region",
+        value=list(region),
+    )
+
+
+def _load_pose(path: Path) -> FloatArray:
+    required = "a file with a pose must have four rows of four numbers, a rotation and a place [m]"
+    try:
+        pose = np.loadtxt(path, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise InvalidFileError(f"{required}; {path}: {error}", path=path) from None
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise InvalidFileError(f"{required}; {path} has an array {pose.shape}", path=path)
+    rotation = pose[:3, :3]
+    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if off > _ROTATION_ERROR or np.linalg.det(rotation) < 0.0:
+        raise InvalidFileError(
+            f"{required}; the rotation in {path} is not orthonormal and right-handed", path=path
+        )
+    if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0.0:
+        raise InvalidFileError(f"{required}; the last row of {path} is not 0 0 0 1", path=path)
+    return np.array(pose)
