@@ -1,6 +1,7 @@
 """The package's structure: direction of imports, where Drake is, public names."""
 
 import ast
+import inspect
 import json
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import networkx as nx
 import pytest
 
 import lis_grasp
+import lis_grasp.pipeline
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
 
@@ -36,6 +38,8 @@ LAYERS = [
     ["experiments"],
     ["cli"],
 ]
+# What decides for the robot: it may know the true object by contacts only.
+_ROBOT = ("exploration", "surfaces", "meshing", "grasping")
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
 
@@ -121,6 +125,7 @@ import sys
 sys.modules["pydrake"] = None
 import numpy as np
 import lis_grasp
+import lis_grasp.pipeline
 for name in lis_grasp.__all__:
     getattr(lis_grasp, name)
 from lis_grasp import ForceClosureSampler, Hand, LocalImplicitSurface, Contacts, extract_mesh
@@ -154,6 +159,22 @@ def test_notebooks_import_public_names_only() -> None:
             if isinstance(node, ast.ImportFrom) and str(node.module).startswith("lis_grasp"):
                 public = import_module(str(node.module)).__all__
                 assert {alias.name for alias in node.names} <= set(public), f"{path}: {node.module}"
+
+
+def test_no_true_object_reaches_exploration_estimation_or_planning() -> None:
+    truth = {"Shape", "find", "build", "load", "placed", "draw_pose"}
+    for path in _modules():
+        if path.relative_to(PACKAGE).parts[0] not in _ROBOT:
+            continue
+        for name in _imports(path):
+            if name.startswith("lis_grasp.shapes."):
+                assert name.rsplit(".", 1)[1] not in truth, f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("stage", ["estimate", "plan", "make_policy", "make_estimator", "table_of"])
+def test_no_stage_of_the_robot_is_given_the_true_object(stage: str) -> None:
+    parameters = inspect.signature(getattr(lis_grasp.pipeline, stage)).parameters.values()
+    assert not any("Shape" in str(parameter.annotation) for parameter in parameters)
 
 
 def test_unknown_public_name_is_refused() -> None:

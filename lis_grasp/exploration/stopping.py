@@ -13,6 +13,7 @@ from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.target_candidates import gaps
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.typing import FloatArray
 
 StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | None"]
 """Returns the reason to stop, or None to continue, from contacts, estimate and outcomes."""
@@ -23,6 +24,8 @@ _CERTAIN_QUANTILE = 0.95
 
 def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:
     """Stop when a fraction, from 0 to 1, of the estimate is within a step of a contact.
+
+    What a table makes untouchable does not count, here and in `stop_when_certain`.
 
     Raises
     ------
@@ -36,7 +39,7 @@ def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
         felt = space.felt(contacts)
-        points, normals = felt.sample(surface)
+        points, normals = _touchable_samples(felt, surface)
         if not len(points):
             return None
         nearest, _ = gaps(points, normals, contacts)
@@ -61,7 +64,7 @@ def stop_when_certain(deviation: float, space: Workspace | Region) -> StopRule:
     def rule(
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        points, _ = space.felt(contacts).sample(surface)
+        points, _ = _touchable_samples(space.felt(contacts), surface)
         if not len(points):
             return None
         reached = float(np.quantile(surface.uncertainty(points), _CERTAIN_QUANTILE))
@@ -70,6 +73,13 @@ def stop_when_certain(deviation: float, space: Workspace | Region) -> StopRule:
         return f"95 % of the estimate is certain to {1e3 * reached:.2g} mm"
 
     return rule
+
+
+def _touchable_samples(space: Workspace, surface: ImplicitSurface) -> tuple[FloatArray, FloatArray]:
+    """Return points and normals (P, 3) of an estimate, without what faces or is at the table."""
+    points, normals = space.sample(surface)
+    chosen = space.touchable(points, normals)
+    return points[chosen], normals[chosen]
 
 
 def stop_after(seconds: float) -> StopRule:

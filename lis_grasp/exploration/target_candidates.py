@@ -24,8 +24,6 @@ _SAME_START = 0.5
 _FREE_RADIUS = 0.2
 # Largest depth of a target in free space that a link passed, in steps.
 _IN_FREE_SPACE = 0.05
-# Above a table, surface that faces down more than this (45 degrees) cannot be touched.
-_FACES_DOWN = -float(np.sqrt(0.5))
 # A line to a target passes the contacts' hull at most so far beside it, in steps.
 _BESIDE = 0.2
 # So many probes for every contact may miss: they show where the estimate extends too far.
@@ -63,9 +61,7 @@ class Targets:
         free_distance = _distance_to_misses(points, outcomes)
         eligible = free_distance > _FREE_RADIUS * space.step
         eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
-        if space.support_height is not None:
-            eligible &= points[:, 2] > space.support_height + _FREE_RADIUS * space.step
-            eligible &= normals[:, 2] > _FACES_DOWN
+        eligible &= space.touchable(points, normals)
         eligible &= ~_tried(points, normals, np.minimum(nearest, space.step), outcomes)
         eligible &= ~_starts_blocked(points, normals, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)

@@ -23,6 +23,10 @@ _ROUNDS = 2
 _CELLS_PER_STEP, _MARGIN = 4.0, 0.05
 # An estimate is sampled within so many sizes of the contacts' box.
 _REACH = 0.25
+# Surface within so many steps above a table is at the table.
+_AT_TABLE = 0.2
+# Above a table, surface that faces down more than this (45 degrees) cannot be touched.
+_FACES_DOWN = -float(np.sqrt(0.5))
 # Fewer contacts show no size.
 _FEW = 4
 
@@ -83,6 +87,16 @@ class Workspace:
         enlarged = self.size / min(float(np.ptp(contacts.bounds, axis=0).max()), self.size)
         area = box_area(contacts.points) * enlarged**2
         return replace(self, step=min(self.step, STEP_FRACTION * float(np.sqrt(area / np.pi))))
+
+    def touchable(self, points: FloatArray, normals: FloatArray) -> BoolArray:
+        """Return which surface points (P, 3) [m] a table leaves to be touched, shape (P,).
+
+        Surface at the table, or with an outward normal (P, 3) that points down, cannot be touched.
+        """
+        if self.support_height is None:
+            return np.ones(len(points), dtype=np.bool_)
+        high = points[:, 2] > self.support_height + _AT_TABLE * self.step
+        return np.asarray(high & (normals[:, 2] > _FACES_DOWN))
 
     def approach_distance(self, points: FloatArray, directions: FloatArray) -> FloatArray:
         """Return the distance from the object's ball to each point along its direction [m].

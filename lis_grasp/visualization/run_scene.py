@@ -10,7 +10,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
-from lis_grasp.exploration import Exploration, ProbeOutcome, load_outcomes
+from lis_grasp.exploration import Exploration, ProbeOutcome, Region, load_outcomes
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
@@ -19,6 +19,7 @@ from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
 from lis_grasp.shapes import find, placed
 from lis_grasp.visualization.scene import Scene
+from lis_grasp.visualization.search_layer import search_of
 
 _SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
 
@@ -64,6 +65,7 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
         made = provenance.read(files["contacts.ply"])
         if "touches.jsonl" in files and made.get("hand") == facts.get("hand"):
             content["touches"] = _touches(files["touches.jsonl"], contacts, made, hand)
+            content |= _search(files["touches.jsonl"], made)
     if "surface.ply" in files:
         content["estimate"] = load_surface(files["surface.ply"])
         growth = load_growth(directory, provenance.read(files["surface.ply"]))
@@ -74,6 +76,17 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
     if "motion.npz" in files:
         content["motion"] = Motion.load(files["motion.npz"])
     return Scene(**content)
+
+
+def _search(log: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the region and the recorded search in it; nothing if there was no region."""
+    if facts.get("region") is None:
+        return {}
+    try:
+        outcomes = load_outcomes(log)
+    except LisGraspError:
+        outcomes = ()
+    return {"region": Region(facts["region"]), "search": search_of(outcomes)}
 
 
 def _touches(

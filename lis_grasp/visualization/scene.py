@@ -37,10 +37,11 @@ from lis_grasp.visualization.object_layers import (
     marker_size,
 )
 from lis_grasp.visualization.overlay import build_overlay
+from lis_grasp.visualization.search_layer import draw_search
 from lis_grasp.visualization.story import Story
 
 if TYPE_CHECKING:
-    from lis_grasp.exploration import ProbeOutcome
+    from lis_grasp.exploration import ProbeOutcome, Region
     from lis_grasp.grasping.grasps import Grasp
     from lis_grasp.hands.hand import Hand
 
@@ -57,9 +58,9 @@ class Scene:
     The time line has three chapters: the touches, in which the estimate grows; the candidate
     grasps; the lift. The fragment of the page's address sets the view: ``#t=2.5`` the time [s],
     ``play=1`` plays, ``layers=`` a comma-separated list of ``estimate``, ``truth``, ``contacts``,
-    ``normals``, ``free``, ``hand``, ``grasp-1`` (and so on), ``together``, ``lift``; ``azimuth``,
-    ``elevation`` [deg] and ``zoom`` set the camera; ``panel=0`` hides the overlay, ``panel=1``
-    unfolds it. Parts are joined by ``&``.
+    ``normals``, ``free``, ``search``, ``hand``, ``grasp-1`` (and so on), ``together``, ``lift``;
+    ``azimuth``, ``elevation`` [deg] and ``zoom`` set the camera; ``panel=0`` hides the overlay,
+    ``panel=1`` unfolds it. Parts are joined by ``&``.
 
     Parameters
     ----------
@@ -85,6 +86,9 @@ class Scene:
         The lift, in the frame O of the object at its start.
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
+    region, search
+        The region that contained the object, on the table z = 0, and the outcomes of the search up
+        to the first contact; drawn with the touches.
     title, summary
         Plain text: a heading and the lines below it.
 
@@ -104,6 +108,8 @@ class Scene:
     hand: Hand | None = None
     motion: Motion | None = None
     support_height: float | None = None
+    region: Region | None = None
+    search: Sequence[ProbeOutcome] = ()
     title: str = "lis_grasp"
     summary: Sequence[str] = ()
 
@@ -159,6 +165,8 @@ class Scene:
         if self.truth is not None:
             draw_truth(canvas, self.truth)
         draw_contacts(canvas, self.contacts, marker_size(object_points, _LEAST_SIZE))
+        if self.region is not None:
+            draw_search(canvas, self.region, self.search)
         lift_seconds, postures, moved = self._draw_hand(canvas, object_points)
         hands = [hand_points(self.hand, p) for p in postures] if self.hand is not None else []
         best = hands[0] if hands else _NOTHING
@@ -176,7 +184,8 @@ class Scene:
         outline = outermost(np.vstack([drawn, around]))
         lowest = float(object_points[:, 2].min())
         support = lowest if self.support_height is None else self.support_height
-        grid = draw_table(canvas, object_points, outline, support)
+        on_table = outline if self.region is None else np.vstack([outline, self.region.bounds])
+        grid = draw_table(canvas, object_points, on_table, support)
         facts: Mapping[str, Any] = {
             "layers": [
                 {"id": layer.identity, "on": layer.on, "colour": layer.colour, "note": layer.note}

@@ -75,6 +75,10 @@
       for (const mesh of meshes(layers.truth)) pushBack(mesh.material);
       node("object").add(layers.glass);
     }
+    if (has("search")) {
+      layers.search = node("search");
+      for (const mesh of meshes(layers.search)) mesh.castShadow = false;
+    }
     const table = [...meshes(node("table")), ...meshes(node("grid"))];
     for (const mesh of table) mesh.castShadow = false;
     for (const mesh of meshes(node("table"))) pushBack(mesh.material);
@@ -136,6 +140,7 @@
       put(id, layers[id], now.contacts ? on(id) * estimated : 0);
     }
     if (layers.free) put("free", layers.free, now.name === "touch" ? 0 : on("free") * (1 - truth));
+    if (layers.search) put("search", layers.search, now.name === "touch" ? on("search") : 0);
     if (layers.truth) {
       // Solid at once behind the fading estimate: two transparent surfaces would flicker.
       const solid = !on("estimate") || !surfaces.length || truth > 0;

@@ -1,0 +1,137 @@
+"""Search for an object in a region, and the workspace that its contacts show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import Probe, ProbeOutcome, Region, RegionPolicy, TargetPolicy
+from lis_grasp.exploration.search import PlaceBelief, search_probe
+from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.typing import FloatArray
+
+REGION = Region()
+TIP = 0.012
+
+
+def free(points: FloatArray) -> PlaceBelief:
+    return PlaceBelief.of(REGION, points, np.full(len(points), TIP))
+
+
+class Ball:
+    """Prober of a ball on the table by rays of a fingertip, without a hand."""
+
+    def __init__(self, center: FloatArray, radius: float) -> None:
+        self.center, self.radius = np.append(center, radius), radius
+
+    def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
+        along = np.arange(0.0, probe.standoff + probe.overshoot, 0.005)
+        tips = probe.start + along[:, None] * probe.direction
+        gaps = np.linalg.norm(tips - self.center, axis=1) - self.radius - TIP
+        touched = np.flatnonzero(gaps < 0.0)
+        tips = tips[: touched[0]] if len(touched) else tips
+        radii = np.full(len(tips), TIP)
+        if not len(touched):
+            return ProbeOutcome(probe, "missed", free_points=tips, free_radii=radii)
+        normal = probe.start + along[touched[0]] * probe.direction - self.center
+        normal /= np.linalg.norm(normal)
+        contacts = Contacts((self.center + self.radius * normal)[None], normal[None])
+        return ProbeOutcome(probe, "touched", contacts, free_points=tips, free_radii=radii)
+
+
+def test_nothing_is_ruled_out_before_the_first_motion() -> None:
+    assert free(np.empty((0, 3))).mass == pytest.approx(1.0)
+
+
+def test_a_ball_of_free_space_rules_out_the_places_that_overlap_it() -> None:
+    belief = free(np.array([[0.05, 0.05, 0.02]]))
+    distances = np.linalg.norm(belief.centers - [0.05, 0.05], axis=1)
+    touching = (distances < belief.radii) & (belief.heights > 0.02)
+    assert 0.8 < belief.mass < 1.0
+    assert not touching.any()
+
+
+def test_free_space_above_an_object_does_not_rule_it_out() -> None:
+    assert free(np.array([[0.05, 0.05, 0.2]])).mass == pytest.approx(1.0)
+
+
+def test_space_that_is_all_free_leaves_no_place_and_no_probe() -> None:
+    axis = np.arange(-0.2, 0.2001, 0.01)
+    grid = np.stack(np.meshgrid(axis, axis, [0.005], indexing="ij"), axis=-1).reshape(-1, 3)
+    assert free(grid).mass == 0.0
+    swept = ProbeOutcome(
+        Probe(np.zeros(3), np.eye(3)[0], 0.1, 0.1),
+        "missed",
+        free_points=grid,
+        free_radii=np.full(len(grid), TIP),
+    )
+    assert search_probe(REGION, [swept], rng=np.random.default_rng(0)) is None
+
+
+def test_the_first_motion_is_a_low_sweep_through_the_region() -> None:
+    probe = search_probe(REGION, [], rng=np.random.default_rng(0))
+    assert probe is not None
+    assert abs(probe.direction[2]) < 1e-12
+    assert 0.0 < probe.start[2] < 0.06
+    assert probe.standoff + probe.overshoot >= 0.4
+
+
+def test_a_blocked_motion_is_not_repeated() -> None:
+    outcomes: list[ProbeOutcome] = []
+    for _ in range(5):
+        probe = search_probe(REGION, outcomes, rng=np.random.default_rng(0))
+        assert probe is not None
+        for earlier in outcomes:
+            same = np.allclose(probe.target, earlier.probe.target)
+            assert not (same and np.allclose(probe.direction, earlier.probe.direction))
+        outcomes.append(ProbeOutcome(probe, "blocked", reason="no approach"))
+
+
+@pytest.mark.parametrize("radius", [0.015, 0.03, 0.05])
+def test_a_ball_is_found_anywhere(radius: float) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(2):
+        prober = Ball(rng.uniform(-0.2 + radius, 0.2 - radius, size=2), radius)
+        outcomes: list[ProbeOutcome] = []
+        while not outcomes or outcomes[-1].status == "missed":
+            probe = search_probe(REGION, outcomes, rng=rng)
+            assert probe is not None
+            outcomes.append(prober.probe(probe))
+        # Sweeps of the width of ball and tip, twice, cover the region.
+        assert len(outcomes) <= 2.0 * 0.4 / (2.0 * (radius + TIP)) + 2
+
+
+def test_the_workspace_grows_with_the_contacts() -> None:
+    point, normal = np.array([[0.1, 0.0, 0.03]]), np.array([[1.0, 0.0, 0.0]])
+    one = REGION.grown(Contacts(point, normal))
+    assert one.support_height == 0.0
+    assert one.center[0] < 0.1  # the object is behind the contact
+    points = np.array([[0.1, 0.0, 0.03], [-0.05, 0.0, 0.03], [0.02, 0.06, 0.08]])
+    normals = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    three = REGION.grown(Contacts(points, normals))
+    assert np.allclose(three.center, [0.025, 0.03, 0.04])
+    assert three.size >= 0.15
+    repeated = Contacts(np.tile(points, (20, 1)), np.tile(normals, (20, 1)))
+    assert 0.15 <= REGION.grown(repeated).size < three.size
+
+
+def test_after_the_first_contact_the_other_sides_are_touched() -> None:
+    prober, policy = Ball(np.array([0.1, -0.05]), 0.04), RegionPolicy(REGION, TargetPolicy)
+    rng, outcomes, contacts = np.random.default_rng(0), [], Contacts.empty()
+    while sum(len(outcome.contacts) for outcome in outcomes) < 5:
+        probe = policy.next_probe(contacts, None, outcomes=outcomes, rng=rng)
+        assert probe is not None
+        outcomes.append(prober.probe(probe))
+        contacts = contacts.append(outcomes[-1].contacts)
+        assert len(outcomes) < 30
+    space = REGION.grown(contacts)
+    assert np.linalg.norm(space.center[:2] - [0.1, -0.05]) < 0.01
+    assert space.size >= 0.08
+
+
+@pytest.mark.parametrize("lengths", [(0.4, 0.4), (0.4, 0.4, 0.0), (0.4, np.nan, 0.3)])
+def test_a_region_without_three_positive_lengths_is_refused(lengths: tuple[float, ...]) -> None:
+    with pytest.raises(InvalidOptionError, match="region"):
+        Region(lengths)

@@ -1,0 +1,126 @@
+"""Explorations of an object of which only a region is known: what is used of the true object."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp import shapes
+from lis_grasp.cli.main import main
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import Exploration
+from lis_grasp.hands.hand import Hand
+from lis_grasp.io import provenance
+from lis_grasp.pipeline import RunConfig, pose_of, prior_knowledge, table_of, touch
+from lis_grasp.pipeline.conditions import IDEAL_SENSOR, UNKNOWN
+from lis_grasp.pipeline.report_json import exploration_facts
+from lis_grasp.pipeline.stages import estimate, make_prober
+from lis_grasp.pipeline.summary import exploration_lines
+from lis_grasp.shapes import Shape, placed
+
+CONFIG = RunConfig(
+    **{**UNKNOWN, "free": False}, object="cylinder", prober="kinematic", touches=8, seed=2
+)
+
+
+@cache
+def truth() -> Shape:
+    shape = shapes.build("cylinder")
+    X_WO = pose_of(shape, CONFIG)
+    assert X_WO is not None
+    return placed(shape, X_WO)
+
+
+@cache
+def honest() -> Exploration:
+    return touch(truth(), Hand.load("allegro"), CONFIG)
+
+
+def test_a_region_is_the_only_prior_knowledge() -> None:
+    for name in ("box", "torus"):
+        space = prior_knowledge(shapes.build(name), CONFIG)
+        assert space == prior_knowledge(truth(), CONFIG)
+
+
+@pytest.mark.slow
+def test_a_lie_about_the_true_object_changes_nothing_but_what_the_prober_measures() -> None:
+    lie = shapes.build("torus", 0.3)
+    hand = Hand.load("allegro")
+    lied = touch(lie, hand, CONFIG, prober=make_prober(CONFIG, hand, truth()))
+    assert len(honest().contacts) == CONFIG.touches
+    assert len(lied.outcomes) == len(honest().outcomes)
+    assert np.array_equal(lied.contacts.points, honest().contacts.points)
+    assert np.array_equal(lied.contacts.free_points, honest().contacts.free_points)
+
+
+@pytest.mark.slow
+def test_contacts_are_on_the_placed_object_and_above_the_table() -> None:
+    contacts = honest().contacts
+    gaps = np.abs(truth().mesh.nearest.on_surface(contacts.points)[1])
+    # Noise of 0.5 mm along each axis, and half a taxel of 2 mm along a surface of radius 36 mm.
+    assert gaps.max() < 4.0 * 0.0005 + 0.001**2 / 0.036 + 1e-4
+    assert contacts.points[:, 2].min() > -0.002
+    assert contacts.position_noise is not None
+    assert np.all(contacts.position_noise == 0.0005)
+
+
+@pytest.mark.slow
+def test_the_hand_stays_above_the_table() -> None:
+    free = honest().contacts
+    # Each free ball is inside a link; the tips of links have points 15 mm apart.
+    assert np.min(free.free_points[:, 2] - free.free_radii) > -0.005
+
+
+@pytest.mark.slow
+def test_the_estimate_is_closed_at_the_table() -> None:
+    _, mesh = estimate(honest().contacts, "blend", CONFIG.sensor(), table=table_of(CONFIG))
+    assert mesh.is_watertight
+    assert mesh.bounds[0, 2] > -0.001
+
+
+@pytest.mark.slow
+def test_the_summary_says_when_the_object_was_found() -> None:
+    facts = exploration_facts(CONFIG, truth(), Hand.load("allegro"), honest())
+    search = facts["search"]
+    assert search["found"]
+    before = honest().outcomes[: search["probes"]]
+    assert [len(outcome.contacts) > 0 for outcome in before].index(True) == len(before) - 1
+    assert search["seconds"] == pytest.approx(sum(outcome.duration for outcome in before))
+    assert f"after {search['probes']} probe" in exploration_lines(facts)[0]
+
+
+def test_an_object_in_a_region_needs_a_pose() -> None:
+    with pytest.raises(InvalidOptionError, match="pose"):
+        RunConfig(region=(0.4, 0.4, 0.3))
+
+
+def test_an_ideal_sensor_is_the_default_of_the_records() -> None:
+    assert {name: RunConfig().facts()[name] for name in IDEAL_SENSOR} == IDEAL_SENSOR
+
+
+@pytest.mark.slow
+def test_the_files_record_pose_region_and_sensor(tmp_path: Path) -> None:
+    arguments = ["explore", "box", "--unknown", "--prober", "kinematic", "--touches", "6"]
+    assert main([*arguments, "--output", str(tmp_path)]) == 0
+    facts = provenance.read(tmp_path / "contacts.ply")
+    for name, value in {**UNKNOWN, "free": False}.items():
+        assert facts[name] == value
+    assert facts["support_height"] == 0.0
+    there = placed(shapes.build("box"), facts["X_WO"]).mesh
+    gaps = there.nearest.on_surface(Contacts.load(tmp_path / "contacts.ply").points)[1]
+    assert np.abs(gaps).max() < 0.003
+    header = json.loads((tmp_path / "touches.jsonl").read_text().splitlines()[0])
+    assert header["X_WO"] == facts["X_WO"]
+    # The later stages work in the same frame.
+    assert main(["estimate", str(tmp_path / "contacts.ply")]) == 0
+    assert provenance.read(tmp_path / "surface.ply")["X_WO"] == facts["X_WO"]
+
+
+def test_options_that_contradict_each_other_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explore", "box", "--free", "--clamped"]) == 2
+    assert "--clamped" in capsys.readouterr().err
