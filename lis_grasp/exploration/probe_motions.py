@@ -105,11 +105,8 @@ def surface_probe(
     retreat = np.cos(angle) * normal
     if length > 0.0:
         retreat = retreat + np.sin(angle) * away / length
-    if space.support_height is not None:  # neither along the table nor out of it
-        retreat = retreat / np.linalg.norm(retreat)
-        above = (target[2] - space.support_height) / space.step
-        retreat[2] = max(retreat[2], _START_ABOVE_TABLE - above)
-        retreat /= np.linalg.norm(retreat)
+    if space.support_height is not None:
+        retreat = retreats(target[None], retreat[None], space)[0]
     hull = ContactHull.of(contacts)
     overshoot = _OVERSHOOT * space.step
     if hull is not None:
@@ -121,6 +118,19 @@ def surface_probe(
     inside = surface.evaluate(target + distances[:, None] * retreat) < 0.0
     standoff = 0.5 * float(distances[np.argmax(inside)]) if inside.any() else space.step
     return Probe(target, -retreat, standoff, overshoot)
+
+
+def retreats(points: FloatArray, directions: FloatArray, space: Workspace) -> FloatArray:
+    """Return unit directions (P, 3) away from surface points, neither along a table nor out of it.
+
+    Points (P, 3) [m] and directions (P, 3) are in O. Low above a table, directions are raised.
+    """
+    if space.support_height is None:
+        return directions
+    raised = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    above = (points[:, 2] - space.support_height) / space.step
+    raised[:, 2] = np.maximum(raised[:, 2], _START_ABOVE_TABLE - above)
+    return np.asarray(raised / np.linalg.norm(raised, axis=1, keepdims=True))
 
 
 def _bridged_points(

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
-from lis_grasp.exploration.probe_motions import SAME_DIRECTION
+from lis_grasp.exploration.probe_motions import SAME_DIRECTION, retreats
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import BoolArray, FloatArray
@@ -62,8 +62,9 @@ class Targets:
         eligible = free_distance > _FREE_RADIUS * space.step
         eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
         eligible &= space.touchable(points, normals)
-        eligible &= ~_tried(points, normals, np.minimum(nearest, space.step), outcomes)
-        eligible &= ~_starts_blocked(points, normals, space.step, outcomes)
+        away = retreats(points, normals, space)
+        eligible &= ~_tried(points, away, np.minimum(nearest, space.step), outcomes)
+        eligible &= ~_starts_blocked(points, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
         if misses >= _MISSES * len(contacts):  # most surface beside the hull is extrapolated
             eligible &= _meets_hull(points, normals, contacts, _BESIDE * space.step)
@@ -95,17 +96,17 @@ def gaps(
 
 
 def _tried(
-    points: FloatArray, normals: FloatArray, gap: FloatArray, outcomes: Sequence[ProbeOutcome]
+    points: FloatArray, away: FloatArray, gap: FloatArray, outcomes: Sequence[ProbeOutcome]
 ) -> BoolArray:
     """Return which points, shape (P,), were a target before, from about the same side."""
     targets = np.array([outcome.probe.target for outcome in outcomes]).reshape(-1, 3)
     directions = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
     near = np.linalg.norm(points[:, None] - targets, axis=-1) < _SAME_TARGET * gap[:, None]
-    return np.asarray(np.any(near & (-normals @ directions.T > SAME_DIRECTION), axis=1))
+    return np.asarray(np.any(near & (-away @ directions.T > SAME_DIRECTION), axis=1))
 
 
 def _starts_blocked(
-    points: FloatArray, normals: FloatArray, step: float, outcomes: Sequence[ProbeOutcome]
+    points: FloatArray, away: FloatArray, step: float, outcomes: Sequence[ProbeOutcome]
 ) -> BoolArray:
     """Return which points, shape (P,), would be probed from a place that the hand did not get to.
 
@@ -117,7 +118,7 @@ def _starts_blocked(
         return blocked
     tree = cKDTree(np.array(starts))
     for distance in (0.0, 0.5, 1.0):  # a probe starts up to a step from its target
-        near, _ = tree.query(points + distance * step * normals)
+        near, _ = tree.query(points + distance * step * away)
         blocked |= near < _SAME_START * step
     return blocked
 

@@ -227,3 +227,20 @@ def test_spread_covers_more_than_random_with_as_many_touches() -> None:
         apart = np.linalg.norm(samples[:, None] - exploration.contacts.points, axis=-1)
         covered[policy] = np.mean(apart.min(axis=1) < 0.05)
     assert covered["spread"] > covered["random"] + 0.05
+
+
+def test_a_place_above_a_table_that_was_blocked_is_left_alone() -> None:
+    # Low targets are approached from higher than their normals point: only these starts tell.
+    contacts, outcomes = six_touches()
+    space = Workspace(0.02, np.zeros(3), 2.0 * RADIUS, support_height=-RADIUS)
+    policy = TargetPolicy(space, farthest)
+    rng = np.random.default_rng(0)
+    starts: list[np.ndarray] = []
+    for _ in range(12):
+        probe = policy.next_probe(contacts, Ball(RADIUS), outcomes=outcomes, rng=rng)
+        if len(outcomes) > 6:
+            nearest = min(float(np.linalg.norm(probe.start - start)) for start in starts)
+            # A start is compared at three places along the way to it, half a step apart.
+            assert nearest > 0.25 * space.step
+        starts.append(probe.start)
+        outcomes = [*outcomes, ProbeOutcome(probe, "blocked", reason="the table")]

@@ -144,7 +144,8 @@ def test_growth_is_the_estimate_from_the_first_contacts(explored: Path) -> None:
     for count, mesh in growth[1::2]:
         first = Exploration.replay(outcomes).first(count)
         surface, _ = pipeline.estimate(first, "blend")
-        expected = extract_mesh(surface, resolution=shapes.build("box").size / 20)
+        cell = float(np.ptp(surface.bounds, axis=0).max()) / 26
+        expected = extract_mesh(surface, resolution=cell)
         assert_array_equal(mesh.vertices, expected.vertices)
         assert_array_equal(mesh.faces, expected.faces)
 
