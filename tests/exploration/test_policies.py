@@ -24,6 +24,7 @@ from lis_grasp.exploration.policy import (
     most_uncertain,
     uniform,
 )
+from lis_grasp.exploration.probe_motions import surface_probe
 from lis_grasp.exploration.target_candidates import Targets
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
@@ -229,18 +230,28 @@ def test_spread_covers_more_than_random_with_as_many_touches() -> None:
     assert covered["spread"] > covered["random"] + 0.05
 
 
+class Column(Ball):
+    """An upright cylinder without ends."""
+
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        return super().evaluate(points * [1.0, 1.0, 0.0])
+
+    def gradient(self, points: np.ndarray) -> np.ndarray:
+        return super().gradient(points * [1.0, 1.0, 0.0])
+
+
 def test_a_place_above_a_table_that_was_blocked_is_left_alone() -> None:
     # Low targets are approached from higher than their normals point: only these starts tell.
-    contacts, outcomes = six_touches()
-    space = Workspace(0.02, np.zeros(3), 2.0 * RADIUS, support_height=-RADIUS)
-    policy = TargetPolicy(space, farthest)
-    rng = np.random.default_rng(0)
-    starts: list[np.ndarray] = []
-    for _ in range(12):
-        probe = policy.next_probe(contacts, Ball(RADIUS), outcomes=outcomes, rng=rng)
-        if len(outcomes) > 6:
-            nearest = min(float(np.linalg.norm(probe.start - start)) for start in starts)
-            # A start is compared at three places along the way to it, half a step apart.
-            assert nearest > 0.25 * space.step
-        starts.append(probe.start)
-        outcomes = [*outcomes, ProbeOutcome(probe, "blocked", reason="the table")]
+    angles, heights = np.meshgrid(np.arange(0.0, 2.0 * np.pi, 0.2), np.arange(0.002, 0.1, 0.006))
+    normals = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1).reshape(-1, 3)
+    contacts = Contacts(0.03 * normals + heights.reshape(-1, 1) * [0.0, 0.0, 1.0], normals)
+    space = Workspace(0.02, np.array([0.0, 0.0, 0.05]), 0.1, support_height=0.0)
+    column, target, out = Column(0.03), np.array([0.03, 0.0, 0.005]), np.eye(3)[0]
+    blocked = ProbeOutcome(
+        surface_probe(target, out, space, contacts, column, []), "blocked", reason="the table"
+    )
+    for outcomes, left in (([], True), ([blocked], False)):
+        targets = Targets.find(space, contacts, column, outcomes, rng=np.random.default_rng(0))
+        near = np.linalg.norm(targets.points - target, axis=1) < 0.3 * space.step
+        assert near.sum() > 3
+        assert targets.eligible[near].any() == left
