@@ -31,10 +31,13 @@ class DescriptionEdits:
 def apply_edits(robot: yourdfpy.Robot, edits: DescriptionEdits) -> yourdfpy.Robot:
     """Change the links and joints of a robot, and return it.
 
-    A joint that mimics a locked one is locked as well. Raises `InvalidHandError` for a link or
-    joint that is not in the description.
+    A joint that mimics a locked one is locked as well. One that mimics a mimicking joint mimics
+    that joint's leader. Raises `InvalidHandError` for a link or joint that is not in the
+    description.
     """
     by_name = {joint.name: joint for joint in robot.joints}
+    for joint in robot.joints:
+        _follow_leader(joint, by_name)
     for key, names in (
         ("locked_joints", edits.locked_joints),
         ("effort_limits", edits.effort_limits),
@@ -59,6 +62,23 @@ def apply_edits(robot: yourdfpy.Robot, edits: DescriptionEdits) -> yourdfpy.Robo
     if edits.base_link is not None:
         _cut(robot, edits.base_link)
     return robot
+
+
+def _follow_leader(joint: yourdfpy.Joint, by_name: Mapping[str, yourdfpy.Joint]) -> None:
+    """Let a joint mimic the last one of a chain of mimicking joints, as a closed chain cannot."""
+    seen = {joint.name}
+    while joint.mimic is not None and joint.mimic.joint not in seen:
+        mimic = joint.mimic
+        seen.add(mimic.joint)
+        leader = by_name.get(mimic.joint)
+        if leader is None or leader.mimic is None:
+            return
+        by, own = leader.mimic, 1.0 if mimic.multiplier is None else mimic.multiplier
+        joint.mimic = yourdfpy.Mimic(
+            joint=by.joint,
+            multiplier=own * (1.0 if by.multiplier is None else by.multiplier),
+            offset=own * (by.offset or 0.0) + (mimic.offset or 0.0),
+        )
 
 
 def links_below(robot: yourdfpy.Robot, link: str) -> set[str]:
