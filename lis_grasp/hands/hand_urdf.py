@@ -27,7 +27,9 @@ def read_urdf(path: Path, edits: DescriptionEdits | None = None) -> HandModel:
 def parse_urdf(path: Path) -> yourdfpy.Robot:
     """Return the links and joints that a URDF describes, unchecked."""
     # yourdfpy logs a syntax error and reads on; a hand that is half read must be refused.
-    text = io.BytesIO(ET.tostring(parse_xml(path)))
+    root = parse_xml(path)
+    _require_no_macros(root, path)
+    text = io.BytesIO(ET.tostring(root))
     try:
         with np.errstate(all="ignore"):  # poses are checked one by one
             urdf = yourdfpy.URDF.load(text, build_scene_graph=False, load_meshes=False)
@@ -35,6 +37,18 @@ def parse_urdf(path: Path) -> yourdfpy.Robot:
         message = f"{path.name} is not a URDF that can be read: {error}"
         raise InvalidHandError(message, file=path.name) from None
     return urdf.robot
+
+
+def _require_no_macros(root: ET.Element, path: Path) -> None:
+    """Raise `InvalidHandError` for a xacro file, from which a URDF is made first."""
+    for element in root.iter():
+        values = (element.tag, *element.attrib.values())
+        if any("xacro}" in value or "${" in value or "$(" in value for value in values):
+            raise InvalidHandError(
+                f"{path.name} must be a URDF; it has xacro macros: convert it first, as by"
+                f" `xacro {path.name} > hand.urdf` (pip install xacro)",
+                file=path.name,
+            )
 
 
 def parse_xml(path: Path) -> ET.Element:
