@@ -18,6 +18,7 @@ from lis_grasp.typing import FloatArray
 
 # A pad counts as covered by its link where the link is further out by more than this [m].
 _PAD_COVERED = 0.002
+_ROUNDING = 1e-4  # of a position that is written with few digits [m]
 # Smallest useful lead of a probing tip over the rest of the hand [m].
 _LEAD = 0.02
 
@@ -140,7 +141,7 @@ def _probe_postures(hand: Hand) -> Iterator[Finding]:
     for finger, posture in hand.probe_postures.items():
         lead, rival = _lead(hand, posture)
         own = hand.link_fingers.get(rival) == finger
-        if lead < 0.0:
+        if lead < -_ROUNDING:
             text = (
                 f"{rival} is {-1e3 * lead:.0f} mm ahead of the tip's sphere: change direction,"
                 " positions or tip"
@@ -152,7 +153,7 @@ def _probe_postures(hand: Hand) -> Iterator[Finding]:
             )
         else:
             text = f"the tip is {1e3 * lead:.0f} mm ahead of {rival}"
-        fine = lead >= (0.0 if own else _LEAD)
+        fine = lead >= (-_ROUNDING if own else _LEAD)
         yield Finding(fine, f"in probe posture {finger}, {text}")
 
 
@@ -195,7 +196,7 @@ def _lead(hand: Hand, posture: ProbePosture) -> tuple[float, str]:
     others = [link for link in ahead if link not in own]
     rival = max(others or ahead, key=lambda link: ahead[link])
     worst_own = max(own, key=lambda link: ahead[link], default=rival)
-    if ahead[worst_own] > front + 1e-6:
+    if ahead[worst_own] > front + _ROUNDING:
         rival = worst_own
     return front - ahead[rival], rival
 
