@@ -15,8 +15,9 @@ from lis_grasp.typing import FloatArray
 RADII = (0.085, 0.07, 0.057, 0.046, 0.036, 0.027, 0.019, 0.012, 0.007)
 """Of the balls [m], from the widest opening to the narrowest."""
 
-_FIRST = (0.036, 0.027, 0.046, 0.019, 0.012)  # radii that are tried first
-_STARTS, _ENOUGH = 30, 4  # random starts, and good openings of them
+_FIRST = (0.036, 0.057, 0.027, 0.046, 0.019, 0.012)  # radii from which the search starts
+_ROUNDS, _LEAST_GOOD = 8, 6  # random starts for each of them, and good openings that are enough
+_HOME = 0.5  # fraction of starts near joint positions 0, as far as the limits allow
 _RETRIES = (0.0, 0.02, 0.05, 0.1, 0.1, 0.15)  # spread of starts about a neighbour, of the range
 # Units of the residuals: [m], [-] (of unit vectors), [m] (of penetrations).
 _POSITION, _AXIS, _BALANCE, _PENETRATION = 0.004, 0.5, 0.25, 0.003
@@ -45,26 +46,22 @@ def find_pregrasps(
 ) -> list[Opening]:
     """Return openings of several sizes, the widest first; none if no opposed posture was found.
 
-    The first is found from many random starts; each other one starts from its neighbour, so that
-    the fingers stay arranged alike. Minimises, by trust-region least squares (Branch, Coleman and
-    Li, 1999), over joint positions, the ball's centre and the pads' shares of the force: pads off
-    the ball, axes off its centre, forces that do not balance, links in the ball, joints off a
-    relaxed posture.
+    The first is the best of many random starts for several radii; each other one starts from its
+    neighbour, so that the fingers stay arranged alike. Minimises, by trust-region least squares
+    (Branch, Coleman and Li, 1999), over joint positions, the ball's centre and the pads' fractions
+    of the force: pads off the ball, axes off its centre, forces that do not balance, links in the
+    ball, joints off a relaxed posture.
     """
     problem = _Problem(hand, checker)
-    anchor = None
-    for radius in _FIRST:
-        good: list[Opening] = []
-        for _ in range(_STARTS):
-            opening = problem.solve(radius, problem.random_start(rng))
-            good += [opening] if opening.good else []
-            if len(good) == _ENOUGH:
-                break
-        if good:
-            anchor = min(good, key=lambda opening: opening.cost)
+    good: list[Opening] = []
+    for _ in range(_ROUNDS):
+        found = [problem.solve(radius, problem.random_start(rng)) for radius in _FIRST]
+        good += [opening for opening in found if opening.good]
+        if len(good) >= _LEAST_GOOD:
             break
-    if anchor is None:
+    if not good:
         return []
+    anchor = min(good, key=lambda opening: opening.cost)
     at = RADII.index(anchor.radius)
     openings = [anchor]
     for radii in (RADII[at + 1 :], RADII[:at][::-1]):
@@ -93,7 +90,7 @@ class _Problem:
         self._points = [(link, points[link]) for link in others]
         low, high = hand.lower, hand.upper
         self._range = high - low
-        zero = np.clip(0.0, low, high)
+        self._home = zero = np.clip(0.0, low, high)
         longer = np.where(np.abs(high) >= np.abs(low), high, low)
         lopsided = np.abs(high + low) > 0.3 * self._range
         self._relaxed = np.where(lopsided, zero + 0.35 * (longer - zero), 0.5 * (low + high))
@@ -102,8 +99,9 @@ class _Problem:
         self._high = np.concatenate([high, np.full(3, size), np.ones(self._fingers)])
 
     def random_start(self, rng: np.random.Generator) -> FloatArray:
+        about = self._home if rng.random() < _HOME else self._relaxed
         spread = rng.uniform(-0.35, 0.35, self._count) * self._range
-        q = np.clip(self._relaxed + spread, self._hand.lower, self._hand.upper)
+        q = np.clip(about + spread, self._hand.lower, self._hand.upper)
         centers = self._hand.pad_centers(np.eye(4), q)
         return np.concatenate([q, centers.mean(axis=0), np.full(self._fingers, 0.6)])
 
