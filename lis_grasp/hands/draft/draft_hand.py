@@ -16,6 +16,7 @@ from lis_grasp.hands.collision import checker_of
 from lis_grasp.hands.description_edits import DescriptionEdits, apply_edits
 from lis_grasp.hands.draft.find_exclusions import find_exclusions
 from lis_grasp.hands.draft.find_fingers import find_fingers, rigid_groups, shared_joints
+from lis_grasp.hands.draft.find_hand_bases import find_hand_bases
 from lis_grasp.hands.draft.find_pregrasps import Opening, find_pregrasps
 from lis_grasp.hands.draft.find_probe_postures import find_probe_postures
 from lis_grasp.hands.draft.fit_pads import fit_pads
@@ -78,6 +79,11 @@ def draft_hand(
     robot = parse_sdf(path) if path.suffix == ".sdf" else parse_urdf(path)
     edits = _edits(deepcopy(robot), base_link, notes)
     model = build_hand_model(deepcopy(robot), path, edits)
+    if base_link is None and not tips:
+        edits = _without_robot(model, edits, path.name, notes)
+        if edits.base_link is not None:
+            edits = _pruned(edits, apply_edits(deepcopy(robot), edits))
+            model = build_hand_model(deepcopy(robot), path, edits)
     fingers = find_fingers(model, tips)
     wrist = shared_joints(model, fingers)
     if wrist:
@@ -147,6 +153,22 @@ def _edits(robot: yourdfpy.Robot, base_link: str | None, notes: list[str]) -> De
     if efforts:
         notes.append(f"efforts are missing or absurd, so usual ones are set: {', '.join(efforts)}")
     return replace(edits, effort_limits=MappingProxyType(efforts))
+
+
+def _without_robot(
+    model: HandModel, edits: DescriptionEdits, file: str, notes: list[str]
+) -> DescriptionEdits:
+    """Return edits that leave out all of a robot but its hand; edits of a hand stay as they are."""
+    bases = find_hand_bases(model)
+    if len(bases) > 1:
+        raise InvalidHandError(
+            f"{file}: a description must have one hand; this robot's hands may begin at"
+            f" {', '.join(bases)}: name one with --base"
+        )
+    if not bases:
+        return edits
+    notes.append(f"the hand begins at {bases[0]}; all else of the robot is left out, by base_link")
+    return replace(edits, base_link=bases[0])
 
 
 def _pruned(edits: DescriptionEdits, robot: yourdfpy.Robot) -> DescriptionEdits:

@@ -21,16 +21,30 @@ _LINKAGE = 0.85
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FingerBody:
+    """One body of a fingertip's rigid group."""
+
+    link: str
+    X_LB: FloatArray  # (4, 4): pose of its link in the frame of the finger's link
+    points_L: FloatArray  # (N, 3) [m], in the frame of the finger's link
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Finger:
     """A chain of joints from the palm to a fingertip."""
 
     name: str
     link: str  # the link of the tip whose body reaches farthest
-    points_L: FloatArray  # (N, 3) [m] of the tip's rigid group, in that link's frame
+    bodies: tuple[FingerBody, ...]  # of the tip's rigid group
     joint: Joint  # the last one that moves the tip
     origin_L: FloatArray  # (3,) [m]: of that joint, in the link frame
     axis_L: FloatArray  # (3,), unit: its axis
     motors: tuple[int, ...]  # the actuated joints that move the tip, from the palm outwards
+
+    @property
+    def points_L(self) -> FloatArray:
+        """Points (N, 3) [m] of all its bodies, in the frame of `link`."""
+        return np.vstack([body.points_L for body in self.bodies])
 
 
 def find_fingers(model: HandModel, tips: Sequence[str] = ()) -> tuple[Finger, ...]:
@@ -43,12 +57,23 @@ def find_fingers(model: HandModel, tips: Sequence[str] = ()) -> tuple[Finger, ..
     for tip in tips:
         if tip not in groups:
             raise InvalidHandError(f"a fingertip must be a link; there is no link '{tip}'")
-    leaves = [groups[tip] for tip in tips] if tips else _leaves(model, groups)
+    leaves = [groups[tip] for tip in tips] if tips else leaf_groups(model)
     fingers = [_finger(model, groups, leaf) for leaf in leaves]
     if not tips:
         fingers = _without_linkages(model, fingers)
+    if not fingers:
+        moving = ", ".join(joint.child for joint in model.joints if joint.kind != "fixed")
+        raise InvalidHandError(
+            f"fingers must have collision bodies or visual meshes; what moves ({moving}) has no"
+            " bodies"
+        )
+    if len(fingers) == 1 and not tips:
+        raise InvalidHandError(
+            f"a hand must have 2 to {MOST_FINGERS} fingers that move; only {fingers[0].link} moves,"
+            " and a finger against a fixed jaw is not supported"
+        )
     if not 2 <= len(fingers) <= MOST_FINGERS:
-        found = ", ".join(finger.link for finger in fingers) or "none"
+        found = ", ".join(finger.link for finger in fingers)
         raise InvalidHandError(
             f"a hand must have 2 to {MOST_FINGERS} fingers; the movable leaf links are {found}:"
             " name the link where the hand begins with --base, or the fingertips' links with --tips"
@@ -71,7 +96,9 @@ def shared_joints(model: HandModel, fingers: Sequence[Finger]) -> list[Joint]:
     return [joint for joint in model.joints if joint.name in common]
 
 
-def _leaves(model: HandModel, groups: Mapping[str, str]) -> list[str]:
+def leaf_groups(model: HandModel) -> list[str]:
+    """Return the first links of the rigid groups with bodies that move and carry no other such."""
+    groups = rigid_groups(model)
     solid = {groups[body.link] for body in model.link_geometries} - {groups[model.links[0]]}
     carriers = {
         groups[joint.parent]
@@ -90,23 +117,26 @@ def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
             X_GL[joint.child] = X_GL[joint.parent] @ joint.X_PJ
     chain = joints_to(model.joints, leaf)
     last = chain[-1]
-    bodies = {m: [b for b in model.link_geometries if b.link == m] for m in members}
-    p_G = {
-        link: points_of_bodies(parts) @ X_GL[link][:3, :3].T + X_GL[link][:3, 3]
-        for link, parts in bodies.items()
-        if parts
-    }
-    if not p_G:
+    parts = [
+        (body.link, points_of_bodies([body])) for body in model.link_geometries if body.link in X_GL
+    ]
+    if not parts:
         raise InvalidHandError(f"the fingertip '{leaf}' must have a body; it has none")
-    arms = {link: float(np.linalg.norm(p, axis=1).max()) for link, p in p_G.items()}
-    link = max(arms, key=lambda name: arms[name])
+    arms = [
+        float(np.linalg.norm(p @ X_GL[k][:3, :3].T + X_GL[k][:3, 3], axis=1).max())
+        for k, p in parts
+    ]
+    link = parts[int(np.argmax(arms))][0]
     X_LG = np.linalg.inv(X_GL[link])
-    points = np.vstack(list(p_G.values()))
+    bodies = []
+    for name, p in parts:
+        X_LB = X_LG @ X_GL[name]
+        bodies.append(FingerBody(name, X_LB, p @ X_LB[:3, :3].T + X_LB[:3, 3]))
     motors = tuple(dict.fromkeys(joint.index for joint in chain if joint.index >= 0))
     return Finger(
         name=link,
         link=link,
-        points_L=points @ X_LG[:3, :3].T + X_LG[:3, 3],
+        bodies=tuple(bodies),
         joint=last,
         origin_L=np.array(X_LG[:3, 3], np.float64),
         axis_L=X_LG[:3, :3] @ last.axis_J,
@@ -115,19 +145,20 @@ def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
 
 
 def _without_linkages(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
-    """Leave out bars of linkages: they move with the same motor as a tip, and reach less far."""
+    """Leave out bars of linkages: they move with the same motor as a tip, and reach less far.
+
+    The reach is measured from the first joint that this motor moves.
+    """
     q = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
     actuated = len(model.joint_names)
     kinematics = Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
     poses = kinematics.poses(np.eye(4), q)
-    reached = {
-        f.link: float(
-            np.linalg.norm(
-                f.points_L @ poses[f.link][:3, :3].T + poses[f.link][:3, 3], axis=1
-            ).max()
-        )
-        for f in fingers
-    }
+    reached = {}
+    for f in fingers:
+        first = next(j for j in joints_to(model.joints, f.link) if j.index == f.motors[-1])
+        points = f.points_L @ poses[f.link][:3, :3].T + poses[f.link][:3, 3]
+        arms = np.linalg.norm(points - poses[first.child][:3, 3], axis=1)
+        reached[f.link] = float(arms.max())
     kept = []
     for finger in fingers:
         rivals = [reached[f.link] for f in fingers if f.motors[-1] == finger.motors[-1]]

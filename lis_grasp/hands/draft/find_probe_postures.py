@@ -115,13 +115,13 @@ class _Search:
         """Return the posture with the sphere that fits the foremost part of the tip."""
         hand, pad = self._hand, self._hand.pads[finger]
         poses = hand.forward_kinematics(np.eye(4), q)
-        X_HL = poses[pad.link]
-        placed = [
-            p @ poses[link][:3, :3].T + poses[link][:3, 3]
-            for link, p in self._points.items()
-            if link in self._group(pad.link)
-        ]
-        p_L = (np.vstack(placed) - X_HL[:3, 3]) @ X_HL[:3, :3]
+        placed = {
+            link: self._points[link] @ poses[link][:3, :3].T + poses[link][:3, 3]
+            for link in sorted(self._group(pad.link))
+        }
+        foremost = max(placed, key=lambda link: float((placed[link] @ direction).max()))
+        X_HL = poses[foremost]
+        p_L = (np.vstack(list(placed.values())) - X_HL[:3, 3]) @ X_HL[:3, :3]
         d_L = X_HL[:3, :3].T @ direction
         heights = p_L @ d_L
         top = p_L[heights > heights.max() - _LEVEL]
@@ -133,7 +133,7 @@ class _Search:
             pad.finger,
             read_only(q),
             read_only(direction.copy()),
-            pad.link,
+            foremost,
             read_only(center),
             radius,
         )

@@ -1,13 +1,13 @@
-"""Pads of fingertips: a sphere fitted to the closing side, or a jaw's flat face."""
+"""Pads of fingertips: a sphere fitted to the closing side of each finger."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from lis_grasp.hands.draft.find_fingers import Finger
+from lis_grasp.hands.draft.fit_flat_pads import fit_flat_pads
 from lis_grasp.hands.draft.hand_points import reach
 from lis_grasp.hands.hand_parts import Pad
 from lis_grasp.hands.kinematics import Kinematics
@@ -23,10 +23,6 @@ _TIP_LENGTH = 0.03  # part of a finger, from its end, to which the sphere is fit
 _RADII = (0.004, 0.02)  # [m]
 _PROTRUSION = 0.004  # by which the link may reach beyond the pad's sphere [m]
 _HALF_ANGLES = (0.5, 1.2)  # [rad]
-_JAW_HALF_ANGLE = 0.3
-# A face counts as that of a jaw within these angles: to the other pad, and over itself [rad].
-_FACING, _FLAT = 0.7, 0.1
-_LEVEL = 0.0015  # of a face's corners [m]
 _SYMMETRIC = 0.3  # a range of motion is one-sided if one end is farther from 0 by this fraction
 
 
@@ -36,27 +32,20 @@ def fit_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
     A finger closes in the direction in which its last joint bends farther from 0; if both are
     alike, towards the other fingertips in the middle of all joints' ranges.
     """
+    if len(fingers) == 2:
+        return fit_flat_pads(model, fingers)
     actuated = len(model.joint_names)
     kinematics = Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
     poses = kinematics.poses(np.eye(4), 0.5 * (model.lower + model.upper))
-    middles = [f.points_L.mean(axis=0) for f in fingers]
     middles_B = np.array(
-        [
-            poses[f.link][:3, :3] @ m + poses[f.link][:3, 3]
-            for f, m in zip(fingers, middles, strict=True)
-        ]
+        [poses[f.link][:3, :3] @ f.points_L.mean(axis=0) + poses[f.link][:3, 3] for f in fingers]
     )
     pads = []
     for i, finger in enumerate(fingers):
-        X_BL = poses[finger.link]
         others = np.delete(middles_B, i, axis=0).mean(axis=0)
-        towards_L = X_BL[:3, :3].T @ (others - middles_B[i])
+        towards_L = poses[finger.link][:3, :3].T @ (others - middles_B[i])
         towards_L /= np.linalg.norm(towards_L)
-        if len(fingers) == 2:
-            pads.append(flat_pad(finger, towards_L))
-        else:
-            closing, outward = _closing(model, finger, towards_L)
-            pads.append(round_pad(finger, closing, outward))
+        pads.append(round_pad(finger, *_closing(model, finger, towards_L)))
     return tuple(pads)
 
 
@@ -126,32 +115,6 @@ def round_pad(finger: Finger, closing_L: FloatArray, outward_L: FloatArray) -> P
     angles = np.arccos(np.clip(lattice @ axis, -1.0, 1.0))
     reached = angles[beyond > _PROTRUSION]
     half_angle = float(np.clip(reached.min(initial=np.pi), *_HALF_ANGLES))
-    return _pad(finger, center, radius, axis, half_angle)
-
-
-def flat_pad(finger: Finger, towards_L: FloatArray) -> Pad:
-    """Return the largest flat face of a jaw's finger that looks about to the other finger."""
-    hull = ConvexHull(finger.points_L)
-    normals = hull.equations[:, :3]
-    corners = finger.points_L[hull.simplices]  # (F, 3, 3)
-    areas = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    best, axis, center = 0.0, towards_L, finger.points_L.mean(axis=0)
-    for normal in normals[normals @ towards_L > np.cos(_FACING)]:
-        heights = corners.mean(axis=1) @ normal
-        face = (normals @ normal > np.cos(_FLAT)) & (heights > heights.max() - _LEVEL)
-        area = float(areas[face].sum()) * float(normal @ towards_L)
-        if area > best:
-            weights = areas[face] / areas[face].sum()
-            best, axis, center = area, normal, weights @ corners[face].mean(axis=1)
-    center = center + ((finger.points_L @ axis).max() - center @ axis) * axis
-    return _pad(finger, center, 0.0, axis, _JAW_HALF_ANGLE)
-
-
-def _pad(
-    finger: Finger, center: FloatArray, radius: float, axis: FloatArray, half_angle: float
-) -> Pad:
     axis = axis / np.linalg.norm(axis)
     return Pad(
         finger.name, finger.link, read_only(np.array(center)), radius, read_only(axis), half_angle
