@@ -21,6 +21,7 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.useful_efforts import useful_efforts
 from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.simplification import merge_flat_faces
@@ -103,7 +104,8 @@ class LiftScene:
         )
         self._plant = plant
         self._time_step = setup.options.time_step
-        stiffness = hand.effort_limits / by_joint_kind(hand, **_FULL_EFFORT_ERROR)
+        efforts = useful_efforts(hand, setup.grasp.joint_positions)
+        stiffness = efforts / by_joint_kind(hand, **_FULL_EFFORT_ERROR)
         self._hand = add_hand(
             plant,
             hand,
