@@ -139,10 +139,13 @@ def _opposition(hand: Hand) -> _Opposition:
 
 
 def _choose_fingers(opposition: _Opposition, rng: np.random.Generator) -> list[int]:
-    """Draw neighbouring fingers to use: all of them half of the time, else a pair."""
+    """Draw fingers to use: all of them half of the time, else neighbours or, of four, any."""
     others = sorted(opposition.others, key=lambda f: opposition.lateral[f])
     if len(others) < 3 or rng.random() < 0.5:
         return others
+    if len(others) > 3:  # a wide spread resists more torque
+        count = int(rng.integers(2, len(others)))
+        return [others[i] for i in sorted(rng.choice(len(others), size=count, replace=False))]
     start = int(rng.integers(len(others) - 1))
     return others[start : start + 2]
 
