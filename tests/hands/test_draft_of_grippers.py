@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.hands.draft.draft_hand import draft_hand
 from lis_grasp.hands.draft.find_fingers import find_fingers
 from lis_grasp.hands.draft.find_hand_bases import find_hand_bases
 from lis_grasp.hands.draft.fit_pads import fit_pads
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_urdf import read_urdf
+from lis_grasp.hands.link_bodies import load_mesh
 from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.hands.useful_efforts import useful_efforts
 
@@ -104,6 +105,13 @@ def test_a_xacro_file_is_refused_with_the_command_that_converts_it(tmp_path: Pat
     )
     with pytest.raises(InvalidHandError, match=r"xacro hand\.urdf\.xacro >"):
         read_urdf(path)
+
+
+def test_the_pointer_of_a_large_file_is_no_mesh(tmp_path: Path) -> None:
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
+    (tmp_path / "tip.stl").write_text(pointer)
+    with pytest.raises(InvalidFileError, match="git lfs pull"):
+        load_mesh(tmp_path / "tip.stl", None)
 
 
 def test_pads_of_a_jaw_are_its_inner_faces_though_racks_cross(tmp_path: Path) -> None:
