@@ -16,7 +16,14 @@ from lis_grasp.cli.main import build_parser, main
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = ROOT / "README.md"
-GUIDES = ("own-contacts", "robot-logs", "own-objects", "own-estimator", "real-robot")
+GUIDES = (
+    "own-contacts",
+    "robot-logs",
+    "own-objects",
+    "own-estimator",
+    "real-robot",
+    "unknown-place",
+)
 UNRUN = "cluster"  # needs a cluster
 
 # A fenced block: its language, the name of the file that it becomes (optional), and its content.
