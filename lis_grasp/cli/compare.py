@@ -15,6 +15,7 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.io.folder_lock import sole_writer
 
 if TYPE_CHECKING:
     from lis_grasp.experiments.runner import Scheduler
@@ -100,6 +101,7 @@ def execute(options: argparse.Namespace) -> None:
         say(json.dumps(Study.schema(), indent=2))
         return
     output: Path = options.output or _OUTPUT
+    options.until_end.enter_context(sole_writer(output))
     results = StudyResults(output)
     if options.rerun is not None:
         _rerun(results, options)

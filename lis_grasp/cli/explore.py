@@ -17,6 +17,7 @@ from lis_grasp.exploration import Exploration, TouchLog
 from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
+from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.growth_files import remove_growth, save_growth
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.report_json import exploration_facts
@@ -62,6 +63,7 @@ def execute(options: argparse.Namespace) -> None:
     """Explore, and write the contacts."""
     config = opt.configure_touch(options)
     output = options.output or default_output(config)
+    options.until_end.enter_context(sole_writer(output))
     shape, X_WO = opt.place_object(config)
     hand = Hand.load(config.hand)
     warn_if_too_wide(shape, hand)

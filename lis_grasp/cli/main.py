@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from importlib import import_module
 from typing import NoReturn
 
@@ -75,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise InvalidOptionError.not_one_of("VERB", verb, names)
         options = build_parser(verb).parse_args(arguments)
         # Threads change the order of sums, and so the last digits of results.
-        with threadpool_limits(1):
+        with threadpool_limits(1), ExitStack() as options.until_end:
             options.execute(options)
     except LisGraspError as error:
         print(f"lis-grasp: {error}", file=sys.stderr)

@@ -21,6 +21,7 @@ from lis_grasp.experiments.paper.paper_trials import (
 from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.trial_results import TrialResults, missing_jobs
 from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.pipeline.run_config import RunConfig
 
@@ -64,6 +65,7 @@ def execute(options: argparse.Namespace) -> None:
     if seeds < 1:
         raise InvalidOptionError.out_of_range("--seeds", seeds, "at least 1")
     output = options.output or _OUTPUT
+    options.until_end.enter_context(sole_writer(output))
     names = tuple(options.estimators or (_QUICK_ESTIMATORS if options.quick else _ESTIMATORS))
     for name in names:
         find_estimator(name, registry=COMPARED, option="--estimators")

@@ -21,6 +21,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.inertias import require_possible_inertias
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
@@ -47,6 +48,7 @@ def execute(options: argparse.Namespace) -> None:
     watch = pipeline.Stopwatch()
     config = opt.configure_touch(options)
     output: Path = options.output or default_output(config)
+    options.until_end.enter_context(sole_writer(output))
     shape, X_WO = opt.place_object(config)
     hand = Hand.load(config.hand)
     require_possible_inertias(hand.inertials)

@@ -11,6 +11,7 @@ from typing import get_args
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
+from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.pipeline.run_config import RunConfig
 
@@ -99,6 +100,7 @@ def execute(options: argparse.Namespace) -> None:
         raise InvalidOptionError.out_of_range("--part", part, f"from 1 to {len(CASES)}")
     scheduler = local_scheduler(options.jobs)
     output = options.output or _OUTPUT
+    options.until_end.enter_context(sole_writer(output))
     results = TrialResults(output / "results.jsonl", "surfaces")
     trials = surface_trials(shapes, CASES, part=part, seeds=options.seeds, box=options.box)
     made = (*names, TRUTH)

@@ -56,7 +56,7 @@ def test_a_stage_removes_the_files_made_from_the_one_it_replaces(
     said = capsys.readouterr().out
     assert f"removed grasps.json, {', '.join(LATER)}: made from an earlier surface.ply" in said
     left = {path.name for path in folder.iterdir()}
-    assert left == {"touches.jsonl", "growth", "contacts.ply", "surface.ply", "notes.txt"}
+    assert left == {".lock", "touches.jsonl", "growth", "contacts.ply", "surface.ply", "notes.txt"}
     # Now nothing is left to remove, and no message is printed.
     assert main(["estimate", str(folder / "contacts.ply"), "--estimator", "gpis"]) == 0
     assert "removed" not in capsys.readouterr().out
@@ -66,6 +66,7 @@ def test_a_new_exploration_removes_the_results_of_the_earlier_one(full_folder: P
     folder = full_folder
     assert main([*EXPLORE, "--seed", "1", "--output", str(folder)]) == 0
     assert {path.name for path in folder.iterdir()} == {
+        ".lock",
         "touches.jsonl",
         "growth",
         "contacts.ply",

@@ -1,0 +1,47 @@
+"""Tests of `folder_lock`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.folder_lock import sole_writer
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from lis_grasp.io.folder_lock import sole_writer
+with sole_writer(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_second_process_is_refused_until_the_first_ends(tmp_path: Path) -> None:
+    folder = tmp_path / "results"
+    command = [sys.executable, "-c", HOLD, str(folder)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"held\n"
+        with pytest.raises(InvalidFileError) as error, sole_writer(folder):
+            pass
+        assert error.value.path == folder
+        other.kill()
+    with sole_writer(folder):
+        assert folder.is_dir()
+
+
+def test_one_process_writes_again_and_again(tmp_path: Path) -> None:
+    for _ in range(2):
+        with sole_writer(tmp_path):
+            pass
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "results").write_text("")
+    with pytest.raises(InvalidFileError), sole_writer(tmp_path / "results"):
+        pass
