@@ -21,7 +21,8 @@ from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exploration import Probe
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
-from lis_grasp.simulation.dynamic_prober import TOPPLED, DynamicProber
+from lis_grasp.simulation.dynamic_prober import DynamicProber
+from lis_grasp.typing import FloatArray
 
 _TILT = np.deg2rad(40.0)
 
@@ -52,7 +53,7 @@ def print_free_objects(hand: Hand) -> None:
         outcomes = pipeline.touch(shape, hand, config).outcomes
         seconds = time.perf_counter() - start
         own = [o.moved for o in outcomes if o.status == "touched" or o.moved > 0.0]
-        fallen = sum(o.reason == TOPPLED for o in outcomes)
+        fallen = _topplings([o.simulated_pose for o in outcomes if o.simulated_pose is not None])
         moved, toppled = moved + own, toppled + fallen
         median, high = 1e3 * np.quantile(own, [0.5, 0.95])
         print(
@@ -61,6 +62,12 @@ def print_free_objects(hand: Hand) -> None:
             flush=True,
         )
     print(f"{'all':16s} {len(moved):7d} {1e3 * np.median(moved):18.4f} {'':12s} {toppled:8d}")
+
+
+def _topplings(poses: list[FloatArray]) -> int:
+    """Return how many touches tilted the object by more than 5 degrees."""
+    up = np.array([[0.0, 0.0, 1.0], *(X[:3, 2] for X in poses)])
+    return int(np.sum(np.sum(up[1:] * up[:-1], axis=1) < np.cos(np.deg2rad(5.0))))
 
 
 def main() -> None:

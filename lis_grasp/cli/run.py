@@ -28,6 +28,7 @@ from lis_grasp.pipeline.report_json import build_report
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.summary import run_lines
 from lis_grasp.shapes import Shape
+from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.run_scene import write_scene_of
 
 if TYPE_CHECKING:
@@ -59,7 +60,8 @@ def execute(options: argparse.Namespace) -> None:
         # Later stages read the files, so that each repeats exactly when run alone.
         contacts = Contacts.load(output / "contacts.ply")
 
-    attempts = _attempts(shape, hand, config, contacts, output, watch)
+    X_WO = exploration.simulated_pose
+    attempts = _attempts(shape, hand, config, contacts, output, watch, X_WO)
     search = attempts[-1].search
 
     with Stage("Reporting"), watch.measure("report"):
@@ -85,8 +87,12 @@ def _attempts(
     contacts: Contacts,
     output: Path,
     watch: pipeline.Stopwatch,
+    X_WO: FloatArray | None,
 ) -> tuple[Attempt, ...]:
-    """Grasp and lift with the files of the last attempt in `output`; return all attempts."""
+    """Grasp and lift with the files of the last attempt in `output`; return all attempts.
+
+    The true object is at X_WO (4, 4) in the frame of the contacts; None for the identity.
+    """
     recorded = provenance.read(output / "contacts.ply")
     known = len(contacts)
 
@@ -110,4 +116,6 @@ def _attempts(
         return outcome
 
     (output / "motion.npz").unlink(missing_ok=True)
-    return tuple(grasp_with_tactile_check(shape, hand, contacts, config, planner=plan, lift=lift))
+    return tuple(
+        grasp_with_tactile_check(shape, hand, contacts, config, planner=plan, lift=lift, X_WO=X_WO)
+    )

@@ -19,7 +19,7 @@ from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces import ImplicitSurface, carved
-from lis_grasp.typing import IndexArray
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Contacts closer than this are duplicates [m].
 _SAME_CONTACT = 1e-3
@@ -59,6 +59,11 @@ class Exploration:
         for outcome, contacts in zip(self.outcomes, accumulated, strict=True):
             touches += [outcome] * (len(contacts) - len(touches))
         return tuple(touches)
+
+    @property
+    def simulated_pose(self) -> FloatArray | None:
+        """True pose of a free object at the end, (4, 4), for evaluation; None if it was fixed."""
+        return self.outcomes[-1].simulated_pose if self.outcomes else None
 
     @property
     def duration(self) -> float:

@@ -121,8 +121,11 @@ class ProbeOutcome:
         Shape (K,) [m]: radius of the free ball around each free point; 0 if only the point is known
         to be free. Empty for all 0.
     hand_pose
-        Pose of the hand when it made the contacts, in the object frame O at that time; None if
-        unknown.
+        Pose of the hand when it made the contacts, in the frame of the probe; None if unknown.
+    simulated_pose
+        Shape (4, 4): true pose of a free object after the probe, in the frame of the contacts; None
+        if unknown or fixed. It is for the evaluation and to resume a simulation: no policy,
+        estimate or plan uses it.
 
     Raises
     ------
@@ -142,6 +145,7 @@ class ProbeOutcome:
     moved: float = 0.0
     free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
     hand_pose: HandPose | None = None
+    simulated_pose: FloatArray | None = None
 
     __repr__ = short_repr
 
@@ -165,6 +169,9 @@ class ProbeOutcome:
             )
         object.__setattr__(self, "free_points", read_only(free_points))
         object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
+        if self.simulated_pose is not None:
+            pose = HandPose(self.simulated_pose, np.empty(0)).X_OH
+            object.__setattr__(self, "simulated_pose", pose)
         require_at_least(0, duration=self.duration, moved=self.moved)
         if not isinstance(self.reason, str):
             raise InvalidOptionError.out_of_range("reason", self.reason, "text")

@@ -129,6 +129,7 @@ def _row(outcome: ProbeOutcome) -> Row:
         "free_radii": outcome.free_radii.tolist(),
         "X_OH": None if hand_pose is None else hand_pose.X_OH.tolist(),
         "joint_positions": None if hand_pose is None else hand_pose.joint_positions.tolist(),
+        **_simulated(outcome),
     }
 
 
@@ -165,7 +166,14 @@ def _outcome(row: Row) -> ProbeOutcome:
         row["moved"],
         np.array(row.get("free_radii", [])),
         None if X_OH is None else HandPose(X_OH, row["joint_positions"]),
+        row.get("simulated_pose"),
     )
+
+
+def _simulated(outcome: ProbeOutcome) -> Row:
+    """Return the simulation's truth, where there is any."""
+    pose = outcome.simulated_pose
+    return {} if pose is None else {"simulated_pose": pose.tolist()}
 
 
 def _noise(contacts: Contacts) -> Row:

@@ -48,6 +48,7 @@ def grasp_with_tactile_check(
     *,
     planner: Planner | None = None,
     lift: Callable[..., LiftOutcome] = stages.lift,
+    X_WO: FloatArray | None = None,
 ) -> Iterator[Attempt]:
     """Grasp and lift; after a failed tactile check, estimate and plan again with the new contacts.
 
@@ -60,10 +61,11 @@ def grasp_with_tactile_check(
 
     `shape` is the true object, `contacts` are those of the exploration. `planner` estimates the
     surface and plans grasps; None does so as configured. `lift` is called as `pipeline.lift`.
+    `X_WO`, shape (4, 4), is the object's true pose in the frame of the contacts, None for the
+    identity: an exploration may have moved the object without noticing.
     """
     planner = planner or make_planner(shape, hand, config)
     missed = np.empty((0, 3))
-    X_WO: FloatArray | None = None
     for left in reversed(range(config.attempts)):
         mesh, search = planner(contacts)
         if not search.grasps:

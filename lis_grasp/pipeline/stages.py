@@ -127,7 +127,8 @@ def touch(
     Your own `estimator`, `policy` or `prober` replaces the configured one. Without a log,
     `recorded` are the outcomes to resume: those of the same exploration for fewer touches. The
     configured cloud is known before the first touch; it is no part of the result. The object is
-    fixed, or free on a table. `progress` and `observe` are those of `explore`.
+    fixed, or free on a table: then it stays where a touch leaves it. `progress` and `observe` are
+    those of `explore`.
 
     The true `shape` is used for two things only: the prober touches it, and without a region its
     bounding box is known. It is at the configured pose (see `pose_of`).
@@ -137,7 +138,7 @@ def touch(
     recorded = log.resume() if log is not None else recorded
     cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
     exploration = explore(
-        prober or make_prober(config, hand, shape),
+        prober or make_prober(config, hand, shape, recorded),
         policy,
         estimator or make_estimator(config.estimator, config.sensor()),
         touches=config.touches,
@@ -181,15 +182,21 @@ def make_estimator(name: str, sensor: TactileSensor | None = None) -> Estimator:
     )
 
 
-def make_prober(config: RunConfig, hand: Hand, shape: Shape) -> Prober:
-    """Return the configured prober of the true object at its pose."""
+def make_prober(
+    config: RunConfig, hand: Hand, shape: Shape, recorded: Sequence[ProbeOutcome] = ()
+) -> Prober:
+    """Return the configured prober of the true object, in the state after recorded outcomes."""
     if config.prober == "dynamic":
         from lis_grasp.simulation.dynamic_prober import DynamicProber
         from lis_grasp.simulation.probing_scene import FreeObject
 
         height = support_height(shape, config)
         free = FreeObject(height, config.mass, config.friction) if config.free else None
-        return DynamicProber(hand, shape.mesh, free=free)
+        threshold = config.sensor().force_threshold or None  # a touch must be detected to end
+        prober = DynamicProber(hand, shape.mesh, free=free, force_threshold=threshold)
+        if recorded and recorded[-1].simulated_pose is not None:
+            prober.place_object(recorded[-1].simulated_pose)
+        return prober
     from lis_grasp.probing.kinematic_prober import KinematicProber
 
     return KinematicProber(hand, shape.mesh, fingers="all" if config.fingers == "all" else "one")

@@ -98,6 +98,9 @@ class GuardedMotion:
     Conservative advancement (Mirtich 1996): move as far as the distance between links and object
     allows, repeatedly. Distances are python-fcl's, on the exact mesh: the true object in O [m]. A
     hand without probe posture and a mesh that is not watertight are refused.
+
+    Probes, obstacles and courses are in the frame E in which the hand is commanded. It is O until
+    `place_object` moves the object.
     """
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh) -> None:
@@ -113,6 +116,12 @@ class GuardedMotion:
         self._balls = {
             name: _balls_in_hand(hand, posture) for name, posture in hand.probe_postures.items()
         }
+        self._X_OE: FloatArray | None = None  # None for the identity
+
+    def place_object(self, X_EO: FloatArray) -> None:
+        """Place the true object at a pose, shape (4, 4)."""
+        moved = not np.array_equal(X_EO, np.eye(4))
+        self._X_OE = np.asarray(np.linalg.inv(X_EO)) if moved else None
 
     def run(self, probe: Probe, obstacles: ObstacleModel | None = None) -> Course | str:
         """Move up to the first contact; return the course, or the reason that blocks the probe.
@@ -190,6 +199,7 @@ class GuardedMotion:
 
     def _place(self, approach: Approach, X_OH: FloatArray) -> bool:
         """Place the hand; return whether a link touches the object's surface."""
+        X_OH = X_OH if self._X_OE is None else self._X_OE @ X_OH
         return self._checker.place(X_OH, self._poses[approach.posture.finger])
 
     def _free_start(self, probe: Probe) -> Approach | None:
@@ -199,6 +209,8 @@ class GuardedMotion:
             if radius not in inside:
                 # A hand that does not cross the surface is all inside or all outside.
                 center = probe.start - radius * probe.direction
+                if self._X_OE is not None:
+                    center = self._X_OE[:3, :3] @ center + self._X_OE[:3, 3]
                 inside[radius] = any_inside(self._mesh, center[None])
             if not inside[radius] and not self._place(approach, approach.X_OH):
                 return approach
@@ -207,6 +219,8 @@ class GuardedMotion:
     def _advance(self, direction: FloatArray, length: float) -> tuple[NearestLink | None, float]:
         """Move the placed hand until a link touches; return the link and the distance [m]."""
         travelled = 0.0
+        if self._X_OE is not None:
+            direction = self._X_OE[:3, :3] @ direction
         while True:
             nearest = self._checker.nearest(travelled * direction)
             if nearest.distance < TOUCHING:

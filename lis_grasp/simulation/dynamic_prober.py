@@ -8,25 +8,25 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.probe import PROBE_SPEED, HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
+from lis_grasp.records import read_only
 from lis_grasp.simulation.contact_patches import Patch
 from lis_grasp.simulation.probing_scene import FreeObject, ProbingScene
 from lis_grasp.typing import FloatArray
 
-# 0.2 mm a step of 2 ms: with the skin's stiffness, a touch exceeds the threshold by at most 1 N.
-_FORCE_THRESHOLD = 0.2  # [N]
 # Free flight needs no dynamics: the simulation starts this far before the first contact [m].
 _BEFORE = 0.002
 # A touch is detected within this distance of the first contact; later ones are grazes [m].
 _BEYOND = 0.01
-# A free object is touched slowly [m/s]; tilted by more than this afterwards, it has toppled [rad].
-_GENTLE_SPEED, _TOPPLED = 0.03, np.deg2rad(5.0)
+# A free object is touched slowly [m/s]. The hand retreats this late after the detection [s]: a
+# sensor of 100 Hz.
+_GENTLE_SPEED, _LATENCY = 0.03, 0.01
 
 GRAZED = "a link grazed the object below the force threshold"
-TOPPLED = "the touch toppled the object"
 
 
 class DynamicProber:
@@ -35,33 +35,57 @@ class DynamicProber:
     The hand rides on an arm along the probe's direction at 0.1 m/s, one finger extended in its
     probe posture, the joints under PD control. Free flight is exact without integration and is
     skipped (`GuardedMotion`). The motion is simulated from 2 mm before the first contact until a
-    contact's normal force exceeds 0.2 N.
+    contact's normal force exceeds the threshold.
 
     Contact is Drake's hydroelastic one between the exact mesh and compliant links, so bores and
     concave corners are true. A contact is the area-weighted centroid and normal of its patch, not
     the force's direction, which friction tilts. A patch across an edge counts as two contacts. Each
     is tagged with the link that touched.
 
-    An outcome depends on nothing but the probe.
+    A fixed object gives an outcome that depends on nothing but the probe. A free one stays where a
+    touch leaves it, toppled or rolled away. Probes and contacts are in the frame E in which the
+    hand is commanded: the prober measures by the hand's kinematics, and never by the object's pose.
+    E is the object's frame O before the first touch.
 
     Parameters
     ----------
     hand, mesh
         The hand and the true object; requirements and errors as of `KinematicProber`.
     free
-        Makes the object free to move on a table; None fixes it. Contacts are in the object's frame
-        at that time. Each probe starts with the object at its first pose. A touch that topples it
-        is not used.
+        Makes the object free to move on a table, and touches slow; None fixes it.
+    force_threshold
+        Normal force that ends a touch [N]; None for 0.2 N, and 0.05 N on a free object. The motion
+        advances by 0.2 mm a step, or 0.06 mm if the object is free, so the force exceeds it a
+        little: by at most 1 N.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the threshold is not above 0.
     """
 
     def __init__(
-        self, hand: Hand, mesh: trimesh.Trimesh, *, free: FreeObject | None = None
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        free: FreeObject | None = None,
+        force_threshold: float | None = None,
     ) -> None:
+        if force_threshold is None:
+            force_threshold = 0.2 if free is None else 0.05
+        require_positive(force_threshold=force_threshold)
+        self._threshold = force_threshold
         self._scene = ProbingScene(hand, mesh, free)
         self._motion = GuardedMotion(hand, mesh)
         self._hand = hand
         self._free = free
         self._hull = np.asarray(mesh.convex_hull.vertices)
+        self._X_EO = np.eye(4)
+
+    def place_object(self, X_EO: FloatArray) -> None:
+        """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""
+        self._X_EO = read_only(np.array(X_EO, dtype=np.float64))
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`.
@@ -71,28 +95,31 @@ class DynamicProber:
         SimulationError
             If Drake's solver fails.
         """
+        self._motion.place_object(self._X_EO)
         missed, course = self._motion.outcome(probe, obstacles)
+        if self._free is not None:
+            missed = replace(missed, simulated_pose=self._X_EO)
         if course is None or course.touched is None:
             return missed
-        patches, X_WO, hand_pose = self._touch(course)
-        moved, tilt = self._displacement()
-        reason = TOPPLED if tilt > _TOPPLED else GRAZED if not patches else ""
-        if reason:
-            return replace(missed, status="blocked", reason=reason, moved=moved)
+        before = self._X_EO
+        patches, hand_pose = self._touch(course)
+        if self._free is not None:
+            missed = replace(missed, simulated_pose=self._X_EO, moved=self._displacement(before))
+        if not patches:
+            return replace(missed, status="blocked", reason=GRAZED)
         return replace(
             missed,
             status="touched",
-            contacts=_contacts(patches, X_WO, course.until_contact),
-            moved=moved,
+            contacts=_contacts(patches, course.until_contact),
             hand_pose=hand_pose,
         )
 
-    def _touch(self, course: Course) -> tuple[list[Patch], FloatArray, HandPose]:
-        """Simulate the last part of a course; return contact patches, X_WO and the hand's pose."""
+    def _touch(self, course: Course) -> tuple[list[Patch], HandPose]:
+        """Simulate the last part of a course; return contact patches and the hand's pose."""
         scene, posture = self._scene, course.approach.posture
         palm_to_base = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
-        X_OB = course.X_OH @ palm_to_base[self._hand.base_link]
-        scene.place(posture.joint_positions, X_OB, course.direction)
+        X_EB = course.X_OH @ palm_to_base[self._hand.base_link]
+        scene.place(posture.joint_positions, X_EB, course.direction, self._X_EO)
         speed = PROBE_SPEED if self._free is None else _GENTLE_SPEED
         start = max(course.travelled - _BEFORE, 0.0)
         scene.start_motion(start, speed)
@@ -101,29 +128,28 @@ class DynamicProber:
         patches: list[Patch] = []
         for n in range(1, int(np.ceil((end - start) / step)) + 1):
             scene.step(start + n * step, speed)
-            patches = scene.patches(_FORCE_THRESHOLD)
+            patches = scene.patches(self._threshold)
             if patches:
                 break
-        X_WO = scene.X_WO
-        hand_pose = HandPose(np.linalg.inv(X_WO) @ scene.X_WH, scene.joint_positions)
+        hand_pose = HandPose(scene.X_WH + 0.0, scene.joint_positions)  # no negative zeros
         if self._free is not None:
-            scene.retreat(start + n * step, PROBE_SPEED)
-        return patches, X_WO, hand_pose
+            late = n + round(_LATENCY / scene.time_step)
+            for m in range(n + 1, late + 1):
+                scene.step(start + m * step, speed)
+            scene.retreat(start + late * step, PROBE_SPEED)
+            self._X_EO = read_only(scene.X_WO)
+        return patches, hand_pose
 
-    def _displacement(self) -> tuple[float, float]:
-        """Return the largest displacement of the object [m], and its tilt [rad]."""
-        X_WO = self._scene.X_WO
-        moved = self._hull @ X_WO[:3, :3].T + X_WO[:3, 3] - self._hull
-        tilt = float(np.arccos(np.clip(X_WO[2, 2], -1.0, 1.0)))
-        return float(np.linalg.norm(moved, axis=1).max()), tilt
+    def _displacement(self, X_EO: FloatArray) -> float:
+        """Return the largest displacement of a point of the object from an earlier pose [m]."""
+        before, now = (trimesh.transform_points(self._hull, X) for X in (X_EO, self._X_EO))
+        return float(np.linalg.norm(now - before, axis=1).max())
 
 
-def _contacts(patches: list[Patch], X_WO: FloatArray, time: float) -> Contacts:
-    """Return patches in W as contacts in O, for an object at X_WO."""
-    points = np.array([patch.point for patch in patches])
+def _contacts(patches: list[Patch], time: float) -> Contacts:
     return Contacts(
-        points=(points - X_WO[:3, 3]) @ X_WO[:3, :3],
-        normals=np.array([patch.normal for patch in patches]) @ X_WO[:3, :3],
+        points=np.array([patch.point for patch in patches]) + 0.0,  # no negative zeros
+        normals=np.array([patch.normal for patch in patches]) + 0.0,
         forces=np.array([patch.force for patch in patches]),
         fingers=tuple(patch.link for patch in patches),
         times=np.full(len(patches), time),

@@ -8,7 +8,13 @@ import numpy as np
 import trimesh
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
 from pydrake.multibody.tree import (
     PdControllerGains,
     PrismaticJoint,
@@ -42,7 +48,10 @@ _STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
 _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
 
 # After a touch the hand retreats until the object is slower than this [m/s], within times [s].
-_STILL, _LEAST_SETTLING, _LONGEST_SETTLING = 5e-4, 0.03, 0.5
+_STILL, _LEAST_SETTLING, _LONGEST_SETTLING = 5e-4, 0.03, 2.0
+# Rolling resistance: its moment is that of the weight at a lever of 0.01 radii, as of wood on wood.
+# It falls to 0 below this angular speed [rad/s].
+_ROLLING_RESISTANCE, _ROLLING = 0.01, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +82,11 @@ class FreeObject:
 
 
 class ProbingScene:
-    """A Drake simulation of a hand on a rail and an object; W is the object's frame O at rest.
+    """A Drake simulation of a hand on a rail and an object; W is the frame of the probes.
 
     One plant serves every probe: `place` sets the poses of rail, hand and object, and locks their
-    joints for the motion. The joint of a `free` object stays unlocked.
+    joints for the motion. The joint of a `free` object stays unlocked, and rolling meets a
+    resistance.
     """
 
     time_step = _TIME_STEP
@@ -94,6 +104,7 @@ class ProbingScene:
         )
         self._plant: MultibodyPlant = plant
         self._free = free is not None
+        self._resistance = 0.0 if free is None else _rolling_resistance(mesh, free.mass)
         self._add_hand(hand, free.friction if free is not None else _FRICTION)
         self._add_object(mesh, free)
         plant.Finalize()
@@ -109,6 +120,7 @@ class ProbingScene:
         self._context = plant.GetMyMutableContextFromRoot(self._root_context)
         self._arm_port = plant.get_desired_state_input_port(self._arm)
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
+        self._forces_port = plant.get_applied_spatial_force_input_port()
         self._results_port = plant.get_contact_results_output_port()
         self._steps = 0
 
@@ -161,6 +173,7 @@ class ProbingScene:
         if free is None:
             plant.set_gravity_enabled(instance, False)
         else:
+            self._body = body
             self._table = add_table(plant, free.support_height, free.friction, under=mesh)
 
     @property
@@ -178,19 +191,26 @@ class ProbingScene:
         """Current positions of the hand's joints, shape (J,)."""
         return self._hand.joint_positions(self._context)
 
-    def place(self, q: FloatArray, X_OB: FloatArray, direction: FloatArray) -> None:
-        """Set joints (J,) and base link (4, 4) to the start of a motion along (3,), at rest."""
+    def place(
+        self, q: FloatArray, X_WB: FloatArray, direction: FloatArray, X_WO: FloatArray
+    ) -> None:
+        """Set everything to the start of a motion along `direction` (3,), at rest.
+
+        `q` are the joints (J,), `X_WB` is the pose (4, 4) of the base link, `X_WO` the object's.
+        """
         plant, context = self._plant, self._context
         for joint in (self._rail, self._mount, self._fixture):
             joint.Unlock(context)
         plant.SetVelocities(context, np.zeros(plant.num_velocities()))
         self._hand.set_joint_positions(context, q)
         self._slider.set_translation(context, 0.0)
-        X_OR = np.eye(4)
-        X_OR[:3, :3] = rotation_to_x(direction).T
-        self._rail.SetPose(context, _rigid(X_OR))
-        self._mount.SetPose(context, _rigid(np.linalg.inv(X_OR) @ X_OB))
-        self._fixture.SetPose(context, RigidTransform())
+        X_WR = np.eye(4)
+        X_WR[:3, :3] = rotation_to_x(direction).T
+        self._rail.SetPose(context, _rigid(X_WR))
+        self._mount.SetPose(context, _rigid(np.linalg.inv(X_WR) @ X_WB))
+        # A pose that was moved to another frame is a rotation but for rounding.
+        R_WO = RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3])
+        self._fixture.SetPose(context, RigidTransform(R_WO, X_WO[:3, 3]))
         self._rail.Lock(context)
         self._mount.Lock(context)
         if not self._free:
@@ -211,6 +231,8 @@ class ProbingScene:
         """Simulate one time step towards a commanded position [m] and speed [m/s]."""
         self._arm_port.FixValue(self._context, [travelled, speed])
         self._steps += 1
+        if self._free:
+            self._resist_rolling()
         advance(self._simulator, self._steps * _TIME_STEP, of="a touch")
 
     def retreat(self, travelled: float, speed: float) -> None:
@@ -219,6 +241,15 @@ class ProbingScene:
             self.step(travelled - n * speed * _TIME_STEP, -speed)
             if n * _TIME_STEP >= _LEAST_SETTLING and self._speed_of_object() < _STILL:
                 return
+
+    def _resist_rolling(self) -> None:
+        """Apply the moment of rolling resistance to the free object, for one step."""
+        turn = self._fixture.get_angular_velocity(self._context)
+        load = ExternallyAppliedSpatialForce()
+        load.body_index = self._body.index()
+        moment = -self._resistance / max(float(np.linalg.norm(turn)), _ROLLING) * turn
+        load.F_Bq_W = SpatialForce(tau=moment, f=np.zeros(3))
+        self._forces_port.FixValue(self._context, [load])
 
     def _speed_of_object(self) -> float:
         """Return the larger of linear speed and angular speed at a lever of 0.1 m [m/s]."""
@@ -243,3 +274,8 @@ class ProbingScene:
 
 def _rigid(X: FloatArray) -> RigidTransform:
     return RigidTransform(RotationMatrix(X[:3, :3]), X[:3, 3])
+
+
+def _rolling_resistance(mesh: trimesh.Trimesh, mass: float) -> float:
+    """Return the moment of rolling resistance [N m], at the radius of half the least extent."""
+    return _ROLLING_RESISTANCE * mass * 9.81 * 0.5 * float(np.min(mesh.extents))

@@ -1,4 +1,4 @@
-"""Touches of a free object: it stays, slides or topples."""
+"""Touches of a free object: it stays, slides, rolls or topples, and remains where it is."""
 
 import numpy as np
 import pytest
@@ -11,16 +11,24 @@ from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.probing.guarded_motion import AT_TABLE
+from lis_grasp.shapes import build
 from lis_grasp.simulation import dynamic_prober
-from lis_grasp.simulation.dynamic_prober import TOPPLED, DynamicProber
+from lis_grasp.simulation.dynamic_prober import DynamicProber
 from lis_grasp.simulation.probing_scene import FreeObject
 
 FROM_THE_SIDE = Probe([-0.03, 0.0, 0.0], [1.0, 0.0, 0.0], 0.02, 0.02)
 
 
-def touched(mesh: trimesh.Trimesh, *, mass: float, friction: float, probe: Probe = FROM_THE_SIDE):
+def touched(
+    mesh: trimesh.Trimesh,
+    *,
+    mass: float,
+    friction: float,
+    probe: Probe = FROM_THE_SIDE,
+    threshold: float | None = None,
+):
     free = FreeObject(float(mesh.bounds[0, 2]), mass, friction)
-    prober = DynamicProber(Hand.load("allegro"), mesh, free=free)
+    prober = DynamicProber(Hand.load("allegro"), mesh, free=free, force_threshold=threshold)
     return prober.probe(probe), prober
 
 
@@ -36,27 +44,57 @@ def test_a_touch_weaker_than_friction_moves_nothing() -> None:
     np.testing.assert_allclose(outcome.contacts.points[0], [-0.03, 0.0, 0.0], atol=1e-3)
 
 
-def test_contacts_of_a_sliding_object_are_in_its_frame() -> None:
-    # 0.02 x 0.05 kg x g = 0.01 N of friction: it slides away from the finger.
-    outcome, prober = touched(cube(), mass=0.05, friction=0.02)
-    assert outcome.moved > 1e-3
-    if outcome.status == "touched":
-        np.testing.assert_allclose(outcome.contacts.points[0, 0], -0.03, atol=2e-4)
-    # The next probe finds it at its first pose.
-    again = prober.probe(Probe([0.0, 0.0, 0.03], [0.0, 0.0, -1.0], 0.02, 0.02))
-    np.testing.assert_allclose(again.contacts.points[0], [0.0, 0.0, 0.03], atol=1e-3)
+def test_a_sliding_object_stays_where_a_touch_leaves_it() -> None:
+    # 0.02 x 0.05 kg x g = 0.01 N of friction: it slides away from a finger that feels 1 N only.
+    outcome, prober = touched(cube(), mass=0.05, friction=0.02, threshold=1.0)
+    moved = outcome.simulated_pose[0, 3]
+    assert moved > 5e-3
+    assert outcome.moved == pytest.approx(moved, rel=0.05)
+    # The next probe finds its top where nothing was before.
+    beyond = 0.03 + 0.5 * moved
+    down = Probe([beyond, 0.0, 0.03], [0.0, 0.0, -1.0], 0.02, 0.005)
+    above = prober.probe(down)
+    assert above.status == "touched"
+    np.testing.assert_allclose(above.contacts.points[0, 2], 0.03, atol=1e-3)
+    assert above.contacts.points[0, 0] > 0.03
 
 
-def test_a_touch_that_topples_the_object_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_contact_is_measured_by_the_hand_wherever_the_object_is() -> None:
+    _, prober = touched(cube(), mass=0.5, friction=0.5)
+    X_EO = np.eye(4)
+    X_EO[:2, :2] = [[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]]
+    X_EO[:2, 3] = 0.004, -0.002
+    prober.place_object(X_EO)
+    contacts = prober.probe(Probe([-0.03, 0.0, 0.0], [1.0, 0.0, 0.0], 0.02, 0.03)).contacts
+    # On the face of the turned cube, to the accuracy of a touch of 0.05 N on a body of 0.5 kg.
+    in_object = trimesh.transform_points(contacts.points, np.linalg.inv(X_EO))
+    np.testing.assert_allclose(in_object[0, 0], -0.03, atol=2e-4)
+    np.testing.assert_allclose(contacts.normals[0], -X_EO[:3, 0], atol=2e-3)
+
+
+def test_a_touch_that_topples_the_object_leaves_it_toppled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     # It yields at 0.01 N and returns with the finger, which stops after 10 mm. Pushed by 50 mm at a
     # height of 180 mm it tilts beyond its foot of 20 mm.
     monkeypatch.setattr(dynamic_prober, "_BEYOND", 0.05)
     stick = trimesh.creation.box(extents=[0.02, 0.02, 0.2])
     probe = Probe([-0.01, 0.0, 0.08], [1.0, 0.0, 0.0], 0.02, 0.06)
-    outcome, _ = touched(stick, mass=0.02, friction=0.8, probe=probe)
-    assert outcome.status == "blocked"
-    assert outcome.reason == TOPPLED
-    assert len(outcome.contacts) == 0
+    outcome, prober = touched(stick, mass=0.02, friction=0.8, probe=probe)
+    assert outcome.simulated_pose[2, 2] < 0.1  # it lies
+    where_it_stood = prober.probe(Probe([0.0, 0.0, 0.1], [0.0, 0.0, -1.0], 0.02, 0.05))
+    assert where_it_stood.status == "missed"
+
+
+def test_a_light_ball_touched_gently_rolls_by_less_than_six_millimetres() -> None:
+    # Rolling resistance stops a ball of speed v after 0.7 v^2 / (0.01 g): 6 mm from 30 mm/s, the
+    # hand's speed. 10 ms after a force of 0.05 N on 0.05 kg it has a part of it.
+    ball = build("sphere", None).mesh
+    radius = -float(ball.bounds[0, 2])
+    probe = Probe([-radius, 0.0, 0.0], [1.0, 0.0, 0.0], 0.02, 0.02)
+    outcome, _ = touched(ball, mass=0.05, friction=0.5, probe=probe)
+    assert outcome.status == "touched"
+    assert 0.0 < outcome.moved < 0.006
 
 
 def test_no_approach_goes_through_the_table() -> None:

@@ -1,0 +1,65 @@
+"""Exploration of a free object: it resumes where it was interrupted, and uses no true pose."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lis_grasp import Hand, pipeline, shapes
+from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, TouchLog
+from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.simulation.dynamic_prober import DynamicProber
+
+# A ball of 50 g that rolls at every touch.
+BALL = shapes.build("sphere", None)
+CONFIG = pipeline.RunConfig(object="sphere", free=True, mass=0.05, friction=0.5, touches=6)
+
+
+@pytest.fixture(scope="module")
+def hand() -> Hand:
+    return Hand.load("allegro")
+
+
+@pytest.fixture(scope="module")
+def whole(hand: Hand, tmp_path_factory: pytest.TempPathFactory) -> tuple[Exploration, bytes]:
+    path = tmp_path_factory.mktemp("whole") / "touches.jsonl"
+    exploration = pipeline.touch(BALL, hand, CONFIG, log=TouchLog(path, {}))
+    return exploration, path.read_bytes()
+
+
+@pytest.mark.slow
+def test_the_object_moves_from_probe_to_probe(whole: tuple[Exploration, bytes]) -> None:
+    poses = np.array([outcome.simulated_pose for outcome in whole[0].outcomes])
+    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    assert np.sum(steps > 1e-5) >= 4
+
+
+@pytest.mark.slow
+def test_an_interrupted_exploration_resumes_with_the_same_bytes(
+    whole: tuple[Exploration, bytes], hand: Hand, tmp_path: Path
+) -> None:
+    lines = whole[1].splitlines(keepends=True)
+    path = tmp_path / "touches.jsonl"
+    path.write_bytes(b"".join(lines[:5]))  # the header and four probes
+    pipeline.touch(BALL, hand, CONFIG, log=TouchLog(path, {}))
+    assert path.read_bytes() == whole[1]
+
+
+@pytest.mark.slow
+def test_a_lie_about_the_true_pose_changes_no_contact(
+    whole: tuple[Exploration, bytes], hand: Hand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    honest = DynamicProber.probe
+
+    def lying(
+        self: DynamicProber, probe: Probe, obstacles: ObstacleModel | None = None
+    ) -> ProbeOutcome:
+        outcome = honest(self, probe, obstacles)
+        far_away = np.diag([-1.0, 1.0, -1.0, 1.0])
+        return replace(outcome, simulated_pose=far_away, moved=1.0)
+
+    monkeypatch.setattr(DynamicProber, "probe", lying)
+    exploration = pipeline.touch(BALL, hand, CONFIG)
+    np.testing.assert_array_equal(exploration.contacts.points, whole[0].contacts.points)
+    np.testing.assert_array_equal(exploration.contacts.normals, whole[0].contacts.normals)
