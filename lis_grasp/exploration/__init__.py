@@ -3,6 +3,7 @@
 from lis_grasp.exploration.exploration_loop import Exploration, explore
 from lis_grasp.exploration.log_touches import Finger, LogFrames, contacts_from_log
 from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy
+from lis_grasp.exploration.pose_tracking import PoseTracker
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.region import DEFAULT_REGION, Region
 from lis_grasp.exploration.region_policy import RegionPolicy
@@ -27,6 +28,7 @@ __all__ = [
     "HandPose",
     "LogFrames",
     "Policy",
+    "PoseTracker",
     "Probe",
     "ProbeOutcome",
     "ProbeStatus",

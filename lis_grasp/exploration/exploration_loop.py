@@ -12,6 +12,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_at_least
 from lis_grasp.exploration.policy import Policy
+from lis_grasp.exploration.pose_tracking import PoseTracker, since_loss
 from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.stopping import StopRule
@@ -57,6 +58,8 @@ class Exploration:
         touches: list[ProbeOutcome] = []
         accumulated = _accumulated(self.outcomes, len(self.contacts))
         for outcome, contacts in zip(self.outcomes, accumulated, strict=True):
+            lost = outcome.tracked is not None and outcome.tracked.lost
+            touches = [] if lost else touches
             touches += [outcome] * (len(contacts) - len(touches))
         return tuple(touches)
 
@@ -90,6 +93,7 @@ def explore(
     prior: Contacts | None = None,
     sensor: TactileSensor | None = None,
     stop: Sequence[StopRule] = (),
+    tracker: PoseTracker | None = None,
     recorded: Sequence[ProbeOutcome] = (),
     record: Callable[[ProbeOutcome], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -126,6 +130,9 @@ def explore(
         Model of the tactile sensor; None for an ideal one.
     stop
         Rules that end the exploration early, checked after every probe once there is an estimate.
+    tracker
+        Tracks the pose of an object that touches move, repeats touches for it, and keeps contacts
+        in the object's frame; None if nothing moves.
     recorded
         Outcomes of an interrupted exploration, to resume.
     record
@@ -154,6 +161,8 @@ def explore(
     estimated_from = 0  # contacts
     while True:
         known = before.append(contacts)
+        if len(known) < estimated_from:  # the object was lost
+            estimated, estimated_from = None, 0
         is_new = len(known) > estimated_from
         if is_new:
             estimated, estimated_from = estimate(known), len(known)
@@ -164,13 +173,18 @@ def explore(
         if ended:
             return Exploration(contacts, tuple(outcomes), ended)
         draws = rng.spawn(1)[0]
-        probe = policy.next_probe(known, estimated, outcomes=outcomes, rng=draws)
+        again = None if tracker is None else tracker.probe_again(outcomes)
+        recent = since_loss(outcomes)
+        probe = again or policy.next_probe(known, estimated, outcomes=recent, rng=draws)
         if probe is None:
             return Exploration(contacts, tuple(outcomes), "the policy has no probe left")
         obstacles = None if space is None else ObstacleModel(space.grown(known), known, surface)
         outcome = prober.probe(probe, obstacles)
         if sensor is not None:
             outcome = sensor.report(outcome, rng=draws)
+        if tracker is not None:
+            repeated = again is not None
+            outcome = tracker.track(outcome, recent, known, estimated, repeated=repeated)
         if record is not None:
             record(outcome)
         outcomes.append(outcome)
@@ -212,8 +226,15 @@ def _accumulated(outcomes: Sequence[ProbeOutcome], touches: int | None) -> Itera
 def _with_outcome(
     contacts: Contacts, outcome: ProbeOutcome, clock: float, touches: int | None
 ) -> Contacts:
-    """Return the contacts with those of an outcome that began `clock` [s] after the first."""
+    """Return the contacts with those of an outcome that began `clock` [s] after the first.
+
+    An outcome that shows that the object is lost ends the contacts before it.
+    """
+    if outcome.tracked is not None and outcome.tracked.lost:
+        contacts = Contacts.empty()
     room = None if touches is None else touches - len(contacts)
+    if outcome.tracked is not None and outcome.tracked.repeated:
+        room = 0  # it measures the pose, and nothing new of the surface
     new = outcome.contacts.subset(_new_contacts(contacts, outcome)[:room])
     # The outcome's free space counts; a prober may repeat it in its contacts.
     added = replace(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
 
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
+from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
@@ -126,6 +128,9 @@ class ProbeOutcome:
         Shape (4, 4): true pose of a free object after the probe, in the frame of the contacts; None
         if unknown or fixed. It is for the evaluation and to resume a simulation: no policy,
         estimate or plan uses it.
+    tracked
+        Belief about the object's pose after the probe, where it is tracked. The contacts are then
+        in the object's frame after it, and the probe is in that before it.
 
     Raises
     ------
@@ -146,6 +151,7 @@ class ProbeOutcome:
     free_radii: FloatArray = field(default_factory=lambda: np.empty(0))
     hand_pose: HandPose | None = None
     simulated_pose: FloatArray | None = None
+    tracked: PoseBelief | None = None
 
     __repr__ = short_repr
 
@@ -175,6 +181,29 @@ class ProbeOutcome:
         require_at_least(0, duration=self.duration, moved=self.moved)
         if not isinstance(self.reason, str):
             raise InvalidOptionError.out_of_range("reason", self.reason, "text")
+
+    def in_frame(self, X_EF: FloatArray) -> ProbeOutcome:
+        """Return the outcome in a frame F with pose X_EF (4, 4); the probe stays as it was."""
+        X_FE = np.linalg.inv(X_EF)
+        contacts, hand_pose, pose = self.contacts, self.hand_pose, self.simulated_pose
+        return replace(
+            self,
+            contacts=replace(
+                contacts,
+                points=trimesh.transform_points(contacts.points, X_FE),
+                normals=contacts.normals @ X_FE[:3, :3].T,
+                free_points=trimesh.transform_points(contacts.free_points, X_FE),
+            ),
+            free_points=trimesh.transform_points(self.free_points, X_FE),
+            hand_pose=hand_pose and replace(hand_pose, X_OH=X_FE @ hand_pose.X_OH),
+            simulated_pose=None if pose is None else X_FE @ pose,
+        )
+
+    def object_moved(self, X_EF: FloatArray) -> ProbeOutcome:
+        """Return the outcome after a believed motion of the object that its contacts precede."""
+        pose = self.simulated_pose
+        moved = None if pose is None else np.linalg.inv(X_EF) @ pose
+        return replace(self, simulated_pose=moved)
 
 
 class Prober(Protocol):

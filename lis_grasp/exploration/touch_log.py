@@ -11,6 +11,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError
+from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
 from lis_grasp.typing import FloatArray
@@ -129,7 +130,7 @@ def _row(outcome: ProbeOutcome) -> Row:
         "free_radii": outcome.free_radii.tolist(),
         "X_OH": None if hand_pose is None else hand_pose.X_OH.tolist(),
         "joint_positions": None if hand_pose is None else hand_pose.joint_positions.tolist(),
-        **_simulated(outcome),
+        **_object_poses(outcome),
     }
 
 
@@ -155,6 +156,7 @@ def _outcome(row: Row) -> ProbeOutcome:
         position_noise=row.get("position_noise"),
         normal_noise=row.get("normal_noise"),
     )
+    tracked = row.get("tracked_pose")
     X_OH = row.get("X_OH")  # logs of older versions have neither pose nor radii
     return ProbeOutcome(
         Probe(row["target"], row["direction"], row["standoff"], row["overshoot"]),
@@ -167,13 +169,16 @@ def _outcome(row: Row) -> ProbeOutcome:
         np.array(row.get("free_radii", [])),
         None if X_OH is None else HandPose(X_OH, row["joint_positions"]),
         row.get("simulated_pose"),
+        None if tracked is None else PoseBelief.from_dict(tracked),
     )
 
 
-def _simulated(outcome: ProbeOutcome) -> Row:
-    """Return the simulation's truth, where there is any."""
-    pose = outcome.simulated_pose
-    return {} if pose is None else {"simulated_pose": pose.tolist()}
+def _object_poses(outcome: ProbeOutcome) -> Row:
+    """Return the tracked pose, and the simulation's truth, where there are any."""
+    pose, tracked = outcome.simulated_pose, outcome.tracked
+    return ({} if tracked is None else {"tracked_pose": tracked.as_dict()}) | (
+        {} if pose is None else {"simulated_pose": pose.tolist()}
+    )
 
 
 def _noise(contacts: Contacts) -> Row:

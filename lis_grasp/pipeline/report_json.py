@@ -16,6 +16,7 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_covera
 from lis_grasp.exploration import STEP_FRACTION, Exploration
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
+from lis_grasp.pipeline.object_motion import motion_facts, true_object
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import support_height
@@ -38,6 +39,7 @@ def build_report(
     Surface, grasps and lift are those of the last attempt.
     """
     last = attempts[-1]
+    truth = true_object(shape, exploration)
     return {
         "version": lis_grasp.__version__,
         "config": config.facts(),
@@ -48,8 +50,8 @@ def build_report(
         "touches": len(exploration.contacts),
         "exploration": exploration_facts(config, shape, hand, exploration, last.mesh),
         "repairs": list(shape.repairs),
-        "surface": _surface_facts(shape, last.contacts, last.mesh),
-        "grasps": _grasp_facts(config, shape, hand, last.search),
+        "surface": _surface_facts(truth, last.contacts, last.mesh),
+        "grasps": _grasp_facts(config, truth, hand, last.search),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
         "lift": lift_facts(last.outcome),
     }
@@ -68,6 +70,7 @@ def exploration_facts(
     known in simulation only; exploration never uses it.
     """
     contacts = exploration.contacts
+    truth = true_object(shape, exploration)
     radius = touch_radius(shape.mesh)
     tips = [posture.radius for posture in hand.probe_postures.values() if posture.radius > 0.0]
     return {
@@ -77,9 +80,10 @@ def exploration_facts(
         "ended": exploration.ended,
         "seconds": exploration.duration,
         "search": None if config.region is None else _search_facts(exploration),
+        "motion": motion_facts(shape, exploration),
         "covered_radius": radius,
         "reachable_coverage": reachable_coverage(
-            shape.mesh,
+            truth.mesh,
             contacts,
             tip_radius=min(tips, default=0.1 * radius),
             radius=radius,

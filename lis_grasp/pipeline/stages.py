@@ -18,6 +18,7 @@ from lis_grasp.exploration import (
     STEP_FRACTION,
     Exploration,
     Policy,
+    PoseTracker,
     ProbeOutcome,
     Prober,
     Region,
@@ -137,8 +138,9 @@ def touch(
     policy = policy or make_policy(config, space)
     recorded = log.resume() if log is not None else recorded
     cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
+    prober = prober or make_prober(config, hand, shape, recorded)
     exploration = explore(
-        prober or make_prober(config, hand, shape, recorded),
+        prober,
         policy,
         estimator or make_estimator(config.estimator, config.sensor()),
         touches=config.touches,
@@ -147,6 +149,7 @@ def touch(
         prior=cloud,
         sensor=config.sensor(),
         stop=config.stop_rules(space),
+        tracker=make_tracker(config, prober),
         recorded=recorded,
         record=log.append if log is not None else None,
         progress=progress,
@@ -200,6 +203,14 @@ def make_prober(
     from lis_grasp.probing.kinematic_prober import KinematicProber
 
     return KinematicProber(hand, shape.mesh, fingers="all" if config.fingers == "all" else "one")
+
+
+def make_tracker(config: RunConfig, prober: Prober) -> PoseTracker | None:
+    """Return the tracker of an object that is free; None for one that is fixed."""
+    move_frame = getattr(prober, "move_frame", None)
+    if not config.free or move_frame is None:
+        return None
+    return PoseTracker(move_frame, config.sensor().position_noise)
 
 
 def estimate(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from lis_grasp.pipeline.object_motion import motion_line
 from lis_grasp.pipeline.reasons import lift_sentence, no_grasp_sentence
 
 # Below this intersection over union the estimate is named as poor.
@@ -24,6 +25,8 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
     lines += [f"touched   {made} of {asked} contacts, from {facts['probes']} probes"]
     if made < asked:
         lines.append(f"ended     before {asked} contacts: {facts['ended']}")
+    if facts.get("motion") is not None:
+        lines.append(motion_line(facts["motion"]))
     within = f"within {1e3 * facts['covered_radius']:.0f} mm of a contact"
     truth = facts["reachable_coverage"]
     if truth is not None:

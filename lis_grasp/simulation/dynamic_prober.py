@@ -87,6 +87,10 @@ class DynamicProber:
         """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""
         self._X_EO = read_only(np.array(X_EO, dtype=np.float64))
 
+    def move_frame(self, X_EF: FloatArray) -> None:
+        """Give later probes in a frame F with pose X_EF, shape (4, 4), about the vertical axis."""
+        self.place_object(np.linalg.inv(X_EF) @ self._X_EO)
+
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`.
 

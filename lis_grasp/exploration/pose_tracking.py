@@ -1,0 +1,259 @@
+"""Pose tracking of an object that touches move: a Kalman filter on contacts and the estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import require_at_least
+from lis_grasp.exploration.planar_motion import push_of
+from lis_grasp.exploration.pose_belief import PoseBelief
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.typing import FloatArray
+
+# A contact so far off certain surface, in standard deviations and [m], shows a large motion, of
+# these standard deviations of x, y [m] and yaw [rad].
+_CONTRADICTION, _FAR, _LARGE_MOTION = 5.0, 0.003, (0.015, 0.015, 0.3)
+# One so far off, in standard deviations, is suspicious: a place known from before is probed again.
+_SUSPICIOUS = 2.0
+# A contact so deep inside free space, in standard deviations and [m], shows one too.
+_DEEP, _DEPTH = 4.0, 0.004
+# After a contradiction, the object is found when all contacts are so certain again [m], and lost
+# after so many probes; another contradiction counts as two, and soon after it was found as lost.
+_FOUND, _LOST_AFTER = 0.003, 6
+# A place is touched again when its position is so uncertain [m], and so many times more than a
+# touch makes it.
+_UNCERTAIN, _WORTHWHILE = 0.0008, 2.0
+# A contact whose position is more uncertain is not used [m].
+_UNUSABLE = 0.004
+# Fewer contacts are too few to recognise a motion.
+_FEW = 5
+# A contact so near an earlier one [m] measures the distance from its tangent plane, which the
+# surface leaves by this fraction of the distance in it.
+_NEAR, _BEND = 0.003, 0.1
+# Errors of a distance by the estimate's gradient, as a fraction of it, and at least [m].
+_NONLINEAR, _LEAST_ERROR = 0.1, 1e-4
+
+MOVED = "the object moved too far to place the contact"
+LOST = "the object is no longer where it was: earlier contacts are dropped"
+
+
+@dataclass(frozen=True, slots=True)
+class PoseTracker:
+    """Estimates how touches move an object on a table, and keeps its contacts in its own frame.
+
+    The state is the planar displacement (x, y, yaw) of the object from the frame E of contacts and
+    estimate (`PoseBelief`). After each touch E moves by the mean. A touch pushes the object against
+    the contact's normal (`push_of`). The measurement is that a contact is on the surface estimated
+    before it:
+
+        d(p) = n . (t + yaw z x p) + noise
+
+    with the distance d = f / |grad f|, its gradient n, and noise of the estimate's standard
+    deviation and the sensor's. Where the surface is unknown, a contact says little about the pose.
+    When the pose has become uncertain, an earlier probe is repeated.
+
+    A contact that contradicts certain surface, or free space where contacts were, shows a large
+    motion: the pose becomes uncertain, and the next touches register it. If they contradict the
+    estimate too, the object has toppled or rolled away: its contacts are dropped.
+
+    Parameters
+    ----------
+    move_frame
+        Called with the pose X_EF, shape (4, 4), of the new frame F in E; later probes are in F.
+    position_noise
+        One standard deviation of a contact's position [m].
+
+    Raises
+    ------
+    InvalidOptionError
+        If the noise is negative.
+    """
+
+    move_frame: Callable[[FloatArray], None]
+    position_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_at_least(0, position_noise=self.position_noise)
+
+    def probe_again(self, outcomes: Sequence[ProbeOutcome]) -> Probe | None:
+        """Return an earlier probe to repeat because the pose has become uncertain, or None.
+
+        It is the one whose contact's position along its normal is least certain.
+        """
+        touches = [o for o in since_loss(outcomes) if o.status == "touched"]
+        belief = outcomes[-1].tracked if outcomes else None
+        if belief is None or not touches:
+            return None
+        if belief.repeated and belief.doubts <= 0:
+            return None
+        # Blocked ones again are blocked; while in doubt, every probe comes once.
+        tried = [
+            outcome.probe.target
+            for i, outcome in enumerate(outcomes)
+            if outcome.status == "blocked" or i >= len(outcomes) - max(belief.doubts, 0)
+        ]
+        if tried:
+            near = cdist([touch.probe.target for touch in touches], tried).min(axis=1)
+            touches = [touches[i] for i in np.flatnonzero(near > _NEAR)]
+        if not touches:
+            return None
+        if belief.suspicious:
+            return _sideways(touches, outcomes[-1]).probe
+        points = np.array([touch.contacts.points[0] for touch in touches])
+        normals = np.array([touch.contacts.normals[0] for touch in touches])
+        deviations = np.sqrt(belief.variances(points, normals))
+        best = int(np.argmax(deviations))
+        if deviations[best] < max(_UNCERTAIN, _WORTHWHILE * belief.push_deviation):
+            return None
+        again = touches[best].probe
+        return replace(again, overshoot=again.overshoot + 2.0 * float(deviations[best]))
+
+    def track(
+        self,
+        outcome: ProbeOutcome,
+        outcomes: Sequence[ProbeOutcome],
+        known: Contacts,
+        surface: ImplicitSurface | None,
+        *,
+        repeated: bool,
+    ) -> ProbeOutcome:
+        """Return an outcome in the object's new frame, with the belief about its pose.
+
+        `outcomes` are those before, `known` their contacts, `surface` is estimated from them.
+        `repeated` is whether the probe is one of `probe_again`.
+        """
+        belief = (outcomes[-1].tracked if outcomes else None) or PoseBelief.start()
+        contacts = outcome.contacts
+        certain = surface if len(known) >= _FEW else None
+        contradicted = certain is not None and _free_where_touched(outcome, known, belief)
+        push = push_of(contacts, known) if len(contacts) else None
+        usable, suspicious = True, False
+        if push is not None:
+            belief = belief.pushed(push, detected=False)
+            belief, surprise = self._measured(belief, contacts, known, certain)
+            contradicted |= surprise > _CONTRADICTION
+            suspicious = surprise > _SUSPICIOUS
+            deviations = np.sqrt(belief.variances(contacts.points, contacts.normals))
+            usable = not (contradicted or belief.doubts > 0 or deviations.max() > _UNUSABLE)
+        belief, X_EC = belief.centered()  # the frame C when the contacts were made
+        outcome = outcome.in_frame(X_EC)
+        if push is not None:
+            belief = belief.pushed(push, detected=True)
+        belief = self._doubted(belief, known, contradicted)
+        belief, X_CF = belief.centered()
+        self.move_frame(X_EC @ X_CF)
+        belief = replace(
+            belief,
+            repeated=repeated,
+            suspicious=suspicious and not repeated,
+            lost=belief.doubts > _LOST_AFTER,
+        )
+        if belief.lost:
+            belief = replace(PoseBelief.start(), X_WE=belief.X_WE, lost=True)
+        outcome = replace(outcome.object_moved(X_CF), tracked=belief)
+        if belief.lost:
+            return replace(outcome, reason=LOST)
+        if usable:
+            return outcome
+        return replace(outcome, status="blocked", contacts=Contacts.empty(), reason=MOVED)
+
+    def _doubted(self, belief: PoseBelief, known: Contacts, contradicted: bool) -> PoseBelief:
+        """Return the belief with the new number of doubts, loosened by a contradiction."""
+        doubts = belief.doubts
+        if contradicted:
+            doubts = _LOST_AFTER + 1 if doubts < 0 else doubts + (2 if doubts else 1)
+            return replace(belief.loosened(np.array(_LARGE_MOTION)), doubts=doubts)
+        if doubts > 0:
+            worst = float(belief.variances(known.points, known.normals).max())
+            doubts = -_FEW if worst < _FOUND**2 else doubts + 1
+        elif doubts < 0:
+            doubts += 1
+        return replace(belief, doubts=doubts)
+
+    def _measured(
+        self,
+        belief: PoseBelief,
+        contacts: Contacts,
+        known: Contacts,
+        surface: ImplicitSurface | None,
+    ) -> tuple[PoseBelief, float]:
+        """Return the belief after contacts, and the largest innovation in standard deviations.
+
+        Innovations of a few millimetres do not count.
+        """
+        surprise = 0.0
+        for point in contacts.points:
+            measurement = _to_plane(point, known)
+            if measurement is None and surface is not None:
+                measurement = _to_surface(point, surface)
+            if measurement is None:
+                continue
+            normal, distance, variance = measurement
+            variance += self.position_noise**2 + (_NONLINEAR * distance) ** 2 + _LEAST_ERROR**2
+            off, deviation = belief.innovation(point, normal, distance, variance)
+            if abs(off) > _FAR:
+                surprise = max(surprise, abs(off) / deviation)
+            belief = belief.measured(point, normal, distance, variance)
+        return belief, surprise
+
+
+def _to_plane(point: FloatArray, known: Contacts) -> tuple[FloatArray, float, float] | None:
+    """Return normal (3,), distance [m] and its variance to the plane of a near contact, or None."""
+    if not len(known):
+        return None
+    offsets = point - known.points
+    nearest = int(np.argmin(np.linalg.norm(offsets, axis=1)))
+    normal, offset = known.normals[nearest], offsets[nearest]
+    distance = float(offset @ normal)
+    aside = float(np.linalg.norm(offset - distance * normal))
+    if aside > _NEAR or abs(distance) > _FAR:
+        return None
+    noise = 0.0 if known.position_noise is None else np.nan_to_num(known.position_noise[nearest])
+    return normal, distance, (_BEND * aside) ** 2 + float(noise) ** 2
+
+
+def _to_surface(
+    point: FloatArray, surface: ImplicitSurface
+) -> tuple[FloatArray, float, float] | None:
+    """Return normal (3,), distance [m] and its variance to an estimate, or None."""
+    gradient = surface.gradient(point)
+    steepness = float(np.linalg.norm(gradient))
+    if steepness == 0.0:
+        return None
+    return (
+        gradient / steepness,
+        float(surface.evaluate(point)) / steepness,
+        float(surface.uncertainty(point)) ** 2,
+    )
+
+
+def since_loss(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
+    """Return the outcomes since the object was lost, the one that showed it included."""
+    for i in range(len(outcomes) - 1, -1, -1):
+        belief = outcomes[i].tracked
+        if belief is not None and belief.lost:
+            return outcomes[i:]
+    return outcomes
+
+
+def _sideways(touches: Sequence[ProbeOutcome], last: ProbeOutcome) -> ProbeOutcome:
+    """Return the touch of a side that faces most like that of the last, but another touch."""
+    others = [touch for touch in touches if touch is not last] or list(touches)
+    normal = last.contacts.normals[0] if len(last.contacts) else -last.probe.direction
+    alike = [abs(touch.contacts.normals[0][:2] @ normal[:2]) for touch in others]
+    return others[int(np.argmax(alike))]
+
+
+def _free_where_touched(outcome: ProbeOutcome, known: Contacts, belief: PoseBelief) -> bool:
+    """Return whether a known contact is deep inside the free space of a probe."""
+    if not len(outcome.free_radii):
+        return False
+    depths = (outcome.free_radii - cdist(known.points, outcome.free_points)).max(axis=1)  # (N,)
+    deviations = np.sqrt(belief.variances(known.points, known.normals))
+    return bool(np.any(depths > np.maximum(_DEEP * deviations, _DEPTH)))

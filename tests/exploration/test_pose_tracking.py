@@ -1,0 +1,195 @@
+"""Pose tracking: pushes are learned, motion is followed, and a lost object is noticed."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from moving_object import Motion, MovingObjectProber, once, pushed_by
+
+from lis_grasp import shapes
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exploration import (
+    Exploration,
+    HandPose,
+    PoseTracker,
+    Probe,
+    ProbeOutcome,
+    TargetPolicy,
+    TouchLog,
+    explore,
+)
+from lis_grasp.exploration.planar_motion import Push, planar_pose, push_of
+from lis_grasp.exploration.policy import farthest
+from lis_grasp.exploration.pose_belief import PoseBelief
+from lis_grasp.hands.hand import Hand
+from lis_grasp.pipeline.stages import workspace
+from lis_grasp.surfaces import ESTIMATORS
+
+ALONG_X = Push(np.array([1.0, 0.0, 0.0]), np.diag([1.0, 1.0, 400.0]))
+SIDE = np.array([-0.03, 0.0, 0.02]), np.array([-1.0, 0.0, 0.0])  # pushed along +x
+PROBE = Probe([-0.03, 0.0, 0.02], [1.0, 0.0, 0.0], 0.02, 0.02)
+
+
+def touched_at(x: float) -> ProbeOutcome:
+    return ProbeOutcome(PROBE, "touched", Contacts([[x, 0.0, 0.02]], [[-1.0, 0.0, 0.0]]))
+
+
+def test_variances_are_those_of_displaced_points() -> None:
+    rng = np.random.default_rng(0)
+    root = 1e-3 * rng.normal(size=(3, 3))
+    start = PoseBelief.start()
+    covariances = np.tile(root @ root.T, (len(start.means), 1, 1))
+    belief = replace(start, covariances=covariances)
+    points, normals = 0.1 * rng.normal(size=(4, 3)), rng.normal(size=(4, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    draws = rng.normal(size=(20_000, 3)) @ root.T
+    moved = [
+        ((trimesh.transform_points(points, planar_pose(draw)) - points) * normals).sum(axis=1)
+        for draw in draws
+    ]
+    # The sampled variance of 20,000 normal draws is within 4 x sqrt(2 / 20,000) = 4 %.
+    np.testing.assert_allclose(belief.variances(points, normals), np.var(moved, axis=0), rtol=0.05)
+
+
+def test_a_place_that_is_found_again_shows_that_touches_move_nothing() -> None:
+    belief = PoseBelief.start().pushed(ALONG_X, detected=True)
+    again = belief.measured(*SIDE, 0.0, 1e-8)
+    assert again.weights[:2].sum() > 0.8
+    assert abs(again.mean[0]) < 1e-4 < abs(belief.mean[0])
+
+
+def test_a_place_that_has_moved_shows_by_how_much() -> None:
+    belief = PoseBelief.start().pushed(ALONG_X, detected=True)
+    # Along +x, into the side: 1 mm inside of where it was.
+    again = belief.measured(*SIDE, -0.001, 1e-8)
+    assert again.mean[0] == pytest.approx(0.001, rel=0.1)
+    assert again.weights[3] == again.weights.max()  # the scale of 1 mm
+    centered, X_EF = again.centered()
+    np.testing.assert_allclose(centered.mean, 0.0, atol=1e-12)
+    np.testing.assert_allclose(X_EF, planar_pose(again.mean))
+
+
+def test_a_push_from_above_moves_nothing() -> None:
+    known = Contacts([[0.0, 0.0, 0.0], [0.1, 0.1, 0.0]], [[0.0, 0.0, 1.0]] * 2)
+    above = push_of(Contacts([[0.0, 0.0, 0.05]], [[0.0, 0.0, 1.0]]), known)
+    beside = push_of(Contacts([[0.0, 0.0, 0.05]], [[0.0, -1.0, 0.0]]), known)
+    np.testing.assert_array_equal(above.along, 0.0)
+    np.testing.assert_array_equal(beside.along, [0.0, 1.0, 0.0])
+
+
+def test_a_contact_stays_where_the_hand_found_it_when_the_object_moves_on() -> None:
+    frames: list[np.ndarray] = []
+    tracker = PoseTracker(frames.append)
+    first = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
+    # The frame follows the expected push, the contact only its part before the detection.
+    assert frames[0][0, 3] > 1e-4
+    assert -0.03 - 0.4 * frames[0][0, 3] < first.contacts.points[0, 0] <= -0.03
+    # Found at the same place of the hand's: nothing has moved, and the frame goes back.
+    here = -0.03 - frames[0][0, 3]
+    again = tracker.track(touched_at(here), [first], first.contacts, None, repeated=True)
+    assert again.tracked is not None
+    # The second touch may push too, now on a known scale.
+    assert again.tracked.X_WE[0, 3] < 0.5 * frames[0][0, 3]
+
+
+def test_an_uncertain_place_is_probed_again_at_once() -> None:
+    tracker = PoseTracker(lambda X_EF: None)
+    assert tracker.probe_again(()) is None
+    first = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
+    again = tracker.probe_again([first])
+    assert again is not None
+    np.testing.assert_array_equal(again.target, PROBE.target)
+    assert again.overshoot > PROBE.overshoot
+
+
+def test_contacts_before_a_loss_are_dropped() -> None:
+    start = PoseBelief.start()
+    before = [replace(touched_at(x), tracked=start) for x in (-0.03, -0.05, -0.07)]
+    lost = replace(touched_at(0.1), tracked=replace(start, lost=True))
+    exploration = Exploration.replay([*before, lost, *before[:1]])
+    np.testing.assert_array_equal(exploration.contacts.points[:, 0], [0.1, -0.03])
+    assert [touch.contacts.points[0, 0] for touch in exploration.touches] == [0.1, -0.03]
+
+
+def test_repeated_probes_add_no_contacts() -> None:
+    repeated = replace(touched_at(-0.05), tracked=replace(PoseBelief.start(), repeated=True))
+    assert len(Exploration.replay([touched_at(-0.03), repeated]).contacts) == 1
+
+
+def test_the_log_keeps_both_poses_to_the_last_bit(tmp_path: Path) -> None:
+    log = TouchLog(tmp_path / "touches.jsonl", {})
+    belief = PoseBelief.start().pushed(ALONG_X, detected=False).measured(*SIDE, -0.001, 1e-8)
+    belief, X_EF = belief.centered()
+    written = replace(touched_at(-0.03), tracked=belief, simulated_pose=X_EF)
+    log.append(written)
+    (read,) = log.resume()
+    assert read.tracked is not None
+    assert read.tracked.as_dict() == belief.as_dict()
+    np.testing.assert_array_equal(read.simulated_pose, X_EF)
+    text = log.path.read_text().replace('"X_WE": [[1', '"X_WE": [["a"', 1)
+    log.path.write_text(text)
+    with pytest.raises(InvalidFileError):
+        log.resume()
+
+
+def test_an_outcome_in_another_frame_is_the_same_touch() -> None:
+    X_EF = planar_pose(np.array([0.01, -0.02, 0.7]))
+    outcome = replace(
+        touched_at(-0.03),
+        free_points=[[0.1, 0.2, 0.3]],
+        hand_pose=HandPose(planar_pose(np.array([0.1, 0.0, 0.2])), np.zeros(2)),
+        simulated_pose=np.eye(4),
+    )
+    moved = outcome.in_frame(X_EF)
+    back = moved.in_frame(np.linalg.inv(X_EF))
+    np.testing.assert_allclose(
+        trimesh.transform_points(moved.contacts.points, X_EF), outcome.contacts.points, atol=1e-15
+    )
+    np.testing.assert_allclose(
+        moved.contacts.normals @ X_EF[:3, :3].T, outcome.contacts.normals, atol=1e-15
+    )
+    np.testing.assert_allclose(back.free_points, outcome.free_points, atol=1e-15)
+    assert back.hand_pose is not None
+    assert outcome.hand_pose is not None
+    np.testing.assert_allclose(back.hand_pose.X_OH, outcome.hand_pose.X_OH, atol=1e-15)
+    np.testing.assert_allclose(back.simulated_pose, np.eye(4), atol=1e-15)
+
+
+def explored(name: str, motion: Motion, *, tracked: bool) -> tuple[Exploration, float]:
+    """Explore an object that moves; return the root mean square error of its contacts [m]."""
+    shape = shapes.build(name, None)
+    prober = MovingObjectProber(Hand.load("allegro"), shape, motion)
+    space = workspace(shape, free=True)
+    exploration = explore(
+        prober,
+        TargetPolicy(space, farthest, ESTIMATORS["gpis"]),
+        partial(ESTIMATORS["blend"]),
+        touches=16,
+        rng=np.random.default_rng(0),
+        space=space,
+        tracker=PoseTracker(prober.move_frame) if tracked else None,
+    )
+    in_object = trimesh.transform_points(exploration.contacts.points, np.linalg.inv(prober.X_EO))
+    off, _ = distances_to_mesh(in_object, shape.mesh)
+    return exploration, float(np.sqrt(np.mean(off**2)))
+
+
+@pytest.mark.slow
+def test_a_box_that_every_touch_pushes_is_tracked() -> None:
+    motion = pushed_by(0.001)
+    tracked, without = (explored("box", motion, tracked=on)[1] for on in (True, False))
+    assert tracked < 0.5 * without
+
+
+@pytest.mark.slow
+def test_a_ball_that_jumped_is_found_again() -> None:
+    exploration, error = explored(
+        "sphere", once(10, planar_pose([0.008, 0.004, 0.0])), tracked=True
+    )
+    assert error < 1e-3  # of a jump by 9 mm
+    assert len(exploration.contacts) == 16

@@ -1,0 +1,57 @@
+"""Motion of the object in the report: against a known motion, and in words."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lis_grasp import shapes
+from lis_grasp.contacts import Contacts
+from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
+from lis_grasp.exploration.planar_motion import planar_pose
+from lis_grasp.exploration.pose_belief import PoseBelief
+from lis_grasp.pipeline.object_motion import motion_facts, motion_line, true_object
+
+BOX = shapes.build("box", 0.06)
+SIDE = float(BOX.mesh.bounds[1, 0])
+PROBE = Probe([SIDE, 0.0, 0.0], [-1.0, 0.0, 0.0], 0.02, 0.02)
+SHIFT = planar_pose(np.array([0.002, 0.0, 0.0]))
+
+
+def explored(simulated: np.ndarray | None, belief: PoseBelief | None) -> Exploration:
+    contacts = Contacts([[SIDE, 0.0, 0.0]], [[1.0, 0.0, 0.0]])
+    outcome = ProbeOutcome(PROBE, "touched", contacts, moved=0.003, simulated_pose=simulated)
+    return Exploration(contacts, (replace(outcome, tracked=belief),))
+
+
+def test_a_fixed_object_has_no_motion() -> None:
+    assert motion_facts(BOX, explored(None, None)) is None
+    assert true_object(BOX, explored(None, None)) is BOX
+
+
+def test_an_unnoticed_motion_is_an_error() -> None:
+    facts = motion_facts(BOX, explored(SHIFT, None))
+    assert facts is not None
+    assert facts["displacement"] == pytest.approx(0.002)
+    # The two faces across the motion are 2 mm off, the four others lie in themselves.
+    assert 0.0002 < facts["tracking_error"] < 0.001
+    assert facts["contact_error"] == pytest.approx(0.002)
+    moved = true_object(BOX, explored(SHIFT, None))
+    np.testing.assert_allclose(moved.mesh.bounds, BOX.mesh.bounds + [0.002, 0.0, 0.0])
+
+
+def test_a_tracked_motion_is_no_error() -> None:
+    belief = replace(PoseBelief.start(), X_WE=SHIFT, repeated=True)
+    facts = motion_facts(BOX, explored(np.eye(4), belief))
+    assert facts is not None
+    assert facts["displacement"] == pytest.approx(0.002)
+    assert facts["tracking_error"] == pytest.approx(0.0, abs=1e-9)
+    assert facts["repeated_probes"] == 1
+
+
+def test_after_a_loss_only_contacts_have_an_error() -> None:
+    belief = replace(PoseBelief.start(), lost=True)
+    facts = motion_facts(BOX, explored(SHIFT, belief))
+    assert facts is not None
+    assert facts["tracking_error"] is None
+    assert "lost 1 time" in motion_line(facts)
