@@ -23,8 +23,12 @@ def read_only(array: _Array) -> _Array:
 
 
 def subset_of(record: _Record, index: Any) -> _Record:
-    """Return a dataclass of arrays with each array indexed along its first dimension."""
-    return type(record)(*(getattr(record, item.name)[index] for item in fields(record)))  # type: ignore[arg-type]
+    """Return a dataclass of arrays with each array indexed along its first dimension.
+
+    A field that is None stays None.
+    """
+    arrays = (getattr(record, item.name) for item in fields(record))  # type: ignore[arg-type]
+    return type(record)(*(None if array is None else array[index] for array in arrays))
 
 
 def fields_of(record: Any) -> dict[str, Any]:

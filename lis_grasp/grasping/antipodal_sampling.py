@@ -35,12 +35,14 @@ def sample_contact_sets(
 ) -> tuple[ContactSets, FloatArray, dict[str, int]]:
     """Sample sets of contacts: one pad, the thumb, opposite to the other pads.
 
-    1. The thumb's contact is a random sample of the surface.
-    2. A line from it along the inward normal leaves the object at the opposite point.
+    1. The thumb's contact is a random sample of the surface: of two, the one nearer to the centre
+       of mass, where the object's weight turns it less.
+    2. A line from it, along the inward normal or its horizontal part, leaves the object at the
+       opposite point. Both contacts on a low object have normals that tilt upwards.
     3. The fingers' contacts are beside the opposite point, as far apart as the fingers are.
 
-    A set is kept if the normals of thumb and fingers are opposed, which makes force closure
-    possible (Nguyen 1988). Force closure itself is checked later.
+    A set is kept if the normals of thumb and fingers are opposed along the line, which makes force
+    closure possible (Nguyen 1988). Force closure itself is checked later.
 
     Returns
     -------
@@ -49,7 +51,7 @@ def sample_contact_sets(
     FloatArray
         Shape (B, 3, 3): the palm's orientation R_OH for each set.
     dict
-        Number of failed draws by reason. ``steep``: the thumb's normal is far from the horizontal;
+        Number of failed draws by reason. ``steep``: all normals are far from the horizontal;
         ``no_opposing_surface``: there is no opposite point with an opposed normal;
         ``no_surface_for_a_finger``: a finger has no opposed surface beside that point.
     """
@@ -57,23 +59,26 @@ def sample_contact_sets(
     pads = len(hand.pads)
     rejected = {"steep": 0, "no_opposing_surface": 0, "no_surface_for_a_finger": 0}
     sets: list[tuple[FloatArray, FloatArray, BoolArray, FloatArray]] = []
-    for _ in range(count):
-        i = int(rng.integers(len(samples)))
+    level = np.flatnonzero(np.abs(samples.normals[:, 2]) <= _STEEPEST)
+    if not len(level):
+        rejected["steep"] = count
+    from_center = np.linalg.norm(samples.points - samples.center, axis=1)
+    for _ in range(count if len(level) else 0):
+        pair = level[rng.integers(len(level), size=2)]
+        i = int(pair[np.argmin(from_center[pair])])
         angle = float(rng.choice(_APPROACH_ANGLES)) + float(rng.normal(0.0, 0.05))
         chosen = _choose_fingers(opposition, rng)
         spread = float(rng.choice(_SPREADS))
         p, n = samples.points[i], samples.normals[i]
-        if abs(n[2]) > _STEEPEST:
-            rejected["steep"] += 1
-            continue
-        across = _opposing_point(samples, p, n)
+        closing = -n if rng.random() < 0.5 else -_horizontal(n)
+        across = _opposing_point(samples, p, closing)
         if across is None:
             rejected["no_opposing_surface"] += 1
             continue
-        R_OH = _orientation(-n, angle) @ opposition.frame_H.T
+        R_OH = _orientation(closing, angle) @ opposition.frame_H.T
         lateral_O = R_OH @ opposition.frame_H[:, 1]
         offsets = spread * (opposition.lateral[chosen] - opposition.lateral[chosen].mean())
-        fingers = _finger_contacts(samples, across + offsets[:, None] * lateral_O, n)
+        fingers = _finger_contacts(samples, across + offsets[:, None] * lateral_O, closing)
         if fingers is None:
             rejected["no_surface_for_a_finger"] += 1
             continue
@@ -159,34 +164,42 @@ def _orientation(closing: FloatArray, angle: float) -> FloatArray:
     return np.column_stack([approach, np.cross(closing, approach), closing])
 
 
-def _opposing_point(samples: SurfaceSamples, p: FloatArray, n: FloatArray) -> FloatArray | None:
-    """Return the last exit of the line from p along -n; None if the normals are not opposed."""
+def _horizontal(normal: FloatArray) -> FloatArray:
+    level = normal * [1.0, 1.0, 0.0]
+    return level / np.linalg.norm(level)
+
+
+def _opposing_point(
+    samples: SurfaceSamples, p: FloatArray, closing: FloatArray
+) -> FloatArray | None:
+    """Return the last exit of the line from p along `closing`; None without an opposed normal."""
     relative = samples.points - p
-    depth = -(relative @ n)  # (S,)
-    beside = np.linalg.norm(relative + depth[:, None] * n, axis=1)
-    opposed = (
-        (samples.normals @ n < -np.cos(_OPPOSED_ANGLE)) & (beside < SEARCH_RADIUS) & (depth > 0.0)
-    )
+    depth = relative @ closing  # (S,)
+    beside = np.linalg.norm(relative - depth[:, None] * closing, axis=1)
+    cosines = samples.normals @ closing
+    opposed = (cosines > np.cos(_OPPOSED_ANGLE)) & (beside < SEARCH_RADIUS) & (depth > 0.0)
     if not opposed.any():
         return None
     index = np.flatnonzero(opposed)
     outermost = index[depth[index] > depth[index].max() - 0.003]
-    j = int(outermost[np.argmin(beside[outermost])])
-    return samples.intersect(p, -n, j)
+    j = int(outermost[np.argmin(beside[outermost] - SEARCH_RADIUS * cosines[outermost])])
+    return samples.intersect(p, closing, j)
 
 
 def _finger_contacts(
-    samples: SurfaceSamples, points: FloatArray, n: FloatArray
+    samples: SurfaceSamples, points: FloatArray, closing: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return contacts and normals (K, 3) on lines through points along n; None if one has none."""
-    assert samples.tree is not None
-    distances, nearest = samples.tree.query(points, distance_upper_bound=2.5 * SEARCH_RADIUS)
-    if not np.isfinite(distances).all():
-        return None
+    """Return contacts and normals (K, 3) on lines through points along `closing`, or None.
+
+    None if one of the lines meets no opposed surface near its point.
+    """
+    nearest = samples.query(points, np.broadcast_to(closing, points.shape))
     normals = samples.normals[nearest]
-    if (normals @ n > -np.cos(_FINGER_ANGLE)).any():
+    if np.linalg.norm(samples.points[nearest] - points, axis=1).max() > 2.5 * SEARCH_RADIUS:
         return None
-    met = np.array([samples.intersect(p, -n, j) for p, j in zip(points, nearest, strict=True)])
+    if (normals @ closing < np.cos(_FINGER_ANGLE)).any():
+        return None
+    met = np.array([samples.intersect(p, closing, j) for p, j in zip(points, nearest, strict=True)])
     if np.linalg.norm(met - samples.points[nearest], axis=1).max() > SEARCH_RADIUS:
         return None
     return met, normals

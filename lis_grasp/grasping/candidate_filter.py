@@ -10,6 +10,7 @@ import trimesh
 
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.inverse_kinematics import Postures, solve_ik
+from lis_grasp.grasping.pad_offsets import FingertipContacts
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.pose_filter import HandPoseFilter
@@ -17,6 +18,8 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
+_CLEARANCE, _SPARE = 0.0004, 0.0003  # [m] of the hand from the support; more for the initial guess
+_NEARLY_CLOSED = 0.2  # fraction of the opening at which not even a pad touches the object
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
 _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
 
@@ -41,7 +44,7 @@ class CandidateFilter:
 
     - ``out_of_reach``: a pad stays too far from its contact;
     - ``pad_does_not_face_the_surface``: a contact is outside its pad;
-    - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp;
+    - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp, or slightly opened;
     - ``approach_hits_object``, ``_support``, ``_self``: a collision opened or on the approach.
 
     Arguments are as of `HandCollisionChecker`.
@@ -49,8 +52,12 @@ class CandidateFilter:
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh, *, support_height: float | None) -> None:
         self._hand = hand
-        self._checker = HandCollisionChecker(hand, mesh, support_height=support_height)
+        self._checker = HandCollisionChecker(
+            hand, mesh, support_height=support_height, clearance=_CLEARANCE
+        )
         self._filter = HandPoseFilter(hand, mesh)
+        floor = None if support_height is None else support_height + _CLEARANCE + _SPARE
+        self._fingertips = FingertipContacts(hand, self._checker, floor=floor)
         self.rejected: Counter[str] = Counter()
 
     def solve_and_filter(
@@ -60,6 +67,7 @@ class CandidateFilter:
 
         `X_OH` (B, 4, 4) and `q` (B, J) are the initial guess of the inverse kinematics.
         """
+        contacts, X_OH = self._fingertips.move(contacts, X_OH, q)
         postures = solve_ik(self._hand, contacts, X_OH, q)
         near = postures.position_error <= _MAX_POSITION_ERROR
         facing = postures.axis_error <= _MAX_AXIS_ERROR
@@ -71,6 +79,11 @@ class CandidateFilter:
         contacts, postures = contacts.subset(kept), postures.subset(kept)
         away = replace(contacts, points=contacts.points + _OPENING * contacts.normals)
         opened = solve_ik(self._hand, away, postures.X_OH, postures.q, palm_fixed=True).q
+        # Pads may touch the object where they are planned to, not with a side or a back.
+        nearly = postures.q + _NEARLY_CLOSED * (opened - postures.q)
+        clear = np.flatnonzero(self._free("grasp", postures.X_OH, nearly, postures.X_OH))
+        kept, opened = kept[clear], opened[clear]
+        contacts, postures = contacts.subset(clear), postures.subset(clear)
         paths = self._approaches(postures.X_OH)
         free = np.flatnonzero(self._free("approach", postures.X_OH, opened, paths))
         candidates = GraspCandidates(contacts.subset(free), postures.subset(free), opened[free])

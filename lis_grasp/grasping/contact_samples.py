@@ -12,11 +12,17 @@ _SAMPLES = 4000
 # Flat enough for a pad: normals within this radius [m] differ by at most this angle [rad] from the
 # middle one. Averted normals belong to the far side of a thin object and do not count.
 _FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
+# On a narrow face, a pad may overhang convex edges that are at least as far away as this [m].
+_NARROW_RADIUS = 0.0025
 _AVERTED = np.cos(np.deg2rad(100.0))
 _BULGE = 0.0005  # [m] by which the surface round a bend's sample may rise above its tangent plane
 # Edges of more than 150 degrees are too sharp to press on: least length of their normals' sum.
 _BLADE = 2.0 * np.cos(np.deg2rad(150.0) / 2.0)
 _EDGE_STEP = 0.001  # [m] between points that are sampled along a sharp edge
+# A rounded pad rests on an edge in any direction between the normals of its faces. This many are
+# sampled at each point, spread by the golden ratio, away from the faces by this fraction.
+_DIRECTIONS, _GOLDEN, _BORDER = 3, 0.5 * (np.sqrt(5.0) - 1.0), 0.05
+_NORMAL_UNIT = 0.006  # [m]: distance that counts as much as normals one apart
 SEARCH_RADIUS = 0.005
 """Largest distance of a contact from its nearest sample along the tangent plane [m]."""
 # Vertices whose uncertainty exceeds this many times the median are not supported by touches.
@@ -26,10 +32,11 @@ _UNSUPPORTED = 3.0
 class SurfaceSamples:
     """Points of a mesh that a pad can press on, with their normals.
 
-    The mesh is closed, in O [m]; all points are above the height `lowest` [m]. With `bends`, pads
-    may also press on convex bends: sharp edges, ribs, and thin rods and balls. The surface falls
-    off alike on opposite sides there, so that the pad rests on the ridge. The normal of a sharp
-    edge is halfway between those of its two faces.
+    The mesh is closed, in O [m]. A pad of radius `pad_radius` [m], 0 for a flat one, stays above
+    the height `lowest` [m] with all of its sphere. With `bends`, pads may also press on convex
+    bends: sharp edges, ribs, and thin rods and balls. The surface falls off alike on opposite sides
+    there, so that the pad rests on the ridge. The normal of a sharp edge is halfway between those
+    of its two faces for a flat pad, and anywhere between them for a rounded one.
     """
 
     def __init__(
@@ -39,41 +46,63 @@ class SurfaceSamples:
         lowest: float,
         rng: np.random.Generator,
         bends: bool = False,
+        pad_radius: float = 0.0,
     ) -> None:
+        def clears(points: FloatArray, normals: FloatArray) -> BoolArray:
+            return points[:, 2] - pad_radius * (1.0 - normals[:, 2]) > lowest
+
         points, normals, faces = _on_faces(mesh, rng)
         sharp = np.flatnonzero(np.asarray(mesh.face_adjacency_angles) > _FLAT_ANGLE)
         along, edge = _along_edges(mesh, sharp)
         known = _supported(mesh)
         flat = _flat(points, normals) & ~_near(along, points)
-        usable = flat & known[faces]
+        usable = flat & known[faces] & clears(points, normals)
         if bends:
             sides = np.asarray(mesh.face_adjacency)[edge]  # (E, 2)
-            halfway = np.asarray(mesh.face_normals)[sides].sum(axis=1)
+            of_sides = np.asarray(mesh.face_normals)[sides]  # (E, 2, 3)
+            halfway = of_sides.sum(axis=1)
             length = np.linalg.norm(halfway, axis=1)
             ridge = np.asarray(mesh.face_adjacency_convex)[edge] & (length > _BLADE)
-            sides, halfway = sides[ridge], halfway[ridge] / length[ridge, None]
-            on_faces = points
-            points, normals = np.vstack([points, along[ridge]]), np.vstack([normals, halfway])
-            even = _bends_evenly(points, normals) & ~_near(along[~ridge], points)
-            usable |= even[: len(faces)] & known[faces]
+            middles = np.vstack([points, along[ridge]])
+            even = _bends_evenly(
+                middles, np.vstack([normals, halfway[ridge] / length[ridge, None]])
+            ) & ~_near(along[~ridge], middles)
+            usable |= even[: len(faces)] & known[faces] & clears(points, normals)
             # A pad across an edge could as well rest on the flat top or side of a rib.
-            across = even[len(faces) :] & known[sides].all(axis=1)
-            across &= ~_near(on_faces[usable], along[ridge])
-            usable = np.concatenate([usable, across])
-            flat = np.concatenate([flat, np.zeros(len(sides), dtype=bool)])
-        usable &= points[:, 2] > lowest
+            across = even[len(faces) :] & known[sides[ridge]].all(axis=1)
+            across &= ~_near(points[usable], along[ridge])
+            narrow = _flat(points, normals, _NARROW_RADIUS) & ~_near(along[~ridge], points)
+            narrow &= ~_near(along, points, _NARROW_RADIUS) & ~_rises(points, normals)
+            narrow &= ~_near(points[usable], points)
+            usable |= narrow & known[faces] & clears(points, normals)
+            on_edges, of_edges = _on_edges(
+                along[ridge][across], of_sides[ridge][across], rounded=pad_radius > 0.0
+            )
+            points, normals = np.vstack([points, on_edges]), np.vstack([normals, of_edges])
+            usable = np.concatenate([usable, clears(on_edges, of_edges)])
+            flat = np.concatenate([flat, np.zeros(len(on_edges), dtype=bool)])
+        self.center: FloatArray = np.asarray(mesh.center_mass)
         self.points: FloatArray = points[usable]
         self.normals: FloatArray = normals[usable]
         self.flat: BoolArray = flat[usable]
-        self.tree = cKDTree(self.points) if len(self.points) else None
+        self._tree = cKDTree(self._places(self.points, self.normals)) if len(self.points) else None
 
     def __len__(self) -> int:
         return len(self.points)
 
-    def nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Project points (..., 3) on the surface; return them, normals, and which are usable."""
-        assert self.tree is not None
-        _, index = self.tree.query(points)
+    def query(self, points: FloatArray, normals: FloatArray) -> IndexArray:
+        """Return the samples nearest to points (..., 3) with similar normals (..., 3)."""
+        assert self._tree is not None
+        return np.asarray(self._tree.query(self._places(points, normals))[1])
+
+    def nearest(
+        self, points: FloatArray, normals: FloatArray
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Project points (..., 3) on the surface with similar normals (..., 3).
+
+        Return the projected points, their normals, and which are usable.
+        """
+        index = self.query(points, normals)
         normals = self.normals[index]
         height = ((points - self.points[index]) * normals).sum(axis=-1, keepdims=True)
         on_plane = points - height * normals
@@ -91,6 +120,11 @@ class SurfaceSamples:
         point, normal = self.points[j], self.normals[j]
         return np.asarray(p + direction * (((point - p) @ normal) / (direction @ normal)))
 
+    @staticmethod
+    def _places(points: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return points and scaled normals, shape (..., 6), whose distances rank samples."""
+        return np.concatenate([points, _NORMAL_UNIT * normals], axis=-1)
+
 
 # `trimesh.sample.sample_surface` draws other numbers in another order: its grasps would differ.
 def _on_faces(
@@ -107,9 +141,9 @@ def _on_faces(
     return points, np.asarray(mesh.face_normals)[faces], faces
 
 
-def _flat(points: FloatArray, normals: FloatArray) -> BoolArray:
-    """Return which samples have only similar normals around them."""
-    pairs = cKDTree(points).query_pairs(_FLAT_RADIUS, output_type="ndarray")  # (P, 2)
+def _flat(points: FloatArray, normals: FloatArray, radius: float = _FLAT_RADIUS) -> BoolArray:
+    """Return which samples have only similar normals within a radius [m]."""
+    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")  # (P, 2)
     bent = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) < np.cos(_FLAT_ANGLE)
     flat = np.ones(len(points), dtype=bool)
     flat[pairs[bent].ravel()] = False
@@ -134,11 +168,22 @@ def _bends_evenly(points: FloatArray, normals: FloatArray) -> BoolArray:
     return even
 
 
-def _near(places: FloatArray, points: FloatArray) -> BoolArray:
-    """Return which points are within a pad's flat radius of some place."""
+def _rises(points: FloatArray, normals: FloatArray) -> BoolArray:
+    """Return which samples have surface above their tangent plane around them."""
+    pairs = cKDTree(points).query_pairs(_FLAT_RADIUS, output_type="ndarray")  # (P, 2)
+    pairs = np.vstack([pairs, pairs[:, ::-1]])
+    first, second = pairs.T
+    above = ((points[second] - points[first]) * normals[first]).sum(axis=1) > _BULGE
+    risen = np.zeros(len(points), dtype=bool)
+    risen[first[above]] = True
+    return risen
+
+
+def _near(places: FloatArray, points: FloatArray, radius: float = _FLAT_RADIUS) -> BoolArray:
+    """Return which points are within a radius [m] of some place."""
     if not len(places):
         return np.zeros(len(points), dtype=bool)
-    distances, _ = cKDTree(places).query(points, distance_upper_bound=_FLAT_RADIUS)
+    distances, _ = cKDTree(places).query(points, distance_upper_bound=radius)
     return np.isfinite(distances)
 
 
@@ -151,6 +196,23 @@ def _along_edges(mesh: trimesh.Trimesh, chosen: IndexArray) -> tuple[FloatArray,
     place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
     along = (place / (counts[edge] - 1))[:, None]
     return (1.0 - along) * ends[edge, 0] + along * ends[edge, 1], chosen[edge]
+
+
+def _on_edges(
+    points: FloatArray, normals: FloatArray, *, rounded: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return contacts on points (P, 3) of edges between faces with the normals (P, 2, 3)."""
+    if rounded:
+        points, normals = np.tile(points, (_DIRECTIONS, 1)), np.tile(normals, (_DIRECTIONS, 1, 1))
+        part = _BORDER + (1.0 - 2.0 * _BORDER) * (_GOLDEN * np.arange(1, len(points) + 1) % 1.0)
+    else:
+        part = np.full(len(points), 0.5)
+    cosines = (normals[:, 0] * normals[:, 1]).sum(axis=1)
+    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+    # Spherical linear interpolation: from the first normal to the second one.
+    between = np.sin((1.0 - part) * angles)[:, None] * normals[:, 0]
+    between += np.sin(part * angles)[:, None] * normals[:, 1]
+    return points, between / np.linalg.norm(between, axis=1, keepdims=True)
 
 
 def _supported(mesh: trimesh.Trimesh) -> BoolArray:

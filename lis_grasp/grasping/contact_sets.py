@@ -18,6 +18,8 @@ class ContactSets:
     points: FloatArray  # (B, F, 3) [m], in O; anything finite where a pad is not used
     normals: FloatArray  # (B, F, 3), unit, outward; likewise
     used: BoolArray  # (B, F): which pads have a contact
+    # (B, F, 3) [m]: of the pads' points in contact from their centres, in the frames of the links
+    offsets: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.points)

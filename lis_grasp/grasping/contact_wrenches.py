@@ -44,6 +44,9 @@ class WrenchModel:
         Shape (3,) [m]: reference point of torques; None for the centroid of the contacts.
     length_scale
         Divisor of torques [m]; None for the largest distance of a contact from the origin.
+    torque_metric
+        Shape (3, 3) [1/m]: torques are multiplied by it, instead of divided by a length; see
+        `inertial_metric`.
     edges
         Edges of the friction pyramid.
 
@@ -59,6 +62,7 @@ class WrenchModel:
     origin: npt.ArrayLike | None = None
     length_scale: float | None = None
     edges: int = CONE_EDGES
+    torque_metric: npt.ArrayLike | None = None
 
     def __post_init__(self) -> None:
         if self.contact_model not in get_args(ContactModel):
@@ -77,7 +81,9 @@ class WrenchModel:
         points, normals = _checked(points, normals)
         center = points.mean(axis=-2) if self.origin is None else np.asarray(self.origin)
         arms = points - center[..., None, :]
-        if self.length_scale is None:
+        if self.torque_metric is not None:
+            length = np.ones(center.shape[:-1])
+        elif self.length_scale is None:
             radius = np.linalg.norm(arms, axis=-1).max(axis=-1)
             length = np.where(radius > 0.0, radius, 1.0)
         else:
@@ -94,6 +100,8 @@ class WrenchModel:
             spin = np.concatenate([np.zeros_like(normals), lever * normals], axis=-1)
             spins = np.stack([push - spin, push + spin], axis=-2)  # (..., C, 2, 6)
             wrenches = np.concatenate([wrenches, spins], axis=-2)
+        if self.torque_metric is not None:
+            wrenches[..., 3:] = wrenches[..., 3:] @ np.asarray(self.torque_metric).T
         return wrenches
 
     def wrenches_of_grasp(self, points: npt.ArrayLike, normals: npt.ArrayLike) -> FloatArray:

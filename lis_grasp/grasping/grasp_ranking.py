@@ -25,6 +25,10 @@ _ROBUST_FRACTION = 0.5
 # Sampled surfaces per estimate; on each of them epsilon may be too small by this fraction.
 _SAMPLES = 32
 _COARSE = 0.05
+# Accelerations are those at this fraction of the friction. A rotation counts as the acceleration at
+# this distance from its axis, and radii of gyration below the other one as that [m].
+_LOADED_FRACTION = 0.75
+_TURN_ARM, _LEAST_GYRATION = 0.1, 0.017
 # Torsional lever of a flat pad [m]: 2/3 of a contact radius of 9 mm (Howe and Cutkosky 1996).
 _FLAT_PAD_LEVER = 0.006
 
@@ -42,10 +46,14 @@ class GraspScorer:
     - ``closure_probability``, ``epsilon_expected``: over samples of the true surface given the
       estimate (`UncertainSurface`), the fraction in force closure and the mean of
       ``epsilon_robust``.
+    - ``acceleration``: the largest acceleration, linear or angular in any direction, that the hand
+      at its largest contact force gives an object of 0.2 kg, `inertial_metric` [m/s^2].
     - ``success_probability``: the predicted probability that the hand lifts and holds the object,
-      a logistic function of ``epsilon_expected`` and ``weight_robust`` (`SUCCESS_MODEL`). Grasps
-      are ranked by it. The weight is part of it because epsilon alone prefers long levers, with
-      which an object turns under its weight about the line through the fingers.
+      a logistic function of ``epsilon_expected`` and ``weight_robust``, times another one of
+      ``acceleration`` (`SUCCESS_MODEL`). Grasps are ranked by it. The weight is part of it because
+      epsilon alone prefers long levers, with which an object turns under its weight about the line
+      through the fingers; the acceleration because long objects have more inertia than the friction
+      of fingers close together can turn.
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest
@@ -62,6 +70,11 @@ class GraspScorer:
         self._hand = hand
         self._model = wrench_model(mesh, hand, friction)
         self._robust = wrench_model(mesh, hand, _ROBUST_FRACTION * friction)
+        self._loaded = replace(
+            wrench_model(mesh, hand, _LOADED_FRACTION * friction),
+            torque_metric=inertial_metric(mesh),
+        )
+        self._force = 2.0 * hand.max_contact_force / SUCCESS_MODEL["fitted_on"]["mass_kg"]
         self._surface = UncertainSurface.from_mesh(mesh)
         # The same draws for every grasp, whenever its qualities are computed.
         self._seed = rng.integers(2**63)
@@ -75,6 +88,9 @@ class GraspScorer:
             closing = np.flatnonzero(plain > 0.0)
             if not len(closing):
                 continue
+            loaded = epsilon_by_expanding_polytope(
+                points[closing], normals[closing], self._loaded, tolerance=_COARSE
+            )
             closure, expected = self._over_surfaces(
                 points[closing], normals[closing], robust[closing]
             )
@@ -87,18 +103,21 @@ class GraspScorer:
                     "weight_robust": weight,
                     "closure_probability": closure[k],
                     "epsilon_expected": expected[k],
-                    "success_probability": self._success_probability(expected[k], weight),
+                    "acceleration": self._force * loaded[k],
+                    "success_probability": self._success_probability(
+                        expected[k], weight, self._force * loaded[k]
+                    ),
                     "pad_error": candidates.postures.position_error[b],
                 }
                 found[b] = self._grasp(candidates, b, points[i], normals[i], quality)
         return dict(sorted(found.items()))
 
-    def robust_epsilons(self, sets: ContactSets) -> FloatArray:
-        """Return ``epsilon_robust`` of B contact sets without postures; shape (B,)."""
+    def accelerations(self, sets: ContactSets) -> FloatArray:
+        """Return ``acceleration`` of B contact sets without postures; shape (B,)."""
         found = np.zeros(len(sets))
         for alike, points, normals in sets.by_count():
-            found[alike] = epsilon_by_expanding_polytope(points, normals, self._robust)
-        return found
+            found[alike] = epsilon_by_expanding_polytope(points, normals, self._loaded)
+        return self._force * found
 
     def _over_surfaces(
         self, points: FloatArray, normals: FloatArray, robust: FloatArray
@@ -120,14 +139,17 @@ class GraspScorer:
         by_grasp = (count, _SAMPLES)
         return closes.reshape(by_grasp).mean(axis=1), robust.reshape(by_grasp).mean(axis=1)
 
-    def _success_probability(self, expected: float, weight: float) -> float:
+    def _success_probability(self, expected: float, weight: float, acceleration: float) -> float:
         logit = SUCCESS_MODEL["intercepts"][self._model.contact_model]
         by_name = {"epsilon_expected": expected, "weight_robust": weight}
         terms = (
             slope * np.log(by_name[name] + SUCCESS_MODEL["offsets"][name])
             for name, slope in SUCCESS_MODEL["slopes"].items()
         )
-        return float(1.0 / (1.0 + np.exp(-(logit + sum(terms)))))
+        load = SUCCESS_MODEL["load"]
+        relative = max(acceleration / load["acceleration"], 1e-6)
+        carried = 1.0 / (1.0 + relative ** -load["slope"])
+        return float(carried / (1.0 + np.exp(-(logit + sum(terms)))))
 
     def _grasp(
         self,
@@ -183,3 +205,15 @@ def wrench_model(mesh: trimesh.Trimesh, hand: Hand, friction: float) -> WrenchMo
     if hand.kind == "jaw":
         model = replace(model, contact_model="soft_finger", torsion=friction * _FLAT_PAD_LEVER)
     return model
+
+
+def inertial_metric(mesh: trimesh.Trimesh) -> FloatArray:
+    """Return the matrix (3, 3) [1/m] that makes accelerations of wrenches, of unit mass.
+
+    A wrench accelerates an object of uniform density and mass m by ``f / m`` and turns it by
+    ``I^-1 tau``. The latter counts as the acceleration at 0.1 m from the axis, so the epsilon in
+    this metric is a largest acceleration of the unit mass, per unit of the fingers' forces.
+    """
+    by_mass, axes = np.linalg.eigh(np.asarray(mesh.moment_inertia) / mesh.volume)  # [m^2]
+    inverse = 1.0 / np.maximum(by_mass, _LEAST_GYRATION**2)
+    return np.asarray(_TURN_ARM * (axes * inverse) @ axes.T)

@@ -48,10 +48,11 @@ def solve_ik(
 ) -> Postures:
     """Solve for the palm poses and joint positions whose pads touch given contacts.
 
-    Minimises for each candidate the sum of squares of four residuals: pad centres off
-    ``p + radius n``; contacts beyond the pad's half angle; joints off their start; the palm turned
-    from its start. Levenberg-Marquardt with projection on the joint limits: a step that does not
-    improve a candidate is undone and its damping raised (Marquardt 1963).
+    Minimises for each candidate the sum of squares of four residuals: pad centres, or other points
+    of the pads (`ContactSets.offsets`), off ``p + radius n``; contacts beyond the pad's half angle;
+    joints off their start; the palm turned from its start. Levenberg-Marquardt with projection on
+    the joint limits: a step that does not improve a candidate is undone and its damping raised
+    (Marquardt 1963).
 
     Palm poses `X_OH` (B, 4, 4) and joint positions `q` (B, J) are the initial guess, which is also
     the preferred posture. With `palm_fixed` only the joints may move.
@@ -89,7 +90,10 @@ def solve_ik(
 class _Problem:
     """Residuals of a batch of candidates and their Jacobian by palm and joints."""
 
-    _BY_CANDIDATE = ("_centers", "_normals", "_used", "_start_X", "_start_q", "_joint_units")
+    _BY_CANDIDATE = (
+        *("_centers", "_normals", "_used", "_offsets"),
+        *("_start_X", "_start_q", "_joint_units"),
+    )
 
     def __init__(
         self, hand: Hand, contacts: ContactSets, X_OH: FloatArray, q: FloatArray, palm_fixed: bool
@@ -98,7 +102,7 @@ class _Problem:
         radii = np.array([pad.radius for pad in hand.pads])
         self._centers = contacts.points + radii[:, None] * contacts.normals  # (B, F, 3)
         self._normals = contacts.normals
-        self._used = contacts.used
+        self._used, self._offsets = contacts.used, contacts.offsets
         self._half_angles = np.array([pad.half_angle for pad in hand.pads])
         self._least_cosine = np.cos(_PAD_FRACTION * self._half_angles)  # (F,)
         self._start_X, self._start_q = X_OH, q
@@ -119,14 +123,15 @@ class _Problem:
         """Return the problem of some of the candidates."""
         part = copy(self)
         for name in self._BY_CANDIDATE:
-            setattr(part, name, getattr(self, name)[index])
+            value = getattr(self, name)
+            setattr(part, name, None if value is None else value[index])
         return part
 
     def linearise(self, X: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals (B, R) and their Jacobian (B, R, 6 + J)."""
         hand, used = self._hand, self._used
         batch, joints, rows = len(X), q.shape[1], 3 * used.shape[1]
-        centers, axes, J_centers, J_axes = hand.pad_jacobians(X, q)
+        centers, axes, J_centers, J_axes = hand.pad_jacobians(X, q, self._offsets)
         position = np.where(used[..., None], centers - self._centers, 0.0) / _POSITION_UNIT
         J_position = np.where(used[..., None, None], J_centers, 0.0) / _POSITION_UNIT
         cosine = -(axes * self._normals).sum(axis=-1)  # (B, F)
@@ -159,7 +164,7 @@ class _Problem:
 
     def errors(self, X: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest position and axis error of the used pads, (B,) [m] and [rad]."""
-        off = np.linalg.norm(self._hand.pad_centers(X, q) - self._centers, axis=-1)
+        off = np.linalg.norm(self._hand.pad_centers(X, q, self._offsets) - self._centers, axis=-1)
         cosine = -(self._hand.pad_axes(X, q) * self._normals).sum(axis=-1)
         beyond = np.maximum(np.arccos(np.clip(cosine, -1.0, 1.0)) - self._half_angles, 0.0)
         return (

@@ -23,6 +23,8 @@ from lis_grasp.typing import FloatArray, IndexArray
 _BATCH = 100
 # Sampling ends after this many times `count` robust grasps; ranking gains little from more.
 _ENOUGH = 5
+# Least height of a pad above the support [m].
+_LOWEST_PAD = 0.0006
 # Refinement: standard deviations of the steps [m]; perturbed grasps, of which the best are tried.
 _STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
 _PERTURBATIONS, _TRIED = 20, 2
@@ -33,8 +35,8 @@ class ForceClosureSampler:
     """Plans grasps in force closure that the hand can reach without collision.
 
     1. Contact sets are drawn where the surface is flat enough for a pad and supported by touches
-       (`sample_contact_sets`). If no grasp results, convex bends are used too: edges, thin rods and
-       small balls.
+       (`sample_contact_sets`). If few grasps result, convex bends and narrow faces are used too:
+       edges, thin rods, small balls and low plates.
     2. Inverse kinematics gives the palm's pose and the joints, and candidates that collide are
        rejected (`CandidateFilter`).
     3. `GraspScorer` rejects what is not in force closure, and predicts the success of the rest.
@@ -53,7 +55,7 @@ class ForceClosureSampler:
 
     hand: Hand
     friction: float = 0.8
-    candidates: int = 4000
+    candidates: int = 2000
 
     def __post_init__(self) -> None:
         require_positive(friction=self.friction)
@@ -95,15 +97,17 @@ class ForceClosureSampler:
                 "grasps are planned on closed meshes; this one has open edges: repair it with"
                 " lis_grasp.shapes.load, or mesh an estimate with extract_mesh"
             )
-        largest_pad = max(pad.radius for pad in self.hand.pads)
-        lowest = -np.inf if support_height is None else support_height + largest_pad + 0.004
-        samples = SurfaceSamples(mesh, lowest=lowest, rng=rng)
+        lowest = -np.inf if support_height is None else support_height + _LOWEST_PAD
+        radius = min(pad.radius for pad in self.hand.pads)
+        samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=radius)
         candidate_filter = CandidateFilter(self.hand, mesh, support_height=support_height)
         scorer = GraspScorer(self.hand, mesh, friction=self.friction, rng=rng)
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)
         search.draw_enough(self.candidates, count)
-        if not search.grasps:
-            search.samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, bends=True)
+        if len(search.grasps) < count:
+            search.samples = SurfaceSamples(
+                mesh, lowest=lowest, rng=rng, bends=True, pad_radius=radius
+            )
             search.draw_enough(2 * self.candidates, count)
         search.refine(count)
         return search.result(count)
@@ -148,7 +152,7 @@ class _Search:
             parents, sets, X_OH, q = perturb_grasps(
                 self.hand, best, self.samples, each=_PERTURBATIONS, distance=distance, rng=self.rng
             )
-            chosen = _best_of_each(parents, self.scorer.robust_epsilons(sets))
+            chosen = _best_of_each(parents, self.scorer.accelerations(sets))
             self.drawn += len(chosen)
             found = self._grasps_at(sets.subset(chosen), X_OH[chosen], q[chosen])
             for i, grasp in found.items():
@@ -181,11 +185,11 @@ def _success(grasp: Grasp) -> float:
     return grasp.quality["success_probability"]
 
 
-def _best_of_each(parents: IndexArray, epsilons: FloatArray) -> IndexArray:
-    """Return the few perturbations of each parent with the largest epsilon above 0."""
-    order = np.lexsort((-epsilons, parents))
+def _best_of_each(parents: IndexArray, accelerations: FloatArray) -> IndexArray:
+    """Return the few perturbations of each parent with the largest acceleration above 0."""
+    order = np.lexsort((-accelerations, parents))
     ranks = np.arange(len(order)) - np.searchsorted(parents[order], parents[order])
-    return np.sort(order[(ranks < _TRIED) & (epsilons[order] > 0.0)])
+    return np.sort(order[(ranks < _TRIED) & (accelerations[order] > 0.0)])
 
 
 def perturb_grasps(
@@ -208,18 +212,19 @@ def perturb_grasps(
     initial guess of inverse kinematics: palm poses (B, 4, 4) and joint positions (B, J).
     """
     parents = np.repeat(np.arange(len(grasps)), each)
-    points = np.zeros((len(grasps), len(hand.pads), 3))
+    points, facing = np.zeros((2, len(grasps), len(hand.pads), 3))
     used = np.zeros((len(grasps), len(hand.pads)), dtype=bool)
     for g, grasp in enumerate(grasps):
         pads = [hand.fingers.index(finger) for finger in grasp.contact_fingers]
         points[g, pads], used[g, pads] = grasp.contact_points, True
+        facing[g, pads] = grasp.contact_normals
     points, used = points[parents], used[parents]
     alone = rng.random((len(parents), 1, 1))
     poses = np.array([grasp.X_OH for grasp in grasps])
     steps_H = rng.normal(scale=distance, size=(len(parents), 1 + len(hand.pads), 3))
     steps = steps_H @ np.swapaxes(poses[parents, :3, :3], -1, -2)
     moved = points + (1.0 - alone) * steps[:, :1] + alone * steps[:, 1:]
-    on_surface, normals, usable = samples.nearest(moved)
+    on_surface, normals, usable = samples.nearest(moved, facing[parents])
     kept = (usable | ~used).all(axis=1)
     X_OH = poses[parents[kept]]
     q = np.array([grasp.joint_positions for grasp in grasps])[parents[kept]]

@@ -150,23 +150,29 @@ class Hand(HandModel):
         """
         return self._kinematics.poses(X_OH, q)
 
-    def pad_centers(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
-        """Return the pads' centres in O, (..., F, 3) [m]; arguments as `forward_kinematics`."""
-        return self._kinematics.pads(X_OH, q)[0]
+    def pad_centers(
+        self, X_OH: npt.ArrayLike, q: npt.ArrayLike, offsets: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the pads' centres in O, (..., F, 3) [m]; arguments as `forward_kinematics`.
+
+        With `offsets` (..., F, 3) [m], in the frames of the pads' links, return other points of the
+        pads: those as far from the centres.
+        """
+        return self._kinematics.pads(X_OH, q, offsets)[0]
 
     def pad_axes(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
         """Return the pads' axes in O, (..., F, 3); arguments as `forward_kinematics`."""
         return self._kinematics.pads(X_OH, q)[1]
 
     def pad_jacobians(
-        self, X_OH: npt.ArrayLike, q: npt.ArrayLike
+        self, X_OH: npt.ArrayLike, q: npt.ArrayLike, offsets: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the pads' centres and axes, and their Jacobians by palm and joints.
 
         Parameters
         ----------
-        X_OH, q
-            As in `forward_kinematics`.
+        X_OH, q, offsets
+            As in `pad_centers`.
 
         Returns
         -------
@@ -177,7 +183,7 @@ class Hand(HandModel):
             palm's origin [m/rad]; 3 to 5: moving the palm along O's axes; then the joints
             [m/rad or 1], zero for those that do not move that pad.
         """
-        return self._kinematics.pad_jacobians(X_OH, q)
+        return self._kinematics.pad_jacobians(X_OH, q, offsets)
 
     @cached_property
     def _kinematics(self) -> Kinematics:

@@ -66,18 +66,20 @@ class Kinematics:
         """Return the pose of each link; see `Hand.forward_kinematics`."""
         return dict(zip(self._links, self._poses(*self._broadcast(X_OH, q)), strict=True))
 
-    def pads(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def pads(
+        self, X_OH: npt.ArrayLike, q: npt.ArrayLike, offsets: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the pads' centres and axes; see `Hand.pad_centers`."""
-        centers, axes = self._pads(self._poses(*self._broadcast(X_OH, q)))
+        centers, axes = self._pads(self._poses(*self._broadcast(X_OH, q)), offsets)
         return np.moveaxis(centers, 0, -2), np.moveaxis(axes, 0, -2)
 
     def pad_jacobians(
-        self, X_OH: npt.ArrayLike, q: npt.ArrayLike
+        self, X_OH: npt.ArrayLike, q: npt.ArrayLike, offsets: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the pads' centres, axes and Jacobians; see `Hand.pad_jacobians`."""
         X_OH, q = self._broadcast(X_OH, q)
         poses = self._poses(X_OH, q)
-        centers, axes = self._pads(poses)
+        centers, axes = self._pads(poses, offsets)
         X_OC = poses[self._moving_links]  # (P, ..., 4, 4)
         # A joint's axis is the same in the child link's frame as in the joint frame.
         turn = _rotated(X_OC, self._moving_turns)
@@ -129,10 +131,13 @@ class Kinematics:
         X_JC[..., 3, 3] = 1.0
         return np.asarray(self._X_PJ.reshape(-1, *batch, 4, 4) @ X_JC)
 
-    def _pads(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _pads(self, poses: FloatArray, offsets: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Return the pads' centres and axes, each of shape (F, ..., 3)."""
         X_OL = poses[self._pad_links]
-        return _rotated(X_OL, self._pad_centers) + X_OL[..., :3, 3], _rotated(X_OL, self._pad_axes)
+        centers = _rotated(X_OL, self._pad_centers) + X_OL[..., :3, 3]
+        if offsets is not None:
+            centers += (X_OL[..., :3, :3] @ np.moveaxis(offsets, -2, 0)[..., None])[..., 0]
+        return centers, _rotated(X_OL, self._pad_axes)
 
 
 def _rotated(X: FloatArray, vectors: FloatArray) -> FloatArray:
