@@ -33,6 +33,7 @@ from lis_grasp.records import fields_of, read_only
 # Joints before all fingers that are locked, as of a wrist; more are an arm, which is left out.
 _WRIST = 2
 _PREGRASPS = ("wide", "medium", "narrow", "tight")
+_USED = 0.9  # fraction of an effort that a finger's force may need
 # Of one finger [N]: files often give more than a robot uses.
 _LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "jaw": 40.0}
 
@@ -126,6 +127,8 @@ def draft_hand(
             {label: read_only(o.q) for label, o in zip(_PREGRASPS, chosen, strict=False)}
         ),
     )
+    if hand.kind == "jaw":
+        hand, edits = _strong_enough(hand, edits)
     postures = find_probe_postures(hand, checker_of(hand), rng=rng)
     silent = [finger for finger in hand.fingers if finger not in postures]
     if silent:
@@ -169,6 +172,20 @@ def _without_robot(
         return edits
     notes.append(f"the hand begins at {bases[0]}; all else of the robot is left out, by base_link")
     return replace(edits, base_link=bases[0])
+
+
+def _strong_enough(hand: Hand, edits: DescriptionEdits) -> tuple[Hand, DescriptionEdits]:
+    """Set the usual efforts of a jaw so that both fingers push with the usual force at once."""
+    q = np.array(list(hand.pregrasps.values()))
+    _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (G, F, 3, 6 + J)
+    levers = np.abs(np.einsum("gfkj,gfk->gfj", jacobian[..., 6:], axes)).sum(axis=1).max(axis=0)
+    efforts, limits = dict(edits.effort_limits), hand.effort_limits.copy()
+    for j, name in enumerate(hand.joint_names):
+        if name in efforts:
+            needed = float(f"{_MOST_FORCE[hand.kind] * levers[j] / _USED:.2g}")
+            limits[j] = efforts[name] = max(efforts[name], needed)
+    edits = replace(edits, effort_limits=MappingProxyType(efforts))
+    return replace(hand, effort_limits=read_only(limits)), edits
 
 
 def _pruned(edits: DescriptionEdits, robot: yourdfpy.Robot) -> DescriptionEdits:
