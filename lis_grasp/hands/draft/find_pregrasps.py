@@ -16,7 +16,7 @@ RADII = (0.085, 0.07, 0.057, 0.046, 0.036, 0.027, 0.019, 0.012, 0.007)
 """Of the balls [m], from the widest opening to the narrowest."""
 
 _FIRST = (0.036, 0.057, 0.027, 0.046, 0.019, 0.012)  # radii from which the search starts
-_ROUNDS, _LEAST_GOOD = 8, 6  # random starts for each of them, and good openings that are enough
+_ROUNDS, _LEAST_GOOD = 8, 4  # random starts for each of them, and good openings that are enough
 _HOME = 0.5  # fraction of starts near joint positions 0, as far as the limits allow
 _RETRIES = (0.0, 0.02, 0.05, 0.1, 0.1, 0.15)  # spread of starts about a neighbour, of the range
 # Units of the residuals: [m], [-] (of unit vectors), [m] (of penetrations).
@@ -27,6 +27,7 @@ _CLEARANCE = 0.004  # of the ball from links without pads [m]
 # the angle), and the unbalanced fraction of the pads' forces.
 _MOST_OFF, _MOST_TURNED, _MOST_UNBALANCED = 0.006, 0.75, 0.35
 _LEAST_WEIGHT = 0.2
+_SIDE_BY_SIDE = 0.022  # of pads, beyond which fingers do not hinder each other [m]
 _MANY = 4  # of so many fingers one may be off, as a little finger is
 
 
@@ -89,6 +90,7 @@ class _Problem:
         others = [link for link in points if link not in {pad.link for pad in hand.pads}]
         self._points = [(link, points[link]) for link in others]
         low, high = hand.lower, hand.upper
+        self._apart = self._least_distances(np.clip(0.0, low, high))
         self._range = high - low
         self._home = zero = np.clip(0.0, low, high)
         longer = np.where(np.abs(high) >= np.abs(low), high, low)
@@ -97,6 +99,16 @@ class _Problem:
         size = max(float(np.abs(p).max()) for p in points.values()) + 0.3
         self._low = np.concatenate([low, np.full(3, -size), np.full(self._fingers, _LEAST_WEIGHT)])
         self._high = np.concatenate([high, np.full(3, size), np.ones(self._fingers)])
+
+    def _least_distances(self, home: FloatArray) -> FloatArray:
+        """Return the least distances (F, F) [m] of the pads' centres from each other.
+
+        Fingers side by side need about the distance that they have at joint positions 0.
+        """
+        pads = self._hand.pad_centers(np.eye(4), home)
+        between = np.linalg.norm(pads[:, None] - pads[None], axis=2)
+        spheres = self._radii[:, None] + self._radii[None] + 0.002
+        return np.maximum(spheres, np.minimum(between, _SIDE_BY_SIDE))
 
     def random_start(self, rng: np.random.Generator) -> FloatArray:
         about = self._home if rng.random() < _HOME else self._relaxed
@@ -162,7 +174,7 @@ class _Problem:
         inside = np.maximum(radius + _CLEARANCE - np.array(gaps).T.reshape(len(x), -1), 0.0)
         i, j = np.triu_indices(self._fingers, 1)
         between = np.linalg.norm(pads[:, i] - pads[:, j], axis=2)
-        least = np.maximum(self._radii[i] + self._radii[j] + 0.002, 0.25 * radius)
+        least = np.maximum(self._apart[i, j], 0.25 * radius)
         return off, axes - inward, balance, inside, np.maximum(least - between, 0.0)
 
     def _residuals(self, x: FloatArray, radius: float) -> FloatArray:
