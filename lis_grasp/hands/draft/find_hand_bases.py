@@ -7,14 +7,14 @@ from lis_grasp.hands.hand_parts import joints_to
 from lis_grasp.hands.link_tree import HandModel
 
 _ARM = 3  # movable joints before a hand, at least
-_FINGER = 5  # movable joints of a finger, at most
+_FINGER = 7  # movable joints of a finger, at most
 
 
 def find_hand_bases(model: HandModel) -> tuple[str, ...]:
     """Return the links where the hands of a whole robot begin; none for a hand alone.
 
     Each is the first link of a leaf's chain that carries several leaves, has three movable joints
-    or more before it, and no more than a finger's five after it.
+    or more before it, and no more than seven after it.
     """
     groups = rigid_groups(model)
     chains = [
