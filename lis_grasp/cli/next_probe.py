@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import Exploration, ProbeOutcome, load_outcomes
+from lis_grasp.exploration import Exploration, ProbeOutcome, Region, Workspace, load_outcomes
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
@@ -30,8 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "contacts",
         type=Path,
+        nargs="?",
         metavar="CONTACTS",
-        help="contacts as of `estimate`, or a touches.jsonl, whose misses count too",
+        help="contacts as of `estimate`, or a touches.jsonl, whose misses count too; none before"
+        " the first touch",
     )
     parser.add_argument(
         "--center",
@@ -52,6 +54,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="METRES",
         help="height of the table that the hand avoids (default: there is none)",
     )
+    parser.add_argument(
+        "--region",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="lengths [m] of the box on the table z = 0 that contains the object, centred at"
+        " x = y = 0; replaces --center, --size and --support",
+    )
     names = ("hand", "estimator", "policy", "position_noise", "normal_noise", "seed")
     opt.add_options(parser, *names)
     opt.add_output(parser, "the folder of CONTACTS")
@@ -63,23 +73,32 @@ def execute(options: argparse.Namespace) -> None:
     contacts, outcomes, recorded = _known(options.contacts, options.position_noise)
     size, center = options.size, None if options.center is None else np.array(options.center)
     options.size = None  # in a configuration it is the size of a built-in shape
+    region = options.region
+    options.region = None  # in a configuration it needs a pose of the true object
     config = opt.configure(options, recorded)
     hand = Hand.load(config.hand)
-    space = workspace_of(contacts, center=center, size=size, support_height=options.support)
+    space: Workspace | Region
+    if region is not None:
+        space = Region(region)
+    else:
+        space = workspace_of(contacts, center=center, size=size, support_height=options.support)
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         found = next_touch(contacts, hand, config, space, outcomes=outcomes)
         stage.result = f"policy {config.policy}"
     for line in _lines(found):
         say(line)
-    path = (options.output or options.contacts.parent) / "next.json"
+    folder = Path() if options.contacts is None else options.contacts.parent
+    path = (options.output or folder) / "next.json"
     write_json(path, found.facts(hand))
     say(f"wrote {path}")
 
 
 def _known(
-    path: Path, position_noise: float | None
+    path: Path | None, position_noise: float | None
 ) -> tuple[Contacts, tuple[ProbeOutcome, ...], dict[str, Any]]:
     """Return the contacts of a file, the outcomes of probes if it is a log, and its facts."""
+    if path is None:
+        return Contacts.empty(), (), {}
     if path.suffix.lower() == ".jsonl":
         outcomes = load_outcomes(path)
         return Exploration.replay(outcomes).contacts, outcomes, {}

@@ -16,6 +16,7 @@ from lis_grasp.cli.grasp import say_search, write_grasps
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import default_output
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import EstimationError
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.inertias import require_possible_inertias
@@ -59,6 +60,11 @@ def execute(options: argparse.Namespace) -> None:
         exploration = explore_with_log(config, shape, hand, output, X_WO)
         # Later stages read the files, so that each repeats exactly when run alone.
         contacts = Contacts.load(output / "contacts.ply")
+    if not len(contacts):
+        raise EstimationError(
+            f"no contact was made in {len(exploration.outcomes)} probes, so that there is nothing"
+            " to estimate: check that the region contains the object and that the hand gets there"
+        )
 
     X_WO = exploration.simulated_pose
     attempts = _attempts(shape, hand, config, contacts, output, watch, X_WO)

@@ -10,7 +10,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_positive
-from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Workspace
+from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Region, Workspace
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
@@ -108,7 +108,7 @@ def next_touch(
     contacts: Contacts,
     hand: Hand,
     config: RunConfig,
-    space: Workspace,
+    space: Workspace | Region,
     *,
     outcomes: Sequence[ProbeOutcome] = (),
 ) -> NextTouch:
@@ -123,7 +123,7 @@ def next_touch(
     config
         Its policy, estimator, noise and seed count.
     space
-        Prior knowledge of the object.
+        Prior knowledge of the object; in a region without contacts, the touch is a search motion.
     outcomes
         Of the probes so far, if known: missed and blocked ones are not tried again.
 
@@ -138,7 +138,7 @@ def next_touch(
     if len(contacts):
         estimated = make_estimator(config.estimator, sensor)(contacts)
         surface = carved(estimated, contacts, margin=sensor.free_margin)
-    obstacles = ObstacleModel(space, contacts, surface)
+    obstacles = ObstacleModel(space.grown(contacts), contacts, surface)
     tried = list(outcomes)
     rng = np.random.default_rng([config.seed, len(contacts), len(tried)])
     for blocked in range(_MOST_BLOCKED):
@@ -156,6 +156,6 @@ def next_touch(
         tried.append(ProbeOutcome(probe, "blocked", reason="no approach"))
     raise EstimationError(
         f"the policy {config.policy} has no probe that the hand {hand.name} can approach, after"
-        f" {len(tried) - len(outcomes)} tries: check --center, --size and --support, or choose"
-        " another policy"
+        f" {len(tried) - len(outcomes)} tries: check --center, --size, --support or --region, or"
+        " choose another policy"
     )

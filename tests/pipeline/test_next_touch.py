@@ -62,3 +62,12 @@ def test_the_command_writes_the_touch(explored: Exploration, tmp_path: Path) -> 
     found = next_touch(explored.contacts, hand, pipeline.RunConfig(), space)
     assert written == json.loads(json.dumps(found.facts(hand)))
     assert main(["next", str(path), "--size", "0"]) == 2
+
+
+def test_in_a_region_the_first_touch_is_a_search(tmp_path: Path) -> None:
+    assert main(["next", "--region", "0.4", "0.4", "0.3", "--output", str(tmp_path)]) == 0
+    written = json.loads((tmp_path / "next.json").read_text())
+    start, end = np.array(written["start"]), np.array(written["end"])
+    assert np.linalg.norm(end - start) >= 0.4
+    assert start[2] == end[2] > 0.0
+    assert "no contacts" in written["why"]
