@@ -8,22 +8,27 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 
 from lis_grasp.exceptions import InvalidOptionError
 
 
 @contextmanager
 def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of processes that ignore Ctrl-C and end with this one, even if it is killed.
+    """Open a pool of processes that end with this one, even if it is killed.
 
-    On exit, work that has not started is cancelled.
+    On exit, work that has not started is cancelled, and work that has is awaited; after Ctrl-C, or
+    if an iterator over results is dropped, it is killed. Ctrl-C does not reach the processes.
     """
     pool = ProcessPoolExecutor(
         processes, mp_context=get_context("spawn"), initializer=_end_with_parent
     )
     try:
         yield pool
+    except (KeyboardInterrupt, GeneratorExit):
+        for process in active_children():
+            process.kill()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 

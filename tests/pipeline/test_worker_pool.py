@@ -49,3 +49,32 @@ def _is_running(pid: int) -> bool:
     except OSError:
         return False
     return state != "Z"
+
+
+SLEEP = """
+import sys, time
+from concurrent.futures import wait
+from lis_grasp.pipeline.worker_pool import worker_pool
+if __name__ == "__main__":
+    with worker_pool(2) as pool:
+        pool.submit(int, "1").result()
+        work = [pool.submit(time.sleep, 60) for _ in range(4)]
+        print("working", flush=True)
+        wait(work)
+"""
+
+
+@pytest.mark.slow
+def test_one_interrupt_ends_work_at_once(tmp_path: Path) -> None:
+    script = tmp_path / "sleep.py"
+    script.write_text(SLEEP)
+    with subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"working\n"
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=30)  # a quiet machine takes a tenth of a second
+        assert process.returncode != 0
+        assert process.stdout.read() == b""  # no process holds the pipe any more
