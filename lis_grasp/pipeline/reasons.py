@@ -33,7 +33,7 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
 
 REJECTIONS: Mapping[str, str] = MappingProxyType(
     {
-        "steep": "the surface at the thumb faces up or down, so that no opposed pair is beside the"
+        "steep": "all reachable surface faces up or down, so that no opposed pair is beside the"
         " hand: the object is flat or low there, so turn its mesh to stand"
         " higher",
         "no_opposing_surface": "there is no surface opposite the thumb's contact that faces the"
@@ -41,7 +41,7 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "no_surface_for_a_finger": "the opposite surface is too small for all fingers: the object"
         " is small for this hand",
         "no_flat_supported_surface": "no touched and flat part of the estimate is large and high"
-        " enough for a pad: turn the object so that more of it is 25 mm above the table, or make"
+        " enough for a pad: turn the object so that more of it is 15 mm above the table, or make"
         " more touches (--touches)",
         "no_force_closure": "the contacts could not resist every force: raise --friction, or make"
         " more touches (--touches)",

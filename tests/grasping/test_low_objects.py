@@ -1,0 +1,162 @@
+"""Grasps of low, thin and long objects on a support, and their ranking by inertia and levers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp import ForceClosureSampler, GraspSearch, Hand
+from lis_grasp.grasping.contact_samples import SurfaceSamples
+from lis_grasp.grasping.contact_sets import ContactSets
+from lis_grasp.grasping.grasp_ranking import (
+    GraspScorer,
+    inertial_metric,
+    wrench_model,
+)
+from lis_grasp.grasping.inverse_kinematics import solve_ik
+from lis_grasp.grasping.pad_offsets import fingertip_offsets
+from lis_grasp.hands.collision import HandCollisionChecker
+
+ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
+
+
+def _on_table(mesh: trimesh.Trimesh, turn: list[float] | None = None) -> trimesh.Trimesh:
+    if turn is not None:
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, turn))
+    mesh.apply_translation([0.0, 0.0, -mesh.bounds[0, 2]])
+    return mesh
+
+
+def _plan(hand: Hand, mesh: trimesh.Trimesh, candidates: int = 2000) -> GraspSearch:
+    sampler = ForceClosureSampler(hand, candidates=candidates)
+    return sampler.sample(mesh, rng=np.random.default_rng(0), support_height=0.0, count=2)
+
+
+def _assert_clear(hand: Hand, mesh: trimesh.Trimesh, search: GraspSearch) -> None:
+    checker = HandCollisionChecker(hand, mesh, support_height=0.0, clearance=0.0)
+    for grasp in search.grasps:
+        posture = grasp.joint_positions
+        assert checker.first_collision(grasp.X_OH, posture, pads_may_touch=True) is None
+        np.testing.assert_array_less(0.0, grasp.contact_points[:, 2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hand", [ALLEGRO, JAW], ids=lambda hand: hand.name)
+def test_a_plate_of_12_mm_is_grasped_from_its_sides(hand: Hand) -> None:
+    plate = _on_table(trimesh.creation.box((0.2, 0.1, 0.012)))
+    search = _plan(hand, plate)
+    assert search.grasps
+    _assert_clear(hand, plate, search)
+    for grasp in search.grasps:
+        on_side = np.isclose(np.abs(grasp.contact_points[:, :2]), [0.1, 0.05], atol=1e-9)
+        np.testing.assert_array_equal(on_side.sum(axis=1), 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hand", [ALLEGRO, JAW], ids=lambda hand: hand.name)
+def test_a_lying_rod_of_16_mm_is_grasped(hand: Hand) -> None:
+    rod = _on_table(trimesh.creation.cylinder(radius=0.008, height=0.15), turn=[0.0, 1.0, 0.0])
+    search = _plan(hand, rod)
+    assert search.grasps
+    _assert_clear(hand, rod, search)
+
+
+@pytest.mark.slow
+def test_a_parallel_jaw_gripper_grasps_a_ball_of_30_mm_with_its_fingertips() -> None:
+    ball = _on_table(trimesh.creation.icosphere(4, radius=0.015))
+    search = _plan(JAW, ball, candidates=200)
+    assert search.grasps
+    _assert_clear(JAW, ball, search)
+    for grasp in search.grasps:
+        centers = JAW.pad_centers(grasp.X_OH, grasp.joint_positions)
+        # The pads' centres are 16 mm above the fingertips, and the contacts at 15 mm.
+        assert centers[:, 2].min() > grasp.contact_points[:, 2].max()
+
+
+def test_a_flat_pad_ends_at_the_fingertip_and_a_rounded_one_has_no_other_points() -> None:
+    # The finger's box is 69 mm long, the centre at 59 mm; a millimetre is left out.
+    np.testing.assert_allclose(fingertip_offsets(JAW), [[0.0, 0.0, 0.009]] * 2, atol=1e-12)
+    np.testing.assert_array_equal(fingertip_offsets(ALLEGRO), np.zeros((4, 3)))
+
+
+def test_inverse_kinematics_brings_other_points_of_the_pads_to_the_contacts() -> None:
+    posture = JAW.pregrasps["medium"]
+    normals = -JAW.pad_axes(np.eye(4), posture)[None]
+    start = np.eye(4)[None], posture[None]
+    middle = ContactSets(0.02 * normals, normals, np.ones((1, 2), dtype=bool))
+    offsets = np.array([[[0.0, 0.0, 0.009]] * 2])
+    at_tips = replace(middle, offsets=offsets)
+    first, second = solve_ik(JAW, middle, *start), solve_ik(JAW, at_tips, *start)
+    assert max(first.position_error[0], second.position_error[0]) < 1e-4
+    back = first.X_OH[0, :3, 3] - second.X_OH[0, :3, 3]
+    np.testing.assert_allclose(back, [0.0, 0.0, 0.009], atol=1e-4)
+
+
+def test_rounded_pads_on_edges_stay_above_the_support() -> None:
+    plate = _on_table(trimesh.creation.box((0.2, 0.1, 0.012)))
+    radius, lowest = 0.012, 0.001
+    samples = SurfaceSamples(
+        plate, lowest=lowest, rng=np.random.default_rng(0), bends=True, pad_radius=radius
+    )
+    level = np.abs(samples.normals[:, 2]) < 0.5
+    assert level.sum() > 100
+    lowest_of_pads = samples.points[:, 2] + radius * (samples.normals[:, 2] - 1.0)
+    assert lowest_of_pads.min() > lowest
+    # The side is lower than a pad's centre, so that only its upper edge is left.
+    np.testing.assert_allclose(samples.points[level, 2], 0.012)
+    assert samples.normals[level, 2].min() > 0.0
+
+
+def test_the_inertial_metric_gives_the_accelerations_of_a_unit_mass() -> None:
+    a, b, c = 0.3, 0.05, 0.1
+    metric = inertial_metric(trimesh.creation.box((a, b, c)))
+    # I / m of a box, and rotations as the acceleration at 0.1 m.
+    by_mass = np.array([b**2 + c**2, a**2 + c**2, a**2 + b**2]) / 12.0
+    np.testing.assert_allclose(metric, np.diag(0.1 / by_mass), rtol=1e-9, atol=1e-9)
+
+
+def _acceleration_at(x: float, bar: trimesh.Trimesh) -> float:
+    """Return the acceleration by a pinch of a bar across y, at a place x along it."""
+    scorer = GraspScorer(JAW, bar, friction=0.8, rng=np.random.default_rng(0))
+    points = np.array([[[x, -0.0125, 0.0125], [x, 0.0125, 0.0125]]])
+    normals = np.array([[[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]])
+    sets = ContactSets(points, normals, np.ones((1, 2), dtype=bool))
+    return float(scorer.accelerations(sets)[0])
+
+
+def test_a_lever_to_the_centre_of_mass_lowers_the_acceleration() -> None:
+    bar = _on_table(trimesh.creation.box((0.3, 0.025, 0.025)))
+    found = [_acceleration_at(x, bar) for x in (0.0, 0.03, 0.06, 0.12)]
+    assert found == sorted(found, reverse=True)
+    assert found[-1] < 0.7 * found[0]
+
+
+@pytest.mark.slow
+def test_a_hammer_is_grasped_near_its_centre_of_mass() -> None:
+    handle = trimesh.creation.box((0.28, 0.025, 0.025))
+    head = trimesh.creation.box((0.03, 0.1, 0.04)).apply_translation([0.14, 0.0, 0.0])
+    hammer = _on_table(trimesh.boolean.union([handle, head], engine="manifold"))
+    best = _plan(JAW, hammer).grasps[0]
+    lever = best.contact_points[:, 0].mean() - hammer.center_mass[0]
+    # The handle is 280 mm long.
+    assert abs(lever) < 0.06
+
+
+def test_a_long_object_is_accelerated_less_than_a_short_one_of_the_same_mass() -> None:
+    bars = [_on_table(trimesh.creation.box((length, 0.025, 0.025))) for length in (0.1, 0.3)]
+    short, long = (_acceleration_at(0.0, bar) for bar in bars)
+    assert long < 0.7 * short
+
+
+def test_the_wrench_model_multiplies_torques_by_the_metric() -> None:
+    box = trimesh.creation.box((0.1, 0.06, 0.04))
+    points = np.array([[0.05, 0.01, 0.0], [-0.05, 0.0, 0.01]])
+    normals = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    for hand in (ALLEGRO, JAW):
+        model = replace(wrench_model(box, hand, 0.8), length_scale=1.0)
+        metric = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 0.0], [0.0, 0.0, 4.0]])
+        plain = model.wrenches(points, normals)
+        scaled = replace(model, torque_metric=metric).wrenches(points, normals)
+        np.testing.assert_allclose(scaled[..., :3], plain[..., :3])
+        np.testing.assert_allclose(scaled[..., 3:], plain[..., 3:] @ metric.T, atol=1e-12)
