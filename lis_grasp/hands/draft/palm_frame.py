@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from lis_grasp.hands.draft.find_fingers import rigid_groups
 from lis_grasp.hands.draft.find_pregrasps import Opening
 from lis_grasp.hands.draft.hand_points import link_points
 from lis_grasp.hands.hand import Hand
@@ -14,6 +17,7 @@ from lis_grasp.typing import FloatArray
 
 _ENOUGH = 0.04  # clearance that counts [m]
 _FORWARD = 0.03  # weight of the direction from the palm [m]
+_TURNS = 720  # directions across the closing one that are tried
 _BESIDE = 0.02  # of the palm's points from the line through the ball [m]
 
 
@@ -21,8 +25,8 @@ def find_palm_frame(hand: Hand, opening: Opening) -> FloatArray:
     """Return the pose (4, 4) of H in the base link, with z along the approach.
 
     The ball of an opening leaves the hand along +z, the direction in which it passes the links at
-    the largest distance, preferably away from the fingers' roots; of two fingers, away from the
-    middle of the base link and perpendicular to the closing direction. The x axis points from the
+    the largest distance, preferably away from the fingers' roots; of two fingers, the direction
+    across the closing one in which the pads lead the palm most. The x axis points from the
     thumb to the other fingers, across z. The origin is on the palm, below the ball. `hand` must
     have its palm frame at the base link.
     """
@@ -32,20 +36,18 @@ def find_palm_frame(hand: Hand, opening: Opening) -> FloatArray:
     arms = p_B - opening.center_H
     closing = _closing_direction(hand, opening.q)
     candidates = fibonacci_directions(1000)
-    if len(hand.pads) == 2:  # open on all sides: the only reason is the direction of the fingers
+    if len(hand.pads) == 2:  # open on all sides
         palm = points.get(hand.base_link, np.zeros((1, 3))).mean(axis=0)
-        forward = opening.center_H - palm
-        candidates = forward[None] - (forward @ closing) * closing
+        approach = _leading_direction(hand, closing, opening, points, links)
     else:
         palm = _finger_roots(hand, links).mean(axis=0)
         forward = opening.center_H - palm
-    forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
-    candidates = candidates / np.linalg.norm(candidates, axis=1, keepdims=True)
-    ahead = arms @ candidates.T  # (P, D)
-    across = np.sqrt(np.maximum((arms**2).sum(axis=1)[:, None] - ahead**2, 0.0))
-    clearance = np.where(ahead > 0.0, across, np.inf).min(axis=0)
-    scores = np.minimum(clearance, _ENOUGH) + _FORWARD * candidates @ forward
-    approach = candidates[np.argmax(scores)]
+        forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
+        ahead = arms @ candidates.T  # (P, D)
+        across = np.sqrt(np.maximum((arms**2).sum(axis=1)[:, None] - ahead**2, 0.0))
+        clearance = np.where(ahead > 0.0, across, np.inf).min(axis=0)
+        scores = np.minimum(clearance, _ENOUGH) + _FORWARD * candidates @ forward
+        approach = candidates[np.argmax(scores)]
     across_z = closing - (closing @ approach) * approach
     x = across_z / np.linalg.norm(across_z)
     X = np.eye(4)
@@ -58,6 +60,30 @@ def find_palm_frame(hand: Hand, opening: Opening) -> FloatArray:
         palm,
     )
     return X
+
+
+def _leading_direction(
+    hand: Hand,
+    closing: FloatArray,
+    opening: Opening,
+    points: Mapping[str, FloatArray],
+    links: Mapping[str, FloatArray],
+) -> FloatArray:
+    """Return the direction (3,) across the closing one in which the ball is most ahead of links.
+
+    The fingertips do not count, nor does what is fixed to them.
+    """
+    groups = rigid_groups(hand)
+    tips = {groups[pad.link] for pad in hand.pads}
+    behind = [
+        p @ links[k][:3, :3].T + links[k][:3, 3] for k, p in points.items() if groups[k] not in tips
+    ]
+    first = np.cross(closing, np.eye(3)[np.argmin(np.abs(closing))])
+    first /= np.linalg.norm(first)
+    angles = np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False)
+    around = np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(closing, first))
+    arms = np.vstack([np.zeros((1, 3)), *behind]) - opening.center_H
+    return np.asarray(around[np.argmin((arms @ around.T).max(axis=0).round(6))])
 
 
 def _finger_roots(hand: Hand, links: dict[str, FloatArray]) -> FloatArray:
