@@ -19,6 +19,7 @@ _FIRST = (0.036, 0.057, 0.027, 0.046, 0.019, 0.012)  # radii from which the sear
 _ROUNDS, _LEAST_GOOD = 8, 4  # random starts for each of them, and good openings that are enough
 _HOME = 0.5  # fraction of starts near joint positions 0, as far as the limits allow
 _RETRIES = (0.0, 0.02, 0.05, 0.1, 0.1, 0.15)  # spread of starts about a neighbour, of the range
+_BISECTIONS = 4  # of the radius of the widest opening of a jaw
 # Units of the residuals: [m], [-] (of unit vectors), [m] (of penetrations).
 _POSITION, _AXIS, _BALANCE, _PENETRATION = 0.004, 0.5, 0.25, 0.003
 _RANGE = 3.0  # fractions of a joint's range off its relaxed position
@@ -68,15 +69,24 @@ def find_pregrasps(
     for radii in (RADII[at + 1 :], RADII[:at][::-1]):
         last = anchor
         for radius in radii:
-            for spread in _RETRIES:
-                following = problem.solve(radius, problem.start_from(last, spread, rng))
-                if following.good:
-                    break
-            else:
+            following = problem.solve_near(last, radius, rng)
+            if following is None:
+                if len(hand.pads) == 2 and radius > last.radius:
+                    widest = _widest(problem, last, radius, rng)
+                    openings += [widest] if widest is not last else []
                 break
             openings.append(following)
             last = following
     return sorted(openings, key=lambda opening: -opening.radius)
+
+
+def _widest(problem: _Problem, last: Opening, failed: float, rng: np.random.Generator) -> Opening:
+    """Return the widest opening of a jaw by bisection, between a radius that failed and one not."""
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (last.radius + failed)
+        opening = problem.solve_near(last, middle, rng)
+        last, failed = (last, middle) if opening is None else (opening, failed)
+    return last
 
 
 class _Problem:
@@ -120,6 +130,16 @@ class _Problem:
     def start_from(self, opening: Opening, spread: float, rng: np.random.Generator) -> FloatArray:
         q = opening.q + spread * rng.uniform(-1.0, 1.0, self._count) * self._range
         return np.concatenate([q, opening.center_H, np.full(self._fingers, 0.6)])
+
+    def solve_near(
+        self, opening: Opening, radius: float, rng: np.random.Generator
+    ) -> Opening | None:
+        """Return a good opening of another radius, from starts about one; None if none is found."""
+        for spread in _RETRIES:
+            found = self.solve(radius, self.start_from(opening, spread, rng))
+            if found.good:
+                return found
+        return None
 
     def solve(self, radius: float, start: FloatArray) -> Opening:
         inside = np.clip(start, self._low + 1e-9, self._high - 1e-9)
