@@ -44,9 +44,12 @@ class Region:
     lengths: Sequence[float] = DEFAULT_REGION
 
     def __post_init__(self) -> None:
-        lengths = tuple(float(length) for length in self.lengths)
+        try:
+            lengths = tuple(float(length) for length in self.lengths)
+        except (TypeError, ValueError):
+            lengths = ()
         if len(lengths) != 3 or not all(0.0 < length < np.inf for length in lengths):
-            raise InvalidOptionError.out_of_range("region", list(lengths), "3 positive lengths")
+            raise InvalidOptionError.out_of_range("region", self.lengths, "3 positive lengths")
         object.__setattr__(self, "lengths", lengths)
 
     @property

@@ -71,8 +71,19 @@ def draw_pose(
 
 
 def placed(shape: Shape, X_WO: npt.ArrayLike) -> Shape:
-    """Return an object at a pose (4, 4): its mesh and edges are in W."""
-    pose = np.array(X_WO, dtype=np.float64)
+    """Return an object at a pose (4, 4): its mesh and edges are in W.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the pose is not 4 x 4 finite numbers.
+    """
+    try:
+        pose = np.array(X_WO, dtype=np.float64)
+    except (TypeError, ValueError):
+        pose = np.empty(0)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise InvalidOptionError.out_of_range("X_WO", X_WO, "4 x 4 finite numbers")
     mesh = trimesh.Trimesh(
         trimesh.transform_points(shape.mesh.vertices, pose), shape.mesh.faces, process=False
     )

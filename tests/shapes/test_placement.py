@@ -88,3 +88,9 @@ def test_a_file_without_a_pose_is_refused(tmp_path: Path, text: str) -> None:
 def test_a_missing_file_is_refused() -> None:
     with pytest.raises(InvalidFileError, match="four rows"):
         draw_pose(shapes.build("box"), "nowhere.txt", REGION, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("pose", [np.eye(3), [["a"]], None, np.full((4, 4), np.nan)])
+def test_a_damaged_pose_is_refused(pose: object) -> None:
+    with pytest.raises(InvalidOptionError, match="X_WO"):
+        placed(shapes.build("box"), pose)  # type: ignore[arg-type]
