@@ -141,13 +141,16 @@ class PoseTracker:
             suspicious = surprise > _SUSPICIOUS
             deviations = np.sqrt(belief.variances(contacts.points, contacts.normals))
             usable = not (contradicted or belief.doubts > 0 or deviations.max() > _UNUSABLE)
+            noise = np.hypot(self.position_noise, deviations)
+            outcome = replace(outcome, contacts=replace(contacts, position_noise=noise))
         belief, X_EC = belief.centered()  # the frame C when the contacts were made
         outcome = outcome.in_frame(X_EC)
+        self.move_frame(X_EC)
         if push is not None:
             belief = belief.pushed(push, detected=True)
         belief = self._doubted(belief, known, contradicted)
         belief, X_CF = belief.centered()
-        self.move_frame(X_EC @ X_CF)
+        self.move_frame(X_CF)
         belief = replace(
             belief,
             repeated=repeated,
@@ -189,7 +192,7 @@ class PoseTracker:
         """
         surprise = 0.0
         for point in contacts.points:
-            measurement = _to_plane(point, known)
+            measurement = _to_plane(point, known, self.position_noise)
             if measurement is None and surface is not None:
                 measurement = _to_surface(point, surface)
             if measurement is None:
@@ -203,8 +206,13 @@ class PoseTracker:
         return belief, surprise
 
 
-def _to_plane(point: FloatArray, known: Contacts) -> tuple[FloatArray, float, float] | None:
-    """Return normal (3,), distance [m] and its variance to the plane of a near contact, or None."""
+def _to_plane(
+    point: FloatArray, known: Contacts, noise: float
+) -> tuple[FloatArray, float, float] | None:
+    """Return normal (3,), distance [m] and its variance to the plane of a near contact, or None.
+
+    Of the contact's noise only the sensor's counts: both places have the tracked pose in common.
+    """
     if not len(known):
         return None
     offsets = point - known.points
@@ -214,8 +222,7 @@ def _to_plane(point: FloatArray, known: Contacts) -> tuple[FloatArray, float, fl
     aside = float(np.linalg.norm(offset - distance * normal))
     if aside > _NEAR or abs(distance) > _FAR:
         return None
-    noise = 0.0 if known.position_noise is None else np.nan_to_num(known.position_noise[nearest])
-    return normal, distance, (_BEND * aside) ** 2 + float(noise) ** 2
+    return normal, distance, (_BEND * aside) ** 2 + noise**2
 
 
 def _to_surface(

@@ -190,11 +190,11 @@ class ProbeOutcome:
             self,
             contacts=replace(
                 contacts,
-                points=trimesh.transform_points(contacts.points, X_FE),
+                points=_moved(contacts.points, X_FE),
                 normals=contacts.normals @ X_FE[:3, :3].T,
-                free_points=trimesh.transform_points(contacts.free_points, X_FE),
+                free_points=_moved(contacts.free_points, X_FE),
             ),
-            free_points=trimesh.transform_points(self.free_points, X_FE),
+            free_points=_moved(self.free_points, X_FE),
             hand_pose=hand_pose and replace(hand_pose, X_OH=X_FE @ hand_pose.X_OH),
             simulated_pose=None if pose is None else X_FE @ pose,
         )
@@ -219,6 +219,11 @@ class Prober(Protocol):
         The approach avoids `obstacles`; None is for a hand that is already at the probe's start.
         """
         ...
+
+
+def _moved(points: FloatArray, X: FloatArray) -> FloatArray:
+    """Return points (N, 3) at a pose, in the memory layout of those read from a file."""
+    return np.ascontiguousarray(trimesh.transform_points(points, X))
 
 
 def _vector(name: str, values: npt.ArrayLike) -> FloatArray:

@@ -47,8 +47,9 @@ _ARM_STIFFNESS, _ARM_DAMPING, _ARM_FORCE = 20_000.0, 600.0, 60.0  # [N/m], [N s/
 _STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
 _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
 
-# After a touch the hand retreats until the object is slower than this [m/s], within times [s].
-_STILL, _LEAST_SETTLING, _LONGEST_SETTLING = 5e-4, 0.03, 2.0
+# After a touch the hand retreats until the object is slower than this [m/s] over so many steps, for
+# this time at most [s]. Contact with the table makes it tremble by micrometres from step to step.
+_STILL, _STEPS_OF_REST, _LONGEST_SETTLING = 5e-4, 20, 2.0
 # Rolling resistance: its moment is that of the weight at a lever of 0.01 radii, as of wood on wood.
 # It falls to 0 below this angular speed [rad/s].
 _ROLLING_RESISTANCE, _ROLLING = 0.01, 0.05
@@ -237,10 +238,14 @@ class ProbingScene:
 
     def retreat(self, travelled: float, speed: float) -> None:
         """Retreat from `travelled` [m] at a speed [m/s] until the object rests."""
+        before = self.X_WO
         for n in range(1, round(_LONGEST_SETTLING / _TIME_STEP) + 1):
             self.step(travelled - n * speed * _TIME_STEP, -speed)
-            if n * _TIME_STEP >= _LEAST_SETTLING and self._speed_of_object() < _STILL:
-                return
+            if n % _STEPS_OF_REST == 0:
+                now = self.X_WO
+                if _motion(before, now) < _STILL * _STEPS_OF_REST * _TIME_STEP:
+                    return
+                before = now
 
     def _resist_rolling(self) -> None:
         """Apply the moment of rolling resistance to the free object, for one step."""
@@ -250,12 +255,6 @@ class ProbingScene:
         moment = -self._resistance / max(float(np.linalg.norm(turn)), _ROLLING) * turn
         load.F_Bq_W = SpatialForce(tau=moment, f=np.zeros(3))
         self._forces_port.FixValue(self._context, [load])
-
-    def _speed_of_object(self) -> float:
-        """Return the larger of linear speed and angular speed at a lever of 0.1 m [m/s]."""
-        slide = self._fixture.get_translational_velocity(self._context)
-        turn = self._fixture.get_angular_velocity(self._context)
-        return float(max(np.linalg.norm(slide), 0.1 * np.linalg.norm(turn)))
 
     def patches(self, threshold: float) -> list[Patch]:
         """Return the flat parts, in W, of contacts with a normal force above `threshold` [N]."""
@@ -274,6 +273,12 @@ class ProbingScene:
 
 def _rigid(X: FloatArray) -> RigidTransform:
     return RigidTransform(RotationMatrix(X[:3, :3]), X[:3, 3])
+
+
+def _motion(X: FloatArray, Y: FloatArray) -> float:
+    """Return the larger of displacement and turn, at a lever of 0.1 m, between poses [m]."""
+    turn = np.linalg.norm(Y[:3, :3] - X[:3, :3]) / np.sqrt(2.0)  # of small angles
+    return float(max(np.linalg.norm(Y[:3, 3] - X[:3, 3]), 0.1 * turn))
 
 
 def _rolling_resistance(mesh: trimesh.Trimesh, mass: float) -> float:

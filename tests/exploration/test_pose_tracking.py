@@ -84,17 +84,17 @@ def test_a_push_from_above_moves_nothing() -> None:
 
 def test_a_contact_stays_where_the_hand_found_it_when_the_object_moves_on() -> None:
     frames: list[np.ndarray] = []
-    tracker = PoseTracker(frames.append)
+    tracker = PoseTracker(lambda X_EF: frames.append(frames[-1] @ X_EF if frames else X_EF))
     first = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
     # The frame follows the expected push, the contact only its part before the detection.
-    assert frames[0][0, 3] > 1e-4
-    assert -0.03 - 0.4 * frames[0][0, 3] < first.contacts.points[0, 0] <= -0.03
+    assert frames[1][0, 3] > 1e-4
+    assert -0.03 - 0.4 * frames[1][0, 3] < first.contacts.points[0, 0] <= -0.03
     # Found at the same place of the hand's: nothing has moved, and the frame goes back.
-    here = -0.03 - frames[0][0, 3]
+    here = -0.03 - frames[1][0, 3]
     again = tracker.track(touched_at(here), [first], first.contacts, None, repeated=True)
     assert again.tracked is not None
     # The second touch may push too, now on a known scale.
-    assert again.tracked.X_WE[0, 3] < 0.5 * frames[0][0, 3]
+    assert again.tracked.X_WE[0, 3] < 0.5 * frames[1][0, 3]
 
 
 def test_an_uncertain_place_is_probed_again_at_once() -> None:
