@@ -184,7 +184,7 @@ class ProbeOutcome:
 
     def in_frame(self, X_EF: FloatArray) -> ProbeOutcome:
         """Return the outcome in a frame F with pose X_EF (4, 4); the probe stays as it was."""
-        X_FE = np.linalg.inv(X_EF)
+        X_FE = np.asarray(np.linalg.inv(X_EF))
         contacts, hand_pose, pose = self.contacts, self.hand_pose, self.simulated_pose
         return replace(
             self,
