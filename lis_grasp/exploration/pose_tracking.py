@@ -54,9 +54,10 @@ class PoseTracker:
 
         d(p) = n . (t + yaw z x p) + noise
 
-    with the distance d = f / |grad f|, its gradient n, and noise of the estimate's standard
-    deviation and the sensor's. Where the surface is unknown, a contact says little about the pose.
-    When the pose has become uncertain, an earlier probe is repeated.
+    with the value f of the estimate over the length of its gradient as distance d, the unit
+    gradient n, and noise of the estimate's standard deviation and the sensor's. Where the surface
+    is unknown, a contact says little about the pose. When the pose has become uncertain, an earlier
+    probe is repeated.
 
     A contact that contradicts certain surface, or free space where contacts were, shows a large
     motion: the pose becomes uncertain, and the next touches register it. If they contradict the
