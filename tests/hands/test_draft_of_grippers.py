@@ -123,6 +123,18 @@ def test_pads_of_a_jaw_are_its_inner_faces_though_racks_cross(tmp_path: Path) ->
         np.testing.assert_allclose(pad.center_L, [0, sign * 0.005, 0.05], atol=1e-6)
 
 
+def test_a_face_behind_another_body_is_no_pad(tmp_path: Path) -> None:
+    parts = jaw()
+    for i, sign in ((0, 1), (2, -1)):  # a smaller plate 1 mm in front of each inner face
+        plate = ((0.016, 0.002, 0.05), (0.0, sign * 0.005, 0.05))
+        parts[i] = link(
+            "left" if sign > 0 else "right", [((0.02, 0.02, 0.06), (0, sign * 0.015, 0.05)), plate]
+        )
+    model = read_urdf(written(tmp_path, link(*BASE), *parts))
+    for pad, sign in zip(fit_pads(model, find_fingers(model)), (1, -1), strict=True):
+        np.testing.assert_allclose(pad.center_L, [0, sign * 0.004, 0.05], atol=1e-6)
+
+
 def test_bars_of_a_linkage_are_no_fingers_however_far_the_base_reaches(tmp_path: Path) -> None:
     parts = []
     for side, sign in (("left", 1), ("right", -1)):

@@ -25,7 +25,7 @@ _OBLIQUE = 0.12  # angle to the closing direction at which a face's area counts 
 _USUAL_GAP, _STEPS = 0.05, 21  # [m] at which faces are chosen, and postures that are tried
 _ALONG_GAP = 0.5  # cosine of the angle from the gap to the motion that closes it
 _OFFSET = 0.03  # by which two opposite faces may be displaced along themselves [m]
-_COVERED = 0.002  # by which another body may be in front of a face [m]
+_COVERED = 0.0003  # by which another body may be in front of a face [m]
 _TIP_LENGTH = 0.04  # part of a finger, from its end, that counts as its tip [m]
 
 
@@ -157,11 +157,9 @@ def flat_pad(finger: Finger, towards_L: FloatArray) -> Pad:
     """
     best, found = 0.0, None
     for body in finger.bodies:
-        others = [other.points_L for other in finger.bodies if other is not body]
-        for area, axis, center, size in _faces(body.points_L, towards_L):
-            if area > best and not _is_covered(
-                np.vstack([np.empty((0, 3)), *others]), axis, center, size
-            ):
+        others = [ConvexHull(other.points_L) for other in finger.bodies if other is not body]
+        for area, axis, center in _faces(body.points_L, towards_L):
+            if area > best and not any(_is_covered(hull, axis, center) for hull in others):
                 best, found = area, (body, axis, center)
     body, axis, center = found or (finger.bodies[0], towards_L, finger.points_L.mean(axis=0))
     p_L = body.points_L if found else finger.points_L
@@ -179,8 +177,8 @@ def flat_pad(finger: Finger, towards_L: FloatArray) -> Pad:
 
 def _faces(
     p_L: FloatArray, towards_L: FloatArray
-) -> Iterator[tuple[float, FloatArray, FloatArray, float]]:
-    """Yield about flat faces of a convex hull: weighted area, normal, middle, half diameter."""
+) -> Iterator[tuple[float, FloatArray, FloatArray]]:
+    """Yield about flat faces of a convex hull: weighted area, normal, middle."""
     hull = ConvexHull(p_L)
     normals = hull.equations[:, :3]
     corners = p_L[hull.simplices]  # (T, 3, 3)
@@ -192,15 +190,16 @@ def _faces(
         face = (normals @ normal > np.cos(_FLAT)) & (heights > heights.max() - _LEVEL)
         if areas[face].sum() > 0.0:
             middle = (areas[face] / areas[face].sum()) @ corners[face].mean(axis=1)
-            size = float(np.linalg.norm(corners[face].reshape(-1, 3) - middle, axis=1).max())
             angle = np.arccos(np.clip(normal @ towards_L, -1.0, 1.0))
             weight = np.exp(-((angle / _OBLIQUE) ** 2))
-            yield float(areas[face].sum() * weight), normal, middle, size
+            yield float(areas[face].sum() * weight), normal, middle
 
 
-def _is_covered(p_L: FloatArray, axis: FloatArray, center: FloatArray, size: float) -> bool:
-    """Return whether points are in front of the middle of a face, within half its size."""
-    arms = p_L - center
-    ahead = arms @ axis
-    beside = np.linalg.norm(arms - np.outer(ahead, axis), axis=1)
-    return bool(((ahead > _COVERED) & (beside < 0.5 * size)).any())
+def _is_covered(hull: ConvexHull, axis: FloatArray, point: FloatArray) -> bool:
+    """Return whether a ray from a point (3,) along an axis leaves a convex hull further out."""
+    slopes = hull.equations[:, :3] @ axis
+    heights = -(hull.equations[:, :3] @ point + hull.equations[:, 3])  # inside: slope * t < height
+    out, into = slopes > 1e-9, slopes < -1e-9
+    leaves = float((heights[out] / slopes[out]).min())
+    enters = float((heights[into] / slopes[into]).max())
+    return bool((heights[~out & ~into] >= 0.0).all() and enters < leaves and leaves > _COVERED)
