@@ -81,7 +81,12 @@ class CandidateFilter:
         opened = solve_ik(self._hand, away, postures.X_OH, postures.q, palm_fixed=True).q
         # Pads may touch the object where they are planned to, not with a side or a back.
         nearly = postures.q + _NEARLY_CLOSED * (opened - postures.q)
-        clear = np.flatnonzero(self._free("grasp", postures.X_OH, nearly, postures.X_OH))
+        touching = [
+            self._checker.touches_object(X, joints)
+            for X, joints in zip(postures.X_OH, nearly, strict=True)
+        ]
+        self.rejected["grasp_hits_object"] += sum(touching)
+        clear = np.flatnonzero(~np.array(touching, dtype=bool))
         kept, opened = kept[clear], opened[clear]
         contacts, postures = contacts.subset(clear), postures.subset(clear)
         paths = self._approaches(postures.X_OH)

@@ -84,10 +84,13 @@ class GraspScorer:
         found: dict[int, Grasp] = {}
         for alike, points, normals in candidates.contacts.by_count():
             plain = epsilon_by_expanding_polytope(points, normals, self._model)
-            robust = epsilon_by_expanding_polytope(points, normals, self._robust)
             closing = np.flatnonzero(plain > 0.0)
             if not len(closing):
                 continue
+            robust = np.zeros(len(plain))
+            robust[closing] = epsilon_by_expanding_polytope(
+                points[closing], normals[closing], self._robust
+            )
             loaded = epsilon_by_expanding_polytope(
                 points[closing], normals[closing], self._loaded, tolerance=_COARSE
             )
@@ -116,7 +119,9 @@ class GraspScorer:
         """Return ``acceleration`` of B contact sets without postures; shape (B,)."""
         found = np.zeros(len(sets))
         for alike, points, normals in sets.by_count():
-            found[alike] = epsilon_by_expanding_polytope(points, normals, self._loaded)
+            found[alike] = epsilon_by_expanding_polytope(
+                points, normals, self._loaded, tolerance=_COARSE
+            )
         return self._force * found
 
     def _over_surfaces(
