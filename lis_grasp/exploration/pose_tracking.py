@@ -59,7 +59,7 @@ class PoseTracker:
     is unknown, a contact says little about the pose. When the pose has become uncertain, an earlier
     probe is repeated.
 
-    A contact that contradicts certain surface, or free space where contacts were, shows a large
+    A repeated probe far off its first contact, or free space where contacts were, shows a large
     motion: the pose becomes uncertain, and the next touches register it. If they contradict the
     estimate too, the object has toppled or rolled away: its contacts are dropped.
 
@@ -138,10 +138,12 @@ class PoseTracker:
         if push is not None:
             belief = belief.pushed(push, detected=False)
             belief, surprise = self._measured(belief, contacts, known, certain)
-            contradicted |= surprise > _CONTRADICTION
+            # Elsewhere the estimate may be wrong: only a known place is evidence of a motion.
+            usable = surprise <= _CONTRADICTION
+            contradicted |= repeated and not usable
             suspicious = surprise > _SUSPICIOUS
             deviations = np.sqrt(belief.variances(contacts.points, contacts.normals))
-            usable = not (contradicted or belief.doubts > 0 or deviations.max() > _UNUSABLE)
+            usable &= not (contradicted or belief.doubts > 0 or deviations.max() > _UNUSABLE)
             noise = np.hypot(self.position_noise, deviations)
             outcome = replace(outcome, contacts=replace(contacts, position_noise=noise))
         belief, X_EC = belief.centered()  # the frame C when the contacts were made
