@@ -2,6 +2,8 @@
 
     python benchmarks/bench_run.py box cylinder mallet --seeds 3 --estimator patch
 
+Options of `run` follow, such as `--known` for objects of known place and size, touched in the air.
+
 Objects are built-in names or mesh files. Each run is a process of its own, as for a user. The
 interval is the 95 % score interval (Wilson 1927).
 """

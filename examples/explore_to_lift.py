@@ -2,7 +2,7 @@
 
     python examples/explore_to_lift.py --output results/explore_to_lift
 
-This is `lis-grasp run` in Python: each stage is one function of `lis_grasp.pipeline`.
+This is `lis-grasp run --known` in Python: each stage is one function of `lis_grasp.pipeline`.
 """
 
 import argparse

@@ -119,12 +119,22 @@ def add_options(parser: argparse.ArgumentParser, *names: str, show_default: bool
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:
     """Add the options of what is known of the object, how it stands, and the sensor."""
-    parser.add_argument(
+    given = parser.add_mutually_exclusive_group()
+    given.add_argument(
         "--unknown",
         action="store_true",
+        default=None,
         help="nothing is known but the region: the object stands free on a table in a stable pose"
         " (fixed with --prober kinematic), and the sensor is realistic: 0.5 mm, 3 deg, 0.2 N,"
-        " taxels 2 mm apart",
+        " taxels 2 mm apart (default, unless there is a --cloud)",
+    )
+    given.add_argument(
+        "--known",
+        dest="unknown",
+        action="store_false",
+        default=None,
+        help="place and size of the object are known, it is fixed in the air as its mesh stands,"
+        " and the sensor is ideal; the options below change each of these",
     )
     add_options(parser, "pose", "region", "free")
     parser.add_argument(
@@ -143,7 +153,8 @@ def configure_touch(options: argparse.Namespace) -> RunConfig:
     """
     if options.clamped and options.free:
         raise InvalidOptionError("give either --clamped or --free; both are given", option="free")
-    conditions = dict(UNKNOWN if options.unknown else KNOWN)
+    unknown = options.cloud is None if options.unknown is None else options.unknown
+    conditions = dict(UNKNOWN if unknown else KNOWN)
     prober = options.prober or _DEFAULTS.prober
     if options.clamped or prober != "dynamic":  # geometry alone cannot move the object
         conditions["free"] = False

@@ -13,7 +13,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
-from lis_grasp.pipeline.conditions import UNKNOWN
+from lis_grasp.pipeline.conditions import KNOWN, UNKNOWN
 from lis_grasp.pipeline.run_config import RunConfig
 
 LOG = "touches.jsonl"
@@ -47,10 +47,10 @@ def default_output(config: RunConfig) -> Path:
     facts, usual = config.facts(), RunConfig().facts()
     parts = [Path(config.object).stem, Path(config.hand).stem, config.estimator]
     parts.append(f"seed{config.seed}")
-    unknown = {**UNKNOWN, "free": config.prober == "dynamic"}
-    if all(facts[option] == value for option, value in unknown.items()):
-        parts.append("unknown")
-        usual |= unknown
+    usual |= {**UNKNOWN, "free": config.prober == "dynamic"}
+    if all(facts[option] == value for option, value in KNOWN.items()):
+        parts.append("known")
+        usual |= KNOWN
     for name, value in facts.items():
         if name not in _NAMED and value != usual[name]:
             shown = Path(value).stem if name in ("cloud", "pose") and value else f"{value}"

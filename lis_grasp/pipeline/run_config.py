@@ -28,7 +28,10 @@ FINGERS = ("one", "all")
 
 @dataclass(frozen=True, slots=True)
 class RunConfig:
-    """Configuration of a run; its defaults are those of the command line.
+    """Configuration of a run.
+
+    The defaults are those of the command line with `--known`; `lis_grasp.pipeline.conditions` has
+    those without it.
 
     Parameters
     ----------

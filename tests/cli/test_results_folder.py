@@ -18,7 +18,8 @@ from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig
 from lis_grasp.pipeline.conditions import UNKNOWN
 
-EXPLORE = ["explore", "box", "--prober", "kinematic", "--hand", "wsg50", "--touches", "6"]
+EXPLORE = ["explore", "box", "--known", "--prober", "kinematic", "--hand", "wsg50"]
+EXPLORE += ["--touches", "6"]
 LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html")
 
 
@@ -187,7 +188,8 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
     configs += [RunConfig(**{**unknown, "region": (0.5, 0.4, 0.3)})]
     names = {default_output(config) for config in configs}
     assert len(names) == len(configs)
-    assert default_output(RunConfig()) == Path("results/box-allegro-blend-seed0")
+    assert default_output(RunConfig(**unknown)) == Path("results/box-allegro-blend-seed0")
+    assert default_output(RunConfig()) == Path("results/box-allegro-blend-seed0-known")
 
 
 def test_a_mesh_of_the_same_name_does_not_replace_results(

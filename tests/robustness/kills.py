@@ -29,8 +29,8 @@ import numpy as np
 from lis_grasp.experiments.study.study_results import without_times
 
 COMMANDS = {
-    "explore": "explore box --prober kinematic --touches 8 --position-noise 0.001",
-    "run": "run box --prober kinematic --touches 8 --grasps 1 --estimator patch",
+    "explore": "explore box --known --prober kinematic --touches 8 --position-noise 0.001",
+    "run": "run box --known --prober kinematic --touches 8 --grasps 1 --estimator patch",
     "compare": "compare --objects box --estimators patch gpis --reference gpis --touches 4"
     " --noise none --seeds 2 --jobs 1",
 }

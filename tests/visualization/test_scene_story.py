@@ -115,7 +115,7 @@ def test_kept_estimates_are_few_and_before_the_last_contact(contacts: int) -> No
 # ---- a folder of results --------------------------------------------------------------------
 
 HAND = ["--prober", "kinematic", "--hand", "wsg50"]
-EXPLORE = ["explore", "box", *HAND, "--touches", "6", "--seed", "4"]
+EXPLORE = ["explore", "box", "--known", *HAND, "--touches", "6", "--seed", "4"]
 GROWTH = [2, 3, 4, 5]
 
 
