@@ -125,7 +125,7 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         default=None,
         help="nothing is known but the region: the object stands free on a table in a stable pose"
-        " (fixed with --prober kinematic), and the sensor is realistic: 0.5 mm, 3 deg, 0.2 N,"
+        " (fixed with --prober kinematic), and the sensor is realistic: 0.5 mm, 3 deg, 0.05 N,"
         " taxels 2 mm apart (default, unless there is a --cloud)",
     )
     given.add_argument(

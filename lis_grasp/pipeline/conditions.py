@@ -20,11 +20,11 @@ REAL_SENSOR: Mapping[str, float] = MappingProxyType(
     {
         "position_noise": 0.0005,
         "normal_noise": float(np.radians(3.0)),
-        "force_threshold": 0.2,
+        "force_threshold": 0.05,
         "taxel_pitch": 0.002,
     }
 )
-"""A sensor like a real one: 0.5 mm, 3 deg, 0.2 N, taxels 2 mm apart."""
+"""A sensor like a real one: 0.5 mm, 3 deg, 0.05 N, taxels 2 mm apart."""
 
 KNOWN: Mapping[str, Any] = MappingProxyType(
     {"pose": None, "region": None, "free": False, **IDEAL_SENSOR}
