@@ -124,16 +124,8 @@ class FingerControl:
         self._scene.command_fingers(self._start, np.zeros(len(self._start)))
 
     def hold(self) -> None:
-        """Keep pushing with the planned forces, which rotate with the palm.
-
-        A joint that has closed further than its spring's rest position takes the spring along: it
-        would take force off the grip.
-        """
-        efforts = self._efforts(self._forces)
-        further = self._scene.joint_positions - self._posture
-        closing = further * efforts > 0.0
-        self._posture[closing] += _YIELD * further[closing]
-        self._scene.command_fingers(self._posture, efforts)
+        """Keep pushing with the planned forces, which rotate with the palm."""
+        self._scene.command_fingers(self._posture, self._efforts(self._forces))
 
     def _contacts_by_finger(self) -> dict[str, list[LinkContact]]:
         contacts: dict[str, list[LinkContact]] = {}
