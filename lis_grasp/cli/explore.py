@@ -147,7 +147,11 @@ def explore_with_log(
         )
         stage.result = exploration.summary()
     contacts = exploration.contacts if cloud is None else exploration.contacts.append(cloud)
-    contacts.save(output / "contacts.ply", header=header)
+    end = exploration.simulated_pose  # of a free object, in the frame of the contacts
+    moved = {} if end is None else {"X_EO": end.tolist()}
+    contacts.save(
+        output / "contacts.ply", header=provenance.merge(provenance.parse(header), **moved)
+    )
     return exploration
 
 

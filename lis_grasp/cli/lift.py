@@ -17,6 +17,7 @@ from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.pipeline.reasons import lift_sentence
 from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.worker_pool import process_count
+from lis_grasp.shapes.placement import checked_pose
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,6 +55,7 @@ def execute(options: argparse.Namespace) -> None:
         mass=config.mass,
         friction=config.friction,
         jobs=process_count(options.jobs),
+        X_WO=None if "X_EO" not in recorded else checked_pose(recorded["X_EO"]),
     )
     outcomes: list[dict[str, Any]] = []
     for rank in range(1, len(grasps) + 1):

@@ -16,6 +16,8 @@ from lis_grasp.typing import BoolArray, FloatArray
 _OPPOSED_ANGLE, _FINGER_ANGLE = np.deg2rad(38.0), np.deg2rad(48.0)
 # The thumb pushes sideways: its normal is at most this far from the horizontal.
 _STEEPEST = np.sin(np.deg2rad(40.0))
+# Fraction of the draws that prefer thumbs near the centre of mass: short fingers do not get there.
+_CENTRAL = 0.5
 _APPROACH_ANGLES = np.deg2rad([0.0, 0.0, -20.0, 20.0, -40.0, 40.0, -65.0, 65.0])
 _SPREADS = (0.55, 0.75, 1.0)
 
@@ -35,8 +37,8 @@ def sample_contact_sets(
 ) -> tuple[ContactSets, FloatArray, dict[str, int]]:
     """Sample sets of contacts: one pad, the thumb, opposite to the other pads.
 
-    1. The thumb's contact is a random sample of the surface: of two, the one nearer to the centre
-       of mass, where the object's weight turns it less.
+    1. The thumb's contact is a random sample of the surface; half of the time, the one of two that
+       is nearer to the centre of mass, where the object's weight turns it less.
     2. A line from it, along the inward normal or its horizontal part, leaves the object at the
        opposite point. Both contacts on a low object have normals that tilt upwards.
     3. The fingers' contacts are beside the opposite point, as far apart as the fingers are.
@@ -64,7 +66,7 @@ def sample_contact_sets(
         rejected["steep"] = count
     from_center = np.linalg.norm(samples.points - samples.center, axis=1)
     for _ in range(count if len(level) else 0):
-        pair = level[rng.integers(len(level), size=2)]
+        pair = level[rng.integers(len(level), size=2 if rng.random() < _CENTRAL else 1)]
         i = int(pair[np.argmin(from_center[pair])])
         angle = float(rng.choice(_APPROACH_ANGLES)) + float(rng.normal(0.0, 0.05))
         chosen = _choose_fingers(opposition, rng)

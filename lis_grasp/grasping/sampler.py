@@ -55,7 +55,7 @@ class ForceClosureSampler:
 
     hand: Hand
     friction: float = 0.8
-    candidates: int = 2000
+    candidates: int = 4000
 
     def __post_init__(self) -> None:
         require_positive(friction=self.friction)

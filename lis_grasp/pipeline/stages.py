@@ -284,13 +284,14 @@ def lift_each(
     mass: float,
     friction: float,
     jobs: int,
+    X_WO: FloatArray | None = None,
     options: LiftOptions | None = None,
 ) -> Iterator[LiftOutcome]:
-    """Simulate the lift of each grasp on an untouched object, in `jobs` processes.
+    """Simulate the lift of each grasp on an object at the same pose X_WO, in `jobs` processes.
 
     Outcomes are in the order of the grasps, and the same for any number of processes.
     """
-    run = partial(lift, shape, hand, mass=mass, friction=friction, options=options)
+    run = partial(lift, shape, hand, mass=mass, friction=friction, X_WO=X_WO, options=options)
     if jobs == 1 or len(grasps) < 2:
         yield from map(run, grasps)
         return

@@ -78,17 +78,23 @@ def placed(shape: Shape, X_WO: npt.ArrayLike) -> Shape:
     InvalidOptionError
         If the pose is not 4 x 4 finite numbers.
     """
+    pose = checked_pose(X_WO)
+    mesh = trimesh.Trimesh(
+        trimesh.transform_points(shape.mesh.vertices, pose), shape.mesh.faces, process=False
+    )
+    edges = trimesh.transform_points(shape.edges.reshape(-1, 3), pose).reshape(-1, 2, 3)
+    return replace(shape, mesh=mesh, edges=edges)
+
+
+def checked_pose(X_WO: npt.ArrayLike) -> FloatArray:
+    """Return a pose of a file's header; `InvalidOptionError` unless it is 4 x 4 finite numbers."""
     try:
         pose = np.array(X_WO, dtype=np.float64)
     except (TypeError, ValueError):
         pose = np.empty(0)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
         raise InvalidOptionError.out_of_range("X_WO", X_WO, "4 x 4 finite numbers")
-    mesh = trimesh.Trimesh(
-        trimesh.transform_points(shape.mesh.vertices, pose), shape.mesh.faces, process=False
-    )
-    edges = trimesh.transform_points(shape.edges.reshape(-1, 3), pose).reshape(-1, 2, 3)
-    return replace(shape, mesh=mesh, edges=edges)
+    return pose
 
 
 def roll_to_rest(mesh: trimesh.Trimesh, *, rng: np.random.Generator) -> FloatArray:

@@ -194,8 +194,8 @@ def test_the_hand_of_the_guide_is_healthy(guide_hand: str) -> None:
 @pytest.mark.slow
 def test_the_hand_of_the_guide_touches_and_grasps(guide_hand: str, tmp_path: Path) -> None:
     out = str(tmp_path / "out")
-    options = ["--hand", guide_hand, "--output", out, "--touches", "12", "--prober", "kinematic"]
-    options += ["--known"]
+    options = ["--hand", guide_hand, "--output", out, "--touches", "30", "--prober", "kinematic"]
+    options += ["--known", "--seed", "1"]
     assert main(["explore", "cylinder", *options]) == 0
     assert main(["estimate", f"{out}/contacts.ply"]) == 0
     assert main(["grasp", f"{out}/surface.ply", "--hand", guide_hand, "--grasps", "2"]) == 0
