@@ -52,10 +52,11 @@ def _is_running(pid: int) -> bool:
 
 
 SLEEP = """
-import sys, time
+import signal, time
 from concurrent.futures import wait
 from lis_grasp.pipeline.worker_pool import worker_pool
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored if the tests' parent does
     with worker_pool(2) as pool:
         pool.submit(int, "1").result()
         work = [pool.submit(time.sleep, 60) for _ in range(4)]
