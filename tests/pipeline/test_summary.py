@@ -43,8 +43,7 @@ def test_every_reason_of_a_lift_has_a_sentence() -> None:
 
 @pytest.mark.slow
 def test_every_reason_of_a_rejection_has_a_sentence() -> None:
-
-    mesh = shapes.build("mallet").mesh
+    mesh = shapes.build("torus").mesh
     for hand in ("allegro", "wsg50"):
         search = ForceClosureSampler(Hand.load(hand), candidates=200).sample(
             mesh, rng=np.random.default_rng(0), support_height=float(mesh.bounds[0, 2])
