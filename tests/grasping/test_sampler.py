@@ -339,7 +339,7 @@ def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
 )
 def test_contacts_stay_off_edges_and_on_the_object(name: str) -> None:
     shape = shapes.build(name)
-    search = ForceClosureSampler(ALLEGRO, candidates=600).sample(
+    search = ForceClosureSampler(ALLEGRO).sample(
         shape.mesh,
         rng=np.random.default_rng(3),
         support_height=shape.mesh.bounds[0, 2],
