@@ -12,6 +12,7 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.io import provenance
 from lis_grasp.pipeline.convex_parts import convex_parts
 from lis_grasp.pipeline.object_models import FORMATS, ObjectModel
+from lis_grasp.shapes import default_mass
 
 _MOST_PARTS = 32
 
@@ -54,7 +55,8 @@ def execute(options: argparse.Namespace) -> None:
         parts = convex_parts(mesh, most=options.parts)
         volume = sum(part.volume for part in parts) / mesh.volume
         stage.result = f"{len(parts)}, of {100 * volume:.0f} % of the object's volume together"
-    model = ObjectModel(re.sub(r"[^\w.-]", "_", name), mesh, parts, config.mass, config.friction)
+    mass = config.mass if config.mass is not None else default_mass(mesh, config.object)
+    model = ObjectModel(re.sub(r"[^\w.-]", "_", name), mesh, parts, mass, config.friction)
     for format_name in dict.fromkeys(options.format):
         say(f"wrote {model.save(folder, format_name)}")
-    say(f"object: {config.mass:g} kg of uniform density, friction {config.friction:g}")
+    say(f"object: {mass:.3g} kg of uniform density, friction {config.friction:g}")

@@ -48,11 +48,12 @@ def execute(options: argparse.Namespace) -> None:
     hand = Hand.load(config.hand)
     output = options.output or options.grasps_file.parent
     grasps = search.grasps[: options.best]
+    mass = pipeline.object_mass(shape, config)
     trials = pipeline.lift_each(
         shape,
         hand,
         grasps,
-        mass=config.mass,
+        mass=mass,
         friction=config.friction,
         jobs=process_count(options.jobs),
         X_WO=None if "X_EO" not in recorded else checked_pose(recorded["X_EO"]),
@@ -64,13 +65,13 @@ def execute(options: argparse.Namespace) -> None:
             stage.result = outcome.reason
         if not outcomes:
             outcome.motion.save(output / "motion.npz")
-        outcomes.append({"rank": rank, **lift_facts(outcome)})
+        outcomes.append({"rank": rank, **lift_facts(outcome, mass=mass)})
     facts = {name: value for name, value in config.facts().items() if name not in opt.PLUGGED}
     write_json(
         output / "lifts.json", {"header": provenance.merge(recorded, **facts), "lifts": outcomes}
     )
     held = sum(outcome["held"] for outcome in outcomes)
-    say(f"held {held} of {len(outcomes)} grasps")
+    say(f"held {held} of {len(outcomes)} grasps, {mass:.3g} kg")
     for reason in dict.fromkeys(o["reason"] for o in outcomes if not o["held"]):
         ranks = ", ".join(str(o["rank"]) for o in outcomes if o["reason"] == reason)
         say(f"grasp {ranks} not held: {lift_sentence(reason)}")

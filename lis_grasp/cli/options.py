@@ -101,7 +101,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "attempts": _number(
         "N", "grasps to try at most; another is planned after a failed tactile check", kind=int
     ),
-    "mass": _number("KG", "mass of the object"),
+    "mass": _number("KG", "mass of the object (default: of YCB scans their own, else at most 0.2)"),
     "friction": _number("MU", "Coulomb friction between hand and object"),
     "seed": _number("N", "random seed", kind=int),
 }

@@ -77,7 +77,7 @@ def grasp_with_tactile_check(
             shape,
             hand,
             grasp,
-            mass=config.mass,
+            mass=stages.object_mass(shape, config),
             friction=config.friction,
             accept_grasp=_tactile_check(mesh, hand, config.friction) if left else None,
             X_WO=X_WO,

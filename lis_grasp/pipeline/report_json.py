@@ -19,7 +19,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.object_motion import motion_facts, true_object
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.stages import support_height
+from lis_grasp.pipeline.stages import object_mass, support_height
 from lis_grasp.shapes import Shape
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def build_report(
         "surface": _surface_facts(truth, last.contacts, last.mesh),
         "grasps": _grasp_facts(config, truth, hand, last.search),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
-        "lift": lift_facts(last.outcome),
+        "lift": lift_facts(last.outcome, mass=object_mass(shape, config)),
     }
 
 
@@ -151,14 +151,15 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
     }
 
 
-def lift_facts(outcome: LiftOutcome | None) -> dict[str, Any]:
-    """Return the outcome of a lift as plain values; None means no grasp found."""
+def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
+    """Return the outcome of a lift of a mass [kg] as plain values; None means no grasp found."""
     if outcome is None:
-        return {"lifted": False, "held": False, "reason": "no_grasp"}
+        return {"lifted": False, "held": False, "reason": "no_grasp", "mass": mass}
     return {
         "lifted": outcome.lifted,
         "held": outcome.held,
         "reason": outcome.reason,
+        "mass": mass,
         "slip": outcome.slip,
         "acceleration_survived": outcome.acceleration_survived,
         "simulated_seconds": outcome.duration,

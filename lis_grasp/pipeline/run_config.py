@@ -80,7 +80,7 @@ class RunConfig:
     seed
         Seed of every random draw.
     mass
-        Mass of the true object in the lift [kg].
+        Mass of the true object [kg]; None for that of `lis_grasp.shapes.default_mass`.
     friction
         Coulomb friction between hand and object, in planning and in the lift.
     grasps
@@ -116,7 +116,7 @@ class RunConfig:
     cloud: str | None = None
     touches: int = 40
     seed: int = 0
-    mass: float = 0.2
+    mass: float | None = None
     friction: float = 0.8
     grasps: int = 10
     attempts: int = 3
@@ -133,8 +133,9 @@ class RunConfig:
         require_at_least(1, touches=self.touches, grasps=self.grasps, attempts=self.attempts)
         require_at_least(0, seed=self.seed)
         for name in ("mass", "friction"):
-            if not 0 < getattr(self, name) <= 1e9:
-                raise InvalidOptionError.out_of_range(name, getattr(self, name), "positive")
+            value = getattr(self, name)
+            if value is not None and not 0 < value <= 1e9:
+                raise InvalidOptionError.out_of_range(name, value, "positive")
         if self.free and self.prober != "dynamic":
             raise InvalidOptionError(
                 f"a free object needs the dynamic prober; it is {self.prober}", option="free"

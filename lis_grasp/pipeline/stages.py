@@ -38,7 +38,7 @@ from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator, find_policy
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.worker_pool import worker_pool
-from lis_grasp.shapes import Shape, draw_pose
+from lis_grasp.shapes import Shape, default_mass, draw_pose
 from lis_grasp.surfaces import Estimator, ImplicitSurface, carved
 from lis_grasp.surfaces.above_table_implicit_surface import above_table
 from lis_grasp.typing import FloatArray
@@ -83,6 +83,11 @@ def support_height(shape: Shape, config: RunConfig | None = None) -> float:
     if config is not None and config.pose is not None:
         return 0.0
     return float(shape.mesh.bounds[0, 2])
+
+
+def object_mass(shape: Shape, config: RunConfig) -> float:
+    """Return the mass of the true object [kg]: configured, or `default_mass`."""
+    return default_mass(shape.mesh, config.object) if config.mass is None else config.mass
 
 
 def table_of(config: RunConfig) -> float | None:
@@ -193,8 +198,10 @@ def make_prober(
         from lis_grasp.simulation.dynamic_prober import DynamicProber
         from lis_grasp.simulation.probing_scene import FreeObject
 
-        height = support_height(shape, config)
-        free = FreeObject(height, config.mass, config.friction) if config.free else None
+        free = None
+        if config.free:
+            height = support_height(shape, config)
+            free = FreeObject(height, object_mass(shape, config), config.friction)
         threshold = config.sensor().force_threshold or None  # a touch must be detected to end
         prober = DynamicProber(hand, shape.mesh, free=free, force_threshold=threshold)
         if recorded and recorded[-1].simulated_pose is not None:

@@ -65,7 +65,10 @@ def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
     if aborted:
         lines.append(f"aborted   {aborted} by the tactile check, each planned again")
     if lift["held"]:
-        lines.append(f"lifted    and held through the shake; slip {1e3 * lift['slip']:.1f} mm")
+        lines.append(
+            f"lifted    {lift['mass']:.3g} kg, and held through the shake;"
+            f" slip {1e3 * lift['slip']:.1f} mm"
+        )
     else:
         lifted = "lifted, but not held" if lift["lifted"] else "not held"
         no_grasp = lift["reason"] == "no_grasp"

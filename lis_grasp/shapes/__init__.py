@@ -19,6 +19,7 @@ from lis_grasp.shapes.builtin import (
     torus,
 )
 from lis_grasp.shapes.mesh_loading import FORMATS, UNITS, find, load
+from lis_grasp.shapes.object_mass import default_mass
 from lis_grasp.shapes.placement import STABLE, UPRIGHT, draw_pose, placed, roll_to_rest
 from lis_grasp.shapes.shape import SHARP_ANGLE, Shape, sharp_edges
 
@@ -36,6 +37,7 @@ __all__ = [
     "box",
     "build",
     "cylinder",
+    "default_mass",
     "draw_pose",
     "find",
     "half_cylinder",

@@ -1,0 +1,47 @@
+"""Mass of a true object whose mass nobody gave: a table of the YCB set, or its volume."""
+
+from __future__ import annotations
+
+import csv
+import re
+from functools import lru_cache
+from pathlib import Path
+
+import trimesh
+
+USUAL_MASS = 0.2
+"""Mass of an object of which nothing else is known [kg]."""
+
+LARGEST_DENSITY = 2700.0
+"""Density of aluminium [kg/m^3]: small objects of unknown material are not denser."""
+
+# Objects of the YCB set are files or folders such as `006_mustard_bottle`.
+_YCB_NAME = re.compile(r"\d{3}(-[a-z])?_\w+")
+
+
+def default_mass(mesh: trimesh.Trimesh, name: str = "") -> float:
+    """Return the mass of an object [kg].
+
+    Scans of the YCB set have the published mass (Calli et al. 2015): a file or folder in the path
+    `name` tells which object it is. Others weigh 0.2 kg, or as much as solid aluminium if that is
+    less: a key or a pen of 0.2 kg would be denser than most metals.
+
+    Parameters
+    ----------
+    mesh
+        The object, closed [m].
+    name
+        Path of its file, or another name.
+    """
+    for part in (Path(name).stem, *reversed(Path(name).parent.parts)):
+        found = _YCB_NAME.match(part)
+        if found and found.group() in ycb_masses():
+            return ycb_masses()[found.group()]
+    return min(USUAL_MASS, LARGEST_DENSITY * float(mesh.volume))
+
+
+@lru_cache
+def ycb_masses() -> dict[str, float]:
+    """Return the published masses of the objects of the YCB set [kg] (Calli et al. 2015)."""
+    with Path(__file__).with_name("ycb_masses.csv").open(encoding="utf-8", newline="") as table:
+        return {row["object"]: 1e-3 * float(row["mass_g"]) for row in csv.DictReader(table)}
