@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.epsilon import epsilon_by_convex_hull, epsilon_by_expanding_polytope
 from lis_grasp.grasping.force_closure import resisted_force
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.grip_capacity import grip_fraction
 from lis_grasp.grasping.grip_forces import balanced_grip
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.surface_uncertainty import UncertainSurface
 from lis_grasp.hands.hand import Hand
 from lis_grasp.typing import FloatArray
@@ -25,10 +28,10 @@ _ROBUST_FRACTION = 0.5
 # Sampled surfaces per estimate; on each of them epsilon may be too small by this fraction.
 _SAMPLES = 32
 _COARSE = 0.05
-# Accelerations are those at this fraction of the friction. A rotation counts as the acceleration at
-# this distance from its axis, and radii of gyration below the other one as that [m].
+# Loads are carried at this fraction of the friction. A rotation counts as the acceleration at the
+# first distance [m] from its axis, as in a lift's shake; radii of gyration are at least the second.
 _LOADED_FRACTION = 0.75
-_TURN_ARM, _LEAST_GYRATION = 0.1, 0.017
+_TURN_ARM, _LEAST_GYRATION = 0.65, 0.017
 # Torsional lever of a flat pad [m]: 2/3 of a contact radius of 9 mm (Howe and Cutkosky 1996).
 _FLAT_PAD_LEVER = 0.006
 
@@ -46,8 +49,11 @@ class GraspScorer:
     - ``closure_probability``, ``epsilon_expected``: over samples of the true surface given the
       estimate (`UncertainSurface`), the fraction in force closure and the mean of
       ``epsilon_robust``.
-    - ``acceleration``: the largest acceleration, linear or angular in any direction, that the hand
-      at its largest contact force gives an object of 0.2 kg, `inertial_metric` [m/s^2].
+    - ``grip``: the sum of the largest normal forces in balance that the hand exerts in this
+      posture, within its joint efforts and its largest contact force [N].
+    - ``load_per_grip``: the largest load, in any direction, that contacts carry per unit of grip,
+      and ``acceleration``: the largest acceleration, linear or angular, that the grip gives the
+      object [m/s^2]; both in the metric of `inertial_metric`.
     - ``success_probability``: the predicted probability that the hand lifts and holds the object,
       a logistic function of ``epsilon_expected`` and ``weight_robust``, times another one of
       ``acceleration`` (`SUCCESS_MODEL`). Grasps are ranked by it. The weight is part of it because
@@ -55,6 +61,9 @@ class GraspScorer:
       through the fingers; the acceleration because long objects have more inertia than the friction
       of fingers close together can turn.
     - ``pad_error``: the largest distance of a pad from its contact [m].
+
+    Qualities are those at the median mass and friction of the prior; `predict_success` averages the
+    success probability over both distributions.
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest
     distance of a vertex from it.
@@ -65,16 +74,14 @@ class GraspScorer:
     """
 
     def __init__(
-        self, hand: Hand, mesh: trimesh.Trimesh, *, friction: float, rng: np.random.Generator
+        self, hand: Hand, mesh: trimesh.Trimesh, *, prior: LoadPrior, rng: np.random.Generator
     ) -> None:
-        self._hand = hand
-        self._model = wrench_model(mesh, hand, friction)
-        self._robust = wrench_model(mesh, hand, _ROBUST_FRACTION * friction)
-        self._loaded = replace(
-            wrench_model(mesh, hand, _LOADED_FRACTION * friction),
-            torque_metric=inertial_metric(mesh),
-        )
-        self._force = 2.0 * hand.max_contact_force / SUCCESS_MODEL["fitted_on"]["mass_kg"]
+        self._hand, self._prior = hand, prior
+        self._models = [
+            (_FrictionModels.of(mesh, hand, friction), weight)
+            for friction, weight in prior.frictions()
+        ]
+        self._median = self._models[0][0]
         self._surface = UncertainSurface.from_mesh(mesh)
         # The same draws for every grasp, whenever its qualities are computed.
         self._seed = rng.integers(2**63)
@@ -82,50 +89,94 @@ class GraspScorer:
     def score(self, candidates: GraspCandidates) -> dict[int, Grasp]:
         """Return the grasps in force closure among candidates, by their index."""
         found: dict[int, Grasp] = {}
+        postures, mass = candidates.postures, self._prior.mass
         for alike, points, normals in candidates.contacts.by_count():
-            plain = epsilon_by_expanding_polytope(points, normals, self._model)
+            plain = epsilon_by_expanding_polytope(points, normals, self._median.plain)
             closing = np.flatnonzero(plain > 0.0)
             if not len(closing):
                 continue
-            robust = np.zeros(len(plain))
-            robust[closing] = epsilon_by_expanding_polytope(
-                points[closing], normals[closing], self._robust
-            )
-            loaded = epsilon_by_expanding_polytope(
-                points[closing], normals[closing], self._loaded, tolerance=_COARSE
-            )
-            closure, expected = self._over_surfaces(
-                points[closing], normals[closing], robust[closing]
-            )
+            qualities = self._qualities(points[closing], normals[closing], self._median)
             for k, i in enumerate(closing):
-                weight = resisted_force(points[i], normals[i], (0.0, 0.0, 1.0), self._robust)
                 b = int(alike[i])
-                quality = {
-                    "epsilon": plain[i],
-                    "epsilon_robust": robust[i],
-                    "weight_robust": weight,
-                    "closure_probability": closure[k],
-                    "epsilon_expected": expected[k],
-                    "acceleration": self._force * loaded[k],
-                    "success_probability": self._success_probability(
-                        expected[k], weight, self._force * loaded[k]
-                    ),
-                    "pad_error": candidates.postures.position_error[b],
-                }
-                found[b] = self._grasp(candidates, b, points[i], normals[i], quality)
+                used = candidates.contacts.used[b]
+                fingers = tuple(f for f, on in zip(self._hand.fingers, used, strict=True) if on)
+                forces = balanced_grip(
+                    points[i],
+                    normals[i],
+                    friction=self._prior.friction,
+                    total=2.0 * self._hand.max_contact_force,
+                )
+                X_OH, q = postures.X_OH[b], postures.q[b]
+                forces = grip_fraction(self._hand, X_OH, q, fingers, forces) * forces
+                quality = {name: float(values[k]) for name, values in qualities.items()}
+                quality = {"epsilon": float(plain[i]), **quality}
+                quality["grip"] = -float(np.sum(forces * normals[i]))
+                quality["acceleration"] = quality["grip"] * quality["load_per_grip"] / mass
+                quality["success_probability"] = self._success_probability(quality)
+                quality["pad_error"] = float(postures.position_error[b])
+                found[b] = Grasp(
+                    hand=self._hand.name,
+                    X_OH=X_OH,
+                    joint_names=self._hand.joint_names,
+                    joint_positions=q,
+                    pregrasp_positions=candidates.opened[b],
+                    approach_O=X_OH[:3, :3] @ self._hand.approach_H,
+                    contact_points=points[i],
+                    contact_normals=normals[i],
+                    contact_fingers=fingers,
+                    contact_forces=forces,
+                    quality=quality,
+                    accepted=f"force closure at friction {self._prior.friction:g}, reached, free of"
+                    " collision",
+                )
         return dict(sorted(found.items()))
 
+    def predict_success(self, grasp: Grasp) -> Grasp:
+        """Return a grasp with its success probability over the unknown mass and friction."""
+        if self._prior.is_known:
+            return grasp
+        success, grip = 0.0, grasp.quality["grip"]
+        points, normals = grasp.contact_points[None], grasp.contact_normals[None]
+        for models, weight in self._models:
+            qualities = self._qualities(points, normals, models)
+            quality = {name: float(values[0]) for name, values in qualities.items()}
+            for mass, mass_weight in self._prior.masses():
+                quality["acceleration"] = grip * quality["load_per_grip"] / mass
+                success += weight * mass_weight * self._success_probability(quality)
+        return replace(grasp, quality={**grasp.quality, "success_probability": success})
+
     def accelerations(self, sets: ContactSets) -> FloatArray:
-        """Return ``acceleration`` of B contact sets without postures; shape (B,)."""
+        """Return ``acceleration`` of B contact sets per unit of grip and mass; shape (B,)."""
         found = np.zeros(len(sets))
         for alike, points, normals in sets.by_count():
             found[alike] = epsilon_by_expanding_polytope(
-                points, normals, self._loaded, tolerance=_COARSE
+                points, normals, self._median.loaded, tolerance=_COARSE
             )
-        return self._force * found
+        return found
+
+    def _qualities(
+        self, points: FloatArray, normals: FloatArray, models: _FrictionModels
+    ) -> dict[str, FloatArray]:
+        """Return the qualities of contacts (B, C, 3) that depend on the friction, each (B,)."""
+        robust = epsilon_by_expanding_polytope(points, normals, models.robust)
+        closure, expected = self._over_surfaces(points, normals, robust, models)
+        return {
+            "epsilon_robust": robust,
+            "weight_robust": np.array(
+                [
+                    resisted_force(p, n, (0.0, 0.0, 1.0), models.robust)
+                    for p, n in zip(points, normals, strict=True)
+                ]
+            ),
+            "closure_probability": closure,
+            "epsilon_expected": expected,
+            "load_per_grip": epsilon_by_expanding_polytope(
+                points, normals, models.loaded, tolerance=_COARSE
+            ),
+        }
 
     def _over_surfaces(
-        self, points: FloatArray, normals: FloatArray, robust: FloatArray
+        self, points: FloatArray, normals: FloatArray, robust: FloatArray, models: _FrictionModels
     ) -> tuple[FloatArray, FloatArray]:
         """Return the probability of closure and the expected robust epsilon, each of shape (B,)."""
         count, contacts = points.shape[:2]
@@ -135,52 +186,45 @@ class GraspScorer:
             points, normals, samples=_SAMPLES, rng=np.random.default_rng(self._seed)
         )
         p, n = (a.reshape(-1, contacts, 3) for a in sampled)
-        robust = epsilon_by_expanding_polytope(p, n, self._robust, tolerance=_COARSE)
+        robust = epsilon_by_expanding_polytope(p, n, models.robust, tolerance=_COARSE)
         closes = robust > 0.0  # which implies closure at the whole friction
         rest = np.flatnonzero(~closes)
         if len(rest):
-            plain = epsilon_by_expanding_polytope(p[rest], n[rest], self._model, tolerance=_COARSE)
+            plain = epsilon_by_expanding_polytope(p[rest], n[rest], models.plain, tolerance=_COARSE)
             closes[rest] = plain > 0.0
         by_grasp = (count, _SAMPLES)
         return closes.reshape(by_grasp).mean(axis=1), robust.reshape(by_grasp).mean(axis=1)
 
-    def _success_probability(self, expected: float, weight: float, acceleration: float) -> float:
-        logit = SUCCESS_MODEL["intercepts"][self._model.contact_model]
-        by_name = {"epsilon_expected": expected, "weight_robust": weight}
+    def _success_probability(self, quality: Mapping[str, float]) -> float:
+        logit = SUCCESS_MODEL["intercepts"][self._median.plain.contact_model]
         terms = (
-            slope * np.log(by_name[name] + SUCCESS_MODEL["offsets"][name])
+            slope * np.log(quality[name] + SUCCESS_MODEL["offsets"][name])
             for name, slope in SUCCESS_MODEL["slopes"].items()
         )
         load = SUCCESS_MODEL["load"]
-        relative = max(acceleration / load["acceleration"], 1e-6)
+        relative = max(quality["acceleration"] / load["acceleration"], 1e-6)
         carried = 1.0 / (1.0 + relative ** -load["slope"])
         return float(carried / (1.0 + np.exp(-(logit + sum(terms)))))
 
-    def _grasp(
-        self,
-        candidates: GraspCandidates,
-        b: int,
-        points: FloatArray,
-        normals: FloatArray,
-        quality: dict[str, float],
-    ) -> Grasp:
-        hand, X_OH, friction = self._hand, candidates.postures.X_OH[b], self._model.friction
-        used = candidates.contacts.used[b]
-        return Grasp(
-            hand=hand.name,
-            X_OH=X_OH,
-            joint_names=hand.joint_names,
-            joint_positions=candidates.postures.q[b],
-            pregrasp_positions=candidates.opened[b],
-            approach_O=X_OH[:3, :3] @ hand.approach_H,
-            contact_points=points,
-            contact_normals=normals,
-            contact_fingers=tuple(f for f, on in zip(hand.fingers, used, strict=True) if on),
-            contact_forces=balanced_grip(
-                points, normals, friction=friction, total=2.0 * hand.max_contact_force
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FrictionModels:
+    """Wrench models at one friction: of closure, of robust qualities, and of accelerations."""
+
+    plain: WrenchModel
+    robust: WrenchModel
+    loaded: WrenchModel
+
+    @classmethod
+    def of(cls, mesh: trimesh.Trimesh, hand: Hand, friction: float) -> _FrictionModels:
+        """Return the models of a hand's contacts on a mesh."""
+        return cls(
+            wrench_model(mesh, hand, friction),
+            wrench_model(mesh, hand, _ROBUST_FRACTION * friction),
+            replace(
+                wrench_model(mesh, hand, _LOADED_FRACTION * friction),
+                torque_metric=inertial_metric(mesh),
             ),
-            quality=quality,
-            accepted=f"force closure at friction {friction:g}, reached, free of collision",
         )
 
 
@@ -216,7 +260,7 @@ def inertial_metric(mesh: trimesh.Trimesh) -> FloatArray:
     """Return the matrix (3, 3) [1/m] that makes accelerations of wrenches, of unit mass.
 
     A wrench accelerates an object of uniform density and mass m by ``f / m`` and turns it by
-    ``I^-1 tau``. The latter counts as the acceleration at 0.1 m from the axis, so the epsilon in
+    ``I^-1 tau``. The latter counts as the acceleration at 0.65 m from the axis, so the epsilon in
     this metric is a largest acceleration of the unit mass, per unit of the fingers' forces.
     """
     by_mass, axes = np.linalg.eigh(np.asarray(mesh.moment_inertia) / mesh.volume)  # [m^2]

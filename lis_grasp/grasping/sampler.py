@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidMeshError, require_at_least, require_positive
+from lis_grasp.exceptions import InvalidMeshError, require_at_least
 from lis_grasp.grasping.antipodal_sampling import initial_postures, sample_contact_sets
 from lis_grasp.grasping.candidate_filter import CandidateFilter
 from lis_grasp.grasping.contact_samples import SurfaceSamples
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.hands.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -48,6 +49,11 @@ class ForceClosureSampler:
         The hand.
     friction
         Coulomb coefficient between pads and object.
+    mass
+        Mass of the object [kg].
+    friction_spread, mass_spread
+        Standard deviations of the logarithms of friction and mass, whose medians are then the
+        values above; 0 where they are known. See `LoadPrior`.
     candidates
         Largest number of sampled contact sets, and as many again with bends. Sampling ends early
         when enough grasps are robust. Refinement tries up to ten more sets for each grasp.
@@ -55,11 +61,18 @@ class ForceClosureSampler:
 
     hand: Hand
     friction: float = 0.8
+    mass: float = 0.2
+    friction_spread: float = 0.0
+    mass_spread: float = 0.0
     candidates: int = 4000
 
     def __post_init__(self) -> None:
-        require_positive(friction=self.friction)
+        self.load_prior()
         require_at_least(1, candidates=self.candidates)
+
+    def load_prior(self) -> LoadPrior:
+        """Return what is known of the object's mass and friction."""
+        return LoadPrior(self.friction, self.mass, self.friction_spread, self.mass_spread)
 
     def sample(
         self,
@@ -101,7 +114,7 @@ class ForceClosureSampler:
         radius = min(pad.radius for pad in self.hand.pads)
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=radius)
         candidate_filter = CandidateFilter(self.hand, mesh, support_height=support_height)
-        scorer = GraspScorer(self.hand, mesh, friction=self.friction, rng=rng)
+        scorer = GraspScorer(self.hand, mesh, prior=self.load_prior(), rng=rng)
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)
         search.draw_enough(self.candidates, count)
         if len(search.grasps) < count:
@@ -110,6 +123,7 @@ class ForceClosureSampler:
             )
             search.draw_enough(2 * self.candidates, count)
         search.refine(count)
+        search.predict_success(count)
         return search.result(count)
 
 
@@ -162,6 +176,11 @@ class _Search:
             self.rejected["outranked"] += len(found)
         self.grasps[:count] = best
         self.grasps.sort(key=_success, reverse=True)
+
+    def predict_success(self, count: int) -> None:
+        """Rank the best `count` grasps by their success over the unknown mass and friction."""
+        best = [self.scorer.predict_success(grasp) for grasp in self.grasps[:count]]
+        self.grasps[:count] = sorted(best, key=_success, reverse=True)
 
     def result(self, count: int) -> GraspSearch:
         """Return the best `count` grasps."""

@@ -42,13 +42,14 @@ class LiftOptions:
         Peak accelerations of the wrist in successive shakes, increasing [m/s^2]; each is applied
         along x, y and z of W, in both directions, and then as rotations about x, y and z.
     turn_arm
-        Distance from the hand's base at which a rotation accelerates by as much [m].
+        Distance from the axis of a rotation at which it accelerates by as much [m]: an arm that
+        reaches 0.65 m turns its palm by at most 15 rad/s^2 while it accelerates it by 1 g.
     shake_frequency, shake_cycles
         Frequency and number of periods of the shaking along one axis [Hz, 1].
     grip_margin
         The fingers' normal forces add up to `grip_margin` times what the largest shake needs by
         Coulomb's law, ``m (g + a) / friction``: a robot measures the weight with its wrist. They
-        are larger if the planned grasp needs that, by its quality ``"acceleration"``.
+        are larger if the planned grasp needs that, by its quality ``"load_per_grip"``.
     least_grip_force
         Lower bound of that sum [N]; its upper bounds are the hand's efforts and contact force.
     search_distance
@@ -72,7 +73,7 @@ class LiftOptions:
     hold_time: float = 3.0
     lift_height: float = 0.10
     shake_accelerations: tuple[float, ...] = (4.905, 9.81)
-    turn_arm: float = 0.1
+    turn_arm: float = 0.65
     shake_frequency: float = 4.0
     shake_cycles: int = 2
     grip_margin: float = 3.0

@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.hands.hand import Hand
 from lis_grasp.simulation.contact_patches import LinkContact
@@ -22,8 +23,6 @@ _SEARCH_SPEED = 0.03  # [m/s] of a pad beyond its planned contact
 # Squeezing forces are well inside the friction cones if possible: the lift adds a load.
 _CONE_FRACTIONS = (0.6, 0.8, 1.0)
 _ENOUGH = 0.9  # fraction of the wanted grip that a narrower cone must give
-# Fraction of the joint efforts for the squeeze: the springs need some to keep the posture.
-_EFFORT_FRACTION = 0.9
 # Fraction by which a squeeze command moves the springs' rest posture to the measured one: fingers
 # settle where the object is, not where the estimate was.
 _YIELD = 0.1
@@ -176,7 +175,7 @@ class FingerControl:
         efforts = self._efforts(self._forces)
         load = max(
             strongest / self._hand.max_contact_force,
-            float(np.max(np.abs(efforts) / (_EFFORT_FRACTION * self._hand.effort_limits))),
+            float(np.max(np.abs(efforts) / (EFFORT_FRACTION * self._hand.effort_limits))),
         )
         if load > 1.0:
             self._forces = {finger: force / load for finger, force in self._forces.items()}

@@ -19,7 +19,6 @@ from lis_grasp.exceptions import (
     SimulationError,
     require_positive,
 )
-from lis_grasp.grasping.grasp_ranking import SUCCESS_MODEL
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.useful_efforts import useful_efforts
@@ -89,14 +88,14 @@ class LiftSetup:
     def _force_to_accelerate(self, load: float) -> float:
         """Return the sum of normal forces [N] with which the planned grasp carries a load [N].
 
-        Levers to the centre of mass and the inertia of long objects are part of the acceleration
-        that was planned; 0 for a grasp that names none.
+        Levers to the centre of mass and the inertia of long objects are part of the load that was
+        planned; 0 for a grasp that names none.
         """
-        largest, mass = 2.0 * self.hand.max_contact_force, SUCCESS_MODEL["fitted_on"]["mass_kg"]
-        acceleration = self.grasp.quality.get("acceleration")
-        if acceleration is None:
+        per_grip = self.grasp.quality.get("load_per_grip")
+        if per_grip is None:
             return 0.0
-        return float(min(largest, largest * load / max(mass * acceleration, 1e-9)))
+        largest = 2.0 * self.hand.max_contact_force
+        return float(min(largest, load / max(per_grip, 1e-9)))
 
 
 class LiftScene:

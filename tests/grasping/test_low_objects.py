@@ -15,6 +15,7 @@ from lis_grasp.grasping.grasp_ranking import (
     wrench_model,
 )
 from lis_grasp.grasping.inverse_kinematics import solve_ik
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.pad_offsets import fingertip_offsets
 from lis_grasp.hands.collision import HandCollisionChecker
 
@@ -111,14 +112,14 @@ def test_rounded_pads_on_edges_stay_above_the_support() -> None:
 def test_the_inertial_metric_gives_the_accelerations_of_a_unit_mass() -> None:
     a, b, c = 0.3, 0.05, 0.1
     metric = inertial_metric(trimesh.creation.box((a, b, c)))
-    # I / m of a box, and rotations as the acceleration at 0.1 m.
+    # I / m of a box, and rotations as the acceleration at 0.65 m.
     by_mass = np.array([b**2 + c**2, a**2 + c**2, a**2 + b**2]) / 12.0
-    np.testing.assert_allclose(metric, np.diag(0.1 / by_mass), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(metric, np.diag(0.65 / by_mass), rtol=1e-9, atol=1e-9)
 
 
 def _acceleration_at(x: float, bar: trimesh.Trimesh) -> float:
     """Return the acceleration by a pinch of a bar across y, at a place x along it."""
-    scorer = GraspScorer(JAW, bar, friction=0.8, rng=np.random.default_rng(0))
+    scorer = GraspScorer(JAW, bar, prior=LoadPrior(0.8), rng=np.random.default_rng(0))
     points = np.array([[[x, -0.0125, 0.0125], [x, 0.0125, 0.0125]]])
     normals = np.array([[[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]])
     sets = ContactSets(points, normals, np.ones((1, 2), dtype=bool))
