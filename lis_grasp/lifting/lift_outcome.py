@@ -47,9 +47,9 @@ class LiftOptions:
     shake_frequency, shake_cycles
         Frequency and number of periods of the shaking along one axis [Hz, 1].
     grip_margin
-        The fingers' normal forces add up to `grip_margin` times what the largest shake needs by
-        Coulomb's law, ``m (g + a) / friction``: a robot measures the weight with its wrist. They
-        are larger if the planned grasp needs that, by its quality ``"load_per_grip"``.
+        The fingers' normal forces add up to `grip_margin` times what the largest shake needs, by
+        Coulomb's law, ``m (g + a) / friction``, or by the load that the planned grasp carries per
+        newton, its quality ``"load_per_grip"``: a robot measures the weight with its wrist.
     least_grip_force
         Lower bound of that sum [N]; its upper bounds are the hand's efforts and contact force.
     search_distance

@@ -8,8 +8,9 @@ import trimesh
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome, Reason
-from lis_grasp.simulation.lift_scene import LiftSetup
-from lis_grasp.simulation.lift_trial import AcceptGrasp, LiftTrial
+from lis_grasp.lifting.lift_setup import LiftSetup
+from lis_grasp.lifting.lift_trial import AcceptGrasp, LiftTrial
+from lis_grasp.simulation.lift_scene import LiftScene
 from lis_grasp.typing import FloatArray
 
 __all__ = ["AcceptGrasp", "LiftOptions", "LiftOutcome", "Reason", "simulate_lift"]
@@ -78,4 +79,4 @@ def simulate_lift(
         options or LiftOptions(),
         np.eye(4) if X_WO is None else X_WO,
     )
-    return LiftTrial(setup, accept_grasp).run()
+    return LiftTrial(LiftScene(setup), setup, accept_grasp).run()

@@ -8,11 +8,12 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
+from lis_grasp.lifting.lift_control import FingerControl
 from lis_grasp.lifting.lift_outcome import LiftOutcome, Reason
+from lis_grasp.lifting.lift_setup import LiftSetup
+from lis_grasp.lifting.lifting_scene import LiftingScene
 from lis_grasp.lifting.wrist_trajectory import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
-from lis_grasp.simulation.lift_control import FingerControl
-from lis_grasp.simulation.lift_scene import LiftScene, LiftSetup
 from lis_grasp.typing import FloatArray
 
 # Fingers are commanded at this rate, the wrist in each time step.
@@ -38,12 +39,14 @@ AcceptGrasp = Callable[[Contacts], bool]
 
 
 class LiftTrial:
-    """One simulated lift; see `simulate_lift`."""
+    """One simulated lift in a scene of any simulator; see `simulate_lift`."""
 
-    def __init__(self, setup: LiftSetup, accept_grasp: AcceptGrasp | None) -> None:
+    def __init__(
+        self, scene: LiftingScene, setup: LiftSetup, accept_grasp: AcceptGrasp | None
+    ) -> None:
         self._setup, self._options = setup, setup.options
         self._accept_grasp = accept_grasp
-        self._scene = LiftScene(setup)
+        self._scene = scene
         self._control = FingerControl(self._scene, setup)
         grasp = setup.grasp
         retreat = -self._options.standoff * np.asarray(grasp.approach_O, dtype=np.float64)

@@ -12,8 +12,8 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.hands.hand import Hand
-from lis_grasp.simulation.contact_patches import LinkContact
-from lis_grasp.simulation.lift_scene import LiftScene, LiftSetup
+from lis_grasp.lifting.lift_setup import LiftSetup
+from lis_grasp.lifting.lifting_scene import HandContact, LiftingScene
 from lis_grasp.typing import FloatArray
 
 # Force at which a finger stops closing: the weight of a few coins.
@@ -49,7 +49,7 @@ class FingerControl:
     ``tau = J^T f`` on top of soft springs that hold the posture.
     """
 
-    def __init__(self, scene: LiftScene, setup: LiftSetup) -> None:
+    def __init__(self, scene: LiftingScene, setup: LiftSetup) -> None:
         self._scene, self._setup, self._hand = scene, setup, setup.hand
         hand, grasp = setup.hand, setup.grasp
         self._finger_of_link = hand.link_fingers
@@ -126,15 +126,15 @@ class FingerControl:
         """Keep pushing with the planned forces, which rotate with the palm."""
         self._scene.command_fingers(self._posture, self._efforts(self._forces))
 
-    def _contacts_by_finger(self) -> dict[str, list[LinkContact]]:
-        contacts: dict[str, list[LinkContact]] = {}
+    def _contacts_by_finger(self) -> dict[str, list[HandContact]]:
+        contacts: dict[str, list[HandContact]] = {}
         for contact in self._scene.contacts():
             finger = self._finger_of_link.get(contact.link)
             if finger is not None:
                 contacts.setdefault(finger, []).append(contact)
         return contacts
 
-    def _strongest(self, contacts: list[LinkContact]) -> _FingerContact | None:
+    def _strongest(self, contacts: list[HandContact]) -> _FingerContact | None:
         """Return the strongest contact of a finger; None if its total force is too small."""
         if not contacts:
             return None
