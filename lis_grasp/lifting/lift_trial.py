@@ -53,7 +53,7 @@ class LiftTrial:
         self._retreat = np.append(retreat, np.zeros(3))
         self._rise = np.array([0.0, 0.0, self._options.lift_height, 0.0, 0.0, 0.0])
         self._goal = np.asarray(grasp.X_OH, dtype=np.float64)[:3, 3]
-        self._scene.place_hand(retreat, np.asarray(grasp.pregrasp_positions))
+        self._scene.place_hand(self._retreat, np.asarray(grasp.pregrasp_positions))
         self._closed, self._measured = False, Contacts.empty()
         self._start = self._scene.object_center
         self._center_in_hand: FloatArray | None = None  # once the grasp has closed
@@ -199,10 +199,11 @@ class LiftTrial:
         step = self._options.time_step
         command_every = max(1, round(1.0 / (_CONTROL_RATE * step)))
         record_every = max(1, round(1.0 / (self._options.frame_rate * step)))
-        for count in range(round(duration / step)):
+        motion = self._scene.follow(path, duration)
+        for count in range(round(motion.duration / step)):
             if fingers is not None and count % command_every == 0 and fingers(count * step):
                 break
-            self._scene.command_wrist(*path((count + 1) * step))
+            motion.command((count + 1) * step)
             self._scene.step()
             if self._scene.steps % record_every == 0:
                 self._record()

@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from lis_grasp.lifting.wrist_trajectory import WristPath
 from lis_grasp.typing import FloatArray
+
+
+class CarrierMotion(Protocol):
+    """A motion of what carries the hand, along a path of the palm."""
+
+    @property
+    def duration(self) -> float:
+        """Time of the motion [s]."""
+
+    def command(self, time: float) -> None:
+        """Command the state that belongs to a time since the motion's start [s]."""
 
 
 class HandContact(Protocol):
@@ -29,10 +41,10 @@ class HandContact(Protocol):
 
 
 class LiftingScene(Protocol):
-    """A hand on a wrist, a free object and a table, advanced one time step at a time.
+    """A carried hand, a free object and a table, advanced one time step at a time.
 
-    The world frame W is the object's frame O in which the grasp was planned. The wrist's zero is
-    the palm pose of the grasp. J is the number of actuated joints, in the hand's order.
+    The world frame W is the object's frame O in which the grasp was planned. Displacements
+    of the palm, see `WristPath`, are relative to its pose in the grasp. J is the number of actuated joints, in the hand's order.
     """
 
     @property
@@ -64,10 +76,10 @@ class LiftingScene(Protocol):
         """Height of the object's lowest point [m]."""
 
     def place_hand(self, displacement: FloatArray, q: FloatArray) -> None:
-        """Set the palm to a displacement (3,) [m] from its zero and the joints to q, at rest."""
+        """Set the palm to a displacement (6,) and the joints to q, at rest."""
 
-    def command_wrist(self, displacement: FloatArray, velocity: FloatArray) -> None:
-        """Command the palm's displacement (6,) from its zero, see `WristPath`, and its rate."""
+    def follow(self, path: WristPath, duration: float) -> CarrierMotion:
+        """Return the palm's motion along a path of a duration [s]; it may take longer."""
 
     def command_fingers(self, q: FloatArray, efforts: FloatArray) -> None:
         """Command joint positions q, shape (J,), and efforts (J,) on top of the springs'."""

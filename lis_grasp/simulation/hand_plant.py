@@ -53,8 +53,6 @@ in by 0.25 mm, more than the 0.2 mm of a simulation step. While lifting, it is a
 5 N press it in by 0.4 mm.
 """
 
-_AXIS_NAMES = ("x", "y", "z")
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandInPlant:
@@ -171,62 +169,6 @@ def ignore_self_collision(scene_graph: SceneGraph, added: HandInPlant) -> None:
     scene_graph.collision_filter_manager().Apply(
         CollisionFilterDeclaration().ExcludeWithin(everything)
     )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Wrist:
-    """A 6-axis wrist that carries a hand.
-
-    Its state is ``[x, y, z, roll, pitch, yaw]`` and rates, relative to the pose at which it was
-    added, in W's axes. Its model instance has one desired-state port in that order.
-    """
-
-    instance: ModelInstanceIndex
-    joints: tuple[Joint, ...]
-
-
-def add_wrist(
-    plant: MultibodyPlant,
-    added: HandInPlant,
-    X_WB: FloatArray,
-    *,
-    stiffness: tuple[float, float],
-    damping: tuple[float, float],
-    limits: tuple[float, float],
-) -> Wrist:
-    """Hold the hand's base link by three prismatic and three revolute joints under PD control.
-
-    The wrist's zero is X_WB, shape (4, 4), far from its singularity (90 degrees of pitch) for any
-    pose of the hand. Stiffness, damping and limits are those of the prismatic [N/m, N s/m, N] and
-    of the revolute joints [N m/rad, N m s/rad, N m].
-    """
-    instance = plant.AddModelInstance("wrist")
-    # Light against the hand, heavy enough to keep the solver's mass matrix well conditioned.
-    carriage = SpatialInertia(0.1, np.zeros(3), UnitInertia.SolidSphere(0.05))
-    frame = plant.AddFrame(
-        FixedOffsetFrame("wrist_zero", plant.world_frame(), RigidTransform(X_WB[:3, 3]), instance)
-    )
-    joints: list[Joint] = []
-    for kind, turning in ((PrismaticJoint, False), (RevoluteJoint, True)):
-        # Yaw first, roll last: the usual roll-pitch-yaw about W's axes.
-        order = slice(None, None, -1 if turning else 1)
-        for axis, letter in zip(np.eye(3)[order], _AXIS_NAMES[order], strict=True):
-            joint_name = f"wrist_{'turn' if turning else 'slide'}_{letter}"
-            body = plant.AddRigidBody(f"{joint_name}_body", instance, carriage)
-            joint = plant.AddJoint(kind(joint_name, frame, body.body_frame(), axis))
-            frame = body.body_frame()
-            joints.append(joint)
-    base = added.bodies[added.hand.base_link]
-    R_WB = np.eye(4)
-    R_WB[:3, :3] = X_WB[:3, :3]
-    plant.WeldFrames(frame, base.body_frame(), RigidTransform(R_WB))
-    in_order = (*joints[:3], *reversed(joints[3:]))  # x y z, then roll pitch yaw
-    for joint in in_order:
-        turning = isinstance(joint, RevoluteJoint)
-        actuator = plant.AddJointActuator(joint.name(), joint, limits[turning])
-        actuator.set_controller_gains(PdControllerGains(p=stiffness[turning], d=damping[turning]))
-    plant.set_gravity_enabled(instance, False)
-    return Wrist(instance, in_order)
 
 
 def _spatial_inertia(inertial: Inertial | None) -> SpatialInertia:

@@ -1,4 +1,4 @@
-"""Drake scene of a lift: a free object on a table, and a hand on a wrist."""
+"""Drake scene of a lift: a free object on a table, and a carried hand."""
 
 from __future__ import annotations
 
@@ -14,24 +14,23 @@ from pydrake.systems.framework import DiagramBuilder
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.hands.useful_efforts import useful_efforts
 from lis_grasp.lifting.lift_setup import LiftSetup
+from lis_grasp.lifting.lifting_scene import CarrierMotion
+from lis_grasp.lifting.wrist_trajectory import WristPath
 from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.advance_simulation import advance
+from lis_grasp.simulation.carrier import Carrier
 from lis_grasp.simulation.contact_patches import LinkContact, link_contacts
+from lis_grasp.simulation.free_wrist import FreeWrist
 from lis_grasp.simulation.hand_plant import (
     LIFTING_SKIN,
     add_hand,
-    add_wrist,
     by_joint_kind,
     ignore_self_collision,
 )
 from lis_grasp.simulation.object_plant import add_object, add_table
 from lis_grasp.typing import FloatArray
 
-# Gains of the wrist's prismatic and revolute joints: a hand of 1 kg follows 1 g within 1 mm.
-_WRIST_STIFFNESS = (2e4, 3e2)  # [N/m, N m/rad]
-_WRIST_DAMPING = (4e2, 6.0)  # [N s/m, N m s/rad]
-_WRIST_LIMITS = (150.0, 15.0)  # [N, N m]
 # Joint error at which a finger's spring gives full effort: it yields to errors of the estimate.
 _FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
 _DAMPING_TIME = 0.035  # [s], damping by stiffness
@@ -44,8 +43,7 @@ class LiftScene:
 
     The world frame W is the object's frame O in which the grasp was planned. All contacts are
     hydroelastic: the object is its exact rigid mesh, never its hull; the hand's links and the table
-    are compliant. The hand's links do not collide with each other. The wrist's zero is the palm
-    pose of the grasp.
+    are compliant. The hand's links do not collide with each other. A carrier moves the hand.
     """
 
     def __init__(self, setup: LiftSetup) -> None:
@@ -71,14 +69,8 @@ class LiftScene:
             friction=friction,
             hydroelastic_modulus=LIFTING_SKIN,
         )
-        self._wrist = add_wrist(
-            plant,
-            self._hand,
-            np.asarray(setup.grasp.X_OH, dtype=np.float64) @ np.linalg.inv(hand.X_LH),
-            stiffness=_WRIST_STIFFNESS,
-            damping=_WRIST_DAMPING,
-            limits=_WRIST_LIMITS,
-        )
+        X_WB = np.asarray(setup.grasp.X_OH, dtype=np.float64) @ np.linalg.inv(hand.X_LH)
+        self.carrier: Carrier = FreeWrist(plant, self._hand, X_WB)
         instance = plant.AddModelInstance(OBJECT)
         body_mesh, self._p_OB = _near_its_frame(mesh)
         self._object, self._object_geometry = add_object(
@@ -109,8 +101,7 @@ class LiftScene:
         self._steps = 0
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._efforts_port = plant.get_actuation_input_port(self._hand.instance)
-        self._wrist_port = plant.get_desired_state_input_port(self._wrist.instance)
-        plant.get_actuation_input_port(self._wrist.instance).FixValue(self._context, np.zeros(6))
+        self.carrier.connect(self._context)
         self._velocity_columns = [joint.velocity_start() for joint in self._hand.joints]
 
     @property
@@ -124,16 +115,14 @@ class LiftScene:
         return self._steps
 
     def place_hand(self, displacement: FloatArray, q: FloatArray) -> None:
-        """Set the palm to a displacement (3,) [m] from its zero and the joints to q, at rest."""
-        for joint, value in zip(self._wrist.joints[:3], displacement, strict=True):
-            joint.set_translation(self._context, value)
+        """Set the palm to a displacement (6,) from the grasp and the joints to q, at rest."""
+        self.carrier.place(displacement)
         self._hand.set_joint_positions(self._context, q)
-        self.command_wrist(np.append(displacement, np.zeros(3)), np.zeros(6))
         self.command_fingers(q, np.zeros(len(q)))
 
-    def command_wrist(self, displacement: FloatArray, velocity: FloatArray) -> None:
-        """Command the palm's displacement (6,) from its zero, see `WristPath`, and its rate."""
-        self._wrist_port.FixValue(self._context, np.concatenate([displacement, velocity]))
+    def follow(self, path: WristPath, duration: float) -> CarrierMotion:
+        """Return the palm's motion along a path of a duration [s]; an arm may take longer."""
+        return self.carrier.follow(path, duration)
 
     def command_fingers(self, q: FloatArray, efforts: FloatArray) -> None:
         """Command joint positions q, shape (J,), and efforts (J,) on top of the springs'."""

@@ -14,10 +14,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
+from lis_grasp.simulation.free_wrist import add_wrist
 from lis_grasp.simulation.hand_plant import (
     HandInPlant,
     add_hand,
-    add_wrist,
     ignore_self_collision,
 )
 from lis_grasp.simulation.object_plant import add_object
