@@ -43,8 +43,9 @@ class HandContact(Protocol):
 class LiftingScene(Protocol):
     """A carried hand, a free object and a table, advanced one time step at a time.
 
-    The world frame W is the object's frame O in which the grasp was planned. Displacements
-    of the palm, see `WristPath`, are relative to its pose in the grasp. J is the number of actuated joints, in the hand's order.
+    The world frame W is the object's frame O in which the grasp was planned. Displacements of the
+    palm, see `WristPath`, are relative to its pose in the grasp. J is the number of actuated
+    joints, in the hand's order.
     """
 
     @property
