@@ -159,6 +159,17 @@ class Contacts:
             None if self.normal_noise is None else self.normal_noise[chosen],
         )
 
+    def in_frame(self, X_OF: npt.ArrayLike) -> Contacts:
+        """Return the contacts in a frame F with pose X_OF, shape (4, 4), in this one."""
+        X_FO = np.linalg.inv(np.asarray(X_OF, dtype=np.float64))
+        R, p = X_FO[:3, :3], X_FO[:3, 3]
+        return replace(
+            self,
+            points=self.points @ R.T + p,
+            normals=self.normals @ R.T,
+            free_points=self.free_points @ R.T + p,
+        )
+
     def append(self, other: Contacts) -> Contacts:
         """Return these contacts followed by `other`.
 

@@ -37,7 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--isaac", action="store_true", help="also write grasps.isaac.yaml, for Isaac Sim"
     )
-    opt.add_options(parser, "units", "hand", "friction", "grasps", "seed")
+    opt.add_options(parser, "units", "hand", "mass", "friction", "grasps", "seed")
+    opt.add_options(parser, "load", show_default=False)
     opt.add_output(parser, "the folder of MESH")
     parser.set_defaults(execute=execute)
 
@@ -77,11 +78,12 @@ def write_grasps(
             mesh,
             hand,
             support=support,
-            friction=config.friction,
+            prior=config.load_prior(mesh),
             count=config.grasps,
             seed=config.seed,
         )
-        facts = {name: getattr(config, name) for name in ("hand", "friction", "grasps", "seed")}
+        names = ("hand", "mass", "friction", "load", "grasps", "seed")
+        facts = {name: getattr(config, name) for name in names}
         header = provenance.merge(recorded, **facts, support_height=support)
         search.save(path, header=header)
         stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"

@@ -15,6 +15,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.pipeline.reasons import lift_sentence
+from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.worker_pool import process_count
 from lis_grasp.shapes.placement import checked_pose
@@ -56,6 +57,7 @@ def execute(options: argparse.Namespace) -> None:
         mass=mass,
         friction=config.friction,
         jobs=process_count(options.jobs),
+        options=lift_options(config.load_prior(shape.mesh)),
         X_WO=None if "X_EO" not in recorded else checked_pose(recorded["X_EO"]),
     )
     outcomes: list[dict[str, Any]] = []

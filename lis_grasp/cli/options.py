@@ -11,7 +11,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.pipeline import pose_of
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
-from lis_grasp.pipeline.run_config import FINGERS, PROBERS, RunConfig
+from lis_grasp.pipeline.run_config import FINGERS, LOADS, PROBERS, RunConfig
 from lis_grasp.shapes import NAMES, STABLE, UNITS, Shape, find, placed
 from lis_grasp.typing import FloatArray
 
@@ -103,6 +103,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     ),
     "mass": _number("KG", "mass of the object (default: of YCB scans their own, else at most 0.2)"),
     "friction": _number("MU", "Coulomb friction between hand and object"),
+    "load": {
+        "choices": LOADS,
+        "help": "whether planning knows the object's mass and friction, or only how they are"
+        " distributed",
+    },
     "seed": _number("N", "random seed", kind=int),
 }
 
@@ -137,6 +142,7 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
         " and the sensor is ideal; the options below change each of these",
     )
     add_options(parser, "pose", "region", "free")
+    add_options(parser, "load", show_default=False)
     parser.add_argument(
         "--clamped", action="store_true", help="the object is fixed, as with --prober kinematic"
     )

@@ -102,7 +102,9 @@ def _attempts(
     recorded = provenance.read(output / "contacts.ply")
     known = len(contacts)
 
-    def plan(contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+    def plan(contacts: Contacts, X_WO: FloatArray | None) -> tuple[trimesh.Trimesh, GraspSearch]:
+        if X_WO is not None:
+            recorded["X_EO"] = X_WO.tolist()
         if len(contacts) > known:
             contacts.save(output / "contacts.ply", header=provenance.merge(recorded))
             contacts = Contacts.load(output / "contacts.ply")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.typing import FloatArray
@@ -12,6 +13,10 @@ from lis_grasp.typing import FloatArray
 # Radius at which friction resists a turn, as a fraction of the object's extent: between a disc's,
 # 0.33, and a ring's, 0.5. The extent is at least [m].
 _TURNING_RADIUS, _LEAST_EXTENT = 0.4, 0.03
+# Standard deviations of a displacement by a hand that closed on an object or hit it: x, y [m], yaw;
+# and of a contact's distance from the estimated surface [m].
+_CLOSING_MOTION, _CONTACT_ERROR = np.array([0.01, 0.01, 0.2]), 0.002
+_ITERATIONS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,3 +59,36 @@ def displacement_rows(points: FloatArray, normals: FloatArray) -> FloatArray:
     """Return how a displacement moves points (N, 3) along normals (N, 3), shape (N, 3)."""
     turn = points[:, 0] * normals[:, 1] - points[:, 1] * normals[:, 0]
     return np.column_stack([normals[:, :2], turn])
+
+
+def register_motion(contacts: Contacts, mesh: trimesh.Trimesh) -> FloatArray:
+    """Return the planar displacement (3,) of an object whose new contacts are off its estimate.
+
+    Gauss-Newton iterations of the most probable displacement d: a normal prior of 10 mm and
+    0.2 rad, and distances ``n . d(p)`` of the contacts from the estimated surface, to 2 mm
+    (point-to-plane registration: Chen and Medioni 1992).
+
+    Parameters
+    ----------
+    contacts
+        New contacts, in the frame in which the object was estimated [m].
+    mesh
+        The estimated surface before the motion, closed [m].
+    """
+    displacement = np.zeros(3)
+    if not len(contacts):
+        return displacement
+    information = np.diag(_CLOSING_MOTION**-2.0)
+    for _ in range(_ITERATIONS):
+        back = np.linalg.inv(planar_pose(displacement))
+        points = trimesh.transform_points(contacts.points, back)
+        nearest, _, triangles = trimesh.proximity.closest_point(mesh, points)
+        normals = mesh.face_normals[triangles]
+        distances = np.einsum("ni,ni->n", points - nearest, normals)
+        rows = displacement_rows(nearest, normals) / _CONTACT_ERROR
+        step = np.linalg.solve(
+            information + rows.T @ rows,
+            rows.T @ distances / _CONTACT_ERROR - information @ displacement,
+        )
+        displacement = displacement + step
+    return np.asarray(displacement)

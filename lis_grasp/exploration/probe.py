@@ -185,15 +185,10 @@ class ProbeOutcome:
     def in_frame(self, X_EF: FloatArray) -> ProbeOutcome:
         """Return the outcome in a frame F with pose X_EF (4, 4); the probe stays as it was."""
         X_FE = np.asarray(np.linalg.inv(X_EF))
-        contacts, hand_pose, pose = self.contacts, self.hand_pose, self.simulated_pose
+        hand_pose, pose = self.hand_pose, self.simulated_pose
         return replace(
             self,
-            contacts=replace(
-                contacts,
-                points=_moved(contacts.points, X_FE),
-                normals=contacts.normals @ X_FE[:3, :3].T,
-                free_points=_moved(contacts.free_points, X_FE),
-            ),
+            contacts=self.contacts.in_frame(X_EF),
             free_points=_moved(self.free_points, X_FE),
             hand_pose=hand_pose and replace(hand_pose, X_OH=X_FE @ hand_pose.X_OH),
             simulated_pose=None if pose is None else X_FE @ pose,

@@ -60,6 +60,7 @@ class FingerControl:
         self._goal = np.array(grasp.joint_positions, dtype=np.float64)
         self._posture = self._start.copy()  # rest posture of the springs, (J,)
         self._searched = dict.fromkeys(self._planned_normals, 0.0)
+        self._grip = setup.grip_force(setup.options.assumed_mass or setup.mass)  # [N]
         self._contacts: dict[str, _FingerContact] = {}
         self._forces: dict[str, FloatArray] = {}  # on the object, in the palm's frame H
         travel = hand.pad_centers(np.eye(4), np.stack([self._start, self._goal]))  # (2, F, 3)
@@ -116,6 +117,17 @@ class FingerControl:
         if fraction < 1.0:
             self._posture += _YIELD * (self._scene.joint_positions - self._posture)
         self._scene.command_fingers(self._posture, fraction * self._efforts(self._forces))
+
+    def adapt_grip(self, *, mass: float | None = None, factor: float = 1.0) -> None:
+        """Plan the forces again, for a measured mass [kg] or with a larger grip force."""
+        self._grip *= factor
+        if mass is not None:
+            self._grip = max(self._grip, self._setup.grip_force(mass))
+        self._plan_forces()
+
+    def pad_points(self) -> dict[str, FloatArray]:
+        """Return the contact point (3,) on each touching finger's link, in W."""
+        return {finger: self._point(self._contacts[finger]) for finger in self.touching}
 
     def open(self) -> None:
         """Open the hand to the pregrasp."""
@@ -182,10 +194,10 @@ class FingerControl:
 
     def _balanced_forces(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return forces (C, 3) on the object, inside the narrowest cones in which they balance."""
-        wanted = self._setup.grip_force
+        wanted = self._grip
         for fraction in _CONE_FRACTIONS:
             forces = balanced_grip(
-                points, normals, friction=fraction * self._setup.friction, total=wanted
+                points, normals, friction=fraction * self._setup.grip_friction, total=wanted
             )
             total = -float(np.sum(forces * normals))
             if total >= _ENOUGH * wanted:

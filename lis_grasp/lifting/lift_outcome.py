@@ -17,6 +17,7 @@ Reason = Literal[
     "collision_on_approach",  # The open hand pushed the object, or did not arrive at its goal.
     "no_contact",  # Fewer than two fingers touched the object.
     "aborted",  # The tactile check rejected the grasp, and the hand opened and retreated.
+    "set_down",  # The object slipped at the start of the lift: the hand set it down and retreated.
     "ejected",  # Closing or squeezing pushed the object out of the hand.
     "not_lifted",  # The hand rose without the object.
     "dropped",  # The object was lost after it had been lifted.
@@ -52,6 +53,12 @@ class LiftOptions:
         newton, its quality ``"load_per_grip"``: a robot measures the weight with its wrist.
     least_grip_force
         Lower bound of that sum [N]; its upper bounds are the hand's efforts and contact force.
+    assumed_friction
+        Coulomb coefficient with which the grip forces are planned; None for the true one. When the
+        object slips over the pads in the first centimetre of the lift, the grip force is raised.
+    assumed_mass
+        Mass with which the grip forces are planned until the hand has weighed the object, at one
+        centimetre [kg]; None for the true one.
     search_distance
         Largest motion of a finger beyond its planned contact to find the object [m].
     largest_slip
@@ -78,6 +85,8 @@ class LiftOptions:
     shake_cycles: int = 2
     grip_margin: float = 3.0
     least_grip_force: float = 6.0
+    assumed_friction: float | None = None
+    assumed_mass: float | None = None
     search_distance: float = 0.02
     largest_slip: float = 0.02
     largest_push: float = 0.01
@@ -88,6 +97,8 @@ class LiftOptions:
         for item in fields(self):
             value = getattr(self, item.name)
             for number in value if isinstance(value, tuple) else (value,):
+                if number is None:
+                    continue
                 require_positive(**{item.name: number})
         shakes = self.shake_accelerations
         if any(later <= sooner for sooner, later in pairwise(shakes)):

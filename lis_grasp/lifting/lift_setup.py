@@ -41,12 +41,16 @@ class LiftSetup:
             )
 
     @property
-    def grip_force(self) -> float:
-        """Wanted sum of the fingers' normal forces [N]; see `LiftOptions.grip_margin`."""
+    def grip_friction(self) -> float:
+        """Coulomb coefficient with which the grip forces are planned."""
+        return self.options.assumed_friction or self.friction
+
+    def grip_force(self, mass: float) -> float:
+        """Return the wanted sum of normal forces [N] for a mass [kg]; see `LiftOptions`."""
         options = self.options
-        load = self.mass * (_GRAVITY + max(options.shake_accelerations, default=0.0))
+        load = mass * (_GRAVITY + max(options.shake_accelerations, default=0.0))
         return max(
-            options.grip_margin * load / self.friction,
+            options.grip_margin * load / self.grip_friction,
             self._force_to_accelerate(load),
             options.least_grip_force,
         )

@@ -12,6 +12,7 @@ from lis_grasp.lifting.lift_control import FingerControl
 from lis_grasp.lifting.lift_outcome import LiftOutcome, Reason
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lifting_scene import LiftingScene
+from lis_grasp.lifting.slip_watch import SlipWatch
 from lis_grasp.lifting.wrist_trajectory import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.typing import FloatArray
@@ -24,6 +25,9 @@ _SETTLED, _FALL_TIME = 0.001, 0.5
 _CLOSING_LIMIT = 4.0  # [s], longer than any finger needs
 _LEAST_FORCE = 0.05  # [N] of a link that counts as touching
 _LOST = 0.05  # [m] of slip that only a lost object has
+# Rise [m] until which slip over the pads raises the grip force by the factor. An object that slips
+# more until then is set down [m].
+_WATCHED_RISE, _GRIP_FACTOR, _SLIP_LIMIT = 0.01, 1.5, 0.006
 
 # An object that moves less than this in the hand [m] in this time [s] rests.
 _AT_REST = 5e-5
@@ -57,6 +61,7 @@ class LiftTrial:
         self._closed, self._measured = False, Contacts.empty()
         self._start = self._scene.object_center
         self._center_in_hand: FloatArray | None = None  # once the grasp has closed
+        self._slipped: float | None = None  # before the object was set down [m]
         self._lifted = False
         self._survived = 0.0
         self._times: list[float] = []
@@ -132,7 +137,22 @@ class LiftTrial:
 
     def _lift(self) -> Reason | None:
         duration = self._options.lift_time
-        self._advance(duration, line(np.zeros(6), self._rise, duration), self._hold_grip)
+        watch, given_up, weighed = SlipWatch(self._scene, self._control), False, False
+
+        def hold(time: float) -> bool:
+            nonlocal given_up, weighed
+            if not weighed:
+                weighed = self._scene.X_WH[2, 3] - self._goal[2] >= _WATCHED_RISE
+                given_up = self._accept_grasp is not None and watch.total > _SLIP_LIMIT
+                if weighed and self._options.assumed_mass is not None:
+                    self._control.adapt_grip(mass=self._setup.mass)
+                elif watch.has_slipped():
+                    self._control.adapt_grip(factor=_GRIP_FACTOR)
+            return self._hold_grip(time) or given_up
+
+        self._advance(duration, line(np.zeros(6), self._rise, duration), hold)
+        if given_up:
+            return self._set_down()
         self._lifted = self._in_hand()
         return None if self._lifted else self._failure("not_lifted")
 
@@ -179,6 +199,14 @@ class LiftTrial:
                 fingers=tuple(contact.link for contact in contacts),
             )
         return bool(contacts)
+
+    def _set_down(self) -> Reason:
+        """Lower the object to where it was, open the hand, and retreat."""
+        self._slipped = self._slip()
+        here = np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
+        self._advance(_RETREAT_TIME, line(here, np.zeros(6), _RETREAT_TIME), self._hold_grip)
+        self._abort()
+        return "set_down"
 
     def _abort(self) -> Reason:
         """Open the hand, and retreat against the approach."""
@@ -227,6 +255,8 @@ class LiftTrial:
         return center
 
     def _slip(self) -> float:
+        if self._slipped is not None:
+            return self._slipped
         if self._center_in_hand is None:
             return 0.0
         return float(np.linalg.norm(self._object_in_hand() - self._center_in_hand))

@@ -27,11 +27,19 @@ REAL_SENSOR: Mapping[str, float] = MappingProxyType(
 """A sensor like a real one: 0.5 mm, 3 deg, 0.05 N, taxels 2 mm apart."""
 
 KNOWN: Mapping[str, Any] = MappingProxyType(
-    {"pose": None, "region": None, "free": False, **IDEAL_SENSOR}
+    {"pose": None, "region": None, "free": False, "load": "known", **IDEAL_SENSOR}
 )
-"""Place and size of the object are known, it is fixed as its mesh stands, the sensor is ideal."""
+"""Place, size, mass and friction are known, the object is fixed as its mesh stands, the sensor is
+ideal."""
 
 UNKNOWN: Mapping[str, Any] = MappingProxyType(
-    {"pose": STABLE, "region": list(DEFAULT_REGION), "free": True, **REAL_SENSOR}
+    {
+        "pose": STABLE,
+        "region": list(DEFAULT_REGION),
+        "free": True,
+        "load": "unknown",
+        **REAL_SENSOR,
+    }
 )
-"""Only a region is known; the object stands free in a stable pose; the sensor is realistic."""
+"""Only a region is known, not even mass and friction; the object stands free in a stable pose; the
+sensor is realistic."""

@@ -16,6 +16,8 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         " (lis-grasp lift --best 5)",
         "no_contact": "fewer than two fingers met the object: the estimate is too large there, so"
         " make more touches (--touches)",
+        "set_down": "the object slipped at the start of the lift, and the hand set it down: permit"
+        " more attempts (--attempts), or try a smaller --mass",
         "aborted": "the tactile check rejected the grasp before the squeeze: permit more attempts"
         " (--attempts), or make more touches (--touches)",
         "ejected": "closing the fingers drove the object out of the hand: try the next grasps"

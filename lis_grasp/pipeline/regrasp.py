@@ -10,9 +10,12 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.planar_motion import planar_pose, register_motion
 from lis_grasp.grasping.grasp_ranking import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.pipeline import stages
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape
@@ -25,8 +28,12 @@ if TYPE_CHECKING:
 # Minimum distance [m] of new contacts to planned contacts at which a finger closed on nothing.
 _MISSED_RADIUS = 0.01
 
-# Estimates the surface from contacts, and plans grasps on it.
-Planner = Callable[[Contacts], tuple[trimesh.Trimesh, GraspSearch]]
+# Outcomes after which another grasp is planned.
+_TRIED_AGAIN = ("aborted", "set_down")
+
+# Estimates the surface from contacts, and plans grasps on it. Also called with the object's true
+# pose in the frame of the contacts, if it moved, for the headers of files.
+Planner = Callable[[Contacts, "FloatArray | None"], tuple[trimesh.Trimesh, GraspSearch]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +45,7 @@ class Attempt:
     search: GraspSearch  #: the grasps planned on it
     rank: int  #: of the executed grasp in the search
     outcome: LiftOutcome | None  #: of the lift; None if no grasp was found
+    X_WO: FloatArray | None = None  #: true pose of the object before it, in the contacts' frame
 
 
 def grasp_with_tactile_check(
@@ -55,21 +63,22 @@ def grasp_with_tactile_check(
     After the fingers close and before they squeeze, the measured contacts must be in force closure
     at half the friction. If they are not, or if the hand hits the object during the approach, the
     attempt is aborted: the hand opens and retreats, and its contacts are added to the known ones.
-    The next grasp avoids places where a finger closed on nothing. The last of
-    `RunConfig.attempts` is executed without the check. An aborted attempt may push the object; the
-    next one starts from its new pose, but is planned for the old one.
+    An object that slips at the start of the lift is set down. The next grasp avoids places where a
+    finger closed on nothing or slipped. The last of `RunConfig.attempts` is executed without the
+    check. An attempt may push the object: its motion is estimated from the new contacts
+    (`register_motion`), and the frame of contacts and grasps moves with it.
 
     `shape` is the true object, `contacts` are those of the exploration. `planner` estimates the
     surface and plans grasps; None does so as configured. `lift` is called as `pipeline.lift`.
     `X_WO`, shape (4, 4), is the object's true pose in the frame of the contacts, None for the
     identity: an exploration may have moved the object without noticing.
     """
-    planner = planner or make_planner(shape, hand, config)
+    planner, prior = planner or make_planner(shape, hand, config), config.load_prior(shape.mesh)
     missed = np.empty((0, 3))
     for left in reversed(range(config.attempts)):
-        mesh, search = planner(contacts)
+        mesh, search = planner(contacts, X_WO)
         if not search.grasps:
-            yield Attempt(contacts, mesh, search, 0, None)
+            yield Attempt(contacts, mesh, search, 0, None, X_WO)
             return
         rank = _first_away_from(missed, search)
         grasp = search.grasps[rank]
@@ -79,21 +88,32 @@ def grasp_with_tactile_check(
             grasp,
             mass=stages.object_mass(shape, config),
             friction=config.friction,
-            accept_grasp=_tactile_check(mesh, hand, config.friction) if left else None,
+            accept_grasp=_tactile_check(mesh, hand, prior.friction) if left else None,
             X_WO=X_WO,
+            options=lift_options(prior),
         )
-        yield Attempt(contacts, mesh, search, rank, outcome)
-        if outcome.reason != "aborted":
+        yield Attempt(contacts, mesh, search, rank, outcome, X_WO)
+        if outcome.reason not in _TRIED_AGAIN:
             return
-        contacts = contacts.append(outcome.measured_contacts)
+        X_EF = planar_pose(register_motion(outcome.measured_contacts, mesh))
+        contacts = contacts.append(outcome.measured_contacts.in_frame(X_EF))
+        X_WO = np.linalg.inv(X_EF) @ outcome.X_WO
         missed = np.vstack([missed, _missed(grasp, outcome)])
-        X_WO = outcome.X_WO
+
+
+def lift_options(prior: LoadPrior) -> LiftOptions | None:
+    """Return the options of a lift whose load is known as a prior says; None for the defaults."""
+    if prior.is_known:
+        return None
+    return LiftOptions(assumed_friction=prior.friction, assumed_mass=prior.mass)
 
 
 def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
     """Return a planner with the options of a configuration; of the shape it uses the support."""
 
-    def estimate_and_plan(contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+    def estimate_and_plan(
+        contacts: Contacts, X_WO: FloatArray | None
+    ) -> tuple[trimesh.Trimesh, GraspSearch]:
         _, mesh = stages.estimate(
             contacts,
             config.estimator,
@@ -105,7 +125,7 @@ def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
             mesh,
             hand,
             support=stages.support_height(shape, config),
-            friction=config.friction,
+            prior=config.load_prior(mesh),
             count=config.grasps,
             seed=config.seed,
         )
@@ -126,7 +146,9 @@ def _tactile_check(
 
 
 def _missed(grasp: Grasp, outcome: LiftOutcome) -> FloatArray:
-    """Return the planned contacts of fingers that closed on nothing, shape (K, 3) [m]."""
+    """Return the planned contacts of fingers that slipped or closed on nothing, (K, 3) [m]."""
+    if outcome.reason == "set_down":
+        return grasp.contact_points
     if not outcome.closed:
         return np.empty((0, 3))
     return grasp.contact_points[

@@ -20,7 +20,7 @@ from lis_grasp.pipeline.object_motion import motion_facts, true_object
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import object_mass, support_height
-from lis_grasp.shapes import Shape
+from lis_grasp.shapes import Shape, placed
 
 if TYPE_CHECKING:
     from lis_grasp.simulation.simulate_lift import LiftOutcome
@@ -39,7 +39,7 @@ def build_report(
     Surface, grasps and lift are those of the last attempt.
     """
     last = attempts[-1]
-    truth = true_object(shape, exploration)
+    truth = shape if last.X_WO is None else placed(shape, last.X_WO)
     return {
         "version": lis_grasp.__version__,
         "config": config.facts(),

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration import (
@@ -17,13 +18,21 @@ from lis_grasp.exploration import (
     stop_when_certain,
     stop_when_covered,
 )
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator
+from lis_grasp.shapes import default_mass
 
 PROBERS = ("dynamic", "kinematic")
 """Probers: Drake's dynamics, or geometry alone."""
 
 FINGERS = ("one", "all")
 """Fingers that touch in one approach."""
+
+LOADS = ("known", "unknown")
+"""What planning knows of mass and friction."""
+
+UNKNOWN_LOAD = LoadPrior(friction=0.8, mass=0.2, friction_spread=0.25, mass_spread=float(np.log(2)))
+"""Household objects and fingertips of rubber: 0.06 to 0.7 kg, friction 0.5 to 1.2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +91,10 @@ class RunConfig:
     mass
         Mass of the true object [kg]; None for that of `lis_grasp.shapes.default_mass`.
     friction
-        Coulomb friction between hand and object, in planning and in the lift.
+        True Coulomb friction between hand and object.
+    load
+        What planning knows of mass and friction: "known" their true values, "unknown" the
+        distribution `UNKNOWN_LOAD`.
     grasps
         Ranked grasps to plan; the first is executed.
     attempts
@@ -118,6 +130,7 @@ class RunConfig:
     seed: int = 0
     mass: float | None = None
     friction: float = 0.8
+    load: str = "known"
     grasps: int = 10
     attempts: int = 3
 
@@ -125,6 +138,7 @@ class RunConfig:
         for name, choices in (
             ("prober", PROBERS),
             ("fingers", FINGERS),
+            ("load", LOADS),
         ):
             if getattr(self, name) not in choices:
                 raise InvalidOptionError.not_one_of(name, getattr(self, name), choices)
@@ -155,6 +169,16 @@ class RunConfig:
         # Both validate the remaining fields.
         self.sensor()
         self.stop_rules(Workspace(1.0, np.zeros(3), 1.0))
+
+    def mass_of(self, mesh: trimesh.Trimesh) -> float:
+        """Return the configured mass of an object [kg], or else `default_mass` of its mesh."""
+        return default_mass(mesh, self.object) if self.mass is None else self.mass
+
+    def load_prior(self, mesh: trimesh.Trimesh) -> LoadPrior:
+        """Return what planning knows of mass and friction of an object, true or estimated."""
+        if self.load == "unknown":
+            return UNKNOWN_LOAD
+        return LoadPrior(self.friction, self.mass_of(mesh))
 
     def sensor(self) -> TactileSensor:
         """Return the tactile sensor of the hand."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,7 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.policy import PolicyKind
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.hand import Hand
 from lis_grasp.meshing import extract_mesh
@@ -38,7 +39,7 @@ from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator, find_policy
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.worker_pool import worker_pool
-from lis_grasp.shapes import Shape, default_mass, draw_pose
+from lis_grasp.shapes import Shape, draw_pose
 from lis_grasp.surfaces import Estimator, ImplicitSurface, carved
 from lis_grasp.surfaces.above_table_implicit_surface import above_table
 from lis_grasp.typing import FloatArray
@@ -87,7 +88,7 @@ def support_height(shape: Shape, config: RunConfig | None = None) -> float:
 
 def object_mass(shape: Shape, config: RunConfig) -> float:
     """Return the mass of the true object [kg]: configured, or `default_mass`."""
-    return default_mass(shape.mesh, config.object) if config.mass is None else config.mass
+    return config.mass_of(shape.mesh)
 
 
 def table_of(config: RunConfig) -> float | None:
@@ -246,12 +247,16 @@ def plan(
     hand: Hand,
     *,
     support: float | None,
-    friction: float,
+    friction: float = 0.8,
+    prior: LoadPrior | None = None,
     count: int,
     seed: int,
 ) -> GraspSearch:
-    """Plan `count` ranked grasps on a mesh on a plane at height `support` in O [m]."""
-    sampler = ForceClosureSampler(hand, friction=friction)
+    """Plan `count` ranked grasps on a mesh on a plane at height `support` in O [m].
+
+    The prior of mass and friction replaces the coefficient of `friction`.
+    """
+    sampler = ForceClosureSampler(hand, **asdict(prior or LoadPrior(friction)))
     rng = np.random.default_rng([seed, _GRASP_STREAM])
     return sampler.sample(mesh, rng=rng, support_height=support, count=count)
 

@@ -9,6 +9,10 @@ from lis_grasp.pipeline.reasons import lift_sentence, no_grasp_sentence
 
 # Below this intersection over union the estimate is named as poor.
 _LOW_IOU = 0.8
+_TRIED_AGAIN = {
+    "aborted": "aborted   {} by the tactile check, each planned again",
+    "set_down": "set down  {} that slipped at the start of the lift, each planned again",
+}
 # Below this coverage more touches are advised.
 _LOW_COVERAGE = 0.9
 
@@ -61,9 +65,10 @@ def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
         )
     else:
         lines.append("planned   no grasp found")
-    aborted = sum(attempt["reason"] == "aborted" for attempt in report["attempts"][:-1])
-    if aborted:
-        lines.append(f"aborted   {aborted} by the tactile check, each planned again")
+    for reason, line in _TRIED_AGAIN.items():
+        times = sum(attempt["reason"] == reason for attempt in report["attempts"][:-1])
+        if times:
+            lines.append(line.format(times))
     if lift["held"]:
         lines.append(
             f"lifted    {lift['mass']:.3g} kg, and held through the shake;"

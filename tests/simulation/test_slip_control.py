@@ -1,0 +1,62 @@
+"""Grip force under slip: an object heavier or smoother than assumed."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from lis_grasp import Hand, pipeline, shapes
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
+from lis_grasp.simulation.simulate_lift import simulate_lift
+
+BOX = shapes.build("box")
+JAW = Hand.load("wsg50")
+SUPPORT = float(BOX.mesh.bounds[0, 2])
+
+
+@cache
+def _grasp() -> Grasp:
+    return pipeline.plan(BOX.mesh, JAW, support=SUPPORT, count=3, seed=0).grasps[0]
+
+
+def _lift(*, mass: float, friction: float, careful: bool, assumed: bool = True) -> LiftOutcome:
+    """Lift a box that the robot believes to weigh 0.1 kg, with friction 0.8."""
+    options = LiftOptions(assumed_friction=0.8, assumed_mass=0.1) if assumed else LiftOptions()
+    return simulate_lift(
+        BOX.mesh,
+        JAW,
+        _grasp(),
+        support_height=SUPPORT,
+        mass=mass,
+        friction=friction,
+        options=options,
+        accept_grasp=(lambda contacts: True) if careful else None,
+    )
+
+
+@pytest.mark.slow
+def test_a_heavy_smooth_box_is_held_because_slip_raises_the_grip() -> None:
+    raised = _lift(mass=0.5, friction=0.3, careful=False)
+    assert raised.held
+    assert raised.slip < 0.005
+
+
+@pytest.mark.slow
+def test_an_object_that_keeps_slipping_is_set_down_where_it_was() -> None:
+    outcome = _lift(mass=3.0, friction=0.2, careful=True)
+    assert outcome.reason == "set_down"
+    assert not outcome.lifted
+    assert not outcome.held
+    assert 0.003 < outcome.slip < 0.02
+    # It stands on the table again, within the slip of its place.
+    assert abs(outcome.X_WO[2, 3]) < 1e-3
+    assert outcome.X_WO[2, 2] > 0.99
+    assert np.linalg.norm(outcome.X_WO[:2, 3]) < 0.02
+
+
+@pytest.mark.slow
+def test_a_known_load_needs_no_reaction() -> None:
+    outcome = _lift(mass=0.2, friction=0.8, careful=True, assumed=False)
+    assert outcome.held
+    assert outcome.slip < 0.002
