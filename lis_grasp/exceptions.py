@@ -76,6 +76,22 @@ class InvalidHandError(InvalidInputError):
         self.file, self.key = file, key
 
 
+class InvalidArmError(InvalidInputError):
+    """An arm's description (YAML, URDF or SDF) that is incomplete or contradicts itself.
+
+    Attributes
+    ----------
+    file
+        Name of the file; empty if it is none in particular.
+    key
+        Dotted key in it, for example ``home``; empty if it is none in particular.
+    """
+
+    def __init__(self, message: str, *, file: str = "", key: str = "") -> None:
+        super().__init__(message)
+        self.file, self.key = file, key
+
+
 class InvalidOptionError(InvalidInputError):
     """An option outside its permitted range or set.
 

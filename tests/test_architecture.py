@@ -28,6 +28,7 @@ LAYERS = [
     ["meshing"],
     ["exploration"],
     ["hands"],
+    ["arms"],
     ["probing"],
     ["grasping"],
     ["lifting"],

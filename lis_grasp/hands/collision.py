@@ -56,7 +56,7 @@ class HandCollisionChecker:
         self._floor = None if support_height is None else support_height + clearance
         self._model = mesh_to_BVH(mesh)
         self._object = fcl.CollisionObject(self._model, fcl.Transform())
-        shapes = [_fcl_shape(geometry) for geometry in hand.link_geometries]
+        shapes = [fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
         self._outlines = [_outline(g) for g in hand.link_geometries]
         self._points = [_point_of(g) for g in hand.link_geometries]
@@ -200,7 +200,8 @@ def _point_of(geometry: LinkGeometry) -> FloatArray:
     return np.zeros(3)
 
 
-def _fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
+def fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
+    """Return FCL's shape of a link's body."""
     if geometry.kind == "mesh":
         return mesh_to_BVH(geometry.mesh)
     return getattr(fcl, geometry.kind.capitalize())(*geometry.dimensions)

@@ -58,6 +58,8 @@ class Hand(HandModel):
         Pairs of link names, each pair sorted, that may touch; those joined by a joint are included.
     max_contact_force
         Largest force of one finger [N].
+    X_FB
+        Shape (4, 4): the base link in the flange frame of an arm; None for the default mount.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Hand(HandModel):
     probe_postures: Mapping[str, ProbePosture]
     self_collision_exclusions: frozenset[tuple[str, str]]
     max_contact_force: float
+    X_FB: FloatArray | None = None
 
     @classmethod
     def load(cls, path_or_name: str | Path) -> Hand:

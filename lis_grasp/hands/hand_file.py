@@ -91,6 +91,7 @@ class _Assembly:
 
     def fields(self) -> dict[str, Any]:
         entry, model, palm = self._entry, self._model, self._entry.palm_frame
+        mount = entry.mount
         if tuple(entry.joints) != model.joint_names:
             self._fail(
                 "joints",
@@ -112,6 +113,7 @@ class _Assembly:
             "probe_postures": self._probe_postures(),
             "self_collision_exclusions": self._exclusions(),
             "max_contact_force": entry.max_contact_force,
+            "X_FB": None if mount is None else read_only(rpy_pose(mount.translation, mount.rpy)),
         }
 
     def _pads(self) -> tuple[Pad, ...]:

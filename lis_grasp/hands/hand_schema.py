@@ -41,6 +41,13 @@ class PalmFrame(_Record):
     rpy: Vector = Field(description="Fixed-axis roll, pitch, yaw, as in a URDF [rad].")
 
 
+class MountEntry(_Record):
+    """Pose of the base link in the flange frame F of an arm, +z out of the flange."""
+
+    translation: Vector = Field(description="[m]")
+    rpy: Vector = Field(default=[0.0, 0.0, 0.0], description="Fixed-axis roll, pitch, yaw [rad].")
+
+
 class PadEntry(_Record):
     """The part of a finger that is meant to touch."""
 
@@ -105,6 +112,10 @@ class HandEntry(_Record):
         default_factory=dict,
         description="By the name of the leading finger; none if the hand does not touch.",
     )
+    mount: MountEntry | None = Field(
+        default=None,
+        description="Pose of the base link on an arm's flange; by default the back is on it.",
+    )
     self_collision_exclusions: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = (
         Field(
             default_factory=list,
@@ -118,14 +129,20 @@ def parse_hand(document: Any, file: str) -> HandEntry:
     try:
         return HandEntry.model_validate(document)
     except ValidationError as invalid:
-        first = invalid.errors(include_url=False)[0]
+        key, reason = first_fault(invalid)
+    raise InvalidHandError(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
+
+
+def first_fault(invalid: ValidationError) -> tuple[str, str]:
+    """Return the dotted key of the first wrong entry of a YAML file, and what is wrong with it."""
+    first = invalid.errors(include_url=False)[0]
     key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"]).lstrip(".")
     reason = {"missing": "is missing", "extra_forbidden": "is an unknown key"}.get(first["type"])
     if reason is None:
         reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
         reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
         reason = f"{reason.replace(' after validation', '')}; it is {shown(first['input'])}"
-    raise InvalidHandError(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
+    return key, reason
 
 
 def write_schema(path: Path) -> None:

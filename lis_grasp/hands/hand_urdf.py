@@ -54,7 +54,8 @@ def _require_no_macros(root: ET.Element, path: Path) -> None:
 def parse_xml(path: Path) -> ET.Element:
     """Return the root of an XML file without entities; raise `InvalidFileError` for any other.
 
-    A prefix of names that the file does not declare, as ``drake:``, is taken as declared.
+    A prefix of elements that the file does not declare is taken as declared, and ``drake:`` of
+    attributes, too.
     """
     try:
         text = path.read_bytes()
@@ -74,8 +75,9 @@ def parse_xml(path: Path) -> ET.Element:
 
 
 def _with_prefixes(text: bytes) -> bytes:
-    """Declare all prefixes of element names that an XML text uses at its root element."""
-    used = set(re.findall(rb"<(\w+):\w", text)) - set(re.findall(rb"xmlns:(\w+)=", text))
+    """Declare all prefixes of names that an XML text uses at its root element."""
+    used = set(re.findall(rb"<(\w+):\w", text)) | set(re.findall(rb"\s(drake):\w+=", text))
+    used -= set(re.findall(rb"xmlns:(\w+)=", text))
     names = b"".join(
         b' xmlns:%s="%s"' % (prefix, _NAMESPACES.get(prefix, b"urn:" + prefix))
         for prefix in sorted(used)

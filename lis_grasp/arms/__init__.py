@@ -1,0 +1,1 @@
+"""Robot arms: description files, kinematics, reach, collision-free paths, and their checks."""
