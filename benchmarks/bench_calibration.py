@@ -1,15 +1,15 @@
-"""Calibration of the predicted success probability of grasps planned on few touches.
+"""Held rates by mass and friction, and calibration of the predicted success probability.
 
     python benchmarks/bench_calibration.py box torus 004_sugar_box.ply --seeds 0 1
 
-Each object is touched 15 times by geometry alone. Grasps are planned on surfaces of the first 5, 8
-and 15 contacts (`blend`), 5 and 10 (`gpis`), and 8 (`lis`); the best grasp and the last of ten are
-lifted. Prints the expected calibration error of `success_probability` (ten equal bins), the
-predicted and observed success rates of each estimator, the area under the ROC curve, and a logistic
-fit to the lifts of `blend`. Also prints how often grasps held whose measured contacts were in force
-closure at half the friction, and the others.
+Each object stands in a stable pose in a region and is touched 20 times by geometry alone, with a
+realistic sensor. Grasps are planned on surfaces of the first 5, 10 and 20 contacts, for a load of
+which only the distribution is known. The best grasp of 20 contacts is lifted with each of four
+masses at each of three frictions; the others, and the last of ten, with two of these loads each.
 
-The constants in use and the lifts that they were fitted to are in
+Prints the held rate of each load, the expected calibration error of the success probability that
+is predicted for the load (ten equal bins), the area under the ROC curve, and a fit of the model
+to these lifts. The constants in use and the lifts that they were fitted to are in
 `lis_grasp/grasping/success_model.json`: evaluate with other seeds, and on other objects.
 
 Continues where it stopped when run again with the same folder.
@@ -19,23 +19,29 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import rankdata
 
-from lis_grasp import Contacts, Hand, shapes
+from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.evaluation.calibration import calibration_bins, expected_calibration_error
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
-from lis_grasp.grasping.grasp_ranking import SUCCESS_MODEL, robust_epsilon_on
+from lis_grasp.grasping.grasp_ranking import SUCCESS_MODEL, GraspScorer
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline import estimate, lift, plan, support_height, touch
+from lis_grasp.pipeline.conditions import UNKNOWN
+from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.run_config import RunConfig
 
-BUDGETS = (("blend", 5), ("blend", 8), ("blend", 15), ("gpis", 5), ("gpis", 10), ("lis", 8))
+TOUCHES = (5, 10, 20)
+MASSES, FRICTIONS = (0.05, 0.2, 0.5, 1.0), (0.3, 0.5, 0.8)
+LOADS = tuple(product(MASSES, FRICTIONS))
+FEW_LOADS = 2
 
 
 @dataclass(frozen=True)
@@ -49,11 +55,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("objects", nargs="*", default=list(shapes.NAMES))
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
-    parser.add_argument("--hand", default="allegro")
+    parser.add_argument("--hands", nargs="+", default=["allegro", "wsg50"])
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--output", type=Path, default=Path("results/calibration"))
     options = parser.parse_args()
-    trials = [CalibrationTrial(n, s, options.hand) for s in options.seeds for n in options.objects]
+    trials = [
+        CalibrationTrial(*names) for names in product(options.objects, options.seeds, options.hands)
+    ]
     results = TrialResults(options.output / "rows.jsonl", "calibration")
     known = {key_of(row) for row in results.read()}
     jobs = missing_jobs(trials, ["lifts"], known, lambda trial, _: trial)
@@ -73,67 +81,74 @@ def lifts(job: Job) -> list[Row]:
     name, seed = job.trial.object, job.trial.seed
     shape = shapes.build(name) if name in shapes.NAMES else shapes.load(name)
     hand = Hand.load(job.trial.hand)
-    config = RunConfig(object=name, hand=job.trial.hand, touches=15, seed=seed, prober="kinematic")
-    exploration = touch(shape, hand, config)
-    rows: list[Row] = [{"object": name, "seed": seed, "hand": job.trial.hand, "reason": None}]
-    for estimator, count in BUDGETS:
-        rows += [
-            {**rows[0], "estimator": estimator, "touches": count, **row}
-            for row in _lifts_on(shape, hand, exploration.first(count), estimator, seed)
-        ]
-    return rows
-
-
-def _lifts_on(
-    shape: shapes.Shape, hand: Hand, contacts: Contacts, estimator: str, seed: int
-) -> list[Row]:
-    try:
-        _, mesh = estimate(contacts, estimator)
-    except (EstimationError, InvalidContactsError):
-        return []
-    support = support_height(shape)
-    found = plan(mesh, hand, support=support, friction=0.8, count=10, seed=seed).grasps
-    rows = []
-    for grasp in dict.fromkeys([*found[:1], *found[-1:]]):
-        outcome = lift(shape, hand, grasp, mass=0.2, friction=0.8)
-        measured = outcome.measured_contacts
-        points, normals = measured.points, measured.normals
-        rows.append(
-            {
-                **grasp.quality,
-                "held": outcome.held,
-                "reason": outcome.reason,
-                "measured": robust_epsilon_on(mesh, hand, points, normals, friction=0.8)
-                if len(measured) >= 2
-                else None,
-            }
-        )
+    conditions = {**UNKNOWN, "region": tuple(UNKNOWN["region"]), "free": False}
+    config = RunConfig(
+        object=name, touches=TOUCHES[-1], seed=seed, prober="kinematic", **conditions
+    )
+    X_WO = pipeline.pose_of(shape, config)
+    assert X_WO is not None
+    shape = shapes.placed(shape, X_WO)
+    exploration = pipeline.touch(shape, hand, config)
+    first: Row = {"object": name, "seed": seed, "hand": job.trial.hand, "reason": None}
+    rows = [first]
+    rng = np.random.default_rng([seed, len(name)])
+    for touches in TOUCHES:
+        try:
+            _, mesh = pipeline.estimate(
+                exploration.first(touches), config.estimator, config.sensor(), table=0.0
+            )
+        except (EstimationError, InvalidContactsError):
+            continue
+        prior = config.load_prior(mesh)
+        found = pipeline.plan(mesh, hand, support=0.0, prior=prior, count=10, seed=seed).grasps
+        for grasp in dict.fromkeys([*found[:1], *found[-1:]]):
+            best = grasp is found[0]
+            every = best and touches == TOUCHES[-1]
+            few = [LOADS[i] for i in rng.choice(len(LOADS), FEW_LOADS, replace=False)]
+            for mass, friction in LOADS if every else few:
+                # The same draws of the surface as a planner's.
+                scorer = GraspScorer(
+                    hand, mesh, prior=LoadPrior(friction, mass), rng=np.random.default_rng(seed)
+                )
+                outcome = pipeline.lift(
+                    shape, hand, grasp, mass=mass, friction=friction, options=lift_options(prior)
+                )
+                rows.append(
+                    first
+                    | {"touches": touches, "best": best, "mass": mass, "friction": friction}
+                    | dict(scorer.predict_success(grasp).quality)
+                    | {"held": outcome.held, "reason": outcome.reason, "slip": outcome.slip}
+                )
     return rows
 
 
 def report(rows: list[Row]) -> None:
-    held = np.array([row["held"] for row in rows])
-    predicted = np.array([row["success_probability"] for row in rows])
-    print(f"{len(rows)} lifts, {held.mean():.0%} held")
-    print_calibration(predicted, held)
-    for estimator in dict.fromkeys(row["estimator"] for row in rows):
-        mine = np.array([row["estimator"] == estimator for row in rows])
-        print(
-            f"{estimator}: {predicted[mine].mean():.2f} predicted, {held[mine].mean():.2f} of"
-            f" {mine.sum()} held"
-        )
-    for name in ("success_probability", "epsilon_robust", "closure_probability"):
-        print(f"area under the ROC curve of {name}: {_area([r[name] for r in rows], held):.3f}")
-    default = np.array([row["estimator"] == "blend" for row in rows])
-    fit = _fit([row for row, chosen in zip(rows, default, strict=True) if chosen], held[default])
-    print("logistic fit to the lifts of blend:", np.round(fit, 2))
-    measured = np.array([np.nan if r["measured"] is None else r["measured"] for r in rows])
-    for name, chosen in (
-        ("fewer than two fingers in contact", np.isnan(measured)),
-        ("measured contacts not in robust force closure", measured == 0.0),
-        ("measured contacts in robust force closure", measured > 0.0),
-    ):
-        print(f"{name}: {held[chosen].sum()} of {chosen.sum()} held")
+    for hand in dict.fromkeys(row["hand"] for row in rows):
+        mine = [row for row in rows if row["hand"] == hand]
+        print(f"{hand}: {len(mine)} lifts")
+        print_rates([r for r in mine if r["best"] and r["touches"] == TOUCHES[-1]])
+        held = np.array([row["held"] for row in mine])
+        predicted = np.array([row["success_probability"] for row in mine])
+        print_calibration(predicted, held)
+        print(f"area under the ROC curve: {_area(predicted, held):.3f}")
+    parameters = fit(rows)
+    print("fit of the success model:", {k: round(v, 2) for k, v in parameters.items()})
+    for hand in dict.fromkeys(row["hand"] for row in rows):
+        mine = [row for row in rows if row["hand"] == hand]
+        held = np.array([row["held"] for row in mine])
+        print(f"{hand}, with the fit:")
+        print_calibration(predict(mine, parameters), held)
+
+
+def print_rates(rows: list[Row]) -> None:
+    """Print how many best grasps held, by mass and friction."""
+    print("held after 20 touches  " + "".join(f"friction {f:<5g}" for f in FRICTIONS))
+    for mass in MASSES:
+        cells = []
+        for friction in FRICTIONS:
+            held = [r["held"] for r in rows if (r["mass"], r["friction"]) == (mass, friction)]
+            cells.append(f"{sum(held):3d} of {len(held):<7d}")
+        print(f"  {mass:4g} kg              " + "".join(cells))
 
 
 def print_calibration(predicted: np.ndarray, held: np.ndarray) -> None:
@@ -143,29 +158,36 @@ def print_calibration(predicted: np.ndarray, held: np.ndarray) -> None:
     print(f"expected calibration error {expected_calibration_error(predicted, held):.3f}")
 
 
-def _area(values: list[float], held: np.ndarray) -> float:
+def _area(values: np.ndarray, held: np.ndarray) -> float:
     """Return the area under the ROC curve, from ranks (Mann and Whitney)."""
     ranks, good = rankdata(values), held.sum()
     return float((ranks[held].sum() - good * (good + 1) / 2) / (good * (len(held) - good)))
 
 
-def _fit(rows: list[Row], held: np.ndarray) -> np.ndarray:
-    """Return the logistic regression of held on the measures, with a weak prior about 0."""
-    columns = np.column_stack(
-        [
-            np.ones(len(rows)),
-            *(
-                np.log([row[name] + offset for row in rows])
-                for name, offset in SUCCESS_MODEL["offsets"].items()
-            ),
-        ]
-    )
-    sign = np.where(held, -1.0, 1.0)
+def predict(rows: list[Row], parameters: dict[str, float]) -> np.ndarray:
+    """Return the success probability of lifts by the success model with other parameters."""
+    offsets = SUCCESS_MODEL["offsets"]
+    hands = np.array([Hand.load(row["hand"]).kind == "jaw" for row in rows])
+    logit = np.where(hands, parameters["soft_finger"], parameters["coulomb"])
+    for name, offset in offsets.items():
+        logit = logit + parameters[name] * np.log([row[name] + offset for row in rows])
+    relative = np.log([max(row["acceleration"], 1e-6) for row in rows])
+    load = parameters["load_slope"] * (relative - parameters["log_load"])
+    return 1.0 / (1.0 + np.exp(-logit)) / (1.0 + np.exp(-load))
 
-    def loss(w: np.ndarray) -> float:
-        return float(np.logaddexp(0.0, sign * (columns @ w)).sum() + 0.05 * (w[1:] ** 2).sum())
 
-    return minimize(loss, np.zeros(3)).x
+def fit(rows: list[Row]) -> dict[str, float]:
+    """Return the most probable parameters of the success model, with a weak prior about 0."""
+    held = np.array([row["held"] for row in rows])
+    names = ["coulomb", "soft_finger", *SUCCESS_MODEL["offsets"], "load_slope", "log_load"]
+
+    def loss(values: np.ndarray) -> float:
+        p = np.clip(predict(rows, dict(zip(names, values, strict=True))), 1e-9, 1.0 - 1e-9)
+        return float(-np.log(np.where(held, p, 1.0 - p)).sum() + 0.05 * (values[2:5] ** 2).sum())
+
+    start = np.array([7.0, 8.0, 1.0, 1.0, 4.0, np.log(12.0)])
+    best = minimize(loss, start, method="Nelder-Mead", options={"maxiter": 4000, "xatol": 1e-3})
+    return dict(zip(names, best.x.tolist(), strict=True))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,14 @@ from lis_grasp.typing import FloatArray
 
 TOUCH_OPTIONS = (
     *("hand", "estimator", "prober", "fingers", "mass", "friction", "policy"),
-    *("until_coverage", "until_uncertainty", "max_seconds", "position_noise", "normal_noise"),
+    *(
+        "until_success",
+        "until_coverage",
+        "until_uncertainty",
+        "max_seconds",
+        "position_noise",
+        "normal_noise",
+    ),
     *("force_threshold", "taxel_pitch", "cloud", "touches", "seed"),
 )
 """The options of an exploration, beside its object."""
@@ -98,7 +105,8 @@ def explore_with_log(
     An interrupted exploration is resumed from its log. With another configuration or another state
     of the package it starts from the beginning, and the earlier results are removed.
     """
-    later = ("grasps", "attempts", *(() if config.free else ("mass", "friction")))
+    loads = () if config.free or config.until_success is not None else ("mass", "friction", "load")
+    later = ("grasps", "attempts", *loads)
     facts = {name: value for name, value in config.facts().items() if name not in later}
     header = provenance.describe(
         **facts,

@@ -72,6 +72,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "help": f"how the next touch is chosen: {', '.join(POLICY_NAMES.names)}, or"
         " my.module:Class",
     },
+    "until_success": _number(
+        "PROBABILITY",
+        "stop when a grasp is predicted to succeed with this probability, such as 0.95",
+    ),
     "until_coverage": _number(
         "FRACTION", "stop when this fraction of the estimate is within a step of a contact"
     ),

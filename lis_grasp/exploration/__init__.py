@@ -12,6 +12,7 @@ from lis_grasp.exploration.stopping import (
     stop_after,
     stop_when_certain,
     stop_when_covered,
+    stop_when_graspable,
 )
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.touch_detection import TouchDetection
@@ -48,4 +49,5 @@ __all__ = [
     "stop_after",
     "stop_when_certain",
     "stop_when_covered",
+    "stop_when_graspable",
 ]

@@ -1,4 +1,4 @@
-"""Stop rules of an exploration: coverage, uncertainty and time."""
+"""Stop rules of an exploration: coverage, uncertainty, predicted success and time."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from lis_grasp.typing import FloatArray
 StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | None"]
 """Returns the reason to stop, or None to continue, from contacts, estimate and outcomes."""
 
+# Contacts from which a grasp is planned, and after how many more another one.
+_FEW, _EVERY = 4, 2
 # Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
 _CERTAIN_QUANTILE = 0.95
 
@@ -71,6 +73,40 @@ def stop_when_certain(deviation: float, space: Workspace | Region) -> StopRule:
         if reached > deviation:
             return None
         return f"95 % of the estimate is certain to {1e3 * reached:.2g} mm"
+
+    return rule
+
+
+def stop_when_graspable(
+    probability: float, predict: Callable[[ImplicitSurface], float]
+) -> StopRule:
+    """Stop when a grasp on the estimate is predicted to succeed with a probability, from 0 to 1.
+
+    `predict` plans a grasp and returns its predicted success; it is called from 4 contacts on, for
+    every second contact.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the probability is out of range.
+    """
+    if not 0.0 < probability < 1.0:
+        raise InvalidOptionError.out_of_range("success", probability, "above 0 and below 1")
+    planned = _FEW - _EVERY  # contacts at the last prediction
+
+    def rule(
+        contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
+    ) -> str | None:
+        nonlocal planned
+        if len(contacts) < planned:  # the object was lost, and touching began again
+            planned = _FEW - _EVERY
+        if len(contacts) < planned + _EVERY:
+            return None
+        planned = len(contacts)
+        found = predict(surface)
+        if found < probability:
+            return None
+        return f"a grasp is predicted to succeed with a probability of {found:.2f}"
 
     return rule
 

@@ -132,18 +132,21 @@ class GraspScorer:
         return dict(sorted(found.items()))
 
     def predict_success(self, grasp: Grasp) -> Grasp:
-        """Return a grasp with its success probability over the unknown mass and friction."""
-        if self._prior.is_known:
-            return grasp
+        """Return a grasp with its success probability over the prior of mass and friction.
+
+        Its other qualities, but not ``epsilon``, become those at the medians.
+        """
+        quality: dict[str, float] = {}
         success, grip = 0.0, grasp.quality["grip"]
         points, normals = grasp.contact_points[None], grasp.contact_normals[None]
-        for models, weight in self._models:
-            qualities = self._qualities(points, normals, models)
-            quality = {name: float(values[0]) for name, values in qualities.items()}
+        for models, friction_weight in self._models:
+            at_friction = self._qualities(points, normals, models)
             for mass, mass_weight in self._prior.masses():
-                quality["acceleration"] = grip * quality["load_per_grip"] / mass
-                success += weight * mass_weight * self._success_probability(quality)
-        return replace(grasp, quality={**grasp.quality, "success_probability": success})
+                at_load = {name: float(values[0]) for name, values in at_friction.items()}
+                at_load["acceleration"] = grip * at_load["load_per_grip"] / mass
+                success += friction_weight * mass_weight * self._success_probability(at_load)
+                quality = quality or at_load  # the medians come first
+        return replace(grasp, quality={**grasp.quality, **quality, "success_probability": success})
 
     def accelerations(self, sets: ContactSets) -> FloatArray:
         """Return ``acceleration`` of B contact sets per unit of grip and mass; shape (B,)."""

@@ -123,7 +123,8 @@ class ForceClosureSampler:
             )
             search.draw_enough(2 * self.candidates, count)
         search.refine(count)
-        search.predict_success(count)
+        if not self.load_prior().is_known:
+            search.predict_success(count)
         return search.result(count)
 
 

@@ -71,9 +71,11 @@ class RunConfig:
         Whether the object is free on a table and may be pushed by touches; else it is fixed.
     policy
         Policy of the next touch, a key of `lis_grasp.exploration.POLICIES`, or a plug-in.
-    until_coverage, until_uncertainty, max_seconds
-        Stop early: when this fraction of the estimate is within a step of a contact, when nearly
-        all of the estimate has at most this standard deviation [m], after this robot time [s].
+    until_success, until_coverage, until_uncertainty, max_seconds
+        Stop early: when a grasp is predicted to succeed with this probability, given the median
+        mass and friction; when this fraction of the estimate is within a step of a contact; when
+        nearly all of the estimate has at most this standard deviation [m]; after this robot
+        time [s].
     position_noise, normal_noise
         Noise of the tactile sensor, given to the estimator: one standard deviation of positions
         along each axis [m], of each component of normals [rad].
@@ -117,6 +119,7 @@ class RunConfig:
     region: tuple[float, ...] | None = None
     free: bool = False
     policy: str = "spread"
+    until_success: float | None = None
     until_coverage: float | None = None
     until_uncertainty: float | None = None
     max_seconds: float | None = None
@@ -166,6 +169,10 @@ class RunConfig:
                     "an object in a region needs a pose there, such as 'stable'; there is none",
                     option="pose",
                 )
+        if self.until_success is not None and not 0 < self.until_success < 1:
+            raise InvalidOptionError.out_of_range(
+                "until_success", self.until_success, "above 0 and below 1"
+            )
         # Both validate the remaining fields.
         self.sensor()
         self.stop_rules(Workspace(1.0, np.zeros(3), 1.0))

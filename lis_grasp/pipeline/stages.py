@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration import (
     DEFAULT_REGION,
     STEP_FRACTION,
@@ -23,11 +24,13 @@ from lis_grasp.exploration import (
     Prober,
     Region,
     RegionPolicy,
+    StopRule,
     TactileSensor,
     TargetPolicy,
     TouchLog,
     Workspace,
     explore,
+    stop_when_graspable,
 )
 from lis_grasp.exploration.policy import PolicyKind
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
@@ -48,6 +51,7 @@ if TYPE_CHECKING:
     from lis_grasp.simulation.simulate_lift import AcceptGrasp, LiftOptions, LiftOutcome
 
 
+_FEW_SETS = 400  # contact sets sampled to predict a success during an exploration
 # Each stage has its own random stream, so that a stage run alone repeats its part of a whole run.
 _TOUCH_STREAM, _GRASP_STREAM, _PLACE_STREAM = 1, 2, 3
 
@@ -154,7 +158,7 @@ def touch(
         space=space,
         prior=cloud,
         sensor=config.sensor(),
-        stop=config.stop_rules(space),
+        stop=[*config.stop_rules(space), *_grasp_rule(shape, hand, config)],
         tracker=make_tracker(config, prober),
         recorded=recorded,
         record=log.append if log is not None else None,
@@ -164,6 +168,35 @@ def touch(
     if log is not None:
         log.end(exploration.ended)
     return exploration
+
+
+def _grasp_rule(shape: Shape, hand: Hand, config: RunConfig) -> list[StopRule]:
+    """Return the rule that stops once a good grasp is found on the estimate, if configured.
+
+    Of the shape it uses the support only.
+    """
+    if config.until_success is None:
+        return []
+    support, table = support_height(shape, config), table_of(config)
+
+    def predict(surface: ImplicitSurface) -> float:
+        try:
+            mesh = extract_mesh(above_table(surface, table))
+        except InvalidMeshError:  # too few contacts for a closed surface
+            return 0.0
+        prior = replace(config.load_prior(mesh), friction_spread=0.0, mass_spread=0.0)
+        search = plan(
+            mesh,
+            hand,
+            support=support,
+            prior=prior,
+            count=1,
+            seed=config.seed,
+            candidates=_FEW_SETS,
+        )
+        return search.grasps[0].quality["success_probability"] if search.grasps else 0.0
+
+    return [stop_when_graspable(config.until_success, predict)]
 
 
 def make_policy(config: RunConfig, space: Workspace | Region) -> Policy:
@@ -251,12 +284,16 @@ def plan(
     prior: LoadPrior | None = None,
     count: int,
     seed: int,
+    candidates: int | None = None,
 ) -> GraspSearch:
     """Plan `count` ranked grasps on a mesh on a plane at height `support` in O [m].
 
-    The prior of mass and friction replaces the coefficient of `friction`.
+    The prior of mass and friction replaces the coefficient of `friction`. At most `candidates`
+    contact sets are sampled; None for the sampler's default.
     """
     sampler = ForceClosureSampler(hand, **asdict(prior or LoadPrior(friction)))
+    if candidates is not None:
+        sampler = replace(sampler, candidates=candidates)
     rng = np.random.default_rng([seed, _GRASP_STREAM])
     return sampler.sample(mesh, rng=rng, support_height=support, count=count)
 

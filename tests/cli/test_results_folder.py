@@ -164,6 +164,8 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "free": True,
         "policy": "frontier",
         "until_coverage": 0.5,
+        "until_success": 0.9,
+        "load": "unknown",
         "until_uncertainty": 0.001,
         "max_seconds": 9.0,
         "position_noise": 0.001,

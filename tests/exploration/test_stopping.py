@@ -12,6 +12,7 @@ from lis_grasp.exploration import (
     stop_after,
     stop_when_certain,
     stop_when_covered,
+    stop_when_graspable,
 )
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
@@ -83,3 +84,25 @@ def test_an_estimate_without_surface_is_no_reason_to_stop() -> None:
 def test_invalid_rules_are_refused(options: dict, word: str) -> None:
     with pytest.raises(InvalidOptionError, match=word):
         RunConfig(**options)
+
+
+def test_a_good_grasp_ends_the_exploration_and_is_planned_for_every_second_contact() -> None:
+    asked = []
+
+    def predict(surface: object) -> float:
+        asked.append(surface)
+        return 0.5 if len(asked) < 3 else 0.9
+
+    rule = stop_when_graspable(0.8, predict)
+    reasons = [rule(cap(0.5, count), Ball(), ()) for count in range(1, 9)]
+    # Asked at 4, 6 and 8 contacts.
+    assert len(asked) == 3
+    assert [reason is not None for reason in reasons] == 7 * [False] + [True]
+
+
+@pytest.mark.parametrize("probability", [0.0, 1.0, np.nan])
+def test_a_success_to_wait_for_is_a_probability(probability: float) -> None:
+    with pytest.raises(InvalidOptionError):
+        stop_when_graspable(probability, lambda surface: 1.0)
+    with pytest.raises(InvalidOptionError):
+        RunConfig(until_success=probability)
