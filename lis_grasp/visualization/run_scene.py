@@ -79,14 +79,15 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
 
 
 def _search(log: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the region and the recorded search in it; nothing if there was no region."""
-    if facts.get("region") is None:
-        return {}
+    """Return the region, the recorded search in it and the object's motion, as far as recorded."""
     try:
         outcomes = load_outcomes(log)
     except LisGraspError:
         outcomes = ()
-    return {"region": Region(facts["region"]), "search": search_of(outcomes)}
+    moved = {"moved": outcomes}
+    if facts.get("region") is None:
+        return moved
+    return {**moved, "region": Region(facts["region"]), "search": search_of(outcomes)}
 
 
 def _touches(

@@ -37,6 +37,7 @@ from lis_grasp.visualization.object_layers import (
     marker_size,
 )
 from lis_grasp.visualization.overlay import build_overlay
+from lis_grasp.visualization.pose_layer import draw_pose_track
 from lis_grasp.visualization.search_layer import draw_search
 from lis_grasp.visualization.story import Story
 
@@ -58,9 +59,9 @@ class Scene:
     The time line has three chapters: the touches, in which the estimate grows; the candidate
     grasps; the lift. The fragment of the page's address sets the view: ``#t=2.5`` the time [s],
     ``play=1`` plays, ``layers=`` a comma-separated list of ``estimate``, ``truth``, ``contacts``,
-    ``normals``, ``free``, ``search``, ``hand``, ``grasp-1`` (and so on), ``together``, ``lift``;
-    ``azimuth``, ``elevation`` [deg] and ``zoom`` set the camera; ``panel=0`` hides the overlay,
-    ``panel=1`` unfolds it. Parts are joined by ``&``.
+    ``normals``, ``free``, ``search``, ``motion``, ``hand``, ``grasp-1`` (and so on), ``together``,
+    ``lift``; ``azimuth``, ``elevation`` [deg] and ``zoom`` set the camera; ``panel=0`` hides the
+    overlay, ``panel=1`` unfolds it. Parts are joined by ``&``.
 
     Parameters
     ----------
@@ -89,6 +90,8 @@ class Scene:
     region, search
         The region that contained the object, on the table z = 0, and the outcomes of the search up
         to the first contact; drawn with the touches.
+    moved
+        The outcomes of an exploration that moved the object, to draw its tracked and true path.
     title, summary
         Plain text: a heading and the lines below it.
 
@@ -110,6 +113,7 @@ class Scene:
     support_height: float | None = None
     region: Region | None = None
     search: Sequence[ProbeOutcome] = ()
+    moved: Sequence[ProbeOutcome] = ()
     title: str = "lis_grasp"
     summary: Sequence[str] = ()
 
@@ -167,6 +171,7 @@ class Scene:
         draw_contacts(canvas, self.contacts, marker_size(object_points, _LEAST_SIZE))
         if self.region is not None:
             draw_search(canvas, self.region, self.search)
+        draw_pose_track(canvas, self.moved, object_points.mean(axis=0))
         lift_seconds, postures, moved = self._draw_hand(canvas, object_points)
         hands = [hand_points(self.hand, p) for p in postures] if self.hand is not None else []
         best = hands[0] if hands else _NOTHING
