@@ -9,7 +9,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from lis_grasp.exceptions import InvalidArmError
-from lis_grasp.hands.hand_schema import Name, Number, Positive, Vector, first_fault
+from lis_grasp.hands.hand_schema import Name, Number, Positive, Vector
+from lis_grasp.io.schemas import first_mistake
 
 
 class _Entry(BaseModel):
@@ -82,7 +83,7 @@ def parse_arm(document: Any, file: str) -> ArmEntry:
     try:
         return ArmEntry.model_validate(document)
     except ValidationError as invalid:
-        key, reason = first_fault(invalid)
+        key, reason = first_mistake(invalid)
     raise InvalidArmError(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.planar_motion import Push, displacement_rows, planar_pose
 from lis_grasp.records import short_repr
 from lis_grasp.typing import FloatArray
@@ -154,7 +155,7 @@ class PoseBelief:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> PoseBelief:
-        """Return the belief that `as_dict` wrote."""
+        """Return the belief that `as_dict` wrote; `InvalidOptionError` for another shape."""
         count = len(_SCALES)
         shapes = {
             "X_WE": (4, 4),
@@ -165,7 +166,8 @@ class PoseBelief:
         arrays = {name: np.array(values[name], dtype=np.float64) for name in shapes}
         for name, shape in shapes.items():
             if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
-                raise ValueError(f"{name} of a tracked pose must be {shape} finite numbers")
+                required = f"finite numbers of shape {shape}"
+                raise InvalidOptionError.out_of_range(name, values[name], required)
         return cls(
             arrays["X_WE"],
             arrays["means"],

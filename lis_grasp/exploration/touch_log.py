@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,12 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError
 from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.touch_schema import TouchEntry
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
+from lis_grasp.io.schemas import checked
 from lis_grasp.typing import FloatArray
 
 _END = "ended"
-
-# Errors raised by values that are no probe.
-_DAMAGE = (KeyError, OverflowError, TypeError, ValueError, InvalidInputError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,39 +136,39 @@ def _row(outcome: ProbeOutcome) -> Row:
 def _outcomes(path: Path, rows: list[Row]) -> tuple[ProbeOutcome, ...]:
     outcomes = []
     for number, row in enumerate(rows, start=2):
+        entry = checked(TouchEntry, row, path, f"probe in line {number}")
         try:
-            outcomes.append(_outcome(row))
-        except _DAMAGE as error:
-            raise InvalidFileError(
-                f"{path}, line {number}, is no probe: {error}", path=path
-            ) from None
+            outcomes.append(_outcome(entry))
+        except InvalidInputError as error:
+            message = f"{path} has no valid probe in line {number}: {error}"
+            raise InvalidFileError(message, path=path) from None
     return tuple(outcomes)
 
 
-def _outcome(row: Row) -> ProbeOutcome:
+def _outcome(row: TouchEntry) -> ProbeOutcome:
     contacts = Contacts(
-        _rows(row["points"]),
-        _rows(row["normals"]),
-        forces=row["forces"],
-        fingers=tuple(row["fingers"]),
-        times=row["times"],
-        position_noise=row.get("position_noise"),
-        normal_noise=row.get("normal_noise"),
+        _rows(row.points),
+        _rows(row.normals),
+        forces=_array(row.forces),
+        fingers=tuple(row.fingers),
+        times=_array(row.times),
+        position_noise=_array(row.position_noise),
+        normal_noise=_array(row.normal_noise),
     )
-    tracked = row.get("tracked_pose")
-    X_OH = row.get("X_OH")  # logs of older versions have neither pose nor radii
+    probe = Probe(np.array(row.target), np.array(row.direction), row.standoff, row.overshoot)
+    tracked = row.tracked_pose
     return ProbeOutcome(
-        Probe(row["target"], row["direction"], row["standoff"], row["overshoot"]),
-        row["status"],
+        probe,
+        row.status,
         contacts,
-        _rows(row["free_points"]),
-        row["duration"],
-        row["reason"],
-        row["moved"],
-        np.array(row.get("free_radii", [])),
-        None if X_OH is None else HandPose(X_OH, row["joint_positions"]),
-        row.get("simulated_pose"),
-        None if tracked is None else PoseBelief.from_dict(tracked),
+        _rows(row.free_points),
+        row.duration,
+        row.reason,
+        row.moved,
+        np.array(row.free_radii),
+        None if row.X_OH is None else HandPose(np.array(row.X_OH), np.array(row.joint_positions)),
+        _array(row.simulated_pose),
+        None if tracked is None else PoseBelief.from_dict(tracked.model_dump()),
     )
 
 
@@ -189,6 +188,11 @@ def _noise(contacts: Contacts) -> Row:
         for name, values in noise.items()
         if values is not None
     }
+
+
+def _array(values: Sequence[Any] | None) -> FloatArray | None:
+    """Return values as an array, NaN for each None; None for no values."""
+    return None if values is None else np.array(values, dtype=np.float64)
 
 
 def _rows(values: list[list[float]]) -> FloatArray:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from lis_grasp.exceptions import InvalidHandError, shown
+from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.hand_parts import HandKind
+from lis_grasp.io.schemas import first_mistake
 
 # No length, angle or force of a hand is larger [m, rad, N].
 _LARGEST = 1e6
@@ -129,20 +129,8 @@ def parse_hand(document: Any, file: str) -> HandEntry:
     try:
         return HandEntry.model_validate(document)
     except ValidationError as invalid:
-        key, reason = first_fault(invalid)
+        key, reason = first_mistake(invalid)
     raise InvalidHandError(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
-
-
-def first_fault(invalid: ValidationError) -> tuple[str, str]:
-    """Return the dotted key of the first wrong entry of a YAML file, and what is wrong with it."""
-    first = invalid.errors(include_url=False)[0]
-    key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"]).lstrip(".")
-    reason = {"missing": "is missing", "extra_forbidden": "is an unknown key"}.get(first["type"])
-    if reason is None:
-        reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
-        reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
-        reason = f"{reason.replace(' after validation', '')}; it is {shown(first['input'])}"
-    return key, reason
 
 
 def write_schema(path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,8 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.io.json_files import read_json
+from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector, checked
 from lis_grasp.records import fields_of
 
 _FRAMES = {
@@ -20,6 +21,31 @@ _FRAMES = {
 }
 _UNITS = {"length": "m", "angle": "rad", "force": "N"}
 _CONTACT = ("finger", "point", "normal", "force")
+
+
+class _Contact(FileRecord):
+    finger: str
+    point: Vector
+    normal: Vector
+    force: Vector
+
+
+class _Grasp(FileRecord):
+    hand: str
+    X_OH: Pose
+    joint_names: list[str]
+    joint_positions: list[Number]
+    pregrasp_positions: list[Number]
+    approach_O: Vector
+    contacts: list[_Contact]
+    quality: dict[str, Number]
+    accepted: str
+
+
+class _Search(FileRecord):
+    grasps: list[_Grasp]
+    rejections: dict[str, Count]
+    candidates: Count
 
 
 def write_grasp_file(search: Mapping[str, Any], path: Path, *, header: str = "") -> None:
@@ -41,22 +67,16 @@ def read_grasp_file(path: Path, grasp: Callable[..., Any]) -> dict[str, Any]:
 
     Errors are as of `GraspSearch.load`.
     """
+    content = checked(_Search, read_json(path), path, "grasps")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        return {
-            "grasps": tuple(grasp(**_fields(entry)) for entry in content["grasps"]),
-            "rejections": {str(k): int(v) for k, v in content["rejections"].items()},
-            "candidates": int(content["candidates"]),
-        }
-    except OSError as error:
-        reason = f"cannot read {path}: {error.strerror}"
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        reason = f"{path} is no JSON of grasps: {error}"
-    except KeyError as error:
-        reason = f"{path} lacks {error}; write it with `lis-grasp grasp`"
-    except (TypeError, ValueError, OverflowError, AttributeError, InvalidOptionError) as error:
-        reason = f"{path} has no valid grasps: {error}"
-    raise InvalidFileError(reason, path=path)
+        grasps = tuple(grasp(**_fields(entry)) for entry in content.grasps)
+    except InvalidOptionError as error:
+        raise InvalidFileError(f"{path} has no valid grasps: {error}", path=path) from None
+    return {
+        "grasps": grasps,
+        "rejections": content.rejections,
+        "candidates": content.candidates,
+    }
 
 
 def _to_plain(grasp: Mapping[str, Any]) -> dict[str, Any]:
@@ -75,17 +95,13 @@ def _to_plain(grasp: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _fields(entry: Mapping[str, Any]) -> dict[str, Any]:
-    columns = [[contact[name] for contact in entry["contacts"]] for name in _CONTACT]
-    fingers, points, normals, forces = columns
-    same = ("X_OH", "joint_positions", "pregrasp_positions", "approach_O", "quality")
-    return dict(
-        hand=str(entry["hand"]),
-        joint_names=tuple(entry["joint_names"]),
-        contact_points=np.reshape(points, (-1, 3)),
-        contact_normals=np.reshape(normals, (-1, 3)),
-        contact_fingers=tuple(fingers),
-        contact_forces=np.reshape(forces, (-1, 3)),
-        accepted=str(entry["accepted"]),
-        **{name: entry[name] for name in same},
-    )
+def _fields(entry: _Grasp) -> dict[str, Any]:
+    columns = {name: [getattr(contact, name) for contact in entry.contacts] for name in _CONTACT}
+    return {
+        **{name: getattr(entry, name) for name in _Grasp.model_fields if name != "contacts"},
+        "joint_names": tuple(entry.joint_names),
+        "contact_fingers": tuple(columns["finger"]),
+        "contact_points": np.reshape(columns["point"], (-1, 3)),
+        "contact_normals": np.reshape(columns["normal"], (-1, 3)),
+        "contact_forces": np.reshape(columns["force"], (-1, 3)),
+    }

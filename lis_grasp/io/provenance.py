@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any
 
 import lis_grasp
 from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.recorded_facts import RecordedFacts
+from lis_grasp.io.schemas import checked
 
 _MARK = "lis_grasp "
 # A PLY header is a few hundred bytes; the rest is data.
@@ -63,8 +66,14 @@ def read(path: Path) -> dict[str, Any]:
     Raises
     ------
     InvalidFileError
-        If the file cannot be read.
+        If the file cannot be read, or a fact is not of its type (`RecordedFacts`).
     """
+    facts = _facts(path)
+    checked(RecordedFacts, facts, path, "header")
+    return facts
+
+
+def _facts(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
             if path.suffix.lower() == ".json":
@@ -77,7 +86,7 @@ def read(path: Path) -> dict[str, Any]:
         return {}
     comments = (
         line.removeprefix(b"comment ").decode("utf-8", errors="replace")
-        for line in head.split(b"end_header")[0].splitlines()
+        for line in re.split(rb"^end_header", head, maxsplit=1, flags=re.MULTILINE)[0].splitlines()
         if line.startswith(b"comment ")
     )
     return parse("\n".join(comments))

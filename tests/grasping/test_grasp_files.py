@@ -61,8 +61,8 @@ def test_the_file_says_its_frames_and_units(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("{", "no JSON"),
-        ("{}", "lacks 'grasps'"),
+        ("{", "not a JSON file"),
+        ("{}", "grasps is missing"),
         ('{"grasps": [1], "rejections": {}, "candidates": 0}', "no valid grasps"),
         ('{"grasps": [], "rejections": [], "candidates": 0}', "no valid grasps"),
     ],

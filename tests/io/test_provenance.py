@@ -5,6 +5,8 @@ import pytest
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io import provenance
+from lis_grasp.io.recorded_facts import RecordedFacts
+from lis_grasp.pipeline import RunConfig
 
 
 def test_facts_survive_a_ply_header(tmp_path: Path) -> None:
@@ -44,3 +46,38 @@ def test_a_missing_file_is_refused_by_path(tmp_path: Path) -> None:
     with pytest.raises(InvalidFileError) as error:
         provenance.read(tmp_path / "absent.ply")
     assert error.value.path == tmp_path / "absent.ply"
+
+
+def _file_with(tmp_path: Path, **facts: object) -> Path:
+    path = tmp_path / "any.json"
+    path.write_text(json.dumps({"header": "lis_grasp " + json.dumps(facts)}))
+    return path
+
+
+@pytest.mark.parametrize("name", sorted(RecordedFacts.model_fields))
+@pytest.mark.parametrize("value", [{"a": 1}, [["x"]], float("nan"), -(10**400)])
+def test_a_fact_of_another_type_is_refused_by_its_name(
+    tmp_path: Path, name: str, value: object
+) -> None:
+    with pytest.raises(InvalidFileError, match=f"header: {name}[][0-9]* must"):
+        provenance.read(_file_with(tmp_path, **{name: value}))
+
+
+def test_every_option_of_a_run_has_a_type_in_headers() -> None:
+    facts = RunConfig(pose="stable", region=(0.1, 0.2, 0.3)).facts()
+    assert facts.keys() <= RecordedFacts.model_fields.keys()
+    RecordedFacts.model_validate(facts)
+
+
+def test_facts_of_later_versions_are_kept(tmp_path: Path) -> None:
+    assert provenance.read(_file_with(tmp_path, seed=1, invented=[1])) == {
+        "seed": 1,
+        "invented": [1],
+    }
+
+
+def test_a_path_may_contain_the_end_of_a_ply_header(tmp_path: Path) -> None:
+    path = tmp_path / "any.ply"
+    line = provenance.describe(cloud="/data/end_header/c.ply", seed=3)
+    path.write_text(f"ply\nformat ascii 1.0\ncomment {line}\nelement vertex 0\nend_header\n")
+    assert provenance.read(path)["seed"] == 3

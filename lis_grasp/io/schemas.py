@@ -1,0 +1,61 @@
+"""Types of the values in files, and one sentence for the first value that is not of its type."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from lis_grasp.exceptions import InvalidFileError, shown
+
+# Beyond this a number of a file is damage, whatever its unit.
+_LARGEST = 1e12
+# The key of a message names this many nested places at most.
+_DEEPEST = 6
+
+Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
+Count = Annotated[int, Field(ge=0)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Pose = Annotated[
+    list[Annotated[list[Number], Field(min_length=4, max_length=4)]],
+    Field(min_length=4, max_length=4),
+]
+"""A rigid transform, row by row."""
+
+_Schema = TypeVar("_Schema", bound=BaseModel)
+
+
+class FileRecord(BaseModel):
+    """Base of the records of a file: no value is converted, and further keys are kept."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+
+def first_mistake(invalid: ValidationError) -> tuple[str, str]:
+    """Return the dotted key of the first wrong value, and what is wrong, to follow the key."""
+    first = invalid.errors(include_url=False)[0]
+    place = first["loc"][:_DEEPEST]
+    key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in place).lstrip(".")
+    reason = {"missing": "is missing", "extra_forbidden": "is an unknown key"}.get(first["type"])
+    if reason is None:
+        reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
+        reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
+        reason = f"{reason.replace(' after validation', '')}; it is {shown(first['input'])}"
+    return key, reason
+
+
+def checked(schema: type[_Schema], content: Any, path: Path, what: str) -> _Schema:
+    """Return the content of a file as a record; `what` names the content in the message.
+
+    Raises
+    ------
+    InvalidFileError
+        If a value is not of its type; the message names the first.
+    """
+    try:
+        return schema.model_validate(content)
+    except ValidationError as invalid:
+        key, reason = first_mistake(invalid)
+    raise InvalidFileError(f"{path} has no valid {what}: {key or 'it'} {reason}", path=path)
