@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Any, NoReturn
 
 import numpy as np
-import yaml
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.hands.description_edits import DescriptionEdits
@@ -20,6 +19,7 @@ from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_tree import HandModel, rpy_pose
 from lis_grasp.hands.model_uri import resolve_uri
 from lis_grasp.hands.shipped_models import READY_HANDS
+from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
@@ -48,13 +48,9 @@ def _read(path_or_name: str | Path) -> tuple[HandEntry, Path, DescriptionEdits, 
     """Return the YAML's content, its description's path and edits, and the file's name."""
     path = _find(path_or_name)
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        message = f"the hand file {path} cannot be read: {error}"
-        raise InvalidHandError(message, file=path.name) from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        message = f"the hand file {path} is not valid YAML: {' '.join(str(error).split())}"
-        raise InvalidHandError(message, file=path.name) from None
+        document = read_yaml(path)
+    except InvalidFileError as error:
+        raise InvalidHandError(f"the hand file {error}", file=path.name) from None
     entry = parse_hand(document, path.name)
     try:
         description = resolve_uri(entry.urdf, path.parent, "urdf")

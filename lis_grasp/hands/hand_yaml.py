@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.thumb import thumb_of
+from lis_grasp.io.yaml_files import is_plain_text
 from lis_grasp.typing import FloatArray
 
 
@@ -94,9 +96,4 @@ def _row(values: FloatArray) -> str:
 
 def _word(text: str) -> str:
     """Return a YAML scalar: as it is if YAML reads a plain word as text, else quoted."""
-    import yaml
-
-    plain = yaml.safe_load(text) == text if text.strip() == text and text else False
-    if plain and not set(text) & set("[]{},:#&*!|>'\"%@`"):
-        return text
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return text if is_plain_text(text) else json.dumps(text)

@@ -13,7 +13,6 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import pydantic
-import yaml
 from pydantic import BeforeValidator, ConfigDict, Field, StrictFloat, StrictInt, StrictStr
 
 from lis_grasp.contacts import Contacts
@@ -27,6 +26,7 @@ from lis_grasp.exceptions import (
 from lis_grasp.experiments.compared_estimators import COMPARED, Noise, compared_estimator
 from lis_grasp.exploration import POLICIES
 from lis_grasp.hands.hand import Hand
+from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
 from lis_grasp.pipeline.run_config import PROBERS, RunConfig
 from lis_grasp.shapes import FORMATS, NAMES, UNITS, Shape, find
@@ -308,13 +308,7 @@ def load_study(path: Path, meshes: Path | None = None) -> dict[str, Any]:
     InvalidFileError
         If it cannot be read, or is no mapping.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InvalidFileError(f"{path} is not a YAML file: {reason}", path=path) from None
+    content = read_yaml(path)
     if not isinstance(content, dict):
         raise InvalidFileError(
             f"{path} must be a mapping, such as 'objects: [box, sphere]'; it is a"
