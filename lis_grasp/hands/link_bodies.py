@@ -12,6 +12,7 @@ from scipy.spatial import QhullError
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspError, shown
 from lis_grasp.hands.hand_parts import GeometryKind, LinkGeometry, LinkVisual
+from lis_grasp.io.mesh_files import read_mesh
 from lis_grasp.typing import FloatArray
 
 # Facets round a sphere or cylinder: the chord is within 1 % of the radius of the arc.
@@ -22,7 +23,7 @@ LARGEST = 1e3
 """Largest length or position in a hand [m or rad]; more is a mistake."""
 _MOST_VERTICES = 200  # of a mesh's convex hull
 _LEAST_HEIGHT = 2e-5  # of a triangle of a hull [m]
-_LFS = b"version https://git-lfs.github.com/spec"
+_FORMATS = (".obj", ".stl", ".dae", ".ply", ".gltf", ".glb", ".off")
 _SMALLEST = 1e-6  # size of a body [m]
 
 
@@ -60,16 +61,7 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
             f"the scale of {file.name} must be 1 or 3 finite numbers other than 0; it is"
             f" {shown(factors.tolist())}"
         )
-    if _is_lfs_pointer(file):
-        raise InvalidFileError(
-            f"{file} must be a mesh; it is the pointer of Git LFS to one: run `git lfs pull` in its"
-            " repository",
-            path=file,
-        )
-    try:
-        loaded = trimesh.load(file, force="mesh")
-    except (OSError, ValueError, KeyError, IndexError, NotImplementedError) as error:
-        raise InvalidFileError(f"the mesh {file} cannot be read: {error}", path=file) from None
+    loaded = read_mesh(file, _FORMATS, merge=True, materials=True)
     if len(loaded.faces) == 0:
         raise InvalidFileError(f"the mesh {file} has no triangles", path=file)
     if factors is not None:
@@ -78,14 +70,6 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
     if not (np.abs(loaded.vertices) <= LARGEST).all():
         raise InvalidHandError(f"the mesh {file.name} must be within {LARGEST:g} m of its origin")
     return loaded
-
-
-def _is_lfs_pointer(file: Path) -> bool:
-    try:
-        with file.open("rb") as content:
-            return content.read(len(_LFS)) == _LFS
-    except OSError:
-        return False
 
 
 def convex_body(link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> LinkGeometry | None:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import difflib
 import os
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError
+from lis_grasp.io.mesh_files import read_mesh
 from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
 from lis_grasp.shapes.repair import repair_mesh
 from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape
@@ -120,33 +119,9 @@ def load(path: str | Path, units: str = "m") -> Shape:
 
 def _read(path: Path) -> tuple[FloatArray, IntArray]:
     """Return the triangles of a file as vertices (V, 3) in its units and faces (F, 3)."""
-    ending = path.suffix.lower()
-    if ending not in FORMATS:
-        raise InvalidFileError(
-            f"{path} must end in one of {', '.join(FORMATS)}; convert other formats, for example"
-            " with MeshLab",
-            path=path,
-        )
-    if not os.path.isfile(path):
-        raise InvalidFileError(f"{path} is missing, or is no file: check the path", path=path)
-    if path.stat().st_size == 0:
-        raise InvalidFileError(f"{path} is empty: export it again", path=path)
-    try:
-        with warnings.catch_warnings():
-            # Warnings about textures and colours do not matter here.
-            warnings.simplefilter("ignore")
-            mesh = trimesh.load_scene(
-                str(path), file_type=ending[1:], process=False, skip_materials=True
-            ).to_mesh()
-            vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
-            faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    # On files of another format trimesh's readers raise errors of a dozen built-in types.
-    except Exception as error:  # noqa: BLE001
-        detail = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InvalidFileError(
-            f"{path} cannot be read as {ending[1:].upper()} ({detail}): export it again",
-            path=path,
-        ) from None
+    mesh = read_mesh(path, FORMATS)
+    vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+    faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
     if not len(faces):
         raise InvalidFileError(
             f"{path} has no faces, so it holds no surface (a point cloud?): a mesh is needed",
