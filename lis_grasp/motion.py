@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.io.array_files import read_arrays
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
@@ -100,15 +101,11 @@ class Motion:
             If the file is missing or has no motion.
         """
         path = Path(path)
+        times, names, poses = read_arrays(path, ("times", "names", "poses"))
         try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-                times, names, poses = (archive[name] for name in ("times", "names", "poses"))
             return cls(times, dict(zip(map(str, names), poses, strict=True)))
-        except FileNotFoundError:
-            raise InvalidFileError(f"there is no file '{path}'", path=path) from None
-        # Damaged archives raise errors of zipfile, zlib, tokenize, struct and a dozen other types.
-        except Exception as error:  # noqa: BLE001
-            message = f"'{path}' has no motion: {error}"
+        except (TypeError, ValueError, InvalidOptionError) as error:
+            message = f"{path} has no valid motion: {error}"
             raise InvalidFileError(message, path=path) from None
 
 

@@ -460,9 +460,16 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     assert error.value.path == merged
     merged.unlink()
     lines = tmp_path / "rows.jsonl"
-    lines.write_bytes(lines.read_bytes().replace(b"key", b"kez"))
-    with pytest.raises(InvalidFileError, match="'key'"):
-        StudyResults(tmp_path).read()
+    sound = lines.read_bytes()
+    for part, damaged, reason in (
+        (b'"key"', b'"kez"', "key is missing"),
+        (b'"touches": ', b'"touches": 0.5', "touches must be"),
+        (b'"mass": 0.2', b'"mass": "0.2"', "mass must be"),
+    ):
+        assert part in sound
+        lines.write_bytes(sound.replace(part, damaged))
+        with pytest.raises(InvalidFileError, match=reason):
+            StudyResults(tmp_path).read()
 
 
 def test_a_row_is_found_by_the_beginning_of_its_key(tmp_path: Path) -> None:

@@ -176,3 +176,17 @@ def test_an_invalid_mesh_is_not_written(mesh: trimesh.Trimesh, tmp_path: Path) -
     with pytest.raises(InvalidMeshError, match="finite"):
         save_surface(trimesh.Trimesh(np.full((3, 3), np.nan), [[0, 1, 2]], process=False), path)
     assert not path.exists()
+
+
+def test_a_ply_that_announces_more_rows_than_bytes_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "s.ply"
+    lines = (
+        "ply",
+        "format ascii 1.0",
+        "element vertex 2000000000",
+        "property float x",
+        "end_header",
+    )
+    path.write_text("\n".join(lines) + "\n0\n")
+    with pytest.raises(InvalidFileError, match="announces 2000000000 rows"):
+        load_surface(path)

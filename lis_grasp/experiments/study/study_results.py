@@ -10,16 +10,21 @@ from types import ModuleType
 from typing import Any
 
 import lis_grasp
-from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.experiments.optional_packages import needed_package
 from lis_grasp.experiments.study.row_keys import columns_of, row_key
 from lis_grasp.experiments.study.study import SETTINGS, TRIAL_COLUMNS, Setup, Study, Trial, label
+from lis_grasp.experiments.study.study_row import RowKey, StudyRow, column_type
 from lis_grasp.experiments.study.study_trial import COLUMNS, MACHINE, TIMES
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.hands.shipped_models import READY_HANDS
 from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.io.file_limits import MEBIBYTE
 from lis_grasp.io.json_lines import Row
+from lis_grasp.io.schemas import checked
 from lis_grasp.shapes import NAMES
+
+_MOST_BYTES = 2048 * MEBIBYTE  # of rows.parquet, unpacked
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +72,10 @@ class StudyResults:
                     path=self.merged,
                 )
         rows = [*self.lines.read(any_version=any_version), *merged]
-        if not all(isinstance(row.get("key"), str) for row in rows):
-            raise InvalidFileError(
-                f"each row of {self.folder} must have a 'key'; one has none", path=self.folder
-            )
+        # Rows of other versions may have other columns.
+        schema = RowKey if any_version else StudyRow
+        for row in rows:
+            checked(schema, row, self.folder, f"row {shown(row.get('key', ''))}")
         found = {row["key"]: row for row in rows}
         return [found[key] for key in sorted(found)]
 
@@ -137,13 +142,19 @@ class StudyResults:
         return [found[place] for place in sorted(found)]
 
     def _read_merged(self) -> list[Row]:
-        arrow, parquet = _pyarrow()
+        _, parquet = _pyarrow()
         try:
             # ParquetFile and not read_table: a file alone, no data set around it.
-            rows: list[Row] = parquet.ParquetFile(self.merged).read().to_pylist()
-        except (OSError, arrow.ArrowException, ValueError) as error:
+            file = parquet.ParquetFile(self.merged)
+            groups = map(file.metadata.row_group, range(file.metadata.num_row_groups))
+            if sum(group.total_byte_size for group in groups) > _MOST_BYTES:
+                raise ValueError(f"it unpacks to more than {_MOST_BYTES // MEBIBYTE} MiB")
+            rows: list[Row] = file.read().to_pylist()
+        # Damaged files raise errors of Arrow, of the system and of several built-in types.
+        except Exception as error:  # noqa: BLE001
+            reason = " ".join(str(error).split()) or type(error).__name__
             raise InvalidFileError(
-                f"cannot read {self.merged}: {error}; remove it, and its rows are made again",
+                f"cannot read {self.merged}: {reason}; remove it, and its rows are made again",
                 path=self.merged,
             ) from None
         return rows
@@ -189,17 +200,8 @@ def without_times(row: Row) -> Row:
 
 def _schema(arrow: ModuleType) -> Any:
     """Return the types of all columns."""
-    kinds = {"whole": arrow.int64(), "yes_no": arrow.bool_(), "text": arrow.string()}
-    types = {name: kinds[kind] for kind, names in _TYPES.items() for name in names.split()}
-    return arrow.schema([(name, types.get(name, arrow.float64())) for name in COLUMNS])
-
-
-_TYPES = {
-    "whole": "touches seed grasps contacts triangles grasps_found candidates",
-    "yes_no": "edged watertight lifted held",
-    "text": "key object object_digest hand noise estimator prober explorer policy units version"
-    f" {MACHINE} contacts_digest rejections reason failure",
-}
+    types = {int: arrow.int64(), bool: arrow.bool_(), str: arrow.string(), float: arrow.float64()}
+    return arrow.schema([(name, types[column_type(name)]) for name in COLUMNS])
 
 
 def _pyarrow() -> tuple[ModuleType, ModuleType]:
