@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.arms.arm_file import read_arm_file
+from lis_grasp.arms.arm_ik import ArmIK
 from lis_grasp.arms.arm_kinematics import ArmKinematics
 from lis_grasp.hands.hand_parts import joints_to
 from lis_grasp.hands.kinematics import Kinematics
@@ -120,10 +121,19 @@ class Arm(HandModel):
         return ArmKinematics(self.joints, self.flange, self.X_LF)
 
     @cached_property
+    def ik(self) -> ArmIK:
+        """Inverse kinematics of the flange in the base link's frame."""
+        return ArmIK(self.kinematics, self.lower, self.upper)
+
+    @cached_property
     def _links_kinematics(self) -> Kinematics:
         return Kinematics(
             self.links, self.joints, (), X_LH=np.eye(4), actuated=len(self.joint_names)
         )
+
+    def clipped(self, q: npt.ArrayLike) -> FloatArray:
+        """Return joint positions (..., J), moved to the nearest within the limits."""
+        return np.clip(np.asarray(q, np.float64), self.lower, self.upper)
 
     def within_limits(self, q: npt.ArrayLike) -> BoolArray:
         """Return whether joint positions (..., J) are within the limits, shape (...)."""

@@ -58,7 +58,7 @@ class HandCollisionChecker:
         self._object = fcl.CollisionObject(self._model, fcl.Transform())
         shapes = [fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
-        self._outlines = [_outline(g) for g in hand.link_geometries]
+        self._outlines = [outline(g) for g in hand.link_geometries]
         self._points = [_point_of(g) for g in hand.link_geometries]
         self._manager = fcl.DynamicAABBTreeCollisionManager()
         self._manager.registerObjects(self._bodies)
@@ -140,8 +140,8 @@ class HandCollisionChecker:
     def lowest(self, poses: FloatArray) -> float:
         """Return the height of the hand's lowest point [m], bodies at poses X_OG (G, 4, 4)."""
         return min(
-            float((outline @ X[2, :3]).min() + X[2, 3] - thickness)
-            for (outline, thickness), X in zip(self._outlines, poses, strict=True)
+            float((points @ X[2, :3]).min() + X[2, 3] - thickness)
+            for (points, thickness), X in zip(self._outlines, poses, strict=True)
         )
 
     def _touches_object(self, *, pads_may_touch: bool) -> bool:
@@ -207,7 +207,7 @@ def fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
     return getattr(fcl, geometry.kind.capitalize())(*geometry.dimensions)
 
 
-def _outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
+def outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
     """Return points and a radius: balls of that radius about the points cover the body's hull."""
     if geometry.kind == "sphere":
         return np.zeros((1, 3)), geometry.dimensions[0]

@@ -1,0 +1,143 @@
+"""Placement of an arm's base: a search over base poses for the reach over a region."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lis_grasp.arms.arm import Arm
+from lis_grasp.arms.reach_filter import APPROACH, best_solutions
+from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.straight_motion import track
+from lis_grasp.hands.hand import Hand
+from lis_grasp.typing import BoolArray, FloatArray
+
+REGION = (0.4, 0.4, 0.3)
+"""Lengths of the box in which an arm is to reach [m], along x, y and z above the table."""
+
+# Candidates: distance from the region's middle as a fraction of the arm's reach, and height of the
+# base above the table [m]. The arm faces the region.
+_DISTANCES = (0.5, 0.6, 0.7)
+_PEDESTALS = (0.0, 0.2)
+# Directions of approach: down, and oblique from all around; turns of the hand about each.
+_TILT, _AROUND, _TURNS = np.pi / 3.0, 6, 2
+# Seeds of a pose, and its solutions from which the straight approach is tried.
+_SEEDS, _KEPT = 4, 2
+
+
+def choose_base(
+    arm: Arm,
+    hand: Hand,
+    *,
+    center: FloatArray | None = None,
+    table: Table | None = None,
+    region: tuple[float, float, float] = REGION,
+) -> Station:
+    """Return the station whose base reaches the most poses of the hand in a region, straight.
+
+    Parameters
+    ----------
+    arm, hand
+        Arm and hand.
+    center
+        Shape (3,): middle of the region's bottom in W [m]; by default the table's middle.
+    table
+        The table under the region; the base is on it, or on a pedestal on it.
+    region
+        Lengths of the region [m].
+    """
+    table = Table() if table is None else table
+    middle = np.array([*table.center, table.height]) if center is None else np.asarray(center)
+    start = Station.make(arm, hand, _base(middle, table.height, 0.0, 0.0), table=table)
+    targets = palm_targets(hand, middle, region, each=2)
+    reach = _reach(arm)
+    stations = [
+        start.moved(_base(middle, table.height, distance * reach, pedestal))
+        for pedestal in _PEDESTALS
+        for distance in _DISTANCES
+    ]
+    counts = [int(reached(station, targets).sum()) for station in stations]
+    return stations[int(np.argmax(counts))]
+
+
+def reach_fraction(
+    station: Station, region: tuple[float, float, float] = REGION, *, each: int = 4
+) -> float:
+    """Return the fraction of places and directions in a region that the hand reaches straight.
+
+    Places are a grid of `each` points along each axis; at each the hand points down and obliquely,
+    from all sides. One of two turns about its direction has to be reached, with a straight approach
+    of 12 cm, within joint limits. Collisions are not checked.
+    """
+    table = station.table or Table()
+    center = np.array([*table.center, table.height])
+    return float(reached(station, palm_targets(station.hand, center, region, each=each)).mean())
+
+
+def palm_targets(
+    hand: Hand, center: FloatArray, region: tuple[float, float, float], *, each: int
+) -> FloatArray:
+    """Return palm poses with the pads' middle in a region: places and directions, turns.
+
+    The shape is (P, T, 4, 4); `center` (3,) is the middle of the region's bottom.
+    """
+    lines = [np.linspace(-0.5, 0.5, each) * 0.9 * side for side in region]
+    grid = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+    places = grid + center + [0.0, 0.0, 0.5 * region[2]]
+    posture = next(iter(hand.pregrasps.values()))
+    pads_H = hand.pad_centers(np.eye(4), posture).mean(axis=0)
+    rotations = _directions(hand.approach_H)  # (D, T, 3, 3)
+    poses = np.tile(np.eye(4), (len(places), *rotations.shape[:2], 1, 1))
+    poses[..., :3, :3] = rotations
+    poses[..., :3, 3] = places[:, None, None] - rotations @ pads_H
+    return np.asarray(poses.reshape(-1, rotations.shape[1], 4, 4))
+
+
+def reached(station: Station, targets: FloatArray) -> BoolArray:
+    """Return which of P targets are reached straight in one of T turns, (P,), for (P, T, 4, 4)."""
+    done = np.zeros(len(targets), dtype=bool)
+    for turn in range(targets.shape[1]):
+        waiting = np.flatnonzero(~done)
+        if not len(waiting):
+            break
+        X_WH = targets[waiting, turn]
+        pose, q = best_solutions(station, station.solve_ik(X_WH, seeds=_SEEDS), kept=_KEPT)
+        forward = X_WH[pose, :3, :3] @ station.hand.approach_H
+        straight = track(station, q, X_WH[pose], -APPROACH * forward).followed
+        done[waiting[pose[straight]]] = True
+    return done
+
+
+def _directions(approach_H: FloatArray) -> FloatArray:
+    """Return rotations R_WH with the approach down and oblique, turned about it, (D, T, 3, 3)."""
+    helper = np.eye(3)[np.argmin(np.abs(approach_H))]
+    x = np.cross(approach_H, helper)
+    x /= np.linalg.norm(x)
+    R_HT = np.column_stack([x, np.cross(approach_H, x), approach_H])  # tool frame: +z approaches
+    found = []
+    for tilt in (0.0, _TILT):
+        for around in 2.0 * np.pi * np.arange(_AROUND if tilt else 1) / _AROUND:
+            out = np.array(
+                [np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), -np.cos(tilt)]
+            )
+            side = np.cross([0.0, 1.0, 0.0] if abs(out[1]) < 0.9 else [1.0, 0.0, 0.0], out)
+            side /= np.linalg.norm(side)
+            R_WT = np.column_stack([side, np.cross(out, side), out])
+            turns = []
+            for turn in 2.0 * np.pi * np.arange(_TURNS) / _TURNS:
+                c, s = np.cos(turn), np.sin(turn)
+                turns.append(R_WT @ [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] @ R_HT.T)
+            found.append(turns)
+    return np.array(found)
+
+
+def _base(middle: FloatArray, height: float, distance: float, pedestal: float) -> FloatArray:
+    X_WA = np.eye(4)
+    X_WA[:3, 3] = middle[0] - distance, middle[1], height + pedestal
+    return X_WA
+
+
+def _reach(arm: Arm) -> float:
+    """Return the largest distance of the flange from the middle of its reach [m]."""
+    points = arm.kinematics.flange_poses(arm.ik.postures)[:, :3, 3]
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return float(np.quantile(np.linalg.norm(points - middle, axis=1), 0.98))

@@ -1,0 +1,134 @@
+"""Reach of an arm: filter of grasps by inverse kinematics, straight motions and collisions."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from lis_grasp.arms.arm_ik import ArmSolutions
+from lis_grasp.arms.station import Station
+from lis_grasp.arms.station_collision import StationChecker
+from lis_grasp.arms.straight_motion import track
+from lis_grasp.typing import FloatArray, IndexArray
+
+APPROACH, LIFT = 0.12, 0.1
+"""Lengths of the straight approach to a grasp, and of the straight lift [m]."""
+
+_SEEDS, _KEPT = 8, 4  # seeds of a pose; its solutions that are tried
+_SAME = 0.1  # solutions with joints this near are one [rad or m]
+_CHECKED = 3  # of the poses along a straight motion, every third is checked for collisions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmGrasp:
+    """Joint positions of an arm for one grasp, J joints."""
+
+    approach: FloatArray  # (S, J): straight, from the standoff to the grasp
+    lift: FloatArray  # (L, J): straight up, from the grasp
+
+    @property
+    def standoff(self) -> FloatArray:
+        """Joint positions (J,) where the approach begins."""
+        return self.approach[0]
+
+    @property
+    def grasp(self) -> FloatArray:
+        """Joint positions (J,) at the grasp."""
+        return self.approach[-1]
+
+
+class ReachFilter:
+    """Finds which grasps an arm can carry out, and how.
+
+    A grasp is kept if the arm reaches it, approaches it and lifts from it straight, within joint
+    limits and on one branch, and collides with nothing on the way. `rejected` counts the others:
+
+    - ``out_of_arm_reach``: no joint positions;
+    - ``no_straight_arm_motion``: a joint limit or a jump ends the approach or the lift;
+    - ``arm_hits_object``, ``_table``, ``_self``: a collision on the way. The hand's own contacts
+      with the object are left to the filter of grasp candidates.
+
+    Parameters
+    ----------
+    station
+        The station.
+    mesh
+        Closed mesh of the object's estimate in W [m]; None for none.
+    """
+
+    def __init__(self, station: Station, mesh: trimesh.Trimesh | None = None) -> None:
+        self._station = station
+        self._checker = StationChecker(station, mesh, hand_may_touch=True)
+        self.rejected: Counter[str] = Counter()
+
+    def plan(
+        self, X_WH: FloatArray, q_open: FloatArray, q_closed: FloatArray
+    ) -> list[ArmGrasp | None]:
+        """Return the arm's motion for each of N grasps, None for those that are rejected.
+
+        Parameters
+        ----------
+        X_WH
+            Shape (N, 4, 4): the palm's poses at the grasps.
+        q_open, q_closed
+            Shape (N, K): the hand's joint positions on the approach, and at the grasp and lift.
+        """
+        solutions = self._station.solve_ik(X_WH, seeds=_SEEDS, first=self._station.arm.home)
+        pose, q = best_solutions(self._station, solutions, kept=_KEPT)
+        self.rejected["out_of_arm_reach"] += int((~solutions.reached).sum())
+        forward = X_WH[pose, :3, :3] @ self._station.hand.approach_H
+        away = track(self._station, q, X_WH[pose], -APPROACH * forward)
+        up = track(self._station, q, X_WH[pose], np.array([0.0, 0.0, LIFT]))
+        straight = away.followed & up.followed
+        found: list[ArmGrasp | None] = [None] * len(X_WH)
+        reasons: dict[int, str] = {}
+        for i in np.flatnonzero(straight):
+            n = int(pose[i])
+            if found[n] is not None:
+                continue
+            approach, lift = away.q[i, ::-1], up.q[i]
+            hit = self._first_hit(approach, q_open[n]) or self._first_hit(lift, q_closed[n])
+            if hit is None:
+                found[n] = ArmGrasp(approach, lift)
+            else:
+                reasons[n] = f"arm_hits_{hit}"
+        for n, reached in enumerate(solutions.reached):
+            if reached and found[n] is None:
+                self.rejected[reasons.get(n, "no_straight_arm_motion")] += 1
+        return found
+
+    def _first_hit(self, path: FloatArray, q_hand: FloatArray) -> str | None:
+        """Return what a path of joint positions (S, J) collides with; None if it is free."""
+        checked = path[np.unique(np.r_[0 : len(path) : _CHECKED, len(path) - 1])]
+        bad = np.flatnonzero(~self._checker.free(checked, q_hand))
+        if not len(bad):
+            return None
+        hit = self._checker.first_hit(checked[bad[0]], q_hand)
+        assert hit is not None
+        return hit[0]
+
+
+def best_solutions(
+    station: Station, solutions: ArmSolutions, *, kept: int
+) -> tuple[IndexArray, FloatArray]:
+    """Return up to `kept` different solutions of each target, far from joint limits first.
+
+    They are M in all: the index of the target (M,), in order, and joint positions (M, J).
+    """
+    arm = station.arm
+    targets: list[int] = []
+    chosen: list[FloatArray] = []
+    for n in np.flatnonzero(solutions.reached):
+        q = solutions.q[n][solutions.solved[n]]
+        spare = np.minimum(q - arm.lower, arm.upper - q).min(axis=1)
+        mine: list[FloatArray] = []
+        for candidate in q[np.argsort(-spare, kind="stable")]:
+            if len(mine) < kept and all(np.abs(candidate - m).max() > _SAME for m in mine):
+                mine.append(candidate)
+        targets += [int(n)] * len(mine)
+        chosen += mine
+    joints = len(arm.joint_names)
+    return np.array(targets, dtype=np.intp), np.array(chosen).reshape(-1, joints)

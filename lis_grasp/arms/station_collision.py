@@ -1,0 +1,192 @@
+"""Collision checks of an arm with its hand: with itself, the table, and the object's estimate."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import fcl
+import numpy as np
+import numpy.typing as npt
+import trimesh
+from trimesh.collision import mesh_to_BVH
+
+from lis_grasp.arms.arm import links_fixed_to
+from lis_grasp.arms.body_pairs import BodyPairs
+from lis_grasp.arms.find_arm_posture import joints_before
+from lis_grasp.arms.station import Station
+from lis_grasp.hands.collision import outline
+from lis_grasp.typing import BoolArray, FloatArray
+
+Obstacle = Literal["table", "object", "self"]
+
+ARM_CLEARANCE = 0.01
+"""Least distance of the arm's links from the table [m]."""
+HAND_CLEARANCE = 0.0003
+"""Least distance of the hand's links from the table [m], which grasps of low objects need."""
+
+
+class StationChecker:
+    """Checks postures of an arm with a hand for collisions.
+
+    Many postures are checked at once by balls that cover the links; what they do not show to be
+    free is checked by FCL. Checked are the arm's links with each other, with the hand, with the
+    table and with the object, and the hand with table and object; not the hand with itself.
+
+    Parameters
+    ----------
+    station
+        The station.
+    mesh
+        Closed mesh of the object, true or estimated, in W [m]; None for none.
+    margin
+        By which the object is enlarged [m].
+    hand_may_touch
+        Whether contacts of the hand with the object are left out, as at a grasp.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        mesh: trimesh.Trimesh | None = None,
+        *,
+        margin: float = 0.0,
+        hand_may_touch: bool = False,
+    ) -> None:
+        self._station = station
+        arm, hand = station.arm, station.hand
+        self._of_arm = len(arm.link_geometries)
+        bodies = [*arm.link_geometries, *hand.link_geometries]
+        self._names = [g.link for g in bodies]
+        self._pairs = BodyPairs(bodies, _pairs(station))
+        moving = np.array([g.link not in arm.fixed_links for g in arm.link_geometries], dtype=bool)
+        is_hand = np.ones(len(hand.link_geometries), dtype=bool)
+        self._above_table = np.concatenate([moving, is_hand])
+        self._clear_of_object = np.concatenate([np.ones(self._of_arm, bool), is_hand])
+        if hand_may_touch:
+            self._clear_of_object[self._of_arm :] = False
+        self._clearance = np.where(
+            np.arange(len(bodies)) < self._of_arm, ARM_CLEARANCE, HAND_CLEARANCE
+        )
+        self._outlines = [outline(g) for g in bodies]
+        self._object = None if mesh is None else _Enlarged(mesh, margin)
+
+    def free(self, q: FloatArray, q_hand: FloatArray) -> BoolArray:
+        """Return which postures of the arm, (N, J), collide with nothing, shape (N,).
+
+        `q_hand` (K,) or (N, K) are the hand's joint positions.
+        """
+        poses = self._poses(q, q_hand)
+        centers = self._pairs.ball_centers(poses)
+        near = self._near(centers)
+        pairs = self._pairs.may_touch(centers)
+        unclear = np.flatnonzero(near.any(axis=(1, 2)) | pairs.any(axis=1))
+        free = np.ones(len(poses), dtype=bool)
+        for n in unclear:
+            free[n] = self._hit(poses[n], near[n], pairs[n]) is None
+        return free
+
+    def first_hit(self, q: FloatArray, q_hand: FloatArray) -> tuple[Obstacle, str] | None:
+        """Return what a posture (J,) with the hand at (K,) collides with, and the link that does.
+
+        None if it is free.
+        """
+        poses = self._poses(q[None], q_hand)
+        centers = self._pairs.ball_centers(poses)
+        return self._hit(poses[0], self._near(centers)[0], self._pairs.may_touch(centers)[0])
+
+    def _poses(self, q: FloatArray, q_hand: FloatArray) -> FloatArray:
+        """Return the poses of all bodies in W, (N, G, 4, 4)."""
+        station = self._station
+        links = station.arm.forward_kinematics(station.X_WA, q)
+        of_arm = [links[g.link] @ g.X_LG for g in station.arm.link_geometries]
+        X_WH = station.palm_poses(q)
+        in_hand = station.hand.forward_kinematics(np.eye(4), q_hand)
+        of_hand = [X_WH @ (in_hand[g.link] @ g.X_LG) for g in station.hand.link_geometries]
+        return np.stack([*of_arm, *of_hand], axis=1)
+
+    def _near(self, centers: FloatArray) -> BoolArray:
+        """Return which bodies are not surely off the table and the object, (N, G, 2)."""
+        balls, radii = self._pairs.body, self._pairs.radii
+        low = np.zeros(centers.shape[:2], dtype=bool)
+        table = self._station.table
+        if table is not None:
+            low = centers[..., 2] < table.height + radii + self._clearance[balls]
+            aside = np.abs(centers[..., :2] - table.center) > table.half_width + radii[:, None]
+            low &= ~aside.any(axis=-1) & self._above_table[balls]
+        close = np.zeros_like(low)
+        if self._object is not None:
+            close = self._object.distances_at_least(centers) < radii
+            close &= self._clear_of_object[balls]
+        starts = np.searchsorted(balls, np.arange(len(self._names)))
+        return np.stack(
+            [np.logical_or.reduceat(kind, starts, axis=1) for kind in (low, close)], axis=-1
+        )
+
+    def _hit(
+        self, poses: FloatArray, near: BoolArray, pairs: BoolArray
+    ) -> tuple[Obstacle, str] | None:
+        for body in np.flatnonzero(near[:, 0]):
+            if self._lowest(int(body), poses[body]) < self._clearance[body] + self._height:
+                return "table", self._names[body]
+        self._pairs.place(poses)
+        if self._object is not None:
+            for body in np.flatnonzero(near[:, 1]):
+                if self._pairs.touches(int(body), self._object.model):
+                    return "object", self._names[body]
+        pair = next(self._pairs.touching(np.flatnonzero(pairs)), None)
+        return None if pair is None else ("self", self._names[self._pairs.pairs[pair][1]])
+
+    @property
+    def _height(self) -> float:
+        table = self._station.table
+        return -np.inf if table is None else table.height
+
+    def _lowest(self, body: int, X_WG: FloatArray) -> float:
+        """Return the height of a body's lowest point over the table's top [m]; inf beside it."""
+        points, radius = self._outlines[body]
+        placed = points @ X_WG[:3, :3].T + X_WG[:3, 3]
+        table = self._station.table
+        assert table is not None
+        inside = (np.abs(placed[:, :2] - table.center) <= table.half_width + radius).all(axis=1)
+        return float(placed[inside, 2].min(initial=np.inf)) - radius
+
+
+class _Enlarged:
+    """An obstacle's mesh, enlarged by a margin along its vertices' normals."""
+
+    def __init__(self, mesh: trimesh.Trimesh, margin: float) -> None:
+        grown = mesh
+        if margin:
+            grown = trimesh.Trimesh(
+                mesh.vertices + margin * mesh.vertex_normals, mesh.faces, process=False
+            )
+        self._low, self._high = np.asarray(grown.bounds)
+        self._shape = mesh_to_BVH(grown)
+        self.model = fcl.CollisionObject(self._shape, fcl.Transform())
+
+    def distances_at_least(self, points: FloatArray) -> FloatArray:
+        """Return the distances of points (..., 3) from the bounding box, 0 inside, (...) [m]."""
+        outside = np.maximum(np.maximum(self._low - points, points - self._high), 0.0)
+        return np.asarray(np.linalg.norm(outside, axis=-1))
+
+
+def _pairs(station: Station) -> npt.NDArray[np.intp]:
+    """Return the pairs of bodies of arm and hand that must not touch, (P, 2)."""
+    arm, hand = station.arm, station.hand
+    order, last = joints_before(arm), joints_before(arm)[arm.flange]
+    own = arm.link_geometries
+    pairs = [
+        (i, j)
+        for i, a in enumerate(own)
+        for j, b in enumerate(own[i + 1 :], i + 1)
+        if a.link != b.link
+        and (min(a.link, b.link), max(a.link, b.link)) not in arm.self_collision_exclusions
+    ]
+    fixed = links_fixed_to(hand, hand.base_link)
+    pairs += [
+        (i, len(own) + j)
+        for i, a in enumerate(own)
+        for j, h in enumerate(hand.link_geometries)
+        if not (order[a.link] == last and h.link in fixed)
+    ]
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
