@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from lis_grasp.arms.arm_file import read_arm_file
 from lis_grasp.arms.arm_ik import ArmIK
 from lis_grasp.arms.arm_kinematics import ArmKinematics
+from lis_grasp.arms.find_arm_posture import joints_before
 from lis_grasp.hands.hand_parts import joints_to
 from lis_grasp.hands.kinematics import Kinematics
 from lis_grasp.hands.link_tree import HandModel
@@ -119,6 +121,11 @@ class Arm(HandModel):
     def kinematics(self) -> ArmKinematics:
         """Poses and Jacobians of the flange in the base link's frame."""
         return ArmKinematics(self.joints, self.flange, self.X_LF)
+
+    @cached_property
+    def joints_before(self) -> Mapping[str, int]:
+        """Number of joints that move each link, by its name: 0 for the base link."""
+        return joints_before(self)
 
     @cached_property
     def ik(self) -> ArmIK:

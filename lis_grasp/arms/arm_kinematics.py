@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.hands.hand_parts import Joint, joints_to
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 
 class ArmKinematics:
@@ -57,13 +57,26 @@ class ArmKinematics:
         """
         R, p = self._moved(np.asarray(q, np.float64))
         X_AF = _pose(R[-1] @ self._X_AF[:3, :3], R[-1] @ self._X_AF[:3, 3] + p[-1])
-        # A joint's axis has been moved by the joints before it: R[j], p[j], the first by none.
-        axes = (R[:-1] @ _column(self._axes, R))[..., 0]  # (J, ..., 3)
-        points = (R[:-1] @ _column(self._points, R))[..., 0] + p[:-1]
+        axes, points = self._moved_axes(R, p)
         turns = self._turns.reshape(-1, *(1,) * (axes.ndim - 1))
         linear = np.where(turns, np.cross(axes, X_AF[..., :3, 3] - points), axes)
         rows = np.concatenate([linear, np.where(turns, axes, 0.0)], axis=-1)  # (J, ..., 6)
         return X_AF, np.moveaxis(rows, 0, -1)
+
+    def axes(self, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return the joints' axes at positions q (..., J), in A.
+
+        They are points on the axes (..., J, 3) [m], directions (..., J, 3), unit, and which joints
+        turn, (J,); the others slide.
+        """
+        axes, points = self._moved_axes(*self._moved(np.asarray(q, np.float64)))
+        return np.moveaxis(points, 0, -2), np.moveaxis(axes, 0, -2), self._turns[:, 0]
+
+    def _moved_axes(self, R: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return directions and points of the axes, each (J, ..., 3)."""
+        # A joint's axis has been moved by the joints before it: R[j], p[j], the first by none.
+        axes = (R[:-1] @ _column(self._axes, R))[..., 0]
+        return axes, (R[:-1] @ _column(self._points, R))[..., 0] + p[:-1]
 
     def _moved(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the motions of A by the first 0 to J joints: (J + 1, ..., 3, 3), (..., 3)."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from lis_grasp.arms.arm import Arm, links_fixed_to
 from lis_grasp.arms.body_pairs import BodyPairs
-from lis_grasp.arms.find_arm_posture import joints_before
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.hand import Hand
 from lis_grasp.records import read_only
@@ -103,7 +102,7 @@ def back_on_flange(hand: Hand) -> FloatArray:
 
 def _nearest(arm: Arm, hand: Hand, X_FB: FloatArray) -> tuple[str, str] | None:
     """Return links of hand and arm that are closer than the clearance; None if there are none."""
-    order = joints_before(arm)
+    order = arm.joints_before
     last = order[arm.flange]
     on_flange = arm.flange_links
     of_arm = [g for g in arm.link_geometries if order[g.link] >= last - 1]

@@ -12,7 +12,6 @@ from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.arms.arm import links_fixed_to
 from lis_grasp.arms.body_pairs import BodyPairs
-from lis_grasp.arms.find_arm_posture import joints_before
 from lis_grasp.arms.station import Station
 from lis_grasp.hands.collision import outline
 from lis_grasp.typing import BoolArray, FloatArray
@@ -173,7 +172,7 @@ class _Enlarged:
 def _pairs(station: Station) -> npt.NDArray[np.intp]:
     """Return the pairs of bodies of arm and hand that must not touch, (P, 2)."""
     arm, hand = station.arm, station.hand
-    order, last = joints_before(arm), joints_before(arm)[arm.flange]
+    order, last = arm.joints_before, arm.joints_before[arm.flange]
     own = arm.link_geometries
     pairs = [
         (i, j)

@@ -1,4 +1,4 @@
-"""`lis-grasp doctor`: checks of this machine, or of the files of a hand."""
+"""`lis-grasp doctor`: checks of this machine, or of the files of a hand or an arm."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from pathlib import Path
 
 import lis_grasp
 from lis_grasp import pipeline
+from lis_grasp.arms.arm import Arm
+from lis_grasp.arms.arm_check import check_arm
 from lis_grasp.cli.findings import say_findings
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
@@ -34,6 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     parser.add_argument("--hand", metavar="HAND", help="check this hand: a name or a YAML file")
     parser.add_argument(
+        "--arm",
+        metavar="ARM",
+        help="check this arm with the hand (default: allegro): a name or a YAML file",
+    )
+    parser.add_argument(
         "--repair",
         type=Path,
         metavar="OUT",
@@ -48,7 +55,13 @@ def execute(options: argparse.Namespace) -> None:
     if options.repair is not None:
         _repair(options.hand, options.repair)
         return
-    findings = check_machine() if options.hand is None else check_hand(Hand.load(options.hand))
+    if options.arm is not None:
+        hand = Hand.load(options.hand or RunConfig().hand)
+        findings = check_arm(Arm.load(options.arm), hand)
+    elif options.hand is not None:
+        findings = check_hand(Hand.load(options.hand))
+    else:
+        findings = check_machine()
     say_findings(findings)
     faults = sum(not finding.fine for finding in findings)
     if faults:

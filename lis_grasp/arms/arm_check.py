@@ -1,0 +1,211 @@
+"""Checks of an arm with a hand: limits, flange, mount, home, reach, and efforts under gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lis_grasp.arms.arm import Arm
+from lis_grasp.arms.arm_mount import CLEARANCE, mount_of
+from lis_grasp.arms.base_search import REGION, choose_base, palm_targets, reach_fraction
+from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.station_collision import StationChecker
+from lis_grasp.arms.station_home import home_of
+from lis_grasp.exceptions import LisGraspError
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_check import Finding
+from lis_grasp.hands.inertias import impossible_inertias
+from lis_grasp.typing import FloatArray
+
+OBJECT_MASS = 0.5
+"""Mass that the arm is to carry [kg]."""
+
+_GRAVITY = 9.81  # [m/s^2]
+_ENOUGH = 0.4  # fraction of the region that must be reached
+_USED = 0.9  # fraction of an effort limit that gravity may use
+_POSTURES = 60  # in the region, in which efforts are computed
+# A joint's speed is plausible from 0.05 to 20 rad/s or m/s.
+_SLOWEST, _FASTEST = 0.05, 20.0
+_BEYOND = 0.03  # how far bodies of the last link may be beyond the flange [m]
+
+
+def check_arm(arm: Arm, hand: Hand, X_WA: FloatArray | None = None) -> list[Finding]:
+    """Return the findings on an arm with a hand, in the order in which to fix what failed.
+
+    The base is at X_WA (4, 4) in W, whose origin is the middle of the table; by default it is
+    chosen for its reach.
+    """
+    findings = [*_masses(arm), *_limits(arm), *_flange(arm)]
+    try:
+        mount = mount_of(arm, hand)
+    except LisGraspError as error:
+        return [*findings, Finding(False, str(error))]
+    spacer = f" with an adapter of {1e3 * mount.adapter:g} mm" if mount.adapter else ""
+    origin = "its own mount" if hand.X_FB is not None else f"its back on the flange{spacer}"
+    findings.append(
+        Finding(
+            True,
+            f"hand {hand.name} has {origin}, more than {1e3 * CLEARANCE:g} mm from the last links",
+        )
+    )
+    try:
+        if X_WA is None:
+            station = choose_base(arm, hand)
+        else:
+            station = Station.make(arm, hand, X_WA, table=Table())
+    except LisGraspError as error:
+        return [*findings, Finding(False, str(error))]
+    findings += _home(station)
+    findings += _reach(station, chosen=X_WA is None)
+    return [*findings, *_efforts(station)]
+
+
+def _masses(arm: Arm) -> Iterator[Finding]:
+    faults = impossible_inertias(arm.inertials)
+    if faults:
+        yield Finding(
+            False,
+            f"the inertia of {', '.join(faults)} is impossible: principal moments must be positive,"
+            " and none larger than the other two together. Add `repair: true` to the YAML",
+        )
+    if arm.hulls_of_visuals:
+        yield Finding(
+            True,
+            "without collision bodies, so the convex hulls of their visual meshes are used:"
+            f" {', '.join(arm.hulls_of_visuals)}",
+        )
+    fine = 0.5 <= arm.mass <= 500.0
+    advice = "" if fine else ": masses must be in kg, 0.5 to 500 in all"
+    joints = len(arm.joint_names)
+    yield Finding(fine, f"arm {arm.name}: {joints} joints, moving mass {arm.mass:.1f} kg{advice}")
+
+
+def _limits(arm: Arm) -> Iterator[Finding]:
+    slow = [
+        f"{name} {speed:g}"
+        for name, speed in zip(arm.joint_names, arm.velocity_limits, strict=True)
+        if not _SLOWEST <= speed <= _FASTEST
+    ]
+    if slow:
+        yield Finding(
+            False,
+            f"speed limits must be {_SLOWEST:g} to {_FASTEST:g} rad/s; check {', '.join(slow)}, or"
+            " give velocity_limits in the YAML",
+        )
+    if len(arm.joint_names) < 6:
+        yield Finding(
+            True, f"with {len(arm.joint_names)} joints it reaches few directions at each place"
+        )
+
+
+def _flange(arm: Arm) -> Iterator[Finding]:
+    """Compare the flange's +z with where the bodies of the last link are."""
+    links = arm.forward_kinematics(np.eye(4), arm.home)
+    X_FA = np.linalg.inv(links[arm.flange] @ arm.X_LF)
+    beyond = 0.0
+    for geometry in arm.link_geometries:
+        if geometry.link in arm.flange_links:
+            X_FG = X_FA @ links[geometry.link] @ geometry.X_LG
+            heights = np.asarray(geometry.mesh.vertices) @ X_FG[2, :3] + X_FG[2, 3]
+            beyond = max(beyond, float(heights.max()))
+    if beyond > _BEYOND:
+        yield Finding(
+            False,
+            f"the last link is up to {1e3 * beyond:.0f} mm beyond the flange frame: its +z must"
+            " point out of the flange; name another link as flange, or turn it by flange_pose",
+        )
+
+
+def _home(station: Station) -> Iterator[Finding]:
+    arm = station.arm
+    try:
+        home = home_of(station)
+    except LisGraspError as error:
+        yield Finding(False, str(error))
+        return
+    if home is arm.home:
+        yield Finding(True, "at home the hand is above the table and free in all its postures")
+        return
+    posture = next(iter(station.hand.pregrasps.values()))
+    hit = StationChecker(station).first_hit(arm.home, posture)
+    why = "the hand is too low" if hit is None else f"{hit[1]} meets the {hit[0]}"
+    shown = ", ".join(f"{x:.2f}" for x in home)
+    yield Finding(True, f"at the arm's own home {why}, so another is used: [{shown}]")
+
+
+def _reach(station: Station, *, chosen: bool) -> Iterator[Finding]:
+    fraction = reach_fraction(station)
+    place = ", ".join(f"{x:.2f}" for x in station.X_WA[:3, 3])
+    size = " x ".join(f"{100 * side:g}" for side in REGION)
+    how = "chosen" if chosen else "given"
+    text = (
+        f"from its base at ({place}), {how}, the hand reaches {100 * fraction:.0f} % of places and"
+        f" directions of {size} cm on the table"
+    )
+    advice = ": turn the hand on the flange (mount in its YAML), or move the base"
+    yield Finding(fraction >= _ENOUGH, text if fraction >= _ENOUGH else text + advice)
+
+
+def _efforts(station: Station) -> Iterator[Finding]:
+    arm = station.arm
+    targets = palm_targets(station.hand, np.zeros(3), REGION, each=3)[:, 0]
+    every = max(len(targets) // _POSTURES, 1)
+    solutions = station.solve_ik(targets[::every], seeds=4, first=arm.home)
+    q = solutions.q[solutions.solved]
+    used = np.abs(gravity_efforts(station, q, load=OBJECT_MASS)) / arm.effort_limits
+    if not len(used):
+        return
+    worst = used.max(axis=0)
+    j = int(np.argmax(worst))
+    fine = worst[j] <= _USED
+    text = (
+        f"gravity uses up to {100 * worst[j]:.0f} % of the effort limits ({arm.joint_names[j]}),"
+        f" with the hand of {station.hand.mass:.2f} kg and an object of {OBJECT_MASS:g} kg"
+    )
+    advice = ": the load is too heavy, or effort_limits or masses are wrong"
+    yield Finding(fine, text if fine else text + advice)
+
+
+def gravity_efforts(station: Station, q: FloatArray, *, load: float = 0.0) -> FloatArray:
+    """Return the efforts that hold arm, hand and a load against gravity, (N, J) [N m or N].
+
+    The effort of joint j is ``sum_i m_i g dz_i/dq_j`` over the masses that it moves, whose centres
+    rise by dz_i. The load [kg] is at the middle of the hand's pads.
+
+    Parameters
+    ----------
+    station
+        The station; gravity is along W's -z.
+    q
+        Shape (N, J): the arm's joint positions.
+    load
+        Mass of what the hand carries [kg].
+    """
+    hand = station.hand
+    posture = next(iter(hand.pregrasps.values()))
+    in_hand = hand.forward_kinematics(np.eye(4), posture)
+    carried = [(i.mass, _point(in_hand[link], i.center_L)) for link, i in hand.inertials.items()]
+    carried.append((load, hand.pad_centers(np.eye(4), posture).mean(axis=0)))
+    X_WH = station.palm_poses(q)
+    links = station.arm.forward_kinematics(station.X_WA, q)
+    last = len(station.arm.joint_names)
+    bodies = [(mass, last, X_WH @ np.append(p, 1.0)) for mass, p in carried]
+    bodies += [
+        (inertial.mass, order, links[link] @ np.append(inertial.center_L, 1.0))
+        for link, inertial in station.arm.inertials.items()
+        for order in [station.arm.joints_before[link]]
+    ]
+    origins, axes, turns = station.arm.kinematics.axes(q)  # (N, J, 3), (J,)
+    R_WA = station.X_WA[:3, :3]
+    origins, axes = origins @ R_WA.T + station.X_WA[:3, 3], axes @ R_WA.T
+    efforts = np.zeros(q.shape)
+    for mass, order, place in bodies:
+        lever = np.cross(axes, place[:, None, :3] - origins)[..., 2]
+        rise = np.where(turns, lever, axes[..., 2])  # (N, J)
+        efforts[:, :order] += _GRAVITY * mass * rise[:, :order]
+    return efforts
+
+
+def _point(X: FloatArray, point: FloatArray) -> FloatArray:
+    return np.asarray(X[:3, :3] @ point + X[:3, 3])
