@@ -1,0 +1,202 @@
+"""Stations: palm kinematics, collisions, home, placement of the base, efforts, reach of grasps."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp.arms.arm import Arm
+from lis_grasp.arms.arm_check import check_arm, gravity_efforts
+from lis_grasp.arms.arm_ik import pose_error
+from lis_grasp.arms.base_search import choose_base, reach_fraction
+from lis_grasp.arms.reach_filter import APPROACH, LIFT, ReachFilter
+from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.station_collision import ARM_CLEARANCE, StationChecker
+from lis_grasp.arms.station_home import HEADROOM, home_of
+from lis_grasp.arms.straight_motion import track
+from lis_grasp.exceptions import InvalidArmError, InvalidOptionError
+from lis_grasp.hands.hand import Hand
+
+
+def _base(x: float, z: float = 0.0) -> np.ndarray:
+    X_WA = np.eye(4)
+    X_WA[:3, 3] = x, 0.0, z
+    return X_WA
+
+
+@pytest.fixture(scope="module")
+def station() -> Station:
+    return Station.make(Arm.load("iiwa14"), Hand.load("allegro"), _base(-0.55, 0.2), table=Table())
+
+
+def _random(station: Station, count: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(station.arm.lower, station.arm.upper, size=(count, 7))
+
+
+def test_palm_jacobian_is_the_derivative_of_the_palm_pose(station: Station) -> None:
+    q, step = _random(station, 5, 1), 1e-6
+    X, J = station.jacobians(q)
+    np.testing.assert_allclose(X, station.palm_poses(q), atol=1e-14)
+    for j in range(7):
+        delta = step * np.eye(7)[j]
+        ahead, behind = (station.palm_poses(q + s * delta) for s in (1, -1))
+        np.testing.assert_allclose(pose_error(behind, ahead) / (2 * step), J[:, :, j], atol=1e-8)
+
+
+def test_ik_reaches_palm_poses(station: Station) -> None:
+    X_WH = station.palm_poses(_random(station, 20, 2))
+    found = station.solve_ik(X_WH)
+    assert found.reached.mean() >= 0.9
+    error = pose_error(station.palm_poses(found.q), X_WH[:, None])[found.solved]
+    # The flange is within 0.1 mm and 1 mrad, the palm 0.1 m beyond it.
+    assert np.linalg.norm(error[:, :3], axis=1).max() < 2e-4
+
+
+def test_a_base_inside_the_table_is_refused(station: Station) -> None:
+    with pytest.raises(InvalidOptionError):
+        station.moved(_base(-0.55, -0.1))
+    station.moved(_base(-0.8, -0.1))  # beside it
+    with pytest.raises(InvalidOptionError):
+        station.moved(np.diag([2.0, 1.0, 1.0, 1.0]))
+
+
+def test_collisions_are_those_of_all_bodies_one_by_one(station: Station) -> None:
+    """Compare with closed meshes and trimesh's own manager, which know nothing of balls."""
+    box = trimesh.creation.box([0.3, 0.3, 0.3])
+    box.apply_translation([0.0, 0.0, 0.15])
+    checker = StationChecker(station, box)
+    hand, arm = station.hand, station.arm
+    q_hand = next(iter(hand.pregrasps.values()))
+    q = arm.home + np.random.default_rng(3).uniform(-0.9, 0.9, size=(40, 7))
+    q = arm.clipped(q + [0.0, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
+    free = checker.free(q, q_hand)
+    assert 10 < free.sum() < 35
+    fixed = arm.fixed_links
+    manager = trimesh.collision.CollisionManager()
+    manager.add_object("box", box)
+    for posture, is_free in zip(q, free, strict=True):
+        links = arm.forward_kinematics(station.X_WA, posture)
+        links |= hand.forward_kinematics(station.palm_poses(posture), q_hand)
+        low, touching = np.inf, False
+        for g in (*arm.link_geometries, *hand.link_geometries):
+            X = links[g.link] @ g.X_LG
+            if g.link not in fixed:
+                clearance = ARM_CLEARANCE if g.link in arm.links else 0.0003
+                low = min(low, (g.mesh.vertices @ X[2, :3] + X[2, 3]).min() - clearance)
+            touching |= manager.in_collision_single(g.mesh, X)
+        hit = checker.first_hit(posture, q_hand)
+        assert is_free == (hit is None)
+        if is_free:
+            assert low > 0.0
+            assert not touching
+        elif hit[0] == "object":
+            assert touching
+        elif hit[0] == "table":
+            assert low < 0.0
+
+
+def test_a_folded_arm_hits_itself(station: Station) -> None:
+    q = np.array([1.23, -2.07, 0.62, 2.05, -1.27, -1.01, -1.76])
+    hit = StationChecker(station).first_hit(q, next(iter(station.hand.pregrasps.values())))
+    assert hit is not None
+    assert hit[0] == "self"
+
+
+def test_home_is_high_and_free(station: Station) -> None:
+    home = home_of(station)
+    postures = list(station.hand.pregrasps.values())
+    assert StationChecker(station).free(np.tile(home, (len(postures), 1)), np.array(postures)).all()
+    assert station.palm_poses(home)[2, 3] > HEADROOM
+
+
+def test_another_home_is_found_where_the_arms_own_is_too_low(station: Station) -> None:
+    table = Table(height=0.25)  # beside the base, which is on the floor
+    high_table = Station(station.arm, station.hand, _base(-0.85), station.mount, table)
+    home = home_of(high_table)
+    assert not np.array_equal(home, high_table.arm.home)
+    assert high_table.palm_poses(home)[2, 3] > 0.25 + HEADROOM
+
+
+def test_no_home_is_an_error_with_the_place_of_the_base(station: Station) -> None:
+    with pytest.raises(InvalidArmError, match="base"):
+        home_of(Station(station.arm, station.hand, _base(-3.0), station.mount, Table(height=0.5)))
+
+
+def test_straight_motions_are_straight(station: Station) -> None:
+    q = station.arm.home
+    X_WH = station.palm_poses(q)
+    moved = np.array([0.03, -0.05, -0.1])
+    tracked = track(station, q[None], X_WH[None], moved)
+    assert tracked.followed.all()
+    poses = station.palm_poses(tracked.q[0])
+    part = np.linspace(0.0, 1.0, len(poses))[:, None]
+    np.testing.assert_allclose(poses[:, :3, 3], X_WH[:3, 3] + part * moved, atol=2e-4)
+    assert np.abs(pose_error(poses, X_WH)[:, 3:]).max() < 2e-3
+
+
+def test_straight_motions_end_at_the_reach(station: Station) -> None:
+    q = station.arm.home
+    tracked = track(station, q[None], station.palm_poses(q)[None], np.array([1.0, 0.0, 0.0]))
+    assert not tracked.followed.any()
+
+
+def test_grasps_are_kept_or_counted_by_reason(station: Station) -> None:
+    box = trimesh.creation.box([0.06, 0.08, 0.12])
+    box.apply_translation([0.0, 0.0, 0.06])
+    down = np.eye(4)
+    down[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # the palm's +x, its approach, points down
+    down[:3, 3] = 0.0, 0.0, 0.25
+    far, under = down.copy(), down.copy()
+    far[0, 3], under[2, 3] = 1.0, 0.02
+    q_open = station.hand.pregrasps["wide"]
+    reach = ReachFilter(station, box)
+    kept, *others = reach.plan(
+        np.array([down, far, under]), np.tile(q_open, (3, 1)), np.tile(q_open, (3, 1))
+    )
+    assert others == [None, None]
+    assert reach.rejected == {"out_of_arm_reach": 1, "arm_hits_table": 1}
+    assert kept is not None
+    np.testing.assert_allclose(station.palm_poses(kept.grasp), down, atol=2e-3)
+    np.testing.assert_allclose(kept.lift[0], kept.grasp)
+    back = station.palm_poses(kept.standoff)[:3, 3] - down[:3, 3]
+    np.testing.assert_allclose(back, [0.0, 0.0, APPROACH], atol=2e-4)
+    np.testing.assert_allclose(
+        station.palm_poses(kept.lift[-1])[:3, 3] - down[:3, 3], [0.0, 0.0, LIFT], atol=2e-4
+    )
+
+
+def test_gravity_efforts_are_the_derivative_of_potential_energy(station: Station) -> None:
+    hand, arm, load = station.hand, station.arm, 0.7
+    posture = next(iter(hand.pregrasps.values()))
+
+    def energy(q: np.ndarray) -> float:
+        X_WH = station.palm_poses(q)
+        links = arm.forward_kinematics(station.X_WA, q)
+        in_hand = hand.forward_kinematics(X_WH, posture)
+        total = load * hand.pad_centers(X_WH, posture).mean(axis=0)[2]
+        for poses, inertials in ((links, arm.inertials), (in_hand, hand.inertials)):
+            total += sum(
+                i.mass * (poses[n][2, :3] @ i.center_L + poses[n][2, 3])
+                for n, i in inertials.items()
+            )
+        return 9.81 * total
+
+    q, step = _random(station, 1, 6)[0], 1e-5
+    efforts = gravity_efforts(station, q[None], load=load)[0]
+    slope = [(energy(q + step * e) - energy(q - step * e)) / (2 * step) for e in np.eye(7)]
+    np.testing.assert_allclose(efforts, slope, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_the_chosen_base_reaches_more_than_a_bad_one() -> None:
+    arm, hand = Arm.load("iiwa14"), Hand.load("wsg50")
+    chosen = choose_base(arm, hand)
+    assert reach_fraction(chosen) > 0.5 > reach_fraction(chosen.moved(_base(-1.0)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["allegro", "wsg50", "barrett"])
+def test_the_shipped_arm_passes_every_check(name: str) -> None:
+    findings = check_arm(Arm.load("iiwa14"), Hand.load(name))
+    assert [finding.text for finding in findings if not finding.fine] == []
+    assert len(findings) >= 5
