@@ -19,14 +19,11 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Context
 
+from lis_grasp.lifting.lift_gains import WRIST_DAMPING, WRIST_LIMITS, WRIST_STIFFNESS
 from lis_grasp.lifting.wrist_trajectory import WristPath
 from lis_grasp.simulation.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
 
-# Gains of the wrist's prismatic and revolute joints: a hand of 1 kg follows 1 g within 1 mm.
-_STIFFNESS = (2e4, 3e2)  # [N/m, N m/rad]
-_DAMPING = (4e2, 6.0)  # [N s/m, N m s/rad]
-_LIMITS = (150.0, 15.0)  # [N, N m]
 _AXIS_NAMES = ("x", "y", "z")
 
 
@@ -52,7 +49,12 @@ class FreeWrist:
     def __init__(self, plant: MultibodyPlant, added: HandInPlant, X_WB: FloatArray) -> None:
         self._plant = plant
         self._wrist = add_wrist(
-            plant, added, X_WB, stiffness=_STIFFNESS, damping=_DAMPING, limits=_LIMITS
+            plant,
+            added,
+            X_WB,
+            stiffness=WRIST_STIFFNESS,
+            damping=WRIST_DAMPING,
+            limits=WRIST_LIMITS,
         )
 
     def connect(self, plant_context: Context) -> None:

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.hands.useful_efforts import useful_efforts
+from lis_grasp.lifting.lift_gains import finger_gains
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lifting_scene import CarrierMotion
 from lis_grasp.lifting.wrist_trajectory import WristPath
@@ -25,15 +25,11 @@ from lis_grasp.simulation.free_wrist import FreeWrist
 from lis_grasp.simulation.hand_plant import (
     LIFTING_SKIN,
     add_hand,
-    by_joint_kind,
     ignore_self_collision,
 )
 from lis_grasp.simulation.object_plant import add_object, add_table
 from lis_grasp.typing import FloatArray
 
-# Joint error at which a finger's spring gives full effort: it yields to errors of the estimate.
-_FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
-_DAMPING_TIME = 0.035  # [s], damping by stiffness
 # An object farther than this from the origin gets a body frame of its own [m].
 _FAR = 0.25
 
@@ -59,13 +55,12 @@ class LiftScene:
         )
         self._plant = plant
         self._time_step = setup.options.time_step
-        efforts = useful_efforts(hand, setup.grasp.joint_positions)
-        stiffness = efforts / by_joint_kind(hand, **_FULL_EFFORT_ERROR)
+        stiffness, damping = finger_gains(hand, setup.grasp)
         self._hand = add_hand(
             plant,
             hand,
             stiffness=stiffness,
-            damping=_DAMPING_TIME * stiffness,
+            damping=damping,
             friction=friction,
             hydroelastic_modulus=LIFTING_SKIN,
         )
