@@ -33,6 +33,7 @@ LAYERS = [
     ["grasping"],
     ["lifting"],
     ["simulation"],
+    ["mujoco_simulation"],
     ["evaluation"],
     ["visualization"],
     ["pipeline"],
@@ -107,12 +108,29 @@ def test_imports_follow_the_flow_without_circles() -> None:
     assert not upward
     circles = [group for group in nx.strongly_connected_components(graph) if len(group) > 1]
     assert not circles
-    drake = {
+
+
+@pytest.mark.parametrize(
+    ("package", "folder"),
+    [
+        ("pydrake", "simulation"),
+        ("mujoco", "mujoco_simulation"),
+        ("coacd", "mujoco_simulation"),
+    ],
+)
+def test_a_simulator_is_imported_in_one_folder(package: str, folder: str) -> None:
+    using = {
         _folder(_module_name(path))
         for path in _modules()
-        if any(name.split(".")[0] == "pydrake" for name in _imports(path))
+        if any(name.split(".")[0] == package for name in _imports(path))
     }
-    assert drake == {"simulation"}
+    assert using == {folder}
+
+
+def test_the_simulators_do_not_use_each_other() -> None:
+    folders = {"simulation", "mujoco_simulation"}
+    pairs = {(_folder(module), _folder(target)) for module, target in _import_graph().edges}
+    assert not {(a, b) for a, b in pairs if {a, b} == folders}
 
 
 def test_a_file_name_occurs_once() -> None:

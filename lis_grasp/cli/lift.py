@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--best", type=int, default=1, metavar="N", help="lift with the N best grasps (default: 1)"
     )
     opt.add_jobs(parser)
-    opt.add_options(parser, "mass", "friction")
+    opt.add_options(parser, "mass", "friction", "simulator")
     opt.add_output(parser, "the folder of GRASPS")
     parser.set_defaults(execute=execute)
 
@@ -56,6 +56,7 @@ def execute(options: argparse.Namespace) -> None:
         grasps,
         mass=mass,
         friction=config.friction,
+        simulator=config.simulator,
         jobs=process_count(options.jobs),
         options=lift_options(config.load_prior(shape.mesh)),
         X_WO=None if "X_EO" not in recorded else checked_pose(recorded["X_EO"]),

@@ -11,7 +11,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.pipeline import pose_of
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
-from lis_grasp.pipeline.run_config import FINGERS, LOADS, PROBERS, RunConfig
+from lis_grasp.pipeline.run_config import FINGERS, LOADS, PROBERS, SIMULATORS, RunConfig
 from lis_grasp.shapes import NAMES, STABLE, UNITS, Shape, find, placed
 from lis_grasp.typing import FloatArray
 
@@ -111,6 +111,10 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "choices": LOADS,
         "help": "whether planning knows the object's mass and friction, or only how they are"
         " distributed",
+    },
+    "simulator": {
+        "choices": SIMULATORS,
+        "help": "simulator of the lift; mujoco needs the extra mujoco",
     },
     "seed": _number("N", "random seed", kind=int),
 }

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     opt.add_object(parser)
     opt.add_conditions(parser)
-    opt.add_options(parser, *TOUCH_OPTIONS, "free_space", "grasps", "attempts")
+    opt.add_options(parser, *TOUCH_OPTIONS, "free_space", "grasps", "attempts", "simulator")
     opt.add_output(parser, "results/<run>")
     parser.set_defaults(execute=execute)
 

@@ -15,9 +15,9 @@ from typing import Any, Protocol, TypeVar
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError
-from lis_grasp.experiments.optional_packages import needed_package
 from lis_grasp.experiments.trial_results import Job, TrialResults
 from lis_grasp.io.json_lines import Row
+from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.pipeline.worker_pool import process_count, worker_pool
 
 Runner = Callable[[Job], list[Row]]

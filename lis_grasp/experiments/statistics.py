@@ -12,8 +12,8 @@ import numpy.typing as npt
 from scipy.stats import binomtest, norm, rankdata
 from scipy.stats import t as student
 
-from lis_grasp.experiments.optional_packages import needed_package
 from lis_grasp.io.json_lines import Row
+from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.typing import FloatArray, IntArray
 
 Interval = tuple[float, float] | tuple[None, None]

@@ -89,6 +89,7 @@ def grasp_with_tactile_check(
             mass=stages.object_mass(shape, config),
             friction=config.friction,
             accept_grasp=_tactile_check(mesh, hand, prior.friction) if left else None,
+            simulator=config.simulator,
             X_WO=X_WO,
             options=lift_options(prior),
         )

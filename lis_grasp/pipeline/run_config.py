@@ -28,6 +28,9 @@ PROBERS = ("dynamic", "kinematic")
 FINGERS = ("one", "all")
 """Fingers that touch in one approach."""
 
+SIMULATORS = ("drake", "mujoco")
+"""Simulators of a lift."""
+
 LOADS = ("known", "unknown")
 """What planning knows of mass and friction."""
 
@@ -101,6 +104,8 @@ class RunConfig:
         Ranked grasps to plan; the first is executed.
     attempts
         Grasps to try at most; another is planned after a failed tactile check.
+    simulator
+        Simulator of the lift: "drake", or "mujoco", which needs the extra ``mujoco``.
 
     Raises
     ------
@@ -136,11 +141,13 @@ class RunConfig:
     load: str = "known"
     grasps: int = 10
     attempts: int = 3
+    simulator: str = "drake"
 
     def __post_init__(self) -> None:
         for name, choices in (
             ("prober", PROBERS),
             ("fingers", FINGERS),
+            ("simulator", SIMULATORS),
             ("load", LOADS),
         ):
             if getattr(self, name) not in choices:

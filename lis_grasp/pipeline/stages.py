@@ -305,14 +305,16 @@ def lift(
     *,
     mass: float,
     friction: float,
+    simulator: str = "drake",
     accept_grasp: AcceptGrasp | None = None,
     X_WO: FloatArray | None = None,
     options: LiftOptions | None = None,
 ) -> LiftOutcome:
-    """Simulate the lift of the true object in Drake; arguments as of `simulate_lift`."""
-    from lis_grasp.simulation.simulate_lift import simulate_lift
+    """Simulate the lift of the true object in one of `SIMULATORS`.
 
-    return simulate_lift(
+    The other arguments are those of `lis_grasp.simulation.simulate_lift.simulate_lift`.
+    """
+    return _simulation_in(simulator, shape)(
         shape.mesh,
         hand,
         grasp,
@@ -333,6 +335,7 @@ def lift_each(
     mass: float,
     friction: float,
     jobs: int,
+    simulator: str = "drake",
     X_WO: FloatArray | None = None,
     options: LiftOptions | None = None,
 ) -> Iterator[LiftOutcome]:
@@ -340,9 +343,30 @@ def lift_each(
 
     Outcomes are in the order of the grasps, and the same for any number of processes.
     """
-    run = partial(lift, shape, hand, mass=mass, friction=friction, X_WO=X_WO, options=options)
+    simulate = partial(
+        _simulation_in(simulator, shape),
+        shape.mesh,
+        hand,
+        support_height=support_height(shape),
+        mass=mass,
+        friction=friction,
+        X_WO=X_WO,
+        options=options,
+    )
     if jobs == 1 or len(grasps) < 2:
-        yield from map(run, grasps)
+        yield from map(simulate, grasps)
         return
     with worker_pool(min(jobs, len(grasps))) as pool:
-        yield from pool.map(run, grasps)
+        yield from pool.map(simulate, grasps)
+
+
+def _simulation_in(simulator: str, shape: Shape) -> Callable[..., LiftOutcome]:
+    """Return the function that simulates lifts of an object, with its convex pieces if needed."""
+    if simulator == "mujoco":
+        from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
+        from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
+
+        return partial(simulate_in_mujoco, pieces=convex_pieces(shape.mesh))
+    from lis_grasp.simulation.simulate_lift import simulate_lift
+
+    return simulate_lift

@@ -20,23 +20,11 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Context
 
 from lis_grasp.lifting.lift_gains import WRIST_DAMPING, WRIST_LIMITS, WRIST_STIFFNESS
-from lis_grasp.lifting.wrist_trajectory import WristPath
+from lis_grasp.lifting.wrist_trajectory import WristMotion, WristPath
 from lis_grasp.simulation.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
 
 _AXIS_NAMES = ("x", "y", "z")
-
-
-@dataclass(frozen=True, slots=True)
-class _WristMotion:
-    """Motion of a wrist along a path."""
-
-    wrist: FreeWrist
-    path: WristPath
-    duration: float
-
-    def command(self, time: float) -> None:
-        self.wrist.command(*self.path(time))
 
 
 class FreeWrist:
@@ -70,9 +58,9 @@ class FreeWrist:
             joint.set_translation(self._context, value)
         self.command(displacement, np.zeros(6))
 
-    def follow(self, path: WristPath, duration: float) -> _WristMotion:
+    def follow(self, path: WristPath, duration: float) -> WristMotion:
         """Return the motion along a path of a duration [s]."""
-        return _WristMotion(self, path, duration)
+        return WristMotion(self.command, path, duration)
 
     def command(self, displacement: FloatArray, velocity: FloatArray) -> None:
         """Command the displacement (6,) from the zero, see `WristPath`, and its rate."""

@@ -181,6 +181,7 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "friction": 0.7,
         "grasps": 11,
         "attempts": 4,
+        "simulator": "mujoco",
     }
     every = {"fingers": "all", "prober": "kinematic"}
     unknown = {**UNKNOWN, "region": (0.4, 0.4, 0.3)}

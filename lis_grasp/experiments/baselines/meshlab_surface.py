@@ -13,7 +13,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.experiments.baselines.baseline_support import BaselineSurface, Support
-from lis_grasp.experiments.optional_packages import needed_package
+from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
 

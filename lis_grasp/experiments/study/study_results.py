@@ -11,7 +11,6 @@ from typing import Any
 
 import lis_grasp
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
-from lis_grasp.experiments.optional_packages import needed_package
 from lis_grasp.experiments.study.row_keys import columns_of, row_key
 from lis_grasp.experiments.study.study import SETTINGS, TRIAL_COLUMNS, Setup, Study, Trial, label
 from lis_grasp.experiments.study.study_row import RowKey, StudyRow, column_type
@@ -21,6 +20,7 @@ from lis_grasp.hands.shipped_models import READY_HANDS
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.file_limits import MEBIBYTE
 from lis_grasp.io.json_lines import Row
+from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.io.schemas import checked
 from lis_grasp.shapes import NAMES
 

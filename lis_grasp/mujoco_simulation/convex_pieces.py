@@ -1,0 +1,48 @@
+"""Convex decomposition of an object for MuJoCo, which collides convex bodies only (CoACD)."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from lis_grasp.io.optional_packages import needed_package
+
+# Concavity of a piece, by its size, in the metric of Wei et al.: on a torus of 12 cm, 98 % of the
+# surface is within 0.5 mm of the pieces.
+_CONCAVITY = 0.02
+# A hull with this much more volume is the object itself, but for rounding.
+_CONVEX = 1e-3
+# Effort of the search for cuts: more gives fewer pieces, not better ones.
+_ITERATIONS, _NODES, _DEPTH, _RESOLUTION = 60, 10, 2, 1000
+
+
+def convex_pieces(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, ...]:
+    """Return convex meshes whose union approximates a watertight mesh [m].
+
+    Collision-aware concavity and tree search (Wei, Liu, Ling and Su, 2022): the object is cut along
+    planes, so that its pieces' hulls never recede from its surface; they protrude where it is
+    concave. A convex object is one piece: its hull. The same mesh gives the same pieces.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the package coacd is not installed.
+    """
+    hull = mesh.convex_hull
+    if hull.volume <= (1.0 + _CONVEX) * mesh.volume:
+        return (hull,)
+    with needed_package("coacd", "mujoco", option="the simulator mujoco"):
+        import coacd
+    coacd.set_log_level("off")
+    found = coacd.run_coacd(
+        coacd.Mesh(mesh.vertices, mesh.faces),
+        threshold=_CONCAVITY,
+        preprocess_mode="off",  # the mesh is watertight
+        mcts_iterations=_ITERATIONS,
+        mcts_nodes=_NODES,
+        mcts_max_depth=_DEPTH,
+        resolution=_RESOLUTION,
+        seed=0,
+    )
+    pieces = [trimesh.convex.convex_hull(np.asarray(vertices)) for vertices, _ in found]
+    return tuple(piece for piece in pieces if piece.volume > 0.0)
