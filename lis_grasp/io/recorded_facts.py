@@ -27,6 +27,7 @@ class RecordedFacts(FileRecord):
     region: _Lengths | None = None
     free: bool = False
     policy: _Name = "spread"
+    until_success: Number | None = None
     until_coverage: Number | None = None
     until_uncertainty: Number | None = None
     max_seconds: Number | None = None
@@ -38,8 +39,10 @@ class RecordedFacts(FileRecord):
     cloud: str | None = None
     touches: Count = 0
     seed: Count = 0
-    mass: Number = 0.2
+    mass: Number | None = None
     friction: Number = 0.8
+    load: str = "known"
+    simulator: str = "drake"
     grasps: Count = 1
     attempts: Count = 1
     support_height: Number = 0.0

@@ -353,8 +353,8 @@ def test_the_shakes_have_the_wanted_acceleration_along_and_about_every_axis(
     center = palm[:, :3, 3]
     turns = Rotation.from_matrix(palm[0, :3, :3].T @ palm[:, :3, :3])
     turned = turns.magnitude()[shaken].max()
-    # A turn by 1 g at 0.1 m and 4 Hz swings by a / (0.1 w^2), and some for its fading in and out.
-    swing = 9.81 / 0.1 / (2.0 * np.pi * 4.0) ** 2
+    # A turn by 1 g at 0.65 m and 4 Hz swings by a / (0.65 w^2), and some for its fading.
+    swing = 9.81 / 0.65 / (2.0 * np.pi * 4.0) ** 2
     assert turned == pytest.approx(swing, rel=0.4)
     for axis in range(3):
         accelerations = np.gradient(np.gradient(center[:, axis], times), times)[shaken]
