@@ -162,3 +162,7 @@ class EstimationError(LisGraspError):
 
 class SimulationError(LisGraspError):
     """A simulation that diverged or could not be set up."""
+
+
+class OutputError(LisGraspError):
+    """Standard output that cannot be written to: its disk is full, or its reader has ended."""

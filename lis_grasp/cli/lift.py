@@ -14,6 +14,7 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.pipeline.reasons import lift_sentence
 from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.report_json import lift_facts
@@ -48,6 +49,7 @@ def execute(options: argparse.Namespace) -> None:
     shape = opt.load_object(config, recorded.get("X_WO"))
     hand = Hand.load(config.hand)
     output = options.output or options.grasps_file.parent
+    options.until_end.enter_context(sole_writer(output))
     grasps = search.grasps[: options.best]
     mass = pipeline.object_mass(shape, config)
     trials = pipeline.lift_each(

@@ -12,6 +12,7 @@ from typing import NoReturn
 from threadpoolctl import threadpool_limits
 
 import lis_grasp
+from lis_grasp.cli.progress import complain, open_missing_streams
 from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, LisGraspError
 
 # Name, module in this folder, and help of each verb. A module is imported when its verb is used.
@@ -69,6 +70,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 when done, 1 when it failed, 2 on misuse, 130 on Ctrl-C."""
+    open_missing_streams()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     verb = next((word for word in arguments if not word.startswith("-")), "")
     try:
@@ -79,10 +81,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with threadpool_limits(1), ExitStack() as options.until_end:
             options.execute(options)
     except LisGraspError as error:
-        print(f"lis-grasp: {error}", file=sys.stderr)
+        complain(f"lis-grasp: {error}")
         return 2 if isinstance(error, InvalidInputError) else 1
+    except OSError as error:  # of a file that no reader or writer of the package owns
+        complain(f"lis-grasp: {error.filename or 'a file'}: {error.strerror or error}")
+        return 1
+    except MemoryError:
+        complain("lis-grasp: memory ran out: use smaller files, or fewer processes (--jobs)")
+        return 1
     except KeyboardInterrupt:
-        print("lis-grasp: interrupted; the files already written are complete", file=sys.stderr)
+        complain("lis-grasp: interrupted; the files already written are complete")
         return 130
     return 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -45,7 +46,7 @@ def require_small_gltf(path: Path) -> None:
     except (AttributeError, LookupError, TypeError):
         raise InvalidFileError(f"{path} must follow glTF 2.0; it does not", path=path) from None
     for file in files:
-        if not file.is_file():
+        if not os.path.isfile(file):
             raise InvalidFileError(f"{path} needs the file {file}, which is missing", path=path)
         require_file_size(file, _MOST_BYTES)
 

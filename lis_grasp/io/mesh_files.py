@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -46,7 +47,7 @@ def read_mesh(
             " with MeshLab",
             path=path,
         )
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InvalidFileError(f"{path} is missing, or is no file: check the path", path=path)
     try:
         require_file_size(path, _MOST_BYTES)
