@@ -15,7 +15,9 @@ from defusedxml import DefusedXmlException
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.link_tree import HandModel, build_hand_model
+from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
 
+_MOST_BYTES = 64 * MEBIBYTE
 _NAMESPACES = {b"drake": b"http://drake.mit.edu"}
 
 
@@ -33,8 +35,10 @@ def parse_urdf(path: Path) -> yourdfpy.Robot:
     try:
         with np.errstate(all="ignore"):  # poses are checked one by one
             urdf = yourdfpy.URDF.load(text, build_scene_graph=False, load_meshes=False)
-    except (AttributeError, LookupError, TypeError, ValueError, SyntaxError) as error:
-        message = f"{path.name} is not a URDF that can be read: {error}"
+    # On descriptions of another structure yourdfpy raises errors of a dozen built-in types.
+    except Exception as error:  # noqa: BLE001
+        reason = " ".join(str(error).split()) or type(error).__name__
+        message = f"{path.name} is not a URDF that can be read: {reason}"
         raise InvalidHandError(message, file=path.name) from None
     return urdf.robot
 
@@ -58,6 +62,7 @@ def parse_xml(path: Path) -> ET.Element:
     attributes, too.
     """
     try:
+        require_file_size(path, _MOST_BYTES)
         text = path.read_bytes()
         try:
             root: ET.Element = defusedxml.ElementTree.fromstring(text)

@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
 from lis_grasp.typing import FloatArray
+
+_MOST_BYTES = 256 * MEBIBYTE
 
 
 def read_csv_columns(path: Path) -> dict[str, FloatArray]:
@@ -31,6 +34,7 @@ def read_csv_columns(path: Path) -> dict[str, FloatArray]:
 def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     """Return the column names and the rows of cells, one cell for each name."""
     try:
+        require_file_size(path, _MOST_BYTES)
         text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None

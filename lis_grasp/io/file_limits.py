@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from pathlib import Path
 
 from lis_grasp.exceptions import InvalidFileError
@@ -10,8 +11,14 @@ MEBIBYTE = 2**20
 
 
 def require_file_size(path: Path, most: int) -> None:
-    """Raise `InvalidFileError` for a file of more than `most` bytes; OSError if it is missing."""
-    size = path.stat().st_size
+    """Raise `InvalidFileError` for a device, or a file of more than `most` bytes.
+
+    Raises OSError if the file is missing.
+    """
+    facts = path.stat()
+    size = facts.st_size
+    if not stat.S_ISREG(facts.st_mode):
+        raise InvalidFileError(f"{path} must be a file; it is a folder or a device", path=path)
     if size > most:
         raise InvalidFileError(
             f"{path} must have at most {most // MEBIBYTE} MiB; it has {size / MEBIBYTE:.0f} MiB:"

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
 
 Row = dict[str, Any]
 
+_MOST_BYTES = 1024 * MEBIBYTE
 _BLOCK = 65_536  # bytes read at once from the end of a file
 
 
@@ -22,6 +24,7 @@ def read_lines(path: Path) -> tuple[Row, list[Row]]:
     Raises `InvalidFileError` if the file cannot be read, or a line is not a JSON object.
     """
     try:
+        require_file_size(path, _MOST_BYTES)
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     except FileNotFoundError:
         return {}, []

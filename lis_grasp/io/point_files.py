@@ -10,8 +10,10 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.contact_files import read_contact_fields
+from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
 from lis_grasp.typing import FloatArray
 
+_MOST_BYTES = 256 * MEBIBYTE
 _POINTS_ONLY = (".off", ".xyz")
 
 
@@ -35,8 +37,11 @@ def read_point_file(path: Path) -> dict[str, Any]:
 def _load_points(path: Path) -> FloatArray:
     """Return the vertices of a file that trimesh reads, in the file's order."""
     try:
+        require_file_size(path, _MOST_BYTES)
         with path.open("rb") as file:
             loaded = trimesh.load(file, file_type=path.suffix[1:].lower(), process=False)
+    except InvalidFileError:
+        raise
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
     except Exception as error:  # noqa: BLE001 - trimesh raises anything on damaged files

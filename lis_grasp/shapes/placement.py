@@ -12,6 +12,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
 from lis_grasp.shapes.shape import Shape
 from lis_grasp.typing import FloatArray
 
@@ -150,6 +151,7 @@ def _too_large(shape: Shape, extents: FloatArray, region: Sequence[float]) -> In
 def _load_pose(path: Path) -> FloatArray:
     required = "a file with a pose must have four rows of four numbers, a rotation and a place [m]"
     try:
+        require_file_size(path, MEBIBYTE)
         pose = np.loadtxt(path, ndmin=2)
     except (OSError, ValueError) as error:
         raise InvalidFileError(f"{required}; {path}: {error}", path=path) from None

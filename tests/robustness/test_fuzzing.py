@@ -360,7 +360,7 @@ def test_a_log_of_other_values_is_refused(name: str, value: object, tmp_path: Pa
     TouchLog(path, {}).append(ProbeOutcome(probe, "touched", contacts))
     header, row = path.read_text().splitlines()
     path.write_text(f"{header}\n{json.dumps(json.loads(row) | {name: value})}\n")
-    with pytest.raises(InvalidFileError, match="no valid probe in line 2|line 2, is no probe"):
+    with pytest.raises(InvalidFileError, match="no valid probe in line 2"):
         load_outcomes(path)
 
 
