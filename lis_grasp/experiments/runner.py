@@ -24,6 +24,7 @@ Runner = Callable[[Job], list[Row]]
 Result = TypeVar("Result")
 
 _TRIES = 3  # of a job alone
+_TRIES_WITH_ERRORS = 2
 _KILLED = "their processes were killed repeatedly"
 _CONNECT = 15  # [s] to wait for a cluster
 _ALONE = threading.Lock()
@@ -175,14 +176,24 @@ def single_thread() -> Iterator[None]:
         yield
 
 
-def _rows_or_traceback(runner: Runner, job: Job) -> list[Row] | str:
-    """Run a job; return an unexpected error as text, so that other jobs are not lost."""
+@dataclass(frozen=True, slots=True)
+class _Failure:
+    """A job without rows."""
+
+    job: Job
+    error: str
+    expected: bool
+    """Whether another try may succeed: a file may have been missing for a moment."""
+
+
+def _rows_or_failure(runner: Runner, job: Job) -> list[Row] | _Failure:
+    """Run a job; return an error as text, so that other jobs are not lost."""
     try:
         return runner(job)
-    except LisGraspError:
-        raise
+    except LisGraspError as error:
+        return _Failure(job, str(error), expected=True)
     except Exception:  # noqa: BLE001 - reported after all other jobs
-        return f"{job.trial}\n{traceback.format_exc()}"
+        return _Failure(job, f"{job.trial}\n{traceback.format_exc()}", expected=False)
 
 
 def run_trials(
@@ -212,27 +223,41 @@ def run_trials(
     InvalidFileError
         If rows cannot be written.
     EstimationError
-        If trials could not be finished; all others are among the results.
-    LisGraspError
-        If a file of a trial cannot be used any more.
+        If trials could not be finished, as when a file of theirs cannot be used any more, twice;
+        all others are among the results.
     """
     done = total - len(jobs)
     yield done, total
     if not jobs:
         return
-    errors = []
-    for result in scheduler.run(partial(_rows_or_traceback, runner), jobs):
-        if isinstance(result, str):
-            errors.append(result)
-            continue
-        results.append(result)
-        done += 1
-        yield done, total
-    if errors:
-        raise EstimationError(
-            f"{len(errors)} trials met an error of the program, all others are done; please report"
-            f" the first with its traceback: {errors[0]}"
+    failures: list[_Failure] = []
+    for _ in range(_TRIES_WITH_ERRORS):
+        again = [failure.job for failure in failures if failure.expected]
+        failures = [failure for failure in failures if not failure.expected]
+        for result in scheduler.run(partial(_rows_or_failure, runner), again or jobs):
+            if isinstance(result, _Failure):
+                failures.append(result)
+                continue
+            results.append(result)
+            done += 1
+            yield done, total
+        if not any(failure.expected for failure in failures):
+            break
+    if failures:
+        raise _failed(failures)
+
+
+def _failed(failures: Sequence[_Failure]) -> EstimationError:
+    unexpected = [failure.error for failure in failures if not failure.expected]
+    if unexpected:
+        return EstimationError(
+            f"{len(unexpected)} trials met an error of the program, all others are done; please"
+            f" report the first with its traceback: {unexpected[0]}"
         )
+    return EstimationError(
+        f"{len(failures)} trials failed, all others are done: run the command again to try them"
+        f" again; the first: {failures[0].error}"
+    )
 
 
 def _unfinished(count: int, reason: str, advice: str) -> EstimationError:

@@ -440,15 +440,28 @@ def test_an_unexpected_error_stops_one_trial_and_no_other(tmp_path: Path) -> Non
         run(SMALL, tmp_path, runner=mistaken)
     assert "ZeroDivisionError: unexpected" in str(caught.value)
     assert len(StudyResults(tmp_path).missing(SMALL)) == 2
-    # An expected error, such as a missing file, stops the study at once.
-    gone = InvalidFileError("gone")
 
-    def unreadable(_: Job) -> list[Row]:
-        raise gone
 
-    with pytest.raises(InvalidFileError) as caught_file:
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_trial_whose_file_is_missing_is_tried_again(tmp_path: Path, times: int) -> None:
+    tries = 0
+
+    def unreadable(job: Job) -> list[Row]:
+        nonlocal tries
+        if (job.trial.object, job.trial.touches, job.trial.seed) == ("box", 6, 0):
+            tries += 1
+            if tries <= times:
+                raise InvalidFileError("box.stl is gone")
+        return fake_rows(job)
+
+    if times == 1:
         run(SMALL, tmp_path, runner=unreadable)
-    assert caught_file.value is gone
+    else:
+        with pytest.raises(EstimationError, match="1 trials failed, .* again; .*box.stl is gone"):
+            run(SMALL, tmp_path, runner=unreadable)
+        assert len(StudyResults(tmp_path).missing(SMALL)) == 1
+        run(SMALL, tmp_path, runner=unreadable)
+    assert StudyResults(tmp_path).missing(SMALL) == []
 
 
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:

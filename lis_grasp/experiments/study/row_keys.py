@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +70,6 @@ def _file_digest(path: Path) -> str:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
 
 
-@lru_cache(maxsize=4096)
+@cache
 def _digest(path: Path, _changed: int, _size: int) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
