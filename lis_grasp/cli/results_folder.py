@@ -98,9 +98,9 @@ def remove_made_from(path: Path, *, with_itself: bool = False) -> None:
         say(f"removed {names}: made from an earlier {path.name}")
 
 
-def scene_is_outdated(directory: Path) -> bool:
+def scene_is_outdated(directory: Path, scene: Path | None = None) -> bool:
     """Return whether a folder's scene is missing or older than a file that it shows."""
-    scene = directory / "scene.html"
+    scene = scene or directory / "scene.html"
     if not scene.exists():
         return True
     shown = ("contacts.ply", "surface.ply", "grasps.json", "motion.npz")

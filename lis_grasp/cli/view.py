@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from lis_grasp.cli.progress import say
+from lis_grasp.cli.progress import complain, say
 from lis_grasp.cli.results_folder import scene_is_outdated
-from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.visualization.run_scene import write_scene_of
+from lis_grasp.exceptions import InvalidFileError, LisGraspError
+from lis_grasp.visualization.run_scene import scene_of
+from lis_grasp.visualization.scene_server import SCENE_FILE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Serve the scene until Ctrl-C; write it first if it is missing or outdated."""
+    """Serve the scene until Ctrl-C; write it whenever it is missing or older than its files.
+
+    The scene of a folder that cannot be written to is in a temporary one.
+    """
     from lis_grasp.visualization import serve_scene
 
     if not os.path.isdir(options.directory):
@@ -28,6 +33,25 @@ def execute(options: argparse.Namespace) -> None:
             f"{options.directory} is not a folder: name a folder of results",
             path=options.directory,
         )
-    if scene_is_outdated(options.directory):
-        say(f"wrote {write_scene_of(options.directory)}")
-    serve_scene(options.directory, port=options.port)
+    with TemporaryDirectory(prefix="lis-grasp-") as temporary:
+        scene = options.directory / SCENE_FILE
+        if not os.access(options.directory, os.W_OK):
+            scene = Path(temporary) / SCENE_FILE
+        if _renew(options.directory, scene):
+            say(f"wrote {scene}")
+
+        def renew() -> None:
+            try:
+                _renew(options.directory, scene)
+            except LisGraspError as error:  # the folder is being written to, perhaps
+                complain(f"lis-grasp: the scene is of earlier results: {error}")
+
+        serve_scene(scene.parent, port=options.port, renew=renew)
+
+
+def _renew(directory: Path, scene: Path) -> bool:
+    """Write the scene of a folder's results if it is outdated; return whether it was."""
+    outdated = scene_is_outdated(directory, scene)
+    if outdated:
+        scene_of(directory).save(scene)
+    return outdated

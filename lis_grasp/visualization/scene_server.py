@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
+from collections.abc import Callable
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from threading import Lock
+from typing import Any, BinaryIO
+from urllib.parse import urlsplit
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 
 SCENE_FILE = "scene.html"
 _LOCALHOST = "127.0.0.1"
+_NAMES = (_LOCALHOST, "localhost")
 
 
 class SceneServer(ThreadingHTTPServer):
     """Web server on 127.0.0.1 for the scene.html of a folder, which is read at each request.
 
-    Port 0 takes a free port.
+    Port 0 takes a free port. `renew` is called before each answer, one call at a time, and may
+    write the scene again. Requests by another name than localhost are refused: a page of another
+    site, whose name was made to point to this machine, cannot read the scene.
 
     Raises
     ------
@@ -31,8 +38,11 @@ class SceneServer(ThreadingHTTPServer):
     # Ports that were just closed can be used again; ports in use cannot.
     allow_reuse_address = True
 
-    def __init__(self, directory: Path | str, *, port: int) -> None:
+    def __init__(
+        self, directory: Path | str, *, port: int, renew: Callable[[], None] = lambda: None
+    ) -> None:
         self.scene = Path(directory) / SCENE_FILE
+        self._renew, self._renewing = renew, Lock()
         if not os.path.isfile(self.scene):
             raise InvalidFileError(f"{self.scene} does not exist", path=self.scene)
         if not 0 <= port <= 65535:
@@ -43,6 +53,11 @@ class SceneServer(ThreadingHTTPServer):
             raise InvalidOptionError.out_of_range(
                 "port", port, f"a free port, or 0 for any ({error.strerror})"
             ) from None
+
+    def renew(self) -> None:
+        """Let the scene be written again, if it is outdated."""
+        with self._renewing:
+            self._renew()
 
     @property
     def address(self) -> str:
@@ -57,6 +72,15 @@ class _SceneHandler(SimpleHTTPRequestHandler):
         """Return the file of the scene; an empty path, which is not found, for all others."""
         return str(self.server.scene) if path.split("?")[0] in ("/", f"/{SCENE_FILE}") else ""
 
+    def send_head(self) -> io.BytesIO | BinaryIO | None:
+        """Send the headers and return the file; refuse other names of this machine."""
+        host = urlsplit(f"//{self.headers.get('Host', _LOCALHOST)}").hostname
+        if host not in _NAMES:
+            self.send_error(403, "The scene is shown at localhost only")
+            return None
+        self.server.renew()
+        return super().send_head()
+
     def end_headers(self) -> None:
         """Add to the headers that the page must not be cached."""
         self.send_header("Cache-Control", "no-store")
@@ -66,9 +90,11 @@ class _SceneHandler(SimpleHTTPRequestHandler):
         """Print nothing per request."""
 
 
-def serve_scene(directory: Path | str, *, port: int) -> None:
+def serve_scene(
+    directory: Path | str, *, port: int, renew: Callable[[], None] = lambda: None
+) -> None:
     """Serve a folder's scene.html until Ctrl-C, and print its address; see `SceneServer`."""
-    with SceneServer(directory, port=port) as server:
+    with SceneServer(directory, port=port, renew=renew) as server:
         print(f"scene: {server.address} (Ctrl-C ends)", file=sys.stderr, flush=True)
         try:
             server.serve_forever(poll_interval=0.1)

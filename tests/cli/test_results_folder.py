@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -113,6 +114,44 @@ def test_view_writes_an_outdated_scene_again(folder: Path, monkeypatch: pytest.M
     made = scene.stat().st_mtime_ns
     assert main(["view", str(folder)]) == 0
     assert scene.stat().st_mtime_ns == made
+
+
+def test_view_renews_the_scene_when_a_file_becomes_newer(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
+
+    def serve(directory: Path, *, port: int, renew: Callable[[], None]) -> None:
+        scene = directory / "scene.html"
+        before = scene.stat().st_mtime_ns
+        renew()
+        unchanged = scene.stat().st_mtime_ns == before
+        later = before + 10**9
+        os.utime(folder / "contacts.ply", ns=(later, later))
+        renew()
+        found.extend([unchanged, scene.stat().st_mtime_ns == before])
+
+    monkeypatch.setattr("lis_grasp.visualization.serve_scene", serve)
+    assert main(["view", str(folder)]) == 0
+    assert found == [True, False]
+
+
+def test_view_shows_a_folder_that_cannot_be_written_to(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = []
+
+    def serve(directory: Path, **_: object) -> None:
+        shown.append((directory, (directory / "scene.html").stat().st_size))
+
+    monkeypatch.setattr("lis_grasp.visualization.serve_scene", serve)
+    monkeypatch.setattr("os.access", lambda *_: False)
+    assert main(["view", str(folder)]) == 0
+    ((directory, size),) = shown
+    assert directory != folder
+    assert size > 10_000
+    assert not (folder / "scene.html").exists()
+    assert not directory.exists()
 
 
 def test_a_log_of_another_source_is_not_resumed(

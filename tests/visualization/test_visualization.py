@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import http.client
 import io
 import json
 import re
@@ -364,6 +365,33 @@ def test_server_shows_the_scene_as_it_is_now_and_nothing_else(tmp_path: Path) ->
         finally:
             server.shutdown()
             thread.join()
+
+
+def test_server_answers_to_names_of_this_machine_only(tmp_path: Path) -> None:
+    (tmp_path / "scene.html").write_text("mine")
+    renewed = []
+    with SceneServer(tmp_path, port=0, renew=lambda: renewed.append(1)) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            for host, code in (
+                ("localhost:8000", 200),  # forwarded by ssh
+                ("127.0.0.1", 200),
+                ("LOCALHOST", 200),
+                ("evil.example", 403),
+                ("localhost.evil.example:7000", 403),
+                ("127.0.0.1.nip.example", 403),
+                ("", 403),
+            ):
+                connection = http.client.HTTPConnection(*server.server_address[:2], timeout=10)
+                connection.request("GET", "/", headers={"Host": host})
+                answer = connection.getresponse()
+                assert (answer.status, b"mine" in answer.read()) == (code, code == 200)
+                connection.close()
+        finally:
+            server.shutdown()
+            thread.join()
+    assert len(renewed) == 3
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs 127.0.0.2, which Linux has by itself")
