@@ -423,6 +423,25 @@ def test_a_missing_folder_is_made_if_possible(tmp_path: Path) -> None:
     assert error.value.path == tmp_path / "absent" / "contacts.ply"
 
 
+@pytest.mark.parametrize("name", ["a,b", 'a"b', "a;b", "#a", "a b", "a\u2028b", "a\x0bb", "", "ü"])
+@pytest.mark.parametrize("file", FILES)
+def test_names_of_fingers_come_back_whatever_they_contain(
+    tmp_path: Path, name: str, file: str
+) -> None:
+    axes = np.eye(3)
+    Contacts(axes, axes, fingers=(name, "b", name)).save(tmp_path / file)
+    assert Contacts.load(tmp_path / file).fingers == (name, "b", name)
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\r", " a", "a\t"])
+def test_names_of_fingers_that_a_csv_would_change_are_refused(tmp_path: Path, name: str) -> None:
+    contacts = Contacts(np.eye(3), np.eye(3), fingers=(name, name, name))
+    with pytest.raises(InvalidFileError, match="names of fingers"):
+        contacts.save(tmp_path / "a.csv")
+    contacts.save(tmp_path / "a.ply")
+    assert Contacts.load(tmp_path / "a.ply").fingers == contacts.fingers
+
+
 def test_a_binary_file_is_not_a_csv(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(b"\xff\xfe\x00rubbish")
     with pytest.raises(InvalidFileError, match="UTF-8"):

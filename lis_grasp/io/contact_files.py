@@ -15,6 +15,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidFileError, shown
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.csv_tables import cell_number, read_table
 from lis_grasp.io.ply_files import ply_bytes, ply_element, read_ply
@@ -34,6 +35,7 @@ _APPROACH = ("ax", "ay", "az")
 _DIRECTIONS = {"normals": _NORMAL, "approach": _APPROACH}
 _NOISE = ("position_noise", "normal_noise")
 _FINGERS = "fingers "
+_LINE_END = re.compile(r"[\r\n]")
 # CloudCompare puts this before the names of properties that it does not know.
 _PREFIXES = ("", "scalar_")
 
@@ -154,6 +156,12 @@ def _finger_names(path: Path, comments: list[str], index: FloatArray) -> tuple[s
 
 
 def _to_csv(contacts: Mapping[str, Any]) -> bytes:
+    for name in contacts["fingers"]:
+        if name != name.strip() or _LINE_END.search(name):
+            raise InvalidFileError(
+                "names of fingers in a CSV must be one line without spaces around it; one is"
+                f" {shown(name)}: write a .ply"
+            )
     columns = {name: column.tolist() for name, column in _columns(contacts).items()}
     for name in set(_NOISE) & set(columns):
         columns[name] = ["" if np.isnan(noise) else noise for noise in columns[name]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
 from lis_grasp.typing import FloatArray
 
+_LINE_END = re.compile("\r\n|\r|\n")
 _MOST_BYTES = 256 * MEBIBYTE
 
 
@@ -40,7 +42,9 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
     except UnicodeDecodeError:
         raise InvalidFileError(f"{path} is not UTF-8 text: save it as CSV", path=path) from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    # Not splitlines, which also ends lines at characters that a finger's name may have.
+    rows_of_text = _LINE_END.split(text)
+    lines = [line for line in rows_of_text if line.strip() and not line.startswith("#")]
     if not lines:
         message = f"{path} is empty: a header row of column names is needed"
         raise InvalidFileError(message, path=path)

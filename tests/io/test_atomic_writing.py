@@ -1,4 +1,6 @@
 import errno
+import os
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +9,7 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.atomic_writing import whole_file, write_json
+from lis_grasp.io.atomic_writing import whole_file, write_json, write_text
 from lis_grasp.io.surface_files import save_surface
 
 
@@ -73,3 +75,13 @@ def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidFileError, match="cannot write"), whole_file(tmp_path / "file" / "x"):
         pass
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o027, 0o077])
+def test_files_get_the_mode_of_the_umask(tmp_path: Path, umask: int) -> None:
+    before = os.umask(umask)
+    try:
+        write_text(tmp_path / "a.txt", "a")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == 0o666 & ~umask

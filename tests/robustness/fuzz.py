@@ -25,7 +25,7 @@ from fuzzing.workers import Job, Result, run_cases, run_one
 
 from lis_grasp.exceptions import LisGraspError
 
-_DEFAULTS = {"contacts": 400, "meshes": 200, "hands": 100, "files": 600}
+_DEFAULTS = {"contacts": 400, "meshes": 200, "hands": 100, "files": 600, "logs": 200}
 
 
 def main() -> int:
