@@ -21,6 +21,7 @@ from lis_grasp.experiments.test_objects import mixed_solids as mixed
 from lis_grasp.experiments.test_objects import organic_solids as organic
 from lis_grasp.experiments.test_objects import prismatic_solids as prismatic
 from lis_grasp.experiments.test_objects import thin_solids as thin
+from lis_grasp.experiments.test_objects import tools
 from lis_grasp.experiments.test_objects.solid_modelling import Solid, mesh_of
 from lis_grasp.shapes import Shape
 
@@ -91,6 +92,9 @@ EVALUATION: Mapping[Family, tuple[str, ...]] = MappingProxyType(
 )
 """Names of the shapes that nothing may be chosen on, by family."""
 
+TOOLS = ("hammer", "screwdriver", "clamp", "plate", "ruler", "key", "spoon", "pen")
+"""Names of tools and flat things, for lifts of long and low objects."""
+
 _DEVELOPMENT_ONLY = (
     *(prismatic.l_bracket, prismatic.stairs, curved.vase, curved.pinched),
     *(organic.lumpy, organic.bean, organic.dumbbell),
@@ -100,7 +104,11 @@ _DEVELOPMENT_ONLY = (
 _BUILDERS: Mapping[str, Callable[[], Solid]] = MappingProxyType(
     {
         build.__name__: build
-        for build in (*_DEVELOPMENT_ONLY, *(b for some in _EVALUATION.values() for b in some))
+        for build in (
+            *_DEVELOPMENT_ONLY,
+            *(b for some in _EVALUATION.values() for b in some),
+            *(tools.clamp, tools.ruler, tools.key, tools.pen),
+        )
     }
 )
 
