@@ -115,7 +115,8 @@ def lifts(job: Job) -> list[Row]:
                 )
                 rows.append(
                     first
-                    | {"touches": touches, "best": best, "mass": mass, "friction": friction}
+                    | {"touches": touches, "best": best, "jaw": hand.kind == "jaw"}
+                    | {"mass": mass, "friction": friction}
                     | dict(scorer.predict_success(grasp).quality)
                     | {"held": outcome.held, "reason": outcome.reason, "slip": outcome.slip}
                 )
@@ -167,8 +168,7 @@ def _area(values: np.ndarray, held: np.ndarray) -> float:
 def predict(rows: list[Row], parameters: dict[str, float]) -> np.ndarray:
     """Return the success probability of lifts by the success model with other parameters."""
     offsets = SUCCESS_MODEL["offsets"]
-    hands = np.array([Hand.load(row["hand"]).kind == "jaw" for row in rows])
-    logit = np.where(hands, parameters["soft_finger"], parameters["coulomb"])
+    logit = np.where([row["jaw"] for row in rows], parameters["soft_finger"], parameters["coulomb"])
     for name, offset in offsets.items():
         logit = logit + parameters[name] * np.log([row[name] + offset for row in rows])
     relative = np.log([max(row["acceleration"], 1e-6) for row in rows])

@@ -19,7 +19,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import Contacts, ImplicitSurface, extract_mesh
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.typing import FloatArray
 

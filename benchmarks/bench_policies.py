@@ -25,7 +25,6 @@ import numpy as np
 
 from lis_grasp import Hand, extract_mesh, shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
 from lis_grasp.experiments.runner import local_scheduler, run_trials, single_thread
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
@@ -36,6 +35,7 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import make_policy, workspace
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS
 
 matplotlib.use("Agg")

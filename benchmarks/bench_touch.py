@@ -16,11 +16,11 @@ import time
 import numpy as np
 
 from lis_grasp import Hand, pipeline, shapes
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exploration import Probe
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.simulation.dynamic_prober import DynamicProber
 from lis_grasp.typing import FloatArray
 

@@ -11,8 +11,8 @@ import pytest
 import trimesh
 
 from lis_grasp import Contacts, Hand, shapes
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.motion import Motion
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

@@ -10,7 +10,6 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
 from lis_grasp.exceptions import (
     EstimationError,
@@ -19,6 +18,7 @@ from lis_grasp.exceptions import (
     require_positive,
 )
 from lis_grasp.shapes import Shape
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.typing import BoolArray, FloatArray
 
 SAMPLES = 10_000

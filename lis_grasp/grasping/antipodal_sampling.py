@@ -60,7 +60,7 @@ def sample_contact_sets(
     opposition = _opposition(hand)
     pads = len(hand.pads)
     rejected = {"steep": 0, "no_opposing_surface": 0, "no_surface_for_a_finger": 0}
-    sets: list[tuple[FloatArray, FloatArray, BoolArray, FloatArray]] = []
+    sets: list[tuple[FloatArray, FloatArray, BoolArray, BoolArray, FloatArray]] = []
     level = np.flatnonzero(np.abs(samples.normals[:, 2]) <= _STEEPEST)
     if not len(level):
         rejected["steep"] = count
@@ -86,15 +86,16 @@ def sample_contact_sets(
             continue
         points, normals = np.zeros((pads, 3)), np.zeros((pads, 3))
         points[opposition.thumb], normals[opposition.thumb] = p, n
-        points[chosen], normals[chosen] = fingers
-        used = np.zeros(pads, dtype=bool)
-        used[[opposition.thumb, *chosen]] = True
-        sets.append((points, normals, used, R_OH))
+        points[chosen], normals[chosen], of_plane = fingers
+        used, bent = np.zeros(pads, dtype=bool), np.zeros(pads, dtype=bool)
+        used[[opposition.thumb, *chosen]], bent[chosen] = True, of_plane
+        sets.append((points, normals, used, bent, R_OH))
     if not sets:
         empty = np.zeros((0, pads, 3))
         return ContactSets(empty, empty, np.zeros((0, pads), bool)), np.zeros((0, 3, 3)), rejected
-    *contacts, R_OH = (np.array(column) for column in zip(*sets, strict=True))
-    return ContactSets(*contacts), R_OH, rejected
+    points, normals, used, bent, R_OH = (np.array(c) for c in zip(*sets, strict=True))
+    points[bent], normals[bent] = samples.project(points[bent], normals[bent])
+    return ContactSets(points, normals, used), R_OH, rejected
 
 
 def initial_postures(
@@ -190,10 +191,11 @@ def _opposing_point(
 
 def _finger_contacts(
     samples: SurfaceSamples, points: FloatArray, closing: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
+) -> tuple[FloatArray, FloatArray, BoolArray] | None:
     """Return contacts and normals (K, 3) on lines through points along `closing`, or None.
 
-    None if one of the lines meets no opposed surface near its point.
+    Also which (K,) are on tangent planes of flat surroundings, still to be projected. None if one
+    of the lines meets no opposed surface near its point.
     """
     nearest = samples.query(points, np.broadcast_to(closing, points.shape))
     normals = samples.normals[nearest]
@@ -204,4 +206,4 @@ def _finger_contacts(
     met = np.array([samples.intersect(p, closing, j) for p, j in zip(points, nearest, strict=True)])
     if np.linalg.norm(met - samples.points[nearest], axis=1).max() > SEARCH_RADIUS:
         return None
-    return met, normals
+    return met, normals, samples.flat[nearest]

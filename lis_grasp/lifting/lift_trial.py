@@ -34,6 +34,8 @@ _AT_REST = 5e-5
 _REST_TIME = 0.5
 _UNEXPECTED_FORCE = 0.5  # [N] at which an approach with a tactile check stops
 _RETREAT_TIME = 0.4  # [s]
+# A tactile check decides after a push with this fraction of the grip force for this time [s].
+_PRESS_FRACTION, _PRESS_TIME = 0.2, 0.2
 
 # Time since the phase's start [s] -> whether the phase is over.
 _FingerCommand = Callable[[float], bool]
@@ -120,6 +122,8 @@ class LiftTrial:
         here = rest_at(np.zeros(6))
         interval = 1.0 / _CONTROL_RATE
         self._advance(_CLOSING_LIMIT, here, lambda time: self._control.close(time, interval))
+        if self._accept_grasp is not None and len(self._control.touching) >= 2:
+            self._advance(_PRESS_TIME, here, self._press)
         self._closed, self._measured = True, self._control.measured_contacts()
         if self._accept_grasp is not None and not self._accept_grasp(self._measured):
             return self._abort()
@@ -134,6 +138,11 @@ class LiftTrial:
         self._advance(duration + _SETTLE_TIME, here, squeeze)
         self._center_in_hand = self._object_in_hand()
         return "ejected" if self._touching_links() < 2 else None
+
+    def _press(self, time: float) -> bool:
+        """Push gently: a flat pad that touched with an edge first comes to rest on its face."""
+        self._control.squeeze(_PRESS_FRACTION * min(time / _PRESS_TIME, 1.0))
+        return False
 
     def _lift(self) -> Reason | None:
         duration = self._options.lift_time

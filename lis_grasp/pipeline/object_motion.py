@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exploration import Exploration
 from lis_grasp.shapes import Shape, placed
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 # Points of the true surface that measure the tracking error.
 _SAMPLES = 2000

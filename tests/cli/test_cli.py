@@ -14,10 +14,10 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidHandError, SimulationError
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
 

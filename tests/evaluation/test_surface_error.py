@@ -12,11 +12,11 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_error import SurfaceError, surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
 from lis_grasp.exceptions import EstimationError, InvalidContactsError, InvalidOptionError
 from lis_grasp.shapes import Shape
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 EVERYWHERE = 10.0
 AXES = np.vstack([np.eye(3), -np.eye(3)])

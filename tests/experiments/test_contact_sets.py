@@ -8,7 +8,6 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
 from lis_grasp.experiments.contact_study.contact_cases import CASES, KINDS, ContactCase
@@ -22,6 +21,7 @@ from lis_grasp.experiments.contact_study.study_sets import balanced, contact_set
 from lis_grasp.experiments.contact_study.surface_points import SurfacePoints
 from lis_grasp.experiments.test_objects.shape_sets import build_shape
 from lis_grasp.exploration import POLICIES
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
 
 

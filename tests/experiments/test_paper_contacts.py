@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from lis_grasp import shapes
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.experiments.paper.paper_contacts import walk_surface
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 
 @pytest.mark.parametrize("name", shapes.NAMES)

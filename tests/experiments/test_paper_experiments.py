@@ -12,7 +12,6 @@ import pytest
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.compared_estimators import OURS, Noise, compared_estimator
 from lis_grasp.experiments.paper.paper_contacts import (
@@ -32,6 +31,7 @@ from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.statistics import measure_table
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.io.json_lines import Row
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import PatchImplicitSurface
 
 WEDGE = [PaperTrial("wedge", "0", 0), PaperTrial("wedge", "2", 0), PaperTrial("wedge", "2", 1)]

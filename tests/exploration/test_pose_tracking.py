@@ -11,7 +11,6 @@ from moving_object import Motion, MovingObjectProber, once, pushed_by
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.exploration import (
     Exploration,
@@ -28,6 +27,7 @@ from lis_grasp.exploration.policy import farthest
 from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.stages import workspace
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS
 
 ALONG_X = Push(np.array([1.0, 0.0, 0.0]), np.diag([1.0, 1.0, 400.0]))

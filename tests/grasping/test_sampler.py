@@ -6,13 +6,13 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from lis_grasp import ForceClosureSampler, GraspSearch, Hand, is_force_closure, shapes
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping import sampler as sampler_module
 from lis_grasp.grasping.contact_samples import SurfaceSamples
 from lis_grasp.grasping.sampler import perturb_grasps
 from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
 

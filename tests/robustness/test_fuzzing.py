@@ -22,7 +22,6 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import Contacts, shapes
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import (
     InvalidContactsError,
     InvalidFileError,
@@ -41,6 +40,7 @@ from lis_grasp.io.provenance import parse
 from lis_grasp.io.surface_files import load_surface, save_surface
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.motion import Motion
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS, LocalImplicitSurface
 
 every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))

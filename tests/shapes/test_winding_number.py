@@ -6,7 +6,7 @@ import reference
 import trimesh
 
 from lis_grasp import shapes
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.winding_number import any_inside, winding_numbers
 
 

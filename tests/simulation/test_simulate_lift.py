@@ -15,7 +15,6 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_forces import balanced_grip
@@ -24,6 +23,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.wrist_trajectory import line, shake_about
 from lis_grasp.pipeline import lift_each
 from lis_grasp.shapes import Shape
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.simulate_lift import (
     LiftOptions,

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, Workspace
 from lis_grasp.exploration.exploration_loop import explore
@@ -21,6 +20,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS, CarvedImplicitSurface, ImplicitSurface, carved, uncarved
 from lis_grasp.typing import FloatArray
 

@@ -10,7 +10,6 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import LisGraspError
@@ -19,6 +18,7 @@ from lis_grasp.experiments.contact_study.study_sets import ContactSet
 from lis_grasp.experiments.test_objects.solid_modelling import Solid, mesh_of, solid_of
 from lis_grasp.exploration import STEP_FRACTION
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.contact_merging import padded_bounds, spacing_of
 from lis_grasp.typing import FloatArray

@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.experiments.figures import palette, style
 from lis_grasp.experiments.figures.figure_inputs import COLUMNS, estimated_mesh, view_of, view_on
 from lis_grasp.experiments.figures.painter import (
@@ -26,6 +25,7 @@ from lis_grasp.experiments.figures.painter import (
 from lis_grasp.experiments.figures.solids import LIFT, contact_patches, two_tone_patches
 from lis_grasp.experiments.paper.paper_trials import EXPLORED_RADIUS, explored
 from lis_grasp.shapes import Shape
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.typing import FloatArray
 
 _TOP, _BOTTOM = 0.35, 0.62  # heights [in] above and below all rows

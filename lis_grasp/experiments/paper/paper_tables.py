@@ -8,7 +8,6 @@ from itertools import combinations, product
 import numpy as np
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.experiments.compared_estimators import Noise, compared_estimator
 from lis_grasp.experiments.figures.palette import estimator_label
@@ -18,6 +17,7 @@ from lis_grasp.experiments.report_page import TextTable, csv_text
 from lis_grasp.experiments.statistics import MeasureTable, measure_table
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.typing import FloatArray
 
 # Measure, heading, factor to what is printed.

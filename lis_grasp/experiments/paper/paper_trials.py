@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.evaluation.mesh_distance import distances_to_mesh
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import LisGraspError
@@ -31,6 +30,7 @@ from lis_grasp.experiments.trial_results import Job
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes import Shape
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ImplicitSurface
 
 # The order enters the seeds of the noise: append new ones.

@@ -29,9 +29,21 @@ def distances_to_mesh(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatA
     faces
         Shape (P,), a triangle of `mesh.faces` at that distance; any of them at an edge.
     """
-    squares, faces, _ = igl.point_mesh_squared_distance(
+    squares, faces, _ = _nearest(points, mesh)
+    return np.sqrt(squares), faces
+
+
+def closest_points(points: FloatArray, mesh: trimesh.Trimesh) -> tuple[FloatArray, IndexArray]:
+    """Return the nearest point (P, 3) [m] of a mesh to each point, and the triangle it is on."""
+    _, faces, nearest = _nearest(points, mesh)
+    return nearest, faces
+
+
+def _nearest(
+    points: FloatArray, mesh: trimesh.Trimesh
+) -> tuple[FloatArray, IndexArray, FloatArray]:
+    return igl.point_mesh_squared_distance(  # type: ignore[no-any-return]
         np.ascontiguousarray(points, dtype=np.float64),
         np.ascontiguousarray(mesh.vertices),
         np.ascontiguousarray(mesh.faces),
     )
-    return np.sqrt(squares), faces
