@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import shlex
 import sys
 from pathlib import Path
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from lis_grasp.experiments.study.study import Study
     from lis_grasp.experiments.study.study_results import StudyResults
     from lis_grasp.io.json_lines import Row
+
+_LOG = logging.getLogger(__name__)
 
 _OUTPUT = Path("results/compare")
 
@@ -148,11 +151,13 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
     from lis_grasp.experiments.study.study_tables import all_tables, write_tables
 
     with Stage("Reporting") as stage:
+        _LOG.info("statistics of %d rows", len(rows))
         comparisons = compare(rows, study.reference)
         tables = all_tables(rows, comparisons, study.reference)
         write_tables(output, tables, rows)
         described, folder = (shlex.quote(str(path)) for path in (output / "study.yaml", output))
         command = f"lis-grasp compare --study {described} --output {folder}"
+        _LOG.info("drawing figures and cases")
         files = (*study.objects, *study.hands)
         pictures = [*draw_pictures(rows), *draw_cases(output, rows, study.reference, files)]
         write_report(output / "report.html", study, rows, tables, pictures, command=command)

@@ -1,43 +1,97 @@
-"""Progress messages on stderr, one line per stage."""
+"""Progress messages on stderr: a line for each stage, and its steps while it runs."""
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
+import shutil
 import sys
+import threading
 import time
+from collections.abc import Callable
 
 from lis_grasp.exceptions import OutputError
+
+_LOG = logging.getLogger("lis_grasp")
+_SILENCE = 10.0  # [s]
+_CLEAR = "\r\x1b[K"  # to the start of the line, and clear it
 
 
 class Stage:
     """Context manager that prints a stage's progress, and its `result` and time at the end.
 
-    On a terminal the line counts the steps; elsewhere only the last line is printed.
+    On a terminal one line shows the last step of the stage and the time so far. Elsewhere a line is
+    printed every ten seconds, so that a slow stage is not silent. Steps are messages to the logger
+    ``lis_grasp``, at the level INFO.
     """
 
     def __init__(self, title: str) -> None:
         self.result = "done"
-        self._title = title
+        self._title, self._step = title, ""
         self._live = sys.stderr.isatty()
         self._start = 0.0
+        self._ended, self._ticking = threading.Event(), threading.Thread(target=self._tick)
+        self._handler = _StepHandler(self._show_step)
+        self._level = logging.NOTSET
 
     def __enter__(self) -> Stage:
         self._start = time.perf_counter()
+        self._level = _LOG.level
+        _LOG.addHandler(self._handler)
+        _LOG.setLevel(logging.INFO)
+        self._ticking.daemon = True
+        self._ticking.start()
         if self._live:
-            complain(f"{self._title} ...", end="")
+            self._draw()
         return self
 
     def count(self, done: int, total: int) -> None:
         """Show that `done` of `total` steps are done."""
-        if self._live:
-            complain(f"\r{self._title} ... {done}/{total}", end="")
+        self._show_step(f"{done}/{total}")
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._ended.set()
+        self._ticking.join()
+        _LOG.removeHandler(self._handler)
+        _LOG.setLevel(self._level)
         outcome = self.result if kind is None else "failed"
-        seconds = time.perf_counter() - self._start
-        start = "\r" if self._live else ""
-        complain(f"{start}{self._title}: {outcome} ({seconds:.1f} s)")
+        start = _CLEAR if self._live else ""
+        complain(f"{start}{self._title}: {outcome} ({self._seconds:.1f} s)")
+
+    @property
+    def _seconds(self) -> float:
+        return time.perf_counter() - self._start
+
+    def _show_step(self, step: str) -> None:
+        self._step = step
+        if self._live:
+            self._draw()
+
+    def _tick(self) -> None:
+        while not self._ended.wait(1.0 if self._live else _SILENCE):
+            self._draw()
+
+    def _draw(self) -> None:
+        passed = f" ({self._seconds:.0f} s)" if self._seconds >= 1.0 else ""
+        line = f"{self._title} ... {self._step}{passed}"
+        if self._live:
+            width = shutil.get_terminal_size().columns - 1
+            complain(f"{_CLEAR}{line[:width]}", end="")
+        else:
+            complain(line)
+
+
+class _StepHandler(logging.Handler):
+    """Handler that passes on the text of each message."""
+
+    def __init__(self, show: Callable[[str], None]) -> None:
+        super().__init__(logging.INFO)
+        self._show = show
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show a step."""
+        self._show(record.getMessage())
 
 
 def say(text: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +35,9 @@ from lis_grasp.visualization.run_scene import write_scene_of
 
 if TYPE_CHECKING:
     from lis_grasp.simulation.simulate_lift import LiftOutcome
+
+
+_LOG = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,8 +75,10 @@ def execute(options: argparse.Namespace) -> None:
     search = attempts[-1].search
 
     with Stage("Reporting"), watch.measure("report"):
+        _LOG.info("comparing the estimate and the grasps with the true object")
         report = build_report(config, shape, hand, attempts, exploration=exploration)
         lines = run_lines(report)
+        _LOG.info("drawing the scene")
         write_scene_of(output, summary=lines)
     report["timings"] = {name: round(seconds, 3) for name, seconds in watch.seconds.items()}
     report["timings"]["total"] = round(sum(watch.seconds.values()), 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,6 +20,8 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.hands.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray
+
+_LOG = logging.getLogger(__name__)
 
 # Contact sets per batch.
 _BATCH = 100
@@ -147,6 +150,7 @@ class _Search:
             robust = sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self.grasps)
             if robust >= _ENOUGH * count:
                 break
+            _LOG.info("%d candidates, %d grasps so far", self.drawn, len(self.grasps))
             self._draw(min(_BATCH, candidates - self.drawn))
 
     def _draw(self, count: int) -> None:
@@ -164,6 +168,7 @@ class _Search:
         self.grasps.sort(key=_success, reverse=True)
         best = self.grasps[:count]
         for distance in _STEPS if best else ():
+            _LOG.info("improving %d grasps by steps of %.2g mm", len(best), 1e3 * distance)
             parents, sets, X_OH, q = perturb_grasps(
                 self.hand, best, self.samples, each=_PERTURBATIONS, distance=distance, rng=self.rng
             )

@@ -69,9 +69,13 @@ def read_mesh(
         with warnings.catch_warnings():
             # Warnings about textures and colours do not matter here.
             warnings.simplefilter("ignore")
-            return trimesh.load_scene(
+            mesh = trimesh.load_scene(
                 str(path), file_type=ending[1:], process=merge, skip_materials=not materials
             ).to_mesh()
+        for array in (mesh.vertices, mesh.faces):
+            if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
+                raise ValueError("its rows are not of three numbers")
+        return mesh
     except InvalidFileError:
         raise
     # On files of another format trimesh's readers raise errors of a dozen built-in types.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 import numpy as np
@@ -16,6 +17,8 @@ from lis_grasp.lifting.slip_watch import SlipWatch
 from lis_grasp.lifting.wrist_trajectory import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.typing import FloatArray
+
+_LOG = logging.getLogger(__name__)
 
 # Fingers are commanded at this rate, the wrist in each time step.
 _CONTROL_RATE = 100.0  # [Hz]
@@ -94,6 +97,7 @@ class LiftTrial:
     def _run_phases(self) -> Reason:
         phases = (self._settle, self._approach, self._close, self._lift, self._shake, self._hold)
         for phase in phases:
+            _LOG.info("%s", phase.__name__.strip("_"))
             failure = phase()
             if failure is not None:
                 return failure
