@@ -1,0 +1,212 @@
+"""Documentation that has become stale: versions, defaults, options, files, names and counts."""
+
+import argparse
+import json
+import re
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import lis_grasp
+from lis_grasp.cli.main import build_parser
+from lis_grasp.experiments.study.study import load_study
+from lis_grasp.exploration import POLICIES
+from lis_grasp.hands.shipped_models import READY_HANDS
+from lis_grasp.pipeline import RunConfig
+from lis_grasp.shapes import NAMES
+from lis_grasp.surfaces import ESTIMATORS
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = (
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/README.md")),
+    *sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts),
+    *sorted((ROOT / "notebooks").glob("*.ipynb")),
+)
+_NUMBERS = (
+    *("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"),
+    *("eleven", "twelve", "thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen"),
+    *("nineteen", "twenty"),
+)
+# Groups of entry points, in which other packages name their plug-ins.
+_ENTRY_POINTS = ("lis_grasp.estimators", "lis_grasp.policies", "lis_grasp.hands")
+
+
+@cache
+def _text(page: Path) -> str:
+    text = page.read_text(encoding="utf-8")
+    if page.suffix != ".ipynb":
+        return text
+    cells = json.loads(text)["cells"]
+    return "\n\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+
+
+def _found(pattern: str) -> list[tuple[str, str]]:
+    """Return the page and the first group of each match."""
+    return [
+        (page.relative_to(ROOT).as_posix(), match)
+        for page in PAGES
+        for match in re.findall(pattern, _text(page))
+    ]
+
+
+def test_the_citation_and_the_changelog_name_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == lis_grasp.__version__
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    released = re.findall(r"^## (\S+) \(\d{4}-\d\d-\d\d\)$", changelog, re.MULTILINE)
+    assert released[0] == lis_grasp.__version__
+    assert len(re.findall(r"^## ", changelog, re.MULTILINE)) - len(released) <= 1  # unreleased
+
+
+def test_no_page_names_a_later_version() -> None:
+    def parts(version: str) -> list[int]:
+        return [int(part) for part in version.split(".")]
+
+    named = _found(r"\bversion (\d+\.\d+(?:\.\d+)?)\b")
+    assert len(named) > 3
+    later = [name for name in named if parts(name[1]) > parts(lis_grasp.__version__)]
+    assert not [name for name in later if name[1].split(".")[0] == "0"], later
+
+
+def test_defaults_are_those_of_the_configuration() -> None:
+    defaults = RunConfig()
+    named = [
+        *_found(r"`(\w+)`,? (?:\(default\)|\(the default\)|the default\b|the package's default)"),
+        *_found(r"the default (?:estimator|policy|hand),? `(\w+)`"),
+        *_found(r"`(\w+)`,? the default (?:estimator|policy|hand)"),
+        *_found(r"default (?:estimator|policy|hand) is `(\w+)`"),
+    ]
+    assert len(named) >= 5
+    kinds = {"estimator": ESTIMATORS, "policy": POLICIES, "hand": READY_HANDS}
+    for page, name in named:
+        (option,) = (option for option, names in kinds.items() if name in names)
+        assert getattr(defaults, option) == name, page
+
+
+@cache
+def _options() -> dict[str, set[str]]:
+    """Return the options of each verb; "" for those of all verbs and of other programs here."""
+    (verbs,) = (a for a in build_parser()._actions if isinstance(a, argparse._SubParsersAction))
+    options: dict[str, set[str]] = {}
+    for verb, parser in verbs.choices.items():
+        nested = [parser]
+        nested += [
+            parser_of_verb
+            for action in parser._actions
+            if isinstance(action, argparse._SubParsersAction)
+            for parser_of_verb in action.choices.values()
+        ]
+        options[verb] = {name for p in nested for a in p._actions for name in a.option_strings}
+    scripts = [*(ROOT / "benchmarks").glob("*.py"), *(ROOT / "tests/robustness").glob("*.py")]
+    scripts += [ROOT / "lis_grasp/experiments/hand_table.py", *DOCS.rglob("make_page.py")]
+    elsewhere = set().union(*(re.findall(r"--[a-z][\w-]+", _text(script)) for script in scripts))
+    return options | {"": set().union(*options.values(), elsewhere)}
+
+
+def test_options_in_commands_exist() -> None:
+    commands = _found(r"lis-grasp ((?:[a-z]+) [^`\n#]*)")
+    assert len(commands) > 60
+    for page, command in commands:
+        verb, *_ = command.split()
+        for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", command):
+            assert option in _options().get(verb, _options()[""]), f"{page}: {verb} {option}"
+
+
+def test_options_named_alone_exist() -> None:
+    named = _found(r"`(--[a-z][a-z-]+)[^`]*`")
+    assert len(named) > 60
+    others = {"--nthreads", "--lifetime", "--host"}  # of Dask
+    for page, option in named:
+        assert option in _options()[""] | others, f"{page}: {option}"
+
+
+def test_named_files_of_the_project_exist() -> None:
+    folders = "lis_grasp|tests|benchmarks|examples|models|notebooks|docs"
+    named = _found(rf"`((?:{folders})/[\w./-]+)`")
+    assert len(named) > 20
+    for page, name in named:
+        assert (ROOT / name).exists() or "/_build" in name, f"{page}: {name}"
+
+
+def test_links_of_pages_outside_the_site_lead_somewhere() -> None:
+    for page in (path for path in PAGES if DOCS not in path.parents and path.suffix == ".md"):
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", _text(page)):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_named_python_objects_exist() -> None:
+    named = _found(r"`~?(lis_grasp(?:\.\w+)+)`")
+    assert len(named) > 15
+    for page, name in (item for item in named if item[1] not in _ENTRY_POINTS):
+        module, found = name, None
+        while found is None:
+            try:
+                found = import_module(module)
+            except ModuleNotFoundError:
+                module = module.rpartition(".")[0]
+                assert module, f"{page}: {name}"
+        for attribute in name[len(module) :].split(".")[1:]:
+            assert hasattr(found, attribute), f"{page}: {name}"
+            found = getattr(found, attribute)
+
+
+def _number(word: str) -> int:
+    plain = word.replace(",", "").replace(" ", "")
+    return int(plain) if plain.isdecimal() else _NUMBERS.index(word.lower())
+
+
+def _study() -> dict[str, Any]:
+    return load_study(DOCS / "study" / "study.yaml")
+
+
+def _trials() -> int:
+    facts = _study()
+    seeds = facts["seeds"] if isinstance(facts["seeds"], int) else len(facts["seeds"])
+    lists = ("objects", "touches", "noise", "hands")
+    count = seeds
+    for name in lists:
+        count *= len(facts[name])
+    return count
+
+
+def _study_objects() -> int:
+    return len(_study()["objects"])
+
+
+def _own_readers() -> int:
+    fuzzing = import_module("fuzzing.kinds")
+    return len(fuzzing.KINDS["files"].groups)
+
+
+# Counts in prose: a pattern with the number, and what it must be.
+_COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
+    ("docs/hands.md", r"takes all ([\w-]+) hands", lambda: len(READY_HANDS)),
+    ("docs/hands.md", r"the (\w+) built-in shapes", lambda: len(NAMES)),
+    ("docs/study.md", r"for (\w+) ways to estimate", lambda: len(_study()["estimators"])),
+    ("docs/study.md", r"on (\d+) objects, with every", _study_objects),
+    (
+        "notebooks/05_does_a_better_surface_give_a_better_grasp.ipynb",
+        r"published study \(`docs/study.md`\) has (\d+) trials",
+        _trials,
+    ),
+    (
+        "notebooks/05_does_a_better_surface_give_a_better_grasp.ipynb",
+        r"trials on (\d+) objects, with all losses",
+        _study_objects,
+    ),
+    ("docs/robustness.md", r"files, ([\w-]+) readers", _own_readers),
+)
+
+
+@pytest.mark.parametrize(("page", "pattern", "count"), _COUNTS)
+def test_counts_in_prose_are_those_of_the_code(
+    page: str, pattern: str, count: Callable[[], int]
+) -> None:
+    (number,) = re.findall(pattern, re.sub(r"\s+", " ", _text(ROOT / page)))
+    assert _number(number) == count(), page
