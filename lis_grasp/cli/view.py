@@ -11,13 +11,20 @@ from lis_grasp.cli.progress import complain, say
 from lis_grasp.cli.results_folder import scene_is_outdated
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.visualization.run_scene import scene_of
-from lis_grasp.visualization.scene_server import SCENE_FILE
+from lis_grasp.visualization.scene_server import LOCALHOST, SCENE_FILE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     parser.add_argument("directory", type=Path, metavar="DIR", help="folder of results")
     parser.add_argument("--port", type=int, default=7000, help="port on localhost (default: 7000)")
+    parser.add_argument(
+        "--host",
+        default=LOCALHOST,
+        metavar="ADDRESS",
+        help="address to listen on; 0.0.0.0 in a container whose port is published, else this"
+        f" machine alone (default: {LOCALHOST})",
+    )
     parser.set_defaults(execute=execute)
 
 
@@ -46,7 +53,7 @@ def execute(options: argparse.Namespace) -> None:
             except LisGraspError as error:  # the folder is being written to, perhaps
                 complain(f"lis-grasp: the scene is of earlier results: {error}")
 
-        serve_scene(scene.parent, port=options.port, renew=renew)
+        serve_scene(scene.parent, port=options.port, host=options.host, renew=renew)
 
 
 def _renew(directory: Path, scene: Path) -> bool:

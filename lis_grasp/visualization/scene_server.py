@@ -15,16 +15,19 @@ from urllib.parse import urlsplit
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 
 SCENE_FILE = "scene.html"
-_LOCALHOST = "127.0.0.1"
-_NAMES = (_LOCALHOST, "localhost")
+LOCALHOST = "127.0.0.1"
+"""Address at which only this machine can connect."""
+
+_NAMES = (LOCALHOST, "localhost")
 
 
 class SceneServer(ThreadingHTTPServer):
-    """Web server on 127.0.0.1 for the scene.html of a folder, which is read at each request.
+    """Web server for the scene.html of a folder, which is read at each request.
 
-    Port 0 takes a free port. `renew` is called before each answer, one call at a time, and may
-    write the scene again. Requests by another name than localhost are refused: a page of another
-    site, whose name was made to point to this machine, cannot read the scene.
+    It listens on this machine alone, unless `host` is another address of it, such as 0.0.0.0 in a
+    container. Port 0 takes a free port. `renew` is called before each answer, one call at a time,
+    and may write the scene again. Requests by another name than localhost are refused: a page of
+    another site, whose name was made to point to this machine, cannot read the scene.
 
     Raises
     ------
@@ -39,7 +42,12 @@ class SceneServer(ThreadingHTTPServer):
     allow_reuse_address = True
 
     def __init__(
-        self, directory: Path | str, *, port: int, renew: Callable[[], None] = lambda: None
+        self,
+        directory: Path | str,
+        *,
+        port: int,
+        host: str = LOCALHOST,
+        renew: Callable[[], None] = lambda: None,
     ) -> None:
         self.scene = Path(directory) / SCENE_FILE
         self._renew, self._renewing = renew, Lock()
@@ -48,10 +56,10 @@ class SceneServer(ThreadingHTTPServer):
         if not 0 <= port <= 65535:
             raise InvalidOptionError.out_of_range("port", port, "from 0 to 65535")
         try:
-            super().__init__((_LOCALHOST, port), _SceneHandler)
-        except OSError as error:
+            super().__init__((host, port), _SceneHandler)
+        except (OSError, UnicodeError) as error:
             raise InvalidOptionError.out_of_range(
-                "port", port, f"a free port, or 0 for any ({error.strerror})"
+                "port", port, f"a free port of {host}, or 0 for any ({error})"
             ) from None
 
     def renew(self) -> None:
@@ -62,7 +70,7 @@ class SceneServer(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """Address of the scene for a browser."""
-        return f"http://{_LOCALHOST}:{self.server_address[1]}/"
+        return f"http://{LOCALHOST}:{self.server_address[1]}/"
 
 
 class _SceneHandler(SimpleHTTPRequestHandler):
@@ -74,8 +82,7 @@ class _SceneHandler(SimpleHTTPRequestHandler):
 
     def send_head(self) -> io.BytesIO | BinaryIO | None:
         """Send the headers and return the file; refuse other names of this machine."""
-        host = urlsplit(f"//{self.headers.get('Host', _LOCALHOST)}").hostname
-        if host not in _NAMES:
+        if _host_name(self.headers.get("Host", LOCALHOST)) not in _NAMES:
             self.send_error(403, "The scene is shown at localhost only")
             return None
         self.server.renew()
@@ -90,11 +97,17 @@ class _SceneHandler(SimpleHTTPRequestHandler):
         """Print nothing per request."""
 
 
-def serve_scene(
-    directory: Path | str, *, port: int, renew: Callable[[], None] = lambda: None
-) -> None:
+def _host_name(host: str) -> str | None:
+    """Return the name in a Host header, in lower case and without the port."""
+    try:
+        return urlsplit(f"//{host}").hostname
+    except ValueError:
+        return None
+
+
+def serve_scene(directory: Path | str, **options: Any) -> None:
     """Serve a folder's scene.html until Ctrl-C, and print its address; see `SceneServer`."""
-    with SceneServer(directory, port=port, renew=renew) as server:
+    with SceneServer(directory, **options) as server:
         print(f"scene: {server.address} (Ctrl-C ends)", file=sys.stderr, flush=True)
         try:
             server.serve_forever(poll_interval=0.1)

@@ -121,7 +121,7 @@ def test_view_renews_the_scene_when_a_file_becomes_newer(
 ) -> None:
     found = []
 
-    def serve(directory: Path, *, port: int, renew: Callable[[], None]) -> None:
+    def serve(directory: Path, *, renew: Callable[[], None], **_: object) -> None:
         scene = directory / "scene.html"
         before = scene.stat().st_mtime_ns
         renew()

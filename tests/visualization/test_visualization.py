@@ -382,6 +382,7 @@ def test_server_answers_to_names_of_this_machine_only(tmp_path: Path) -> None:
                 ("localhost.evil.example:7000", 403),
                 ("127.0.0.1.nip.example", 403),
                 ("", 403),
+                ("[::1", 403),
             ):
                 connection = http.client.HTTPConnection(*server.server_address[:2], timeout=10)
                 connection.request("GET", "/", headers={"Host": host})
