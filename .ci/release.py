@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def main(version: str, root: Path = ROOT) -> int:
+    """Print the notes of a version, or what is missing; return the exit code."""
     mistakes = list(mistakes_of(version.removeprefix("v"), root))
     for mistake in mistakes:
         print(mistake, file=sys.stderr)

@@ -174,3 +174,27 @@ def test_contributing_describes_every_folder() -> None:
 
 def test_readme_fits_on_two_screens() -> None:
     assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
+
+
+def test_rates_on_the_front_page_are_those_of_the_study() -> None:
+    text = " ".join((DOCS / "index.md").read_text(encoding="utf-8").split())
+    pattern = r"held: LIS (\d+) %, GPIS (\d+) %, `blend` (\d+) %, the true mesh (\d+) %"
+    (rates,) = re.findall(pattern, text)
+    study = _table(DOCS / "study.md", "| GPIS |")
+    column = study["estimator"].index("all")
+    rows = ("LIS", "GPIS", "blend", "the true mesh")
+    assert rates == tuple(study[row][column].split()[0] for row in rows)
+
+
+def test_front_page_fits_on_one_screen() -> None:
+    page, _, _ = (DOCS / "index.md").read_text(encoding="utf-8").partition("```{toctree}")
+    assert len(page.splitlines()) <= 50
+
+
+def test_questions_and_terms_that_users_ask_for_are_answered() -> None:
+    page = (DOCS / "faq.md").read_text(encoding="utf-8")
+    for word in ("hand", "robot", "contacts", "GPU", "display", "camera", "Windows"):
+        assert re.search(rf"^\*\*[^*]*\b{word}[^*]*\?\*\*", page, re.MULTILINE), word
+    terms = (DOCS / "reference" / "glossary.md").read_text(encoding="utf-8")
+    for term in ("LIS", "GPIS", "Epsilon", "Force closure", "Held", "Pad", "Policy", "Probe"):
+        assert f"\n{term}\n" in terms

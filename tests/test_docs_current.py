@@ -121,7 +121,7 @@ def test_options_in_commands_exist() -> None:
 def test_options_named_alone_exist() -> None:
     named = _found(r"`(--[a-z][a-z-]+)[^`]*`")
     assert len(named) > 60
-    others = {"--nthreads", "--lifetime", "--host"}  # of Dask
+    others = {"--nthreads", "--lifetime", "--user"}  # of Dask and Docker
     for page, option in named:
         assert option in _options()[""] | others, f"{page}: {option}"
 

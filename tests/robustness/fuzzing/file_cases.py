@@ -30,7 +30,7 @@ Generator = np.random.Generator
 
 def make(group: str, index: int, rng: Generator, folder: Path) -> Case:
     """Return a damaged file for one reader; half of the JSON and YAML files get damaged values."""
-    name, content, check = _READERS[group]
+    name, content, check = READERS[group]
     path = folder / name
     if group.startswith("hand"):
         hand, model = write_hand(folder / "hand", group.removeprefix("hand "), rng)
@@ -236,7 +236,7 @@ def _check_study(path: Path) -> None:
     Study.from_facts(study.facts())
 
 
-_READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], None]]] = {
+READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], None]]] = {
     "contacts.ply": ("contacts.ply", _contacts_ply, _check_contacts),
     "contacts.csv": ("contacts.csv", _contacts_csv, _check_contacts),
     **{
@@ -288,6 +288,6 @@ def _rows_reader() -> dict[str, Any]:
     return {"rows.parquet": ("rows.parquet", content, check)}
 
 
-_READERS |= _rows_reader()
+READERS |= _rows_reader()
 
-KIND = Kind(tuple(_READERS), make)
+KIND = Kind(tuple(READERS), make)

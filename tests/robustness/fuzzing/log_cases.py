@@ -26,7 +26,7 @@ def make(group: str, index: int, rng: Generator, folder: Path) -> Case:
     damaged, fault = (whole, "nothing wrong") if sound else damage_bytes(rng, whole)
     path = folder / f"file.{ending}"
     path.write_bytes(damaged)
-    check = _check_points if kind == "points" else _check_log
+    check = _check_points if kind == "points" else check_log
     return Case(f"{group}, {fault}", lambda: check(path), sound)
 
 
@@ -90,7 +90,7 @@ def _check_points(path: Path) -> None:
         require(bool(np.all(contacts.normal_noise > 0.0)), "deviations are above 0")
 
 
-def _check_log(path: Path) -> None:
+def check_log(path: Path) -> None:
     touch = TouchDetection(normals="approach")
     contacts, _ = contacts_from_log(open_log(path), [Finger()], LogFrames(), touch)
     require(bool(np.isfinite(contacts.points).all()), "points are finite")
