@@ -17,6 +17,8 @@ from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
+from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
+from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
 from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import load
@@ -36,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--isaac", action="store_true", help="also write grasps.isaac.yaml, for Isaac Sim"
+    )
+    parser.add_argument(
+        "--dexgraspbench",
+        action="store_true",
+        help="also write the folder dexgraspbench, for the benchmark of that name: the grasps, the"
+        " hand, and the true object if it is recorded, else MESH; needs the extra mujoco",
     )
     opt.add_options(parser, "units", "hand", "mass", "friction", "grasps", "seed")
     opt.add_options(parser, "load", show_default=False)
@@ -60,6 +68,13 @@ def execute(options: argparse.Namespace) -> None:
     if options.isaac:
         save_isaac_grasps(path.with_name("grasps.isaac.yaml"), search, hand)
         say(f"wrote {path.with_name('grasps.isaac.yaml')}")
+    if options.dexgraspbench:
+        if "object" in recorded:
+            mesh = opt.load_object(config, recorded.get("X_WO")).mesh
+        name = Path(recorded.get("object", options.mesh)).stem
+        folder = write_dexgraspbench(path.parent, name, mesh, hand, search, support)
+        say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")
+        say(f"  python src/main.py task=eval hand=lis_{hand.name} save_dir={folder}")
     if "object" in recorded and search.grasps:
         say(f"next: lis-grasp lift {path}")
 
@@ -88,6 +103,17 @@ def write_grasps(
         search.save(path, header=header)
         stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
     return search
+
+
+def write_dexgraspbench(
+    output: Path, name: str, mesh: trimesh.Trimesh, hand: Hand, search: GraspSearch, support: float
+) -> Path:
+    """Write the folder of DexGraspBench in `output`, and return it."""
+    with Stage("Splitting into convex pieces") as stage:
+        pieces = convex_pieces(mesh)
+        stage.result = str(len(pieces))
+    folder = output / "dexgraspbench"
+    return save_for_dexgraspbench(folder, name, pieces, hand, search.grasps, support)
 
 
 def say_search(search: GraspSearch) -> None:

@@ -81,7 +81,7 @@ def mesh_asset(name: str, vertices: FloatArray) -> Element:
 
 def numbers(values: npt.ArrayLike) -> str:
     """Return numbers as an attribute of XML, with all digits."""
-    return " ".join(f"{value:.17g}" for value in np.ravel(np.asarray(values, np.float64)))
+    return " ".join(map(repr, np.ravel(np.asarray(values, np.float64)).tolist()))
 
 
 def pose(X: FloatArray) -> dict[str, str]:
