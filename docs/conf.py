@@ -45,6 +45,7 @@ autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"
 autodoc_type_aliases = {name: name for name in ("FloatArray", "IndexArray", "ArrayLike")}
 autodoc_preserve_defaults = True
+autodoc_mock_imports = ["mujoco", "coacd"]  # optional
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 python_use_unqualified_type_names = True

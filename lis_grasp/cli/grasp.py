@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
+from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
 from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
@@ -108,12 +111,20 @@ def write_grasps(
 def write_dexgraspbench(
     output: Path, name: str, mesh: trimesh.Trimesh, hand: Hand, search: GraspSearch, support: float
 ) -> Path:
-    """Write the folder of DexGraspBench in `output`, and return it."""
+    """Write the folder of DexGraspBench in `output` and the results of its protocol; return it."""
+    with needed_package("mujoco", "mujoco", option="--dexgraspbench"):
+        from lis_grasp.mujoco_simulation.dexgraspbench_protocol import dexgraspbench_protocol
     with Stage("Splitting into convex pieces") as stage:
         pieces = convex_pieces(mesh)
         stage.result = str(len(pieces))
     folder = output / "dexgraspbench"
-    return save_for_dexgraspbench(folder, name, pieces, hand, search.grasps, support)
+    folder = save_for_dexgraspbench(folder, name, pieces, hand, search.grasps, support)
+    with Stage("Testing by the protocol of DexGraspBench") as stage:
+        tests = [dexgraspbench_protocol(hand, g, pieces, support) for g in search.grasps]
+        lifts, holds = (sum(getattr(t, f) for t in tests) for f in ("table_lift", "force_test"))
+        stage.result = f"of {len(tests)} grasps {lifts} pass the table lift, {holds} the force test"
+    write_json(folder / "protocol.json", [asdict(test) for test in tests])
+    return folder
 
 
 def say_search(search: GraspSearch) -> None:

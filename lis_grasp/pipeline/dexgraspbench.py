@@ -11,20 +11,12 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import trimesh
 import yaml
-from scipy.spatial.transform import Rotation
 
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.servo_postures import servo_postures
 from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_mjcf import hand_mjcf, numbers
-from lis_grasp.hands.hand_parts import Joint
+from lis_grasp.hands.servo_hand import servo_hand
 from lis_grasp.io.atomic_writing import whole_file, write_text
-from lis_grasp.typing import FloatArray
-
-# Servos of the benchmark's own hands have this stiffness and damping [N m/rad, N m s/rad]. Those of
-# prismatic joints [N/m, N s/m] give 40 N at an error of 8 mm, as usual grippers do.
-_STIFFNESS = {"revolute": 5.0, "prismatic": 5000.0}
-_DAMPING = {"revolute": 0.1, "prismatic": 100.0}
-_PALM = "palm"  # of the bodies that belong to no finger
 
 
 def save_for_dexgraspbench(
@@ -68,16 +60,15 @@ def save_for_dexgraspbench(
     object_folder = folder / "object" / name
     _save_object(object_folder, pieces)
     _save_hand(folder / "hand", hand)
-    above_table = np.array([0.0, 0.0, -support_height])
     for earlier in (folder / "graspdata" / name).glob("*.npy"):
         earlier.unlink()
     for number, grasp in enumerate(grasps):
-        q, opened = grasp.joint_positions, grasp.pregrasp_positions
+        postures = servo_postures(hand, grasp, support_height)
         content = {
-            "pregrasp_qpos": _qpos(hand, grasp, opened, above_table),
-            "grasp_qpos": _qpos(hand, grasp, q, above_table),
-            "squeeze_qpos": _qpos(hand, grasp, squeeze_posture(hand, grasp), above_table),
-            "obj_pose": np.array([*above_table, 1.0, 0.0, 0.0, 0.0]),
+            "pregrasp_qpos": postures.pregrasp,
+            "grasp_qpos": postures.grasp,
+            "squeeze_qpos": postures.squeeze,
+            "obj_pose": np.array([0.0, 0.0, -support_height, 1.0, 0.0, 0.0, 0.0]),
             "obj_scale": 1.0,
             "obj_path": str(object_folder),
         }
@@ -85,50 +76,6 @@ def save_for_dexgraspbench(
         with whole_file(path) as temporary, temporary.open("wb") as stream:
             np.save(stream, np.array(content, dtype=object), allow_pickle=True)
     return folder
-
-
-def squeeze_posture(hand: Hand, grasp: Grasp) -> FloatArray:
-    """Return the joint positions (J,) at which servos exert a grasp's planned contact forces.
-
-    Efforts ``tau = J^T f`` of the contact points, by the servos' stiffness; within effort limits.
-    """
-    q = grasp.joint_positions
-    poses = hand.forward_kinematics(grasp.X_OH, q)
-    centers = hand.pad_centers(grasp.X_OH, q)  # (F, 3)
-    efforts = np.zeros(len(q))
-    for finger, point, force in zip(
-        grasp.contact_fingers, grasp.contact_points, grasp.contact_forces, strict=True
-    ):
-        if finger not in hand.fingers:
-            continue
-        f = hand.fingers.index(finger)
-        offsets = np.zeros((len(hand.pads), 3))
-        offsets[f] = poses[hand.pads[f].link][:3, :3].T @ (point - centers[f])
-        _, _, jacobians, _ = hand.pad_jacobians(grasp.X_OH, q, offsets)  # (F, 3, 6 + J)
-        efforts += jacobians[f, :, 6:].T @ force
-    efforts = np.clip(efforts, -hand.effort_limits, hand.effort_limits)
-    kinds = {joint.index: joint.kind for joint in hand.joints if joint.is_actuated}
-    return np.asarray(q + efforts / [_STIFFNESS[kinds[j]] for j in range(len(q))])
-
-
-def _qpos(hand: Hand, grasp: Grasp, q: FloatArray, shift: FloatArray) -> FloatArray:
-    X_OL = grasp.X_OH @ np.linalg.inv(hand.X_LH)
-    turn = Rotation.from_matrix(X_OL[:3, :3]).as_quat(canonical=True, scalar_first=True)
-    moved = [hand_joint.position(q) for hand_joint in _joints_in_order(hand)]
-    return np.concatenate([X_OL[:3, 3] + shift, turn, moved])
-
-
-def _joints_in_order(hand: Hand) -> list[Joint]:
-    """Return the joints that move, in MuJoCo's order: depth first."""
-    children: dict[str, list[Joint]] = {}
-    for joint in hand.joints:
-        children.setdefault(joint.parent, []).append(joint)
-    ordered, waiting = [], list(reversed(children.get(hand.base_link, [])))
-    while waiting:
-        joint = waiting.pop()
-        ordered.append(joint)
-        waiting += reversed(children.get(joint.child, []))
-    return [joint for joint in ordered if joint.kind != "fixed"]
 
 
 def _save_object(folder: Path, pieces: Sequence[trimesh.Trimesh]) -> None:
@@ -154,36 +101,22 @@ def _save_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
 
 
 def _save_hand(folder: Path, hand: Hand) -> None:
-    fingers = hand.link_fingers
-    names = {link: f"{fingers.get(link, _PALM)}_{link}" for link in hand.links}
     xml = folder / f"{hand.name}.xml"
+    written = servo_hand(hand)
     root = Element("mujoco", {"model": hand.name})
     SubElement(root, "compiler", {"angle": "radian", "autolimits": "true"})
-    written = hand_mjcf(hand, np.eye(4))
-    for body in written.root.iter("body"):
-        body.set("name", names[body.attrib["name"]])
-    kinds = {joint.name: joint.kind for joint in hand.joints}
-    for element in written.root.iter("joint"):
-        element.set("damping", numbers([_DAMPING[kinds[element.attrib["name"]]]]))
     assets = SubElement(root, "asset")
     meshes = [geometry.mesh for geometry in hand.link_geometries if geometry.kind == "mesh"]
-    for asset, mesh in zip(written.meshes, meshes, strict=True):
+    for asset, mesh in zip(written.parts.meshes, meshes, strict=True):
         file = f"{hand.name}_{asset.attrib['name']}.obj"
         _save_mesh(folder / file, mesh)
         SubElement(assets, "mesh", {"name": asset.attrib["name"], "file": file})
-    SubElement(root, "worldbody").append(written.root)
-    contact = SubElement(root, "contact")
-    for first, second in sorted(hand.self_collision_exclusions):
-        SubElement(contact, "exclude", {"body1": names[first], "body2": names[second]})
-    SubElement(root, "equality").extend(written.couplings)
-    actuators = SubElement(root, "actuator")
-    for j, joint in enumerate(hand.joint_names):
-        limit = hand.effort_limits[j]
-        attributes = {"name": joint, "joint": joint, "kp": numbers([_STIFFNESS[kinds[joint]]])}
-        attributes["forcerange"] = numbers([-limit, limit])
-        SubElement(actuators, "position", attributes)
+    SubElement(root, "worldbody").append(written.parts.root)
+    SubElement(root, "equality").extend(written.parts.couplings)
+    root.extend([written.exclusions, written.actuators])
     ElementTree.indent(root)
     write_text(xml, ElementTree.tostring(root, encoding="unicode") + "\n")
+    names = written.body_names
     config = {
         "xml_path": str(xml),
         "mocap": True,

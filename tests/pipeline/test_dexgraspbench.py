@@ -13,9 +13,10 @@ from made_grasps import jaw_grasp
 
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.servo_postures import squeeze_posture
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.shipped_models import HAND_NAMES
-from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench, squeeze_posture
+from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: bootstrap.sh mujoco")
 
@@ -112,6 +113,8 @@ def test_the_command_writes_the_folder(tmp_path: Path, capsys: pytest.CaptureFix
     files = list((tmp_path / "dexgraspbench" / "graspdata" / "part").glob("*.npy"))
     assert len(files) == 2
     assert "hand=lis_wsg50" in capsys.readouterr().out
+    tests = json.loads((tmp_path / "dexgraspbench" / "protocol.json").read_text())
+    assert tests == [{"table_lift": True, "force_test": True}] * 2
 
 
 def test_a_jaw_s_squeeze_moves_the_jaws_towards_each_other() -> None:

@@ -1,0 +1,65 @@
+"""Postures of a grasp for hands of position servos that run open loop, as in DexGraspBench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.servo_hand import moving_joints, servo_efforts
+from lis_grasp.typing import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ServoPostures:
+    """Postures of hand and palm in a grasp, on a table at z = 0.
+
+    Each is of shape (7 + K,): position [m] and unit quaternion w, x, y, z of the base link, then
+    the joints that move, in the order of `moving_joints` [rad or m].
+    """
+
+    pregrasp: FloatArray
+    grasp: FloatArray
+    squeeze: FloatArray
+
+
+def servo_postures(hand: Hand, grasp: Grasp, support_height: float) -> ServoPostures:
+    """Return the postures of a grasp in O whose table is at a height in O [m]."""
+    X_OL = grasp.X_OH @ np.linalg.inv(hand.X_LH)
+    place = X_OL[:3, 3] - [0.0, 0.0, support_height]
+    turn = Rotation.from_matrix(X_OL[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    joints = moving_joints(hand)
+
+    def posture(q: FloatArray) -> FloatArray:
+        return np.concatenate([place, turn, [joint.position(q) for joint in joints]])
+
+    return ServoPostures(
+        posture(grasp.pregrasp_positions),
+        posture(grasp.joint_positions),
+        posture(squeeze_posture(hand, grasp)),
+    )
+
+
+def squeeze_posture(hand: Hand, grasp: Grasp) -> FloatArray:
+    """Return the joint positions (J,) at which servos exert a grasp's planned contact forces.
+
+    Efforts ``tau = J^T f`` of the contact points, by the servos' stiffness; within effort limits.
+    """
+    q = grasp.joint_positions
+    poses = hand.forward_kinematics(grasp.X_OH, q)
+    centers = hand.pad_centers(grasp.X_OH, q)  # (F, 3)
+    efforts = np.zeros(len(q))
+    for finger, point, force in zip(
+        grasp.contact_fingers, grasp.contact_points, grasp.contact_forces, strict=True
+    ):
+        if finger not in hand.fingers:
+            continue
+        f = hand.fingers.index(finger)
+        offsets = np.zeros((len(hand.pads), 3))
+        offsets[f] = poses[hand.pads[f].link][:3, :3].T @ (point - centers[f])
+        _, _, jacobians, _ = hand.pad_jacobians(grasp.X_OH, q, offsets)  # (F, 3, 6 + J)
+        efforts += jacobians[f, :, 6:].T @ force
+    return q + servo_efforts(hand, np.clip(efforts, -hand.effort_limits, hand.effort_limits))
