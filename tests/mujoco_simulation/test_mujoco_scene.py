@@ -165,3 +165,17 @@ def test_a_concave_object_s_pieces_hold_its_surface_and_keep_its_groove() -> Non
     # CoACD writes single precision, and cuts 0.1 mm beside a face.
     assert np.abs(depth.min(axis=0)).max() < 5e-4
     assert len(pieces) > 1
+
+
+def test_coupled_joints_keep_their_ratio_under_load() -> None:
+    hand = Hand.load("barrett")
+    scene = MujocoScene(setup_of(hand, np.random.default_rng(1)), convex_pieces(BOX))
+    q = 0.5 * (hand.lower + hand.upper)
+    scene.place_hand(np.zeros(3), q)
+    for _ in range(100):
+        scene.command_fingers(q + 0.2, 0.9 * hand.effort_limits)
+        scene.step()
+    expected = hand.forward_kinematics(scene.X_WH, scene.joint_positions)
+    assert np.abs(scene.joint_positions - q).max() > 0.1  # it moved
+    for link, X_WL in expected.items():
+        assert scene.X_WL(link)[:3, 3] == pytest.approx(X_WL[:3, 3], abs=1e-4)
