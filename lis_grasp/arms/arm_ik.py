@@ -16,13 +16,13 @@ POSITION_TOLERANCE = 1e-4
 ANGLE_TOLERANCE = 1e-3
 """Largest angle between a solution and its target [rad]."""
 
-_ITERATIONS = 40
+_ITERATIONS = 30
 _DAMPING = 0.05
 _NEAR = 0.1  # error below which damping falls [m]
 _LARGEST_STEP = 0.4  # of one joint in one iteration [rad or m]
 _LENGTH = 0.3  # a turn of 1 rad counts as much as this distance [m]
 _STORED = 3000  # random postures from which seeds are taken
-_STALLED = 8  # iterations in which the error must fall, or the seed is given up
+_STALLED = 5  # iterations in which the error must fall, or the seed is given up
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,17 +37,18 @@ class ArmKinematics:
                 axes.append(X_AL[:3, :3] @ joint.axis_J)
                 points.append(X_AL[:3, 3])
                 turns.append(joint.kind == "revolute")
-        self._axes = np.array(axes)  # (J, 3)
-        self._points = np.array(points)  # (J, 3)
-        self._turns = np.array(turns)[:, None]  # (J, 1)
+        self._turns = np.array(turns)  # (J,)
+        # Columns: the axis as a direction, and a point on it, in homogeneous coordinates.
+        self._lines = np.zeros((len(axes), 4, 2))
+        self._lines[:, :3, 0], self._lines[:, :3, 1] = axes, points
+        self._lines[:, 3, 1] = 1.0
+        self._screws = np.array([_screw(*joint) for joint in zip(axes, points, turns, strict=True)])
+        self._squares = self._screws @ self._screws  # zero for joints that slide
         self._X_AF = X_AL @ X_LF
-        self._crossed = np.swapaxes(np.cross(self._axes[:, None], np.eye(3)), 1, 2)  # [axis]x
-        self._crossed_twice = self._crossed @ self._crossed
 
     def flange_poses(self, q: npt.ArrayLike) -> FloatArray:
         """Return the poses X_AF, shape (..., 4, 4), at joint positions q (..., J) [rad or m]."""
-        R, p = self._moved(np.asarray(q, np.float64))
-        return _pose(R[-1] @ self._X_AF[:3, :3], R[-1] @ self._X_AF[:3, 3] + p[-1])
+        return np.asarray(self._moved(np.asarray(q, np.float64))[-1] @ self._X_AF)
 
     def jacobians(self, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the flange's poses X_AF (..., 4, 4) and its Jacobians (..., 6, J) in A.
@@ -55,13 +56,15 @@ class ArmKinematics:
         Rows 0 to 2 are the velocity of F's origin along A's axes [m/rad or 1], rows 3 to 5 the
         angular velocity [1 or 0], for each joint's rate.
         """
-        R, p = self._moved(np.asarray(q, np.float64))
-        X_AF = _pose(R[-1] @ self._X_AF[:3, :3], R[-1] @ self._X_AF[:3, 3] + p[-1])
-        axes, points = self._moved_axes(R, p)
+        moved = self._moved(np.asarray(q, np.float64))
+        X_AF = moved[-1] @ self._X_AF
+        axes, points = self._moved_axes(moved)
         turns = self._turns.reshape(-1, *(1,) * (axes.ndim - 1))
-        linear = np.where(turns, np.cross(axes, X_AF[..., :3, 3] - points), axes)
-        rows = np.concatenate([linear, np.where(turns, axes, 0.0)], axis=-1)  # (J, ..., 6)
-        return X_AF, np.moveaxis(rows, 0, -1)
+        rows = np.empty((*axes.shape[:-1], 6))  # (J, ..., 6)
+        rows[..., :3] = np.where(turns, _cross(axes, X_AF[..., :3, 3] - points), axes)
+        rows[..., 3:] = turns * axes
+        order = (*range(1, rows.ndim), 0)
+        return X_AF, rows.transpose(order)
 
     def axes(self, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return the joints' axes at positions q (..., J), in A.
@@ -69,47 +72,51 @@ class ArmKinematics:
         They are points on the axes (..., J, 3) [m], directions (..., J, 3), unit, and which joints
         turn, (J,); the others slide.
         """
-        axes, points = self._moved_axes(*self._moved(np.asarray(q, np.float64)))
-        return np.moveaxis(points, 0, -2), np.moveaxis(axes, 0, -2), self._turns[:, 0]
+        axes, points = self._moved_axes(self._moved(np.asarray(q, np.float64)))
+        return np.moveaxis(points, 0, -2), np.moveaxis(axes, 0, -2), self._turns
 
-    def _moved_axes(self, R: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _moved_axes(self, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return directions and points of the axes, each (J, ..., 3)."""
-        # A joint's axis has been moved by the joints before it: R[j], p[j], the first by none.
-        axes = (R[:-1] @ _column(self._axes, R))[..., 0]
-        return axes, (R[:-1] @ _column(self._points, R))[..., 0] + p[:-1]
+        # A joint's axis has been moved by the joints before it, the first by none.
+        wide = (1,) * (moved.ndim - 3)
+        lines = moved[:-1] @ self._lines.reshape(-1, *wide, 4, 2)
+        return lines[..., :3, 0], lines[..., :3, 1]
 
-    def _moved(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the motions of A by the first 0 to J joints: (J + 1, ..., 3, 3), (..., 3)."""
-        batch = q.shape[:-1]
-        wide = (-1, *(1,) * len(batch))
-        angle = np.moveaxis(q, -1, 0)[..., None, None]  # (J, ..., 1, 1)
-        turned = np.where(self._turns[..., None].reshape(*wide, 1, 1), angle, 0.0)
-        # Rodrigues' formula.
-        turn = (
-            np.eye(3)
-            + np.sin(turned) * self._crossed.reshape(*wide, 3, 3)
-            + (1.0 - np.cos(turned)) * self._crossed_twice.reshape(*wide, 3, 3)
+    def _moved(self, q: FloatArray) -> FloatArray:
+        """Return the motions of A by the first 0 to J joints, (J + 1, ..., 4, 4)."""
+        wide = (1,) * (q.ndim - 1)
+        positions = q.transpose(-1, *range(q.ndim - 1))  # (J, ...)
+        turns = self._turns.reshape(-1, *wide)
+        first = np.where(turns, np.sin(positions), positions)[..., None, None]
+        second = (1.0 - np.cos(positions))[..., None, None]
+        # exp(S q) of a screw of no pitch, and of a translation, for which S^2 = 0.
+        single = (
+            np.eye(4)
+            + first * self._screws.reshape(-1, *wide, 4, 4)
+            + second * self._squares.reshape(-1, *wide, 4, 4)
         )
-        points, axes = (a.reshape(*wide, 3) for a in (self._points, self._axes))
-        shift = np.where(
-            self._turns.reshape(*wide, 1),
-            points - (turn @ points[..., None])[..., 0],
-            angle[..., 0] * axes,
-        )
-        R = np.empty((len(turn) + 1, *batch, 3, 3))
-        p = np.empty((len(turn) + 1, *batch, 3))
-        R[0], p[0] = np.eye(3), 0.0
-        for j in range(len(turn)):
-            p[j + 1] = (R[j] @ shift[j][..., None])[..., 0] + p[j]
-            np.matmul(R[j], turn[j], out=R[j + 1])
-        return R, p
+        moved = np.empty((len(single) + 1, *single.shape[1:]))
+        moved[0] = np.eye(4)
+        for j in range(len(single)):
+            np.matmul(moved[j], single[j], out=moved[j + 1])
+        return moved
 
 
-def _column(vectors: FloatArray, R: FloatArray) -> FloatArray:
-    return vectors.reshape(len(vectors), *(1,) * (R.ndim - 3), 3, 1)
+def _screw(axis: FloatArray, point: FloatArray, turns: bool) -> FloatArray:
+    """Return the matrix (4, 4) of a joint's screw: its rate of motion for a rate of 1."""
+    screw = np.zeros((4, 4))
+    if turns:
+        screw[:3, :3] = np.cross(axis, np.eye(3)).T  # [axis]x
+        screw[:3, 3] = -np.cross(axis, point)
+    else:
+        screw[:3, 3] = axis
+    return screw
 
 
-def _pose(R: FloatArray, p: FloatArray) -> FloatArray:
-    X = np.zeros((*p.shape[:-1], 4, 4))
-    X[..., :3, :3], X[..., :3, 3], X[..., 3, 3] = R, p, 1.0
-    return X
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a x b, shape (..., 3), faster than NumPy does for many short vectors."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product

@@ -19,7 +19,7 @@ APPROACH, LIFT = 0.12, 0.1
 
 _SEEDS, _KEPT = 8, 4  # seeds of a pose; its solutions that are tried
 _SAME = 0.1  # solutions with joints this near are one [rad or m]
-_CHECKED = 3  # of the poses along a straight motion, every third is checked for collisions
+_CHECKED = 2  # of the poses along a straight motion, every second is checked for collisions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +48,8 @@ class ReachFilter:
 
     - ``out_of_arm_reach``: no joint positions;
     - ``no_straight_arm_motion``: a joint limit or a jump ends the approach or the lift;
-    - ``arm_hits_object``, ``_table``, ``_self``: a collision on the way. The hand's own contacts
-      with the object are left to the filter of grasp candidates.
+    - ``arm_hits_object``, ``_table``, ``_self``: a link of the arm collides on the way. The hand's
+      contacts with object and table are left to the filter of grasp candidates.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class ReachFilter:
 
     def __init__(self, station: Station, mesh: trimesh.Trimesh | None = None) -> None:
         self._station = station
-        self._checker = StationChecker(station, mesh, hand_may_touch=True)
+        self._checker = StationChecker(station, mesh, arm_only=True)
         self.rejected: Counter[str] = Counter()
 
     def plan(

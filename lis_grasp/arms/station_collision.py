@@ -11,7 +11,7 @@ import trimesh
 from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.arms.arm import links_fixed_to
-from lis_grasp.arms.body_pairs import BodyPairs
+from lis_grasp.arms.body_pairs import BodyPairs, balls_around
 from lis_grasp.arms.station import Station
 from lis_grasp.hands.collision import outline
 from lis_grasp.typing import BoolArray, FloatArray
@@ -39,8 +39,8 @@ class StationChecker:
         Closed mesh of the object, true or estimated, in W [m]; None for none.
     margin
         By which the object is enlarged [m].
-    hand_may_touch
-        Whether contacts of the hand with the object are left out, as at a grasp.
+    arm_only
+        Whether contacts of the hand with the object and the table are left out, as at a grasp.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class StationChecker:
         mesh: trimesh.Trimesh | None = None,
         *,
         margin: float = 0.0,
-        hand_may_touch: bool = False,
+        arm_only: bool = False,
     ) -> None:
         self._station = station
         arm, hand = station.arm, station.hand
@@ -58,11 +58,9 @@ class StationChecker:
         self._names = [g.link for g in bodies]
         self._pairs = BodyPairs(bodies, _pairs(station))
         moving = np.array([g.link not in arm.fixed_links for g in arm.link_geometries], dtype=bool)
-        is_hand = np.ones(len(hand.link_geometries), dtype=bool)
-        self._above_table = np.concatenate([moving, is_hand])
-        self._clear_of_object = np.concatenate([np.ones(self._of_arm, bool), is_hand])
-        if hand_may_touch:
-            self._clear_of_object[self._of_arm :] = False
+        of_hand = np.full(len(hand.link_geometries), not arm_only)
+        self._above_table = np.concatenate([moving, of_hand])
+        self._clear_of_object = np.concatenate([np.ones(self._of_arm, dtype=bool), of_hand])
         self._clearance = np.where(
             np.arange(len(bodies)) < self._of_arm, ARM_CLEARANCE, HAND_CLEARANCE
         )
@@ -92,6 +90,19 @@ class StationChecker:
         poses = self._poses(q[None], q_hand)
         centers = self._pairs.ball_centers(poses)
         return self._hit(poses[0], self._near(centers)[0], self._pairs.may_touch(centers)[0])
+
+    def arm_points(self, q: FloatArray) -> FloatArray:
+        """Return points all along the moving links of the arm at postures (N, J), (P, 3) [m]."""
+        station = self._station
+        links = station.arm.forward_kinematics(station.X_WA, q)
+        fixed = station.arm.fixed_links
+        points = []
+        for geometry in station.arm.link_geometries:
+            if geometry.link not in fixed:
+                X_WG = links[geometry.link] @ geometry.X_LG
+                centers = balls_around(geometry)[0]
+                points.append(centers @ np.swapaxes(X_WG[:, :3, :3], 1, 2) + X_WG[:, None, :3, 3])
+        return np.concatenate(points, axis=1).reshape(-1, 3)
 
     def _poses(self, q: FloatArray, q_hand: FloatArray) -> FloatArray:
         """Return the poses of all bodies in W, (N, G, 4, 4)."""

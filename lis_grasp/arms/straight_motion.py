@@ -9,7 +9,7 @@ import numpy as np
 from lis_grasp.arms.station import Station
 from lis_grasp.typing import BoolArray, FloatArray
 
-STEP = 0.015
+STEP = 0.02
 """Largest distance between tracked poses of the palm [m]."""
 JUMP = 0.35
 """Largest motion of a joint in one step [rad or m]; more is a jump to another branch."""

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.reach_filter import ReachFilter
+from lis_grasp.arms.station import Station
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.inverse_kinematics import Postures, solve_ik
 from lis_grasp.grasping.pad_offsets import FingertipContacts
@@ -45,12 +47,21 @@ class CandidateFilter:
     - ``out_of_reach``: a pad stays too far from its contact;
     - ``pad_does_not_face_the_surface``: a contact is outside its pad;
     - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp, or slightly opened;
-    - ``approach_hits_object``, ``_support``, ``_self``: a collision opened or on the approach.
+    - ``approach_hits_object``, ``_support``, ``_self``: a collision opened or on the approach;
+    - with a `station`, the reasons of `ReachFilter`.
 
-    Arguments are as of `HandCollisionChecker`.
+    Arguments are as of `HandCollisionChecker`. The station's arm is to carry the hand.
     """
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, *, support_height: float | None) -> None:
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        support_height: float | None,
+        station: Station | None = None,
+    ) -> None:
+        self._reach = None if station is None else ReachFilter(station, mesh)
         self._hand = hand
         self._checker = HandCollisionChecker(
             hand, mesh, support_height=support_height, clearance=_CLEARANCE
@@ -91,8 +102,18 @@ class CandidateFilter:
         contacts, postures = contacts.subset(clear), postures.subset(clear)
         paths = self._approaches(postures.X_OH)
         free = np.flatnonzero(self._free("approach", postures.X_OH, opened, paths))
+        free = free[self._within_reach(postures.subset(free), opened[free])]
         candidates = GraspCandidates(contacts.subset(free), postures.subset(free), opened[free])
         return kept[free], candidates
+
+    def _within_reach(self, postures: Postures, opened: FloatArray) -> BoolArray:
+        """Return which grasps the station's arm can carry out, (B,); all without a station."""
+        if self._reach is None or not len(opened):
+            return np.ones(len(opened), dtype=bool)
+        self._reach.rejected.clear()
+        found = self._reach.plan(postures.X_OH, opened, postures.q)
+        self.rejected += self._reach.rejected
+        return np.array([motion is not None for motion in found], dtype=bool)
 
     def _approaches(self, X_OH: FloatArray) -> FloatArray:
         """Return palm poses along the approach to each pose (B, 4, 4), shape (B, W, 4, 4)."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError, require_at_least
 from lis_grasp.grasping.antipodal_sampling import initial_postures, sample_contact_sets
 from lis_grasp.grasping.candidate_filter import CandidateFilter
@@ -60,6 +61,8 @@ class ForceClosureSampler:
     candidates
         Largest number of sampled contact sets, and as many again with bends. Sampling ends early
         when enough grasps are robust. Refinement tries up to ten more sets for each grasp.
+    station
+        The arm that carries the hand, in whose reach grasps have to be; None for a free hand.
     """
 
     hand: Hand
@@ -68,6 +71,7 @@ class ForceClosureSampler:
     friction_spread: float = 0.0
     mass_spread: float = 0.0
     candidates: int = 4000
+    station: Station | None = None
 
     def __post_init__(self) -> None:
         self.load_prior()
@@ -116,7 +120,9 @@ class ForceClosureSampler:
         lowest = -np.inf if support_height is None else support_height + _LOWEST_PAD
         radius = min(pad.radius for pad in self.hand.pads)
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=radius)
-        candidate_filter = CandidateFilter(self.hand, mesh, support_height=support_height)
+        candidate_filter = CandidateFilter(
+            self.hand, mesh, support_height=support_height, station=self.station
+        )
         scorer = GraspScorer(self.hand, mesh, prior=self.load_prior(), rng=rng)
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)
         search.draw_enough(self.candidates, count)

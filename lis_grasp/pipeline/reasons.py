@@ -59,6 +59,14 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "approach_hits_support": "the opened hand would hit the table on its way: the object is low"
         " for this hand",
         "approach_hits_self": "two links of the opened hand would collide",
+        "out_of_arm_reach": "the arm does not reach the pose of the hand: move its base, or turn"
+        " the hand on the flange (mount in the hand's YAML)",
+        "no_straight_arm_motion": "a joint limit of the arm ends the straight approach or lift:"
+        " move its base",
+        "arm_hits_object": "a link of the arm would hit the object",
+        "arm_hits_table": "a link of the arm, or of the hand on its way, would hit the table: put"
+        " the arm's base higher",
+        "arm_hits_self": "a link of the arm would hit another, or the hand",
         "outranked": "other grasps were better",
     }
 )

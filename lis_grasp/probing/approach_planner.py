@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.arms.probe_reach import ArmProbe, ProbeReach
+from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
@@ -29,8 +31,18 @@ _OBLIQUE = np.array(
     ]
 )
 
+# An arm often reaches a direction that is a little off the motion: tilts of the finger, all around.
+_TILTED = np.array(
+    [
+        [np.cos(off), np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)]
+        for off in (np.pi / 12.0, np.pi / 6.0)
+        for around in _AROUND
+    ]
+)
+
 NO_FREE_START = "no finger and roll of the hand is collision-free at the start"
 NO_FREE_APPROACH = "no finger and roll of the hand has a collision-free straight approach"
+OUT_OF_ARM_REACH = "the arm reaches no collision-free straight approach of the hand"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +53,7 @@ class Approach:
     X_OH: FloatArray  # (4, 4): pose of the palm at the start of the probe
     axis: FloatArray  # (3,), unit, in O: direction of the finger and of the approach
     distance: float  # length of the approach [m]
+    arm: ArmProbe | None = None  # joint positions of the arm that carries the hand
 
     @property
     def X_OH_outside(self) -> FloatArray:
@@ -57,9 +70,14 @@ class ApproachPlanner:
     follows in closed form from the direction of the finger and the roll about it. The finger
     points along the probe's motion; if that collides, as in a bore, it is oblique or perpendicular
     to the motion, and touches with its side. Without a probe posture, raises InvalidHandError.
+
+    With a `station`, the approach and the probe's motion have to be within its arm's reach. Then
+    fingers tilted by 15 and 30 degrees are tried before oblique ones. Probes are in its frame W.
     """
 
-    def __init__(self, hand: Hand) -> None:
+    def __init__(self, hand: Hand, station: Station | None = None) -> None:
+        self._reach = None if station is None else ProbeReach(station)
+        self._axes = _OBLIQUE if station is None else np.vstack([_TILTED, _OBLIQUE])
         if not hand.probe_postures:
             raise InvalidHandError(
                 f"touching needs a probe posture; hand '{hand.name}' has none: add one to its YAML",
@@ -74,7 +92,8 @@ class ApproachPlanner:
         centers = [probe.start - posture.radius * probe.direction for posture, _, _ in self._bodies]
         if obstacles.occupies(np.array(centers)).all():
             return None
-        for axis in np.vstack([probe.direction, _OBLIQUE @ rotation_to_x(probe.direction)]):
+        for axis in np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)]):
+            free: list[Approach] = []
             for posture, center_H, points_H in self._bodies:
                 center = probe.start - posture.radius * probe.direction
                 distance = float(obstacles.space.approach_distance(center, axis))
@@ -85,8 +104,26 @@ class ApproachPlanner:
                     back = np.arange(_POSE_SPACING, distance + _POSE_SPACING, _POSE_SPACING)
                     offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
                     if not _collides(points[k] - offsets, obstacles).any():
-                        return rolled[k]
+                        if self._reach is None:
+                            return rolled[k]
+                        free.append(rolled[k])
+            if free and (reached := self._reached(free, probe, obstacles)) is not None:
+                return reached
         return None
+
+    def _reached(
+        self, approaches: list[Approach], probe: Probe, obstacles: ObstacleModel
+    ) -> Approach | None:
+        """Return the first of the approaches that the arm can follow."""
+        assert self._reach is not None
+        found = self._reach.first(
+            np.array([approach.X_OH for approach in approaches]),
+            np.array([approach.posture.joint_positions for approach in approaches]),
+            approach=np.array([approach.distance * approach.axis for approach in approaches]),
+            motion=(probe.standoff + probe.overshoot) * probe.direction,
+            occupied=obstacles.occupies,
+        )
+        return None if found is None else replace(approaches[found[0]], arm=found[1])
 
     def starts(self, probe: Probe) -> Iterator[Approach]:
         """Yield every hand at the start of a probe, without an approach and without a check."""

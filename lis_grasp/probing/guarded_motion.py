@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
@@ -17,6 +18,7 @@ from lis_grasp.hands.pose_filter import balls_inside
 from lis_grasp.probing.approach_planner import (
     NO_FREE_APPROACH,
     NO_FREE_START,
+    OUT_OF_ARM_REACH,
     Approach,
     ApproachPlanner,
 )
@@ -100,11 +102,12 @@ class GuardedMotion:
     hand without probe posture and a mesh that is not watertight are refused.
 
     Probes, obstacles and courses are in the frame E in which the hand is commanded. It is O until
-    `place_object` moves the object.
+    `place_object` moves the object. With a `station`, probes are within the reach of its arm.
     """
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh) -> None:
-        self._planner = ApproachPlanner(hand)
+    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, station: Station | None = None) -> None:
+        self._planner = ApproachPlanner(hand, station)
+        self._blocked = NO_FREE_APPROACH if station is None else OUT_OF_ARM_REACH
         if not mesh.is_watertight:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
         self._mesh = mesh
@@ -136,7 +139,7 @@ class GuardedMotion:
         else:
             approach = self._planner.plan(probe, obstacles)
             if approach is None:
-                return NO_FREE_APPROACH
+                return self._blocked
             if self._place(approach, approach.X_OH_outside):
                 return NO_FREE_START
             if approach.distance > 0.0:

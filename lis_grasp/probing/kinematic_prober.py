@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
@@ -41,6 +42,8 @@ class KinematicProber:
     fingers
         "one": the first touch ends a probe; "all": then the other fingers extend, and each that
         touches adds a contact.
+    station
+        The arm that carries the hand, in whose reach probes have to be; None for a free hand.
 
     Raises
     ------
@@ -50,8 +53,15 @@ class KinematicProber:
         If the mesh is not watertight.
     """
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, *, fingers: Fingers = "one") -> None:
-        self._motion = GuardedMotion(hand, mesh)
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        fingers: Fingers = "one",
+        station: Station | None = None,
+    ) -> None:
+        self._motion = GuardedMotion(hand, mesh, station)
         self._extender = FingerExtender(hand, mesh) if fingers == "all" else None
         self._link_fingers = hand.link_fingers
         self._normals = _face_normals(mesh)

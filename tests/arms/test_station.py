@@ -147,7 +147,7 @@ def test_grasps_are_kept_or_counted_by_reason(station: Station) -> None:
     down[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # the palm's +x, its approach, points down
     down[:3, 3] = 0.0, 0.0, 0.25
     far, under = down.copy(), down.copy()
-    far[0, 3], under[2, 3] = 1.0, 0.02
+    far[0, 3], under[1:3, 3] = 1.0, [0.25, -0.1]
     q_open = station.hand.pregrasps["wide"]
     reach = ReachFilter(station, box)
     kept, *others = reach.plan(
