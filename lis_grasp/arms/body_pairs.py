@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import fcl
 import numpy as np
@@ -11,8 +11,9 @@ from lis_grasp.hands.collision import fcl_shape
 from lis_grasp.hands.hand_parts import LinkGeometry
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
-# Largest number of balls that cover one body; more are closer to it and slower.
-_MOST_BALLS = 12
+# Largest number of balls that cover one body, and the radius at which they are small enough [m]:
+# more are closer to the body, and slower.
+_MOST_BALLS, _SMALL = 12, 0.025
 
 
 class BodyPairs:
@@ -36,12 +37,16 @@ class BodyPairs:
         self.body = np.repeat(np.arange(len(covers)), [len(radii) for _, radii in covers])
         self._centers = np.concatenate([np.zeros((0, 3)), *(c for c, _ in covers)])  # (B, 3) in G
         self.radii = np.concatenate([np.zeros(0), *(r for _, r in covers)])  # (B,)
-        balls = [np.flatnonzero(self.body == body) for body in range(len(covers))]
-        products = [np.stack(np.meshgrid(balls[i], balls[j]), -1).reshape(-1, 2) for i, j in pairs]
-        self._ball_pairs = np.concatenate([np.zeros((0, 2), dtype=np.intp), *products])
-        self._reach = self.radii[self._ball_pairs].sum(axis=1)
-        sizes = [len(product) for product in products]
-        self._starts = np.cumsum([0, *sizes[:-1]])
+        self._balls = [np.flatnonzero(self.body == body) for body in range(len(covers))]
+        # One ball about each body, for the first of two passes.
+        self._around = np.array(
+            [
+                np.linalg.norm(c - c.mean(axis=0), axis=1).max(initial=0.0) + r.max()
+                for c, r in covers
+            ]
+        )
+        self._starts = np.array([balls[0] for balls in self._balls], dtype=np.intp)
+        self._counts = np.array([len(balls) for balls in self._balls])
 
     def ball_centers(self, poses: FloatArray) -> FloatArray:
         """Return the centres of the balls, (N, B, 3) [m], at poses of the bodies (N, G, 4, 4)."""
@@ -52,15 +57,24 @@ class BodyPairs:
         """Return which pairs are not surely apart by a margin [m], (N, P), for `ball_centers`."""
         if not len(self.pairs):
             return np.zeros((len(centers), 0), dtype=bool)
-        first, second = self._ball_pairs.T
-        apart = centers[:, first] - centers[:, second]
-        near = np.einsum("npk,npk->np", apart, apart) < (self._reach + margin) ** 2
-        return np.asarray(np.logical_or.reduceat(near, self._starts, axis=1))
+        middles = np.add.reduceat(centers, self._starts, axis=1) / self._counts[:, None]
+        first, second = self.pairs.T
+        reach = self._around[first] + self._around[second] + margin
+        near = _closer(middles[:, first], middles[:, second], reach)
+        for pair in np.flatnonzero(near.any(axis=0)):
+            postures = np.flatnonzero(near[:, pair])
+            mine, other = (self._balls[body] for body in self.pairs[pair])
+            reach = self.radii[mine][:, None] + self.radii[other] + margin
+            here = centers[postures]
+            close = _closer(here[:, mine][:, :, None], here[:, other][:, None], reach)
+            near[postures, pair] = close.any(axis=(1, 2))
+        return near
 
-    def place(self, poses: FloatArray) -> None:
-        """Place the bodies at poses (G, 4, 4) for `touching` and `object_of`."""
-        for body, X in zip(self._objects, poses, strict=True):
-            body.setTransform(fcl.Transform(X[:3, :3], X[:3, 3]))
+    def place(self, poses: FloatArray, bodies: Iterable[int] | None = None) -> None:
+        """Place bodies, by default all, at poses (G, 4, 4) for `touching` and `touches`."""
+        for body in range(len(poses)) if bodies is None else bodies:
+            X = poses[body]
+            self._objects[body].setTransform(fcl.Transform(X[:3, :3], X[:3, 3]))
 
     def touching(self, candidates: IndexArray) -> Iterator[int]:
         """Yield those of the pairs with these indices that touch as the bodies are placed."""
@@ -87,6 +101,12 @@ class BodyPairs:
         )
 
 
+def _closer(a: FloatArray, b: FloatArray, reach: FloatArray) -> BoolArray:
+    """Return which points (..., 3) are closer than a reach (...) [m]."""
+    apart = a - b
+    return np.asarray(np.einsum("...k,...k->...", apart, apart) < reach**2)
+
+
 def balls_around(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
     """Return centres (B, 3) in G and radii (B,) [m] of balls that cover a body."""
     if geometry.kind == "sphere":
@@ -95,9 +115,11 @@ def balls_around(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
     sides = high - low
     # Cut the bounding box into about cubic cells, each covered by one ball.
     cells = np.ones(3, dtype=int)
-    while np.prod(cells + (np.arange(3) == np.argmax(sides / cells))) <= _MOST_BALLS:
-        longest = int(np.argmax(sides / cells))
-        cells[longest] += 1
+    while 0.5 * np.linalg.norm(sides / cells) > _SMALL:
+        finer = cells + (np.arange(3) == np.argmax(sides / cells))
+        if np.prod(finer) > _MOST_BALLS:
+            break
+        cells = finer
     steps = [low[k] + (np.arange(cells[k]) + 0.5) * sides[k] / cells[k] for k in range(3)]
     centers = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
     radius = 0.5 * float(np.linalg.norm(sides / cells))

@@ -10,7 +10,6 @@ import numpy.typing as npt
 import trimesh
 from trimesh.collision import mesh_to_BVH
 
-from lis_grasp.arms.arm import links_fixed_to
 from lis_grasp.arms.body_pairs import BodyPairs, balls_around
 from lis_grasp.arms.station import Station
 from lis_grasp.hands.collision import outline
@@ -38,7 +37,7 @@ class StationChecker:
     mesh
         Closed mesh of the object, true or estimated, in W [m]; None for none.
     margin
-        By which the object is enlarged [m].
+        By which the object is enlarged, and the hand kept farther from the table [m].
     arm_only
         Whether contacts of the hand with the object and the table are left out, as at a grasp.
     """
@@ -62,7 +61,9 @@ class StationChecker:
         self._above_table = np.concatenate([moving, of_hand])
         self._clear_of_object = np.concatenate([np.ones(self._of_arm, dtype=bool), of_hand])
         self._clearance = np.where(
-            np.arange(len(bodies)) < self._of_arm, ARM_CLEARANCE, HAND_CLEARANCE
+            np.arange(len(bodies)) < self._of_arm,
+            max(ARM_CLEARANCE, margin),
+            HAND_CLEARANCE + margin,
         )
         self._outlines = [outline(g) for g in bodies]
         self._object = None if mesh is None else _Enlarged(mesh, margin)
@@ -90,6 +91,15 @@ class StationChecker:
         poses = self._poses(q[None], q_hand)
         centers = self._pairs.ball_centers(poses)
         return self._hit(poses[0], self._near(centers)[0], self._pairs.may_touch(centers)[0])
+
+    def travel(self, q: FloatArray, q_hand: FloatArray) -> float:
+        """Return the longest way of a point of arm or hand along postures (N, J) [m].
+
+        It is measured from posture to posture.
+        """
+        centers = self._pairs.ball_centers(self._poses(q, q_hand))  # (N, B, 3)
+        steps = np.linalg.norm(np.diff(centers, axis=0), axis=2)
+        return float(steps.max(axis=1).sum())
 
     def arm_points(self, q: FloatArray) -> FloatArray:
         """Return points all along the moving links of the arm at postures (N, J), (P, 3) [m]."""
@@ -138,12 +148,14 @@ class StationChecker:
         for body in np.flatnonzero(near[:, 0]):
             if self._lowest(int(body), poses[body]) < self._clearance[body] + self._height:
                 return "table", self._names[body]
-        self._pairs.place(poses)
+        candidates = np.flatnonzero(pairs)
+        of_pairs = self._pairs.pairs[candidates].ravel()
+        self._pairs.place(poses, {*np.flatnonzero(near[:, 1]).tolist(), *of_pairs.tolist()})
         if self._object is not None:
             for body in np.flatnonzero(near[:, 1]):
                 if self._pairs.touches(int(body), self._object.model):
                     return "object", self._names[body]
-        pair = next(self._pairs.touching(np.flatnonzero(pairs)), None)
+        pair = next(self._pairs.touching(candidates), None)
         return None if pair is None else ("self", self._names[self._pairs.pairs[pair][1]])
 
     @property
@@ -192,11 +204,11 @@ def _pairs(station: Station) -> npt.NDArray[np.intp]:
         if a.link != b.link
         and (min(a.link, b.link), max(a.link, b.link)) not in arm.self_collision_exclusions
     ]
-    fixed = links_fixed_to(hand, hand.base_link)
+    # The mount keeps the hand off the link that it is mounted on.
     pairs += [
         (i, len(own) + j)
         for i, a in enumerate(own)
-        for j, h in enumerate(hand.link_geometries)
-        if not (order[a.link] == last and h.link in fixed)
+        for j in range(len(hand.link_geometries))
+        if order[a.link] < last
     ]
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)

@@ -1,0 +1,42 @@
+"""Joint trajectories: positions, speeds and accelerations of an arm's joints over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lis_grasp.records import short_repr
+from lis_grasp.typing import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTrajectory:
+    """A motion of J joints from rest to rest, at T times."""
+
+    joint_names: tuple[str, ...]
+    times: FloatArray  # (T,) [s], from 0, increasing
+    positions: FloatArray  # (T, J) [rad or m]
+    velocities: FloatArray  # (T, J) [rad/s or m/s]
+    accelerations: FloatArray  # (T, J) [rad/s^2 or m/s^2]
+
+    __repr__ = short_repr
+
+    @property
+    def duration(self) -> float:
+        """Time of the motion [s]."""
+        return float(self.times[-1])
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return the positions at other times (N,) [s], (N, J), by cubic Hermite interpolation."""
+        clipped = np.clip(times, 0.0, self.duration)
+        last = np.clip(np.searchsorted(self.times, clipped, side="right"), 1, len(self.times) - 1)
+        step = (self.times[last] - self.times[last - 1])[:, None]
+        u = (clipped - self.times[last - 1])[:, None] / step
+        p, v = self.positions, self.velocities * 1.0
+        return np.asarray(
+            (2 * u**3 - 3 * u**2 + 1) * p[last - 1]
+            + (u**3 - 2 * u**2 + u) * step * v[last - 1]
+            + (3 * u**2 - 2 * u**3) * p[last]
+            + (u**3 - u**2) * step * v[last]
+        )

@@ -1,0 +1,198 @@
+"""Collision-free paths of an arm in joint space: RRT-Connect with shortcuts."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import trimesh
+
+from lis_grasp.arms.station import Station
+from lis_grasp.arms.station_collision import StationChecker
+from lis_grasp.typing import FloatArray
+
+MARGIN = 0.01
+"""Distance of a path from the object and the table [m], where its ends permit it."""
+
+# No point of arm or hand moves farther between two checked postures [m]: half of it is the margin.
+_SPACING = 2.0 * MARGIN
+_COARSE = 0.15  # steps of a joint in which that motion is measured [rad or m]
+_EXTENSION = 0.6  # length of an edge of the trees [rad or m]
+_ITERATIONS = 1500  # of growing a tree, before planning is given up
+_SHORTCUTS = 40
+_CHUNK = 24  # postures that are checked at once, so that a blocked edge ends early
+
+
+class TransitPlanner:
+    """Plans paths from posture to posture around the object.
+
+    The straight line is tried first, then two trees grow towards each other (RRT-Connect, Kuffner
+    and LaValle, 2000), and random shortcuts shorten the path.
+
+    Parameters
+    ----------
+    station
+        The station.
+    mesh
+        Closed mesh of what is to be avoided, the object's estimate or a hull of unknown space, in
+        W [m]; None for none.
+    """
+
+    def __init__(self, station: Station, mesh: trimesh.Trimesh | None = None) -> None:
+        self._station, self._mesh = station, mesh
+        self._wide = StationChecker(station, mesh, margin=MARGIN)
+
+    def plan(
+        self,
+        start: FloatArray,
+        goal: FloatArray,
+        q_hand: FloatArray,
+        *,
+        rng: np.random.Generator,
+    ) -> FloatArray | None:
+        """Return the corners of a path from `start` to `goal`, (W, J); None if none is found.
+
+        Parameters
+        ----------
+        start, goal
+            Shape (J,): joint positions of the arm [rad or m].
+        q_hand
+            Shape (K,): joint positions of the hand, all the way.
+        rng
+            For the trees and shortcuts.
+        """
+        ends = np.array([start, goal])
+        checker = self._wide
+        if not checker.free(ends, q_hand).all():
+            checker = self._close
+            if not checker.free(ends, q_hand).all():
+                return None
+        edges = _Edges(checker, q_hand)
+        if edges.free(start, goal):
+            return ends
+        path = _connect(edges, start, goal, self._station, rng)
+        return None if path is None else _shortened(edges, path, rng)
+
+    def is_free(self, path: FloatArray, q_hand: FloatArray) -> bool:
+        """Return whether a densely sampled path (N, J) is free, without the margin."""
+        return bool(self._close.free(path, q_hand).all())
+
+    @cached_property
+    def _close(self) -> StationChecker:
+        return StationChecker(self._station, self._mesh)
+
+
+class _Edges:
+    """Checks straight lines in joint space."""
+
+    def __init__(self, checker: StationChecker, q_hand: FloatArray) -> None:
+        self._checker, self._q_hand = checker, q_hand
+
+    def free(self, start: FloatArray, end: FloatArray) -> bool:
+        """Return whether the line between two postures is free; `start` is known to be."""
+        coarse = np.linspace(0.0, 1.0, int(np.ceil(np.abs(end - start).max() / _COARSE)) + 1)[
+            :, None
+        ]
+        travel = self._checker.travel(start + coarse * (end - start), self._q_hand)
+        count = max(int(np.ceil(travel / _SPACING)), 1)
+        parts = np.arange(1, count + 1) / count
+        # Far postures first: bisection finds a collision early.
+        for chunk in np.array_split(parts[_bisected(count)], int(np.ceil(count / _CHUNK))):
+            if not self._checker.free(start + chunk[:, None] * (end - start), self._q_hand).all():
+                return False
+        return True
+
+
+def _bisected(count: int) -> list[int]:
+    """Return the numbers below `count`, the last and the middle ones first."""
+    order, gaps = [count - 1], [(0, count - 1)]
+    while gaps:
+        low, high = gaps.pop(0)
+        if low < high:
+            middle = (low + high) // 2
+            order.append(middle)
+            gaps += [(low, middle), (middle + 1, high)]
+    return order
+
+
+def _connect(
+    edges: _Edges,
+    start: FloatArray,
+    goal: FloatArray,
+    station: Station,
+    rng: np.random.Generator,
+) -> FloatArray | None:
+    """Return a path (W, J) that two trees find, or None."""
+    arm = station.arm
+    low = np.maximum(arm.lower, np.minimum(start, goal) - np.pi)
+    high = np.minimum(arm.upper, np.maximum(start, goal) + np.pi)
+    trees = [_Tree(start), _Tree(goal)]
+    for iteration in range(_ITERATIONS):
+        # Every other sample is near the line, where the way round is often short.
+        sample = rng.uniform(low, high)
+        if iteration % 2:
+            sample = arm.clipped(start + rng.random() * (goal - start) + 0.15 * (sample - start))
+        mine, other = trees[iteration % 2], trees[1 - iteration % 2]
+        reached = mine.extend(sample, edges)
+        if reached is None:
+            continue
+        target = mine.nodes[reached]
+        met = other.extend(target, edges)
+        while met is not None and not np.array_equal(other.nodes[met], target):
+            met = other.extend(target, edges)
+        if met is not None:
+            halves = [mine.path_to(reached), other.path_to(met)]
+            if iteration % 2:
+                halves.reverse()
+            return np.vstack([halves[0], halves[1][::-1][1:]])
+    return None
+
+
+class _Tree:
+    """A tree of postures, joined by free edges."""
+
+    def __init__(self, root: FloatArray) -> None:
+        self.nodes = [root]
+        self._parents = [-1]
+
+    def extend(self, target: FloatArray, edges: _Edges) -> int | None:
+        """Add the node one edge from the nearest towards a target; return it, None if blocked."""
+        away = np.array(self.nodes) - target
+        distances = np.linalg.norm(away, axis=1)
+        nearest = int(np.argmin(distances))
+        near, distance = self.nodes[nearest], float(distances[nearest])
+        new = target if distance <= _EXTENSION else near - _EXTENSION / distance * away[nearest]
+        if not edges.free(near, new):
+            return None
+        self.nodes.append(new)
+        self._parents.append(nearest)
+        return len(self.nodes) - 1
+
+    def path_to(self, node: int) -> FloatArray:
+        """Return the nodes from the root to a node, (W, J)."""
+        found = []
+        while node >= 0:
+            found.append(self.nodes[node])
+            node = self._parents[node]
+        return np.array(found[::-1])
+
+
+def _shortened(edges: _Edges, path: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return a path with free shortcuts between random points of it."""
+    for _ in range(_SHORTCUTS):
+        if len(path) < 3:
+            break
+        lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        ends = np.concatenate([[0.0], np.cumsum(lengths)])
+        low, high = np.sort(rng.uniform(0.0, ends[-1], size=2))
+        i, j = (int(np.searchsorted(ends, place, side="right")) - 1 for place in (low, high))
+        i, j = min(i, len(lengths) - 1), min(j, len(lengths) - 1)
+        if i == j:
+            continue
+        a = path[i] + (low - ends[i]) / lengths[i] * (path[i + 1] - path[i])
+        b = path[j] + (high - ends[j]) / lengths[j] * (path[j + 1] - path[j])
+        if edges.free(a, b):
+            path = np.vstack([path[: i + 1], a, b, path[j + 1 :]])
+            moved = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-9
+            path = path[np.concatenate([[True], moved])]
+    return path
