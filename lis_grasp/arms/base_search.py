@@ -45,6 +45,21 @@ def choose_base(
     region
         Lengths of the region [m].
     """
+    return best_bases(arm, hand, center=center, table=table, region=region)[0]
+
+
+def best_bases(
+    arm: Arm,
+    hand: Hand,
+    *,
+    center: FloatArray | None = None,
+    table: Table | None = None,
+    region: tuple[float, float, float] = REGION,
+) -> list[Station]:
+    """Return the stations of all base poses that are tried, the one with the most reach first.
+
+    Arguments are as of `choose_base`.
+    """
     table = Table() if table is None else table
     middle = np.array([*table.center, table.height]) if center is None else np.asarray(center)
     start = Station.make(arm, hand, _base(middle, table.height, 0.0, 0.0), table=table)
@@ -56,7 +71,7 @@ def choose_base(
         for distance in _DISTANCES
     ]
     counts = [int(reached(station, targets).sum()) for station in stations]
-    return stations[int(np.argmax(counts))]
+    return [stations[i] for i in np.argsort(-np.array(counts), kind="stable")]
 
 
 def reach_fraction(

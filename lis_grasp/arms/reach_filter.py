@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.arm_ik import ArmSolutions
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.station_collision import StationChecker
@@ -19,6 +20,8 @@ APPROACH, LIFT = 0.12, 0.1
 
 _SEEDS, _KEPT = 8, 4  # seeds of a pose; its solutions that are tried
 _SAME = 0.1  # solutions with joints this near are one [rad or m]
+# More distance from the joint limits than this is no better; what it is worth to be near home.
+_SPARE, _FAR = 0.4, 0.1  # [rad or m], [1]
 _CHECKED = 2  # of the poses along a straight motion, every second is checked for collisions
 
 
@@ -114,21 +117,31 @@ class ReachFilter:
 def best_solutions(
     station: Station, solutions: ArmSolutions, *, kept: int
 ) -> tuple[IndexArray, FloatArray]:
-    """Return up to `kept` different solutions of each target, far from joint limits first.
+    """Return up to `kept` different solutions of each target, the best first.
 
-    They are M in all: the index of the target (M,), in order, and joint positions (M, J).
+    Those off the joint limits and near the arm's home are better: they are on its branch. They are
+    M in all: the index of the target (M,), in order, and joint positions (M, J).
     """
     arm = station.arm
     targets: list[int] = []
     chosen: list[FloatArray] = []
     for n in np.flatnonzero(solutions.reached):
-        q = solutions.q[n][solutions.solved[n]]
+        q = _turned_to(arm.home, solutions.q[n][solutions.solved[n]], arm)
         spare = np.minimum(q - arm.lower, arm.upper - q).min(axis=1)
+        worth = np.minimum(spare, _SPARE) - _FAR * np.abs(q - arm.home).max(axis=1)
         mine: list[FloatArray] = []
-        for candidate in q[np.argsort(-spare, kind="stable")]:
+        for candidate in q[np.argsort(-worth, kind="stable")]:
             if len(mine) < kept and all(np.abs(candidate - m).max() > _SAME for m in mine):
                 mine.append(candidate)
         targets += [int(n)] * len(mine)
         chosen += mine
     joints = len(arm.joint_names)
     return np.array(targets, dtype=np.intp), np.array(chosen).reshape(-1, joints)
+
+
+def _turned_to(home: FloatArray, q: FloatArray, arm: Arm) -> FloatArray:
+    """Return positions (B, J), joints that can turn farther than once moved by turns to home."""
+    turns = np.array([joint.kind == "revolute" for joint in arm.joints if joint.is_actuated])
+    moved = q - 2.0 * np.pi * np.round((q - home) / (2.0 * np.pi))
+    within = (moved >= arm.lower) & (moved <= arm.upper) & turns
+    return np.where(within, moved, q)

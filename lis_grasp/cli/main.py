@@ -28,6 +28,7 @@ _VERBS = (
     ("estimate", "estimate", "estimate a surface from contacts, write surface.ply"),
     ("grasp", "grasp", "plan grasps on a mesh, write grasps.json"),
     ("lift", "lift", "simulate the lift of the true object, write lifts.json"),
+    ("motion", "arm_motion", "write joint trajectories of an arm for a grasp and its lift"),
     ("export", "export", "write an object as URDF, SDF and MJCF with mass, inertia, convex parts"),
     (
         "compare",

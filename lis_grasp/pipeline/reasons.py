@@ -63,6 +63,8 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " the hand on the flange (mount in the hand's YAML)",
         "no_straight_arm_motion": "a joint limit of the arm ends the straight approach or lift:"
         " move its base",
+        "no_collision_free_arm_path": "the arm finds no path from home to the approach: move its"
+        " base",
         "arm_hits_object": "a link of the arm would hit the object",
         "arm_hits_table": "a link of the arm, or of the hand on its way, would hit the table: put"
         " the arm's base higher",

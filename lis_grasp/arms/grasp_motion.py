@@ -1,0 +1,89 @@
+"""Timed motion of an arm for one grasp: to the grasp, and up with the object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.arms.reach_filter import ReachFilter
+from lis_grasp.arms.station import Station
+from lis_grasp.arms.station_home import home_of
+from lis_grasp.arms.time_scaling import joined, time_path
+from lis_grasp.arms.transit import TransitPlanner
+from lis_grasp.typing import FloatArray
+
+SPEED = 0.1
+"""Largest speed of the palm on the straight approach and on the lift [m/s]."""
+
+NO_PATH = "no_collision_free_arm_path"
+"""Reason of a grasp whose approach begins where the arm cannot get."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspMotion:
+    """Trajectories of an arm for one grasp; between them the hand closes."""
+
+    approach: JointTrajectory  # from home to the grasp, the hand opened
+    lift: JointTrajectory  # from the grasp straight up
+
+
+def plan_grasp_motion(
+    station: Station,
+    mesh: trimesh.Trimesh | None,
+    X_WH: FloatArray,
+    q_open: FloatArray,
+    q_closed: FloatArray,
+    *,
+    rng: np.random.Generator,
+) -> GraspMotion | str:
+    """Return the motion for a grasp, or the reason that there is none.
+
+    The arm goes from home to the beginning of the approach around the object, then straight to the
+    grasp, and from there straight up.
+
+    Parameters
+    ----------
+    station
+        The station.
+    mesh
+        Closed mesh of the object's estimate in W [m]; None for none.
+    X_WH
+        Shape (4, 4): the palm's pose at the grasp.
+    q_open, q_closed
+        Shape (K,): the hand's joint positions on the approach, and at the grasp.
+    rng
+        For the path around the object.
+    """
+    reach = ReachFilter(station, mesh)
+    (found,) = reach.plan(X_WH[None], q_open[None], q_closed[None])
+    if found is None:
+        return next(iter(+reach.rejected))
+    planner = TransitPlanner(station, mesh)
+    corners = planner.plan(home_of(station), found.standoff, q_open, rng=rng)
+    if corners is None:
+        return NO_PATH
+    transit = time_path(station.arm, corners, is_free=lambda q: planner.is_free(q, q_open))
+    return GraspMotion(
+        joined([transit, _straight(station, found.approach)]), _straight(station, found.lift)
+    )
+
+
+def _straight(station: Station, path: FloatArray) -> JointTrajectory:
+    """Return the motion along a straight path of the palm (S, J), no faster than `SPEED`."""
+    arm = station.arm
+    share = arm.speed_share
+    motion = time_path(arm, path)
+    while (fastest := _palm_speed(station, motion)) > SPEED:
+        share *= 0.98 * SPEED / fastest
+        motion = time_path(arm, path, share=share)
+    return motion
+
+
+def _palm_speed(station: Station, motion: JointTrajectory) -> float:
+    """Return the largest speed of the palm's origin [m/s]."""
+    _, jacobians = station.jacobians(motion.positions)
+    velocities = jacobians[:, :3] @ motion.velocities[..., None]
+    return float(np.linalg.norm(velocities[..., 0], axis=1).max())

@@ -1,0 +1,139 @@
+"""`lis-grasp motion`: joint trajectories of an arm for a grasp and its lift."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lis_grasp.arms.arm import Arm
+from lis_grasp.arms.base_search import best_bases
+from lis_grasp.arms.grasp_motion import plan_grasp_motion
+from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.arms.shipped_arms import ARM_NAMES
+from lis_grasp.arms.station import Station, Table
+from lis_grasp.cli import options as opt
+from lis_grasp.cli.progress import Stage, say
+from lis_grasp.exceptions import InvalidOptionError, LisGraspError
+from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.hands.hand import Hand
+from lis_grasp.io import provenance
+from lis_grasp.io.surface_files import load_surface
+from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
+from lis_grasp.lifting.wrist_trajectory import minimum_jerk
+from lis_grasp.pipeline.reasons import rejection_sentence
+from lis_grasp.shapes.placement import checked_pose
+
+_CLOSING, _STEP = 1.0, 0.02  # time in which the hand closes, and between two points of it [s]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments to its parser."""
+    parser.add_argument("grasps_file", type=Path, metavar="GRASPS", help="grasps.json of `grasp`")
+    parser.add_argument(
+        "--arm",
+        metavar="ARM",
+        help="an arm's YAML file, or a name: iiwa14; of vendors' arms franka_panda, ur5e and more"
+        f" (default: as recorded, else {ARM_NAMES[0]})",
+    )
+    parser.add_argument(
+        "--base",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="place of the arm's base [m]: z above the table (default: as recorded, else chosen)",
+    )
+    parser.add_argument(
+        "--rank", type=int, default=1, metavar="N", help="rank of the grasp (default: 1)"
+    )
+    opt.add_options(parser, "hand", "seed")
+    opt.add_output(parser, "motion in the folder of GRASPS")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Plan the motion, and write its parts as CSV and YAML."""
+    recorded = provenance.read(options.grasps_file)
+    config = opt.configure(options, recorded)
+    hand = Hand.load(config.hand)
+    grasp = _grasp(options.grasps_file, options.rank, hand)
+    folder = options.output or options.grasps_file.parent / "motion"
+    surface = options.grasps_file.with_name("surface.ply")
+    mesh = load_surface(surface) if surface.is_file() else None
+    height = float(recorded.get("support_height", 0.0))
+    arm = Arm.load(options.arm or recorded.get("arm") or ARM_NAMES[0])
+    with Stage(f"Planning the motion of {arm.name} with {hand.name}") as stage:
+        for station in _stations(options, recorded, arm, hand, height):
+            motion = plan_grasp_motion(
+                station,
+                mesh,
+                grasp.X_OH,
+                grasp.pregrasp_positions,
+                grasp.joint_positions,
+                rng=np.random.default_rng(config.seed),
+            )
+            if not isinstance(motion, str):
+                break
+        if isinstance(motion, str):
+            raise LisGraspError(
+                f"grasp {options.rank} has no motion of arm {arm.name}, because"
+                f" {rejection_sentence(motion)}; try another --rank, or plan with this arm:"
+                f" lis-grasp grasp MESH --arm {arm.name}"
+            )
+        stage.result = (
+            f"{motion.approach.duration:.1f} s to the grasp, {motion.lift.duration:.1f} s up"
+        )
+    closing = _closing(hand, grasp)
+    for name, part in (("approach", motion.approach), ("close", closing), ("lift", motion.lift)):
+        columns = part.joint_names, part.times, part.positions, part.velocities
+        write_trajectory_csv(folder / f"{name}.csv", *columns)
+        write_joint_trajectory(folder / f"{name}.yaml", *columns, part.accelerations)
+    place = ", ".join(f"{x:.3f}" for x in station.X_WA[:3, 3])
+    say(f"base of {arm.name} at ({place}) m in the frame of the grasps, not turned")
+    say(f"wrote {folder}: approach, close and lift, each as .csv and .yaml")
+
+
+def _grasp(path: Path, rank: int, hand: Hand) -> Grasp:
+    grasps = GraspSearch.load(path).grasps
+    if not 1 <= rank <= len(grasps):
+        required = f"1 to {len(grasps)}, the grasps in {path.name}" if grasps else "of a grasp"
+        raise InvalidOptionError.out_of_range("rank", rank, required)
+    grasp = grasps[rank - 1]
+    if grasp.joint_names != hand.joint_names:
+        raise InvalidOptionError(
+            f"hand must be the one of the grasps, {grasp.hand}; it is {hand.name}",
+            option="hand",
+            value=hand.name,
+        )
+    return grasp
+
+
+def _stations(
+    options: argparse.Namespace, recorded: dict[str, Any], arm: Arm, hand: Hand, height: float
+) -> list[Station]:
+    """Return the stations to try: base as given, else as recorded, else several, the best first."""
+    table = Table(height)
+    if options.base is not None:
+        X_WA = np.eye(4)
+        X_WA[:3, 3] = options.base + np.array([0.0, 0.0, height])
+        return [Station.make(arm, hand, X_WA, table=table)]
+    if options.arm is None and "X_EA" in recorded:
+        return [Station.make(arm, hand, checked_pose(recorded["X_EA"]), table=table)]
+    return best_bases(arm, hand, table=table)
+
+
+def _closing(hand: Hand, grasp: Grasp) -> JointTrajectory:
+    """Return the motion of the hand's joints from opened to the grasp."""
+    times = np.linspace(0.0, _CLOSING, round(_CLOSING / _STEP) + 1)
+    parts = np.array([minimum_jerk(time / _CLOSING) for time in times])  # (T, 2)
+    way = grasp.joint_positions - grasp.pregrasp_positions
+    velocities = parts[:, 1:] / _CLOSING * way
+    return JointTrajectory(
+        hand.joint_names,
+        times,
+        grasp.pregrasp_positions + parts[:, :1] * way,
+        velocities,
+        np.gradient(velocities, times, axis=0),
+    )
