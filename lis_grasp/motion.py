@@ -18,6 +18,12 @@ from lis_grasp.typing import FloatArray
 OBJECT = "object"
 """Name of the object in `Motion.poses`."""
 
+
+def arm_body(link: str) -> str:
+    """Return the name in `Motion.poses` of a link of an arm: hands have links of the same names."""
+    return f"arm/{link}"
+
+
 # Rounding in products of rotations is far below this.
 _ROTATION_TOLERANCE = 1e-6
 
@@ -35,7 +41,7 @@ class Motion:
         Shape (T,) [s], strictly increasing.
     poses
         Body name -> shape (T, 4, 4), its pose `X_WB` [m] at each time: every hand link by its
-        name, and the object as ``"object"``.
+        name, the object as ``"object"``, and links of an arm as `arm_body`.
 
     Raises
     ------

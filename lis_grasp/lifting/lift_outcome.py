@@ -8,6 +8,7 @@ from typing import Literal
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least, require_positive
+from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
 
@@ -23,6 +24,9 @@ Reason = Literal[
     "dropped",  # The object was lost after it had been lifted.
     "slipped",  # The object is still in the hand but moved too far in it.
     "diverged",  # The simulation failed.
+    "out_of_arm_reach",  # The arm cannot follow the palm's path within its joint limits.
+    "torque_limit",  # A joint of the arm needed more than its largest effort.
+    "arm_collision",  # A link of the arm touched the object, the table or the hand.
 ]
 
 
@@ -105,6 +109,11 @@ class LiftOptions:
             raise InvalidOptionError.out_of_range("shake_accelerations", shakes, "increasing")
         require_at_least(2, shake_cycles=self.shake_cycles)
 
+    @property
+    def shake_time(self) -> float:
+        """Duration of one shake [s]."""
+        return self.shake_cycles / self.shake_frequency
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiftOutcome:
@@ -135,6 +144,8 @@ class LiftOutcome:
         the finger; on an approach that was stopped, of the links, tagged with the link.
     X_WO
         Shape (4, 4): final pose of the object; if the simulation diverged, the last recorded one.
+    arm
+        What was demanded of the arm; None for a hand on a free wrist.
     """
 
     lifted: bool
@@ -147,3 +158,4 @@ class LiftOutcome:
     closed: bool
     measured_contacts: Contacts
     X_WO: FloatArray
+    arm: ArmUse | None = None

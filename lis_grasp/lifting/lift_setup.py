@@ -9,6 +9,7 @@ import trimesh
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_positive
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.arm_lift import ArmLift
 from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.typing import FloatArray
 
@@ -27,6 +28,7 @@ class LiftSetup:
     friction: float
     options: LiftOptions
     X_WO: FloatArray
+    arm: ArmLift | None = None
 
     def __post_init__(self) -> None:
         if not self.mesh.is_watertight:

@@ -12,7 +12,7 @@ from lis_grasp.exceptions import SimulationError
 from lis_grasp.lifting.lift_control import FingerControl
 from lis_grasp.lifting.lift_outcome import LiftOutcome, Reason
 from lis_grasp.lifting.lift_setup import LiftSetup
-from lis_grasp.lifting.lifting_scene import LiftingScene
+from lis_grasp.lifting.lifting_scene import CarrierMotion, LiftingScene
 from lis_grasp.lifting.slip_watch import SlipWatch
 from lis_grasp.lifting.wrist_trajectory import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
@@ -39,6 +39,7 @@ _UNEXPECTED_FORCE = 0.5  # [N] at which an approach with a tactile check stops
 _RETREAT_TIME = 0.4  # [s]
 # A tactile check decides after a push with this fraction of the grip force for this time [s].
 _PRESS_FRACTION, _PRESS_TIME = 0.2, 0.2
+_DIRECTIONS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 # Time since the phase's start [s] -> whether the phase is over.
 _FingerCommand = Callable[[float], bool]
@@ -104,9 +105,9 @@ class LiftTrial:
         return "held"
 
     def _settle(self) -> Reason | None:
-        self._advance(_SETTLE_TIME, rest_at(self._retreat))
+        self._rest(_SETTLE_TIME)
         if self._moved() > _SETTLED:
-            self._advance(_FALL_TIME, rest_at(self._retreat))
+            self._rest(_FALL_TIME)
         self._scene.rest_object()
         return "unstable" if self._pushed() else None
 
@@ -171,21 +172,33 @@ class LiftTrial:
 
     def _shake(self) -> Reason | None:
         options = self._options
-        duration = options.shake_cycles / options.shake_frequency
+        directions = np.diag(np.repeat([1.0, 1.0 / options.turn_arm], 3))
         for acceleration in options.shake_accelerations:
-            for direction in np.diag(np.repeat([1.0, 1.0 / options.turn_arm], 3)):
-                path = shake_about(
-                    self._rise,
-                    direction,
-                    acceleration=acceleration,
-                    frequency=options.shake_frequency,
-                    cycles=options.shake_cycles,
-                )
-                self._advance(duration, path, self._hold_grip)
+            for name, direction in zip(_DIRECTIONS, directions, strict=True):
+                self._shake_along(name, direction, acceleration)
                 if not self._in_hand():
                     return self._failure("dropped")
             self._survived = acceleration
         return None
+
+    def _rest(self, duration: float) -> None:
+        """Wait for a time [s] where the hand was placed."""
+        self._advance(duration, rest_at(self._retreat))
+
+    def _shake_along(self, name: str, direction: FloatArray, acceleration: float) -> None:
+        """Shake once along a named direction (6,) with a peak acceleration [m/s^2]."""
+        path = self._shake_path(direction, acceleration)
+        self._advance(self._options.shake_time, path, self._hold_grip)
+
+    def _shake_path(self, direction: FloatArray, acceleration: float) -> WristPath:
+        options = self._options
+        return shake_about(
+            self._rise,
+            direction,
+            acceleration,
+            frequency=options.shake_frequency,
+            cycles=options.shake_cycles,
+        )
 
     def _hold(self) -> Reason | None:
         checked, before = 0.0, self._object_in_hand()
@@ -236,18 +249,24 @@ class LiftTrial:
     def _advance(
         self, duration: float, path: WristPath, fingers: _FingerCommand | None = None
     ) -> None:
-        """Step until `duration` [s] has passed or `fingers` returns that the phase is over."""
+        """Move the palm along a path; see `_move`."""
+        self._move(self._scene.follow(path, duration), fingers)
+
+    def _move(self, motion: CarrierMotion, fingers: _FingerCommand | None = None) -> None:
+        """Step until the motion is over, or `fingers` returns that the phase is."""
         step = self._options.time_step
         command_every = max(1, round(1.0 / (_CONTROL_RATE * step)))
         record_every = max(1, round(1.0 / (self._options.frame_rate * step)))
-        motion = self._scene.follow(path, duration)
         for count in range(round(motion.duration / step)):
             if fingers is not None and count % command_every == 0 and fingers(count * step):
                 break
             motion.command((count + 1) * step)
-            self._scene.step()
+            self._step()
             if self._scene.steps % record_every == 0:
                 self._record()
+
+    def _step(self) -> None:
+        self._scene.step()
 
     def _record(self) -> None:
         self._times.append(self._scene.time)

@@ -53,7 +53,7 @@ def minimum_jerk(phase: float) -> tuple[float, float]:
 
 
 def shake_about(
-    place: FloatArray, direction: FloatArray, *, acceleration: float, frequency: float, cycles: int
+    place: FloatArray, direction: FloatArray, acceleration: float, *, frequency: float, cycles: int
 ) -> WristPath:
     """Return a path that shakes about a displacement (6,) along a direction (6,).
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from pydrake.geometry import CollisionFilterManager, GeometryId
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -14,6 +15,7 @@ from pydrake.multibody.tree import (
     PdControllerGains,
     PrismaticJoint,
     RevoluteJoint,
+    RigidBody,
     SpatialInertia,
     UnitInertia,
 )
@@ -45,7 +47,13 @@ class FreeWrist:
             limits=WRIST_LIMITS,
         )
 
-    def connect(self, plant_context: Context) -> None:
+    def connect(
+        self,
+        plant_context: Context,
+        filters: CollisionFilterManager,
+        carried: RigidBody,
+        table: GeometryId,
+    ) -> None:
         """Take the context of the finalized plant."""
         plant, instance = self._plant, self._wrist.instance
         self._context = plant_context
@@ -61,6 +69,10 @@ class FreeWrist:
     def follow(self, path: WristPath, duration: float) -> WristMotion:
         """Return the motion along a path of a duration [s]."""
         return WristMotion(self.command, path, duration)
+
+    def poses(self) -> dict[str, FloatArray]:
+        """Return nothing: a free wrist has no bodies to see."""
+        return {}
 
     def command(self, displacement: FloatArray, velocity: FloatArray) -> None:
         """Command the displacement (6,) from the zero, see `WristPath`, and its rate."""

@@ -7,42 +7,34 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
-    Box,
-    Capsule,
     CollisionFilterDeclaration,
-    Convex,
-    Cylinder,
     GeometryId,
     GeometrySet,
-    InMemoryMesh,
     ProximityProperties,
     SceneGraph,
-    Shape,
-    Sphere,
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import (
-    FixedOffsetFrame,
     Joint,
     ModelInstanceIndex,
     PdControllerGains,
-    PrismaticJoint,
-    RevoluteJoint,
     RigidBody,
-    SpatialInertia,
-    UnitInertia,
 )
+from pydrake.systems.framework import Context
 
 from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import Inertial, LinkGeometry
 from lis_grasp.hands.hand_parts import Joint as HandJoint
-from lis_grasp.hands.inertias import LEAST_MASS
-from lis_grasp.simulation.object_plant import spatial_inertia
+from lis_grasp.hands.hand_parts import LinkGeometry
+from lis_grasp.simulation.link_tree_plant import (
+    LinksInPlant,
+    add_links,
+    collision_shape,
+    couple_followers,
+)
 from lis_grasp.typing import FloatArray
 
 PROBING_SKIN, LIFTING_SKIN = 1e6, 1e7
@@ -60,25 +52,39 @@ class HandInPlant:
 
     hand: Hand
     instance: ModelInstanceIndex  # actuators and desired states in the order of Hand.joint_names
-    bodies: Mapping[str, RigidBody]  # by link
-    joints: tuple[Joint, ...]  # actuated, in the order of Hand.joint_names
+    added: LinksInPlant
     link_of_geometry: Mapping[GeometryId, str]
-    followers: tuple[tuple[Joint, HandJoint], ...] = ()  # coupled to actuated joints
 
-    def set_joint_positions(self, plant_context: object, q: FloatArray) -> None:
+    @property
+    def bodies(self) -> Mapping[str, RigidBody]:
+        """The body of each link."""
+        return self.added.bodies
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """The actuated joints, in the order of `Hand.joint_names`."""
+        return self.added.joints
+
+    @property
+    def followers(self) -> tuple[tuple[Joint, HandJoint], ...]:
+        """The joints that are coupled to actuated ones."""
+        return self.added.followers
+
+    def set_joint_positions(self, plant_context: Context, q: FloatArray) -> None:
         """Set the joints and their followers to positions q, shape (J,), at rest."""
-        followed = [(joint, float(follower.position(q))) for joint, follower in self.followers]
-        for joint, position in [*zip(self.joints, q, strict=True), *followed]:
-            if isinstance(joint, RevoluteJoint):
-                joint.set_angle(plant_context, position)
-                joint.set_angular_rate(plant_context, 0.0)
-            else:
-                joint.set_translation(plant_context, position)
-                joint.set_translation_rate(plant_context, 0.0)
+        self.added.set_positions(plant_context, q)
 
     def joint_positions(self, plant_context: object) -> FloatArray:
         """Return the positions of the actuated joints, shape (J,)."""
         return np.array([joint.GetOnePosition(plant_context) for joint in self.joints])
+
+    def weight_efforts(self, plant: MultibodyPlant, plant_context: Context) -> FloatArray:
+        """Return the joint efforts (J,) that carry the weight of the links."""
+        forces: FloatArray = plant.CalcGravityGeneralizedForces(plant_context)
+        efforts = -forces[[joint.velocity_start() for joint in self.joints]]
+        for follower, joint in self.followers:
+            efforts[joint.index] -= joint.multiplier * forces[follower.velocity_start()]
+        return efforts
 
     def X_WL(self, plant_context: object, link: str) -> FloatArray:
         """Return the pose of a link, shape (4, 4)."""
@@ -116,51 +122,26 @@ def add_hand(
     count = len(hand.joint_names)
     stiffness = np.broadcast_to(np.asarray(stiffness, dtype=np.float64), count)
     damping = np.broadcast_to(np.asarray(damping, dtype=np.float64), count)
-    bodies = {
-        link: plant.AddRigidBody(link, instance, _spatial_inertia(hand.inertials.get(link)))
-        for link in hand.links
-    }
-    joints: dict[int, Joint] = {}
-    followers: list[tuple[Joint, HandJoint]] = []
-    for joint in hand.joints:
-        parent, child = bodies[joint.parent], bodies[joint.child]
-        frame = plant.AddFrame(
-            FixedOffsetFrame(
-                f"{joint.name}_frame", parent.body_frame(), RigidTransform(joint.X_PJ), instance
-            )
-        )
-        if joint.kind == "fixed":
-            plant.WeldFrames(frame, child.body_frame())
-            continue
-        kind = RevoluteJoint if joint.kind == "revolute" else PrismaticJoint
-        if joint.follows:
-            follower = kind(joint.name, frame, child.body_frame(), joint.axis_J)
-            followers.append((plant.AddJoint(follower), joint))
-            continue
-        i = joint.index
-        limits = hand.lower[i], hand.upper[i], 0.0  # and damping
-        joints[i] = plant.AddJoint(
-            kind(joint.name, frame, child.body_frame(), joint.axis_J, *limits)
-        )
+    added = add_links(plant, hand, instance)
     for i in range(count):
-        actuator = plant.AddJointActuator(joints[i].name(), joints[i], hand.effort_limits[i])
+        actuator = plant.AddJointActuator(
+            added.joints[i].name(), added.joints[i], hand.effort_limits[i]
+        )
         actuator.set_controller_gains(PdControllerGains(p=stiffness[i], d=damping[i]))
-    for follower, joint in followers:
-        plant.AddCouplerConstraint(follower, joints[joint.index], joint.multiplier, joint.offset)
+    couple_followers(plant, added)
     link_of_geometry = {}
     for number, geometry in enumerate(hand.link_geometries):
         name = f"{geometry.link}_{number}"
         identity = plant.RegisterCollisionGeometry(
-            bodies[geometry.link],
+            added.bodies[geometry.link],
             RigidTransform(geometry.X_LG),
-            _shape(geometry),
+            collision_shape(geometry),
             name,
-            _skin(geometry, friction, hydroelastic_modulus),
+            link_skin(geometry, friction, hydroelastic_modulus),
         )
         link_of_geometry[identity] = geometry.link
     plant.set_gravity_enabled(instance, False)
-    ordered = tuple(joints[i] for i in range(count))
-    return HandInPlant(hand, instance, bodies, ordered, link_of_geometry, tuple(followers))
+    return HandInPlant(hand, instance, added, link_of_geometry)
 
 
 def ignore_self_collision(scene_graph: SceneGraph, added: HandInPlant) -> None:
@@ -171,22 +152,8 @@ def ignore_self_collision(scene_graph: SceneGraph, added: HandInPlant) -> None:
     )
 
 
-def _spatial_inertia(inertial: Inertial | None) -> SpatialInertia:
-    # A link without inertia needs a mass for the solver: a gram on a hand of a kilogram.
-    if inertial is None or inertial.mass < LEAST_MASS:
-        return SpatialInertia(LEAST_MASS, np.zeros(3), UnitInertia.SolidSphere(0.01))
-    return spatial_inertia(inertial.mass, inertial.center_L, inertial.inertia_L)
-
-
-def _shape(geometry: LinkGeometry) -> Shape:
-    if geometry.kind == "mesh":
-        obj = geometry.mesh.export(file_type="obj", include_normals=False)
-        return Convex(InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", geometry.link)))
-    primitives = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
-    return primitives[geometry.kind](*geometry.dimensions)
-
-
-def _skin(geometry: LinkGeometry, friction: float, modulus: float) -> ProximityProperties:
+def link_skin(geometry: LinkGeometry, friction: float, modulus: float) -> ProximityProperties:
+    """Return the properties of a compliant skin: Coulomb friction and hydroelastic modulus [Pa]."""
     properties = ProximityProperties()
     AddContactMaterial(
         dissipation=10.0, friction=CoulombFriction(friction, friction), properties=properties

@@ -19,6 +19,7 @@ from lis_grasp.lifting.wrist_trajectory import WristPath
 from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.advance_simulation import advance
+from lis_grasp.simulation.arm_carrier import ArmCarrier
 from lis_grasp.simulation.carrier import Carrier
 from lis_grasp.simulation.contact_patches import LinkContact, link_contacts
 from lis_grasp.simulation.free_wrist import FreeWrist
@@ -65,7 +66,11 @@ class LiftScene:
             hydroelastic_modulus=LIFTING_SKIN,
         )
         X_WB = np.asarray(setup.grasp.X_OH, dtype=np.float64) @ np.linalg.inv(hand.X_LH)
-        self.carrier: Carrier = FreeWrist(plant, self._hand, X_WB)
+        self.carrier: Carrier = (
+            FreeWrist(plant, self._hand, X_WB)
+            if setup.arm is None
+            else ArmCarrier(plant, self._hand, setup.arm, X_WB, setup.grasp.pregrasp_positions)
+        )
         instance = plant.AddModelInstance(OBJECT)
         body_mesh, self._p_OB = _near_its_frame(mesh)
         self._object, self._object_geometry = add_object(
@@ -96,7 +101,8 @@ class LiftScene:
         self._steps = 0
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._efforts_port = plant.get_actuation_input_port(self._hand.instance)
-        self.carrier.connect(self._context)
+        self.carrier.connect(self._context, self._filters, self._object, self._table)
+        self._carries_weight = setup.arm is not None
         self._velocity_columns = [joint.velocity_start() for joint in self._hand.joints]
 
     @property
@@ -122,6 +128,8 @@ class LiftScene:
     def command_fingers(self, q: FloatArray, efforts: FloatArray) -> None:
         """Command joint positions q, shape (J,), and efforts (J,) on top of the springs'."""
         self._fingers_port.FixValue(self._context, np.concatenate([q, np.zeros(len(q))]))
+        if self._carries_weight:
+            efforts = efforts + self._hand.weight_efforts(self._plant, self._context)
         self._efforts_port.FixValue(self._context, efforts)
 
     def rest_object(self) -> None:
@@ -184,9 +192,9 @@ class LiftScene:
         return float((self._vertices @ X_WO[2, :3]).min() + X_WO[2, 3])
 
     def poses(self) -> dict[str, FloatArray]:
-        """Return the pose of every hand link and the object, each (4, 4)."""
+        """Return the pose of every hand link, the object and an arm's links, each (4, 4)."""
         links = {name: self.X_WL(name) for name in self._hand.bodies}
-        return {**links, OBJECT: self.X_WO}
+        return {**links, OBJECT: self.X_WO, **self.carrier.poses()}
 
     def contacts(self) -> list[LinkContact]:
         """Return the contacts of the hand with the object, in a fixed order."""

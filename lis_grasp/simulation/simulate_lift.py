@@ -7,9 +7,12 @@ import trimesh
 
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.arm_lift import ArmLift
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome, Reason
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lift_trial import AcceptGrasp, LiftTrial
+from lis_grasp.simulation.arm_carrier import ArmCarrier
+from lis_grasp.simulation.arm_lift_trial import ArmLiftTrial
 from lis_grasp.simulation.lift_scene import LiftScene
 from lis_grasp.typing import FloatArray
 
@@ -27,6 +30,7 @@ def simulate_lift(
     options: LiftOptions | None = None,
     accept_grasp: AcceptGrasp | None = None,
     X_WO: FloatArray | None = None,
+    arm: ArmLift | None = None,
 ) -> LiftOutcome:
     """Execute one grasp on the true, free object, and return whether it holds.
 
@@ -61,6 +65,11 @@ def simulate_lift(
     X_WO
         Shape (4, 4): true pose of the object in the frame in which the grasp was planned; None for
         the identity.
+    arm
+        The arm that carries the hand, with its path to where the approach begins. It stops at a
+        contact of its own links or when a joint needs more than its largest effort. It shakes as
+        far as its limits allow, and forces on the object make up for the rest. None for a free
+        wrist.
 
     Raises
     ------
@@ -78,5 +87,9 @@ def simulate_lift(
         friction,
         options or LiftOptions(),
         np.eye(4) if X_WO is None else X_WO,
+        arm,
     )
-    return LiftTrial(LiftScene(setup), setup, accept_grasp).run()
+    scene = LiftScene(setup)
+    if isinstance(scene.carrier, ArmCarrier):
+        return ArmLiftTrial(scene, scene.carrier, setup, accept_grasp).run()
+    return LiftTrial(scene, setup, accept_grasp).run()

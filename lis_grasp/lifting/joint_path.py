@@ -1,0 +1,142 @@
+"""Joint paths of an arm whose hand follows a path of the palm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.lifting.wrist_trajectory import WristPath
+from lis_grasp.typing import FloatArray
+
+# Newton steps a sample; two suffice from the sample before.
+_NEWTON_STEPS = 3
+# A sample this far off its pose [m, and rad] has none: the path leaves the arm's reach.
+_TOLERANCE = 1e-5
+# Regularisation of the pseudoinverse, as a fraction of the squared singular values [1].
+_DAMPING = 1e-6
+
+
+class PalmJacobian(Protocol):
+    """Forward kinematics of an arm that carries a hand."""
+
+    def jacobians(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the poses X_WH (..., 4, 4) and Jacobians (..., 6, J) of the palm in W.
+
+        Rows 0 to 2 are the velocity of H's origin, rows 3 to 5 the angular velocity.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointPath:
+    """Joint positions, rates and accelerations at even times, shapes (N, J)."""
+
+    step: float  # between two samples [s]
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return (len(self.q) - 1) * self.step
+
+    def use_of(self, velocity_limits: FloatArray, acceleration_limits: FloatArray) -> FloatArray:
+        """Return the largest fractions, shape (2,), of speed and acceleration limits (J,)."""
+        return np.array(
+            [
+                np.max(np.abs(self.qd) / velocity_limits, initial=0.0),
+                np.max(np.abs(self.qdd) / acceleration_limits, initial=0.0),
+            ]
+        )
+
+
+class PalmPath:
+    """Poses and velocities of the palm along a wrist path, about the hand's base link.
+
+    X_WB, shape (4, 4), is the pose of the base link at displacement 0, X_BH that of the palm in it.
+    """
+
+    def __init__(self, X_WB: FloatArray, X_BH: FloatArray, path: WristPath) -> None:
+        self._X_WB, self._X_BH, self._path = X_WB, X_BH, path
+
+    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Return the pose X_WH (4, 4) and the palm's velocity (6,): linear, angular, in W."""
+        displacement, rate = self._path(time)
+        X_WB = displaced(self._X_WB, displacement)
+        X_WH = X_WB @ self._X_BH
+        angular = _angular_velocity(displacement[3:], rate[3:])
+        linear = rate[:3] + np.cross(angular, X_WH[:3, 3] - X_WB[:3, 3])
+        return X_WH, np.concatenate([linear, angular])
+
+
+def displaced(X_WB: FloatArray, displacement: FloatArray) -> FloatArray:
+    """Return a pose (4, 4) displaced by (6,), see `WristPath`."""
+    X = X_WB.copy()
+    X[:3, 3] += displacement[:3]
+    if displacement[3:].any():
+        X[:3, :3] = Rotation.from_euler("xyz", displacement[3:]).as_matrix() @ X_WB[:3, :3]
+    return X
+
+
+def joint_path_along(
+    arm: PalmJacobian,
+    q: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    palm: PalmPath,
+    *,
+    duration: float,
+    step: float,
+    stretch: float = 1.0,
+) -> JointPath | None:
+    """Return the joint path along a palm path, from joint positions q (J,) at its start.
+
+    Resolved-rate control (Whitney 1969) with Newton's correction at each sample. The rates are
+    ``J^+ V``, the accelerations differences of the rates. With `stretch`, the path takes as many
+    times longer. Returns None where the path leaves the reach or the joint limits (J,).
+    """
+    count = max(round(stretch * duration / step), 1)
+    positions, rates = np.empty((count + 1, len(q))), np.empty((count + 1, len(q)))
+    for n in range(count + 1):
+        X, V = palm.at(n * step / stretch)
+        for _ in range(_NEWTON_STEPS):
+            X_WH, J = arm.jacobians(q)
+            error = _motion_between(X_WH, X)
+            if np.abs(error).max() < 1e-9:
+                break
+            q = q + _solve(J, error)
+        else:
+            if np.abs(_motion_between(arm.jacobians(q)[0], X)).max() > _TOLERANCE:
+                return None
+        if np.any(q < lower) or np.any(q > upper):
+            return None
+        positions[n], rates[n] = q, _solve(J, V / stretch)
+        q = q + step * rates[n]
+    accelerations = np.asarray(np.gradient(rates, step, axis=0))
+    return JointPath(step, positions, rates, accelerations)
+
+
+def _solve(J: FloatArray, motion: FloatArray) -> FloatArray:
+    square = J @ J.T
+    square[np.diag_indices(6)] += _DAMPING * np.trace(square) / 6.0
+    solution: FloatArray = J.T @ np.linalg.solve(square, motion)
+    return solution
+
+
+def _motion_between(X: FloatArray, target: FloatArray) -> FloatArray:
+    """Return the small motion (6,) from a pose to a target: translation, rotation vector."""
+    R = target[:3, :3] @ X[:3, :3].T
+    turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return np.concatenate([target[:3, 3] - X[:3, 3], turn])
+
+
+def _angular_velocity(rpy: FloatArray, rate: FloatArray) -> FloatArray:
+    """Return the angular velocity (3,) in W of fixed-axis roll, pitch, yaw and their rates."""
+    _, pitch, yaw = rpy
+    cp, sp, cy, sy = np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
+    E = np.array([[cy * cp, -sy, 0.0], [sy * cp, cy, 0.0], [-sp, 0.0, 1.0]])
+    return np.asarray(E @ rate)
