@@ -138,7 +138,7 @@ def _self_test() -> Finding:
     shape, hand = find("box"), Hand.load(config.hand)
     try:
         contacts = pipeline.touch(shape, hand, config).contacts
-        _, search = make_planner(shape, hand, config)(contacts, None)
+        _, search = make_planner(shape, hand, config)(contacts, None, None)
     except LisGraspError as error:
         return Finding(False, f"the self-test failed: {error}")
     counts = f"{len(contacts)} touches of a box, {len(search.grasps)} grasps"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp import pipeline
+from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import LOG, default_output, remove_made_from
@@ -20,6 +21,7 @@ from lis_grasp.io import provenance
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.growth_files import remove_growth, save_growth
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.arm_station import make_station, station_after, station_facts
 from lis_grasp.pipeline.report_json import exploration_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.summary import exploration_lines
@@ -38,7 +40,7 @@ TOUCH_OPTIONS = (
         "position_noise",
         "normal_noise",
     ),
-    *("force_threshold", "taxel_pitch", "cloud", "touches", "seed"),
+    *("force_threshold", "taxel_pitch", "cloud", "touches", "seed", "arm", "base"),
 )
 """The options of an exploration, beside its object."""
 
@@ -54,6 +56,7 @@ _MEANING = {
     "object_digest": "content of the object's file",
     "hand_digest": "content of the hand's file",
     "cloud_digest": "content of the cloud",
+    "arm_digest": "content of the arm's file",
 }
 
 
@@ -74,7 +77,8 @@ def execute(options: argparse.Namespace) -> None:
     shape, X_WO = opt.place_object(config)
     hand = Hand.load(config.hand)
     warn_if_too_wide(shape, hand)
-    exploration = explore_with_log(config, shape, hand, output, X_WO)
+    station = make_station(config, hand, pipeline.support_height(shape, config))
+    exploration = explore_with_log(config, shape, hand, output, X_WO, station)
     for line in exploration_lines(exploration_facts(config, shape, hand, exploration)):
         say(line)
     path = output / "contacts.ply"
@@ -95,12 +99,17 @@ def warn_if_too_wide(shape: Shape, hand: Hand) -> None:
 
 
 def explore_with_log(
-    config: RunConfig, shape: Shape, hand: Hand, output: Path, X_WO: FloatArray | None
+    config: RunConfig,
+    shape: Shape,
+    hand: Hand,
+    output: Path,
+    X_WO: FloatArray | None,
+    station: Station | None = None,
 ) -> Exploration:
     """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
 
     The shape is at its pose X_WO (4, 4), if it has one. contacts.ply has the touches, then
-    the points of the cloud.
+    the points of the cloud. The station's arm carries the hand; None for a free hand.
 
     An interrupted exploration is resumed from its log. With another configuration or another state
     of the package it starts from the beginning, and the earlier results are removed.
@@ -120,6 +129,7 @@ def explore_with_log(
             ("object", config.object),
             ("hand", config.hand),
             ("cloud", config.cloud),
+            ("arm", config.arm),
         )
         if file is not None and Path(file).is_file()
     }
@@ -151,12 +161,19 @@ def explore_with_log(
 
     with Stage(f"Touching {shape.name} with {hand.name}") as stage:
         exploration = pipeline.touch(
-            shape, hand, config, log=log, progress=stage.count, observe=keep_growth
+            shape,
+            hand,
+            config,
+            log=log,
+            progress=stage.count,
+            observe=keep_growth,
+            station=station,
         )
         stage.result = exploration.summary()
     contacts = exploration.contacts if cloud is None else exploration.contacts.append(cloud)
     end = exploration.simulated_pose  # of a free object, in the frame of the contacts
     moved = {} if end is None else {"X_EO": end.tolist()}
+    moved |= station_facts(station_after(station, exploration))
     contacts.save(
         output / "contacts.ply", header=provenance.merge(provenance.parse(header), **moved)
     )

@@ -10,6 +10,7 @@ from typing import Any
 import trimesh
 
 from lis_grasp import pipeline
+from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import result_file
@@ -21,10 +22,13 @@ from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
+from lis_grasp.pipeline.arm_station import make_station, station_facts
 from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
 from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import load
+from lis_grasp.shapes.placement import checked_pose
+from lis_grasp.typing import FloatArray
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,9 +67,11 @@ def execute(options: argparse.Namespace) -> None:
     support = options.support
     if support is None:
         support = recorded.get("support_height", float(mesh.bounds[0, 2]))
+    station = make_station(config, hand, support, X_EA=recorded_base(options, recorded))
+    recorded |= station_facts(station)
     path = (options.output or options.mesh.parent) / "grasps.json"
     with result_file(path) as temporary:
-        search = write_grasps(temporary, mesh, hand, support, config, recorded)
+        search = write_grasps(temporary, mesh, hand, support, config, recorded, station)
     say_search(search)
     say(f"wrote {path}")
     if options.isaac:
@@ -89,8 +95,12 @@ def write_grasps(
     support: float,
     config: RunConfig,
     recorded: dict[str, Any],
+    station: Station | None = None,
 ) -> GraspSearch:
-    """Plan grasps on a surface with the recorded facts, write them, and return them."""
+    """Plan grasps on a surface with the recorded facts, write them, and return them.
+
+    With a `station`, they are within its arm's reach.
+    """
     with Stage(f"Planning grasps of {hand.name}") as stage:
         search = pipeline.plan(
             mesh,
@@ -99,8 +109,9 @@ def write_grasps(
             prior=config.load_prior(mesh),
             count=config.grasps,
             seed=config.seed,
+            station=station,
         )
-        names = ("hand", "mass", "friction", "load", "grasps", "seed")
+        names = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "seed")
         facts = {name: getattr(config, name) for name in names}
         header = provenance.merge(recorded, **facts, support_height=support)
         search.save(path, header=header)
@@ -125,6 +136,13 @@ def write_dexgraspbench(
         stage.result = f"of {len(tests)} grasps {lifts} pass the table lift, {holds} the force test"
     write_json(folder / "protocol.json", [asdict(test) for test in tests])
     return folder
+
+
+def recorded_base(options: argparse.Namespace, recorded: dict[str, Any]) -> FloatArray | None:
+    """Return the recorded pose of the arm's base (4, 4), unless another arm or base is given."""
+    if options.arm is not None or options.base is not None or "X_EA" not in recorded:
+        return None
+    return checked_pose(recorded["X_EA"])
 
 
 def say_search(search: GraspSearch) -> None:

@@ -6,8 +6,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+import trimesh
+
 from lis_grasp import pipeline
+from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
+from lis_grasp.cli.grasp import recorded_base
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import GraspSearch
@@ -15,6 +19,8 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.surface_files import load_surface
+from lis_grasp.pipeline.arm_station import make_station
 from lis_grasp.pipeline.reasons import lift_sentence
 from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.report_json import lift_facts
@@ -30,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--best", type=int, default=1, metavar="N", help="lift with the N best grasps (default: 1)"
     )
     opt.add_jobs(parser)
-    opt.add_options(parser, "mass", "friction", "simulator")
+    opt.add_options(parser, "arm", "base", "mass", "friction", "simulator")
     opt.add_output(parser, "the folder of GRASPS")
     parser.set_defaults(execute=execute)
 
@@ -52,6 +58,8 @@ def execute(options: argparse.Namespace) -> None:
     options.until_end.enter_context(sole_writer(output))
     grasps = search.grasps[: options.best]
     mass = pipeline.object_mass(shape, config)
+    height = pipeline.support_height(shape, config)
+    station = make_station(config, hand, height, X_EA=recorded_base(options, recorded))
     trials = pipeline.lift_each(
         shape,
         hand,
@@ -62,6 +70,8 @@ def execute(options: argparse.Namespace) -> None:
         jobs=process_count(options.jobs),
         options=lift_options(config.load_prior(shape.mesh)),
         X_WO=None if "X_EO" not in recorded else checked_pose(recorded["X_EO"]),
+        station=station,
+        estimate=_estimate(options.grasps_file, station),
     )
     outcomes: list[dict[str, Any]] = []
     for rank in range(1, len(grasps) + 1):
@@ -82,3 +92,9 @@ def execute(options: argparse.Namespace) -> None:
         say(f"grasp {ranks} not held: {lift_sentence(reason)}")
     say(f"wrote {output / 'lifts.json'}")
     say(f"next: lis-grasp view {output}")
+
+
+def _estimate(grasps_file: Path, station: Station | None) -> trimesh.Trimesh | None:
+    """Return the estimate beside the grasps, which an arm avoids on its way; None without one."""
+    surface = grasps_file.with_name("surface.ply")
+    return load_surface(surface) if station is not None and surface.exists() else None

@@ -116,6 +116,18 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "choices": SIMULATORS,
         "help": "simulator of the lift; mujoco needs the extra mujoco",
     },
+    "arm": {
+        "metavar": "ARM",
+        "help": "an arm that carries the hand: a name, such as iiwa14, or an arm's YAML file"
+        " (default: the hand flies freely)",
+    },
+    "base": {
+        "type": float,
+        "nargs": 3,
+        "metavar": ("X", "Y", "Z"),
+        "help": "place of the arm's base [m]: x and y on the table, height above it; it faces along"
+        " +x (default: chosen for its reach)",
+    },
     "seed": _number("N", "random seed", kind=int),
 }
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import trimesh
 
 from lis_grasp import pipeline
+from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.estimate import write_surface
 from lis_grasp.cli.explore import TOUCH_OPTIONS, explore_with_log, warn_if_too_wide
@@ -25,6 +26,7 @@ from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import load_surface
+from lis_grasp.pipeline.arm_station import make_station, station_after, station_facts
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
 from lis_grasp.pipeline.run_config import RunConfig
@@ -61,7 +63,8 @@ def execute(options: argparse.Namespace) -> None:
     warn_if_too_wide(shape, hand)
 
     with watch.measure("touch"):
-        exploration = explore_with_log(config, shape, hand, output, X_WO)
+        station = make_station(config, hand, pipeline.support_height(shape, config))
+        exploration = explore_with_log(config, shape, hand, output, X_WO, station)
         # Later stages read the files, so that each repeats exactly when run alone.
         contacts = Contacts.load(output / "contacts.ply")
     if not len(contacts):
@@ -71,12 +74,15 @@ def execute(options: argparse.Namespace) -> None:
         )
 
     X_WO = exploration.simulated_pose
-    attempts = _attempts(shape, hand, config, contacts, output, watch, X_WO)
+    station = station_after(station, exploration)
+    attempts = _attempts(shape, hand, config, contacts, output, watch, X_WO, station)
     search = attempts[-1].search
 
     with Stage("Reporting"), watch.measure("report"):
         _LOG.info("comparing the estimate and the grasps with the true object")
-        report = build_report(config, shape, hand, attempts, exploration=exploration)
+        report = build_report(
+            config, shape, hand, attempts, exploration=exploration, station=station
+        )
         lines = run_lines(report)
         _LOG.info("drawing the scene")
         write_scene_of(output, summary=lines)
@@ -100,17 +106,22 @@ def _attempts(
     output: Path,
     watch: pipeline.Stopwatch,
     X_WO: FloatArray | None,
+    station: Station | None,
 ) -> tuple[Attempt, ...]:
     """Grasp and lift with the files of the last attempt in `output`; return all attempts.
 
-    The true object is at X_WO (4, 4) in the frame of the contacts; None for the identity.
+    The true object is at X_WO (4, 4) in the frame of the contacts; None for the identity. So is the
+    station, if an arm carries the hand.
     """
     recorded = provenance.read(output / "contacts.ply")
     known = len(contacts)
 
-    def plan(contacts: Contacts, X_WO: FloatArray | None) -> tuple[trimesh.Trimesh, GraspSearch]:
+    def plan(
+        contacts: Contacts, X_WO: FloatArray | None, station: Station | None
+    ) -> tuple[trimesh.Trimesh, GraspSearch]:
         if X_WO is not None:
             recorded["X_EO"] = X_WO.tolist()
+        recorded.update(station_facts(station))
         if len(contacts) > known:
             contacts.save(output / "contacts.ply", header=provenance.merge(recorded))
             contacts = Contacts.load(output / "contacts.ply")
@@ -120,7 +131,7 @@ def _attempts(
         with watch.measure("grasp"):
             support = pipeline.support_height(shape, config)
             path = output / "grasps.json"
-            return mesh, write_grasps(path, mesh, hand, support, config, recorded)
+            return mesh, write_grasps(path, mesh, hand, support, config, recorded, station)
 
     def lift(*arguments: Any, **options: Any) -> LiftOutcome:
         with Stage(f"Lifting the true {shape.name}") as stage, watch.measure("lift"):
@@ -131,5 +142,7 @@ def _attempts(
 
     (output / "motion.npz").unlink(missing_ok=True)
     return tuple(
-        grasp_with_tactile_check(shape, hand, contacts, config, planner=plan, lift=lift, X_WO=X_WO)
+        grasp_with_tactile_check(
+            shape, hand, contacts, config, planner=plan, lift=lift, X_WO=X_WO, station=station
+        )
     )

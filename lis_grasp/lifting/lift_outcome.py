@@ -6,10 +6,12 @@ from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Literal
 
+import numpy as np
+
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least, require_positive
 from lis_grasp.lifting.arm_use import ArmUse
-from lis_grasp.motion import Motion
+from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.typing import FloatArray
 
 Reason = Literal[
@@ -24,6 +26,7 @@ Reason = Literal[
     "dropped",  # The object was lost after it had been lifted.
     "slipped",  # The object is still in the hand but moved too far in it.
     "diverged",  # The simulation failed.
+    "no_arm_motion",  # There is no collision-free path of the arm to the grasp.
     "out_of_arm_reach",  # The arm cannot follow the palm's path within its joint limits.
     "torque_limit",  # A joint of the arm needed more than its largest effort.
     "arm_collision",  # A link of the arm touched the object, the table or the hand.
@@ -159,3 +162,19 @@ class LiftOutcome:
     measured_contacts: Contacts
     X_WO: FloatArray
     arm: ArmUse | None = None
+
+    @classmethod
+    def not_begun(cls, reason: Reason, X_WO: FloatArray) -> LiftOutcome:
+        """Return the outcome of a lift that could not begin; the object is at X_WO (4, 4)."""
+        return cls(
+            lifted=False,
+            held=False,
+            slip=0.0,
+            reason=reason,
+            acceleration_survived=0.0,
+            duration=0.0,
+            motion=Motion(np.zeros(1), {OBJECT: X_WO[None]}),
+            closed=False,
+            measured_contacts=Contacts.empty(),
+            X_WO=X_WO,
+        )

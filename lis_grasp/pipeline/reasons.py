@@ -28,6 +28,11 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         " (lis-grasp lift --best 5), or a smaller --mass",
         "slipped": "the object is still in the hand, but moved too far in it: try the next grasps"
         " (lis-grasp lift --best 5), or a smaller --mass",
+        "no_arm_motion": "the arm has no collision-free path to the grasp: move its base (--base)",
+        "out_of_arm_reach": "the arm reached the end of a joint on the way: move its base (--base)",
+        "torque_limit": "a joint of the arm needed more than its largest effort: move its base"
+        " nearer to the object (--base), or try a smaller --mass",
+        "arm_collision": "a link of the arm touched something: move its base (--base)",
         "diverged": "the simulation failed: try the next grasps (lis-grasp lift --best 5)",
     }
 )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.planar_motion import planar_pose, register_motion
 from lis_grasp.grasping.grasp_ranking import robust_epsilon_on
@@ -17,6 +18,7 @@ from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.pipeline import stages
+from lis_grasp.pipeline.arm_station import moved_frame
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
@@ -33,7 +35,9 @@ _TRIED_AGAIN = ("aborted", "set_down")
 
 # Estimates the surface from contacts, and plans grasps on it. Also called with the object's true
 # pose in the frame of the contacts, if it moved, for the headers of files.
-Planner = Callable[[Contacts, "FloatArray | None"], tuple[trimesh.Trimesh, GraspSearch]]
+Planner = Callable[
+    [Contacts, "FloatArray | None", "Station | None"], tuple[trimesh.Trimesh, GraspSearch]
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +61,7 @@ def grasp_with_tactile_check(
     planner: Planner | None = None,
     lift: Callable[..., LiftOutcome] = stages.lift,
     X_WO: FloatArray | None = None,
+    station: Station | None = None,
 ) -> Iterator[Attempt]:
     """Grasp and lift; after a failed tactile check, estimate and plan again with the new contacts.
 
@@ -71,12 +76,13 @@ def grasp_with_tactile_check(
     `shape` is the true object, `contacts` are those of the exploration. `planner` estimates the
     surface and plans grasps; None does so as configured. `lift` is called as `pipeline.lift`.
     `X_WO`, shape (4, 4), is the object's true pose in the frame of the contacts, None for the
-    identity: an exploration may have moved the object without noticing.
+    identity: an exploration may have moved the object without noticing. `station` is the arm that
+    carries the hand, in that frame; None for none.
     """
     planner, prior = planner or make_planner(shape, hand, config), config.load_prior(shape.mesh)
     missed = np.empty((0, 3))
     for left in reversed(range(config.attempts)):
-        mesh, search = planner(contacts, X_WO)
+        mesh, search = planner(contacts, X_WO, station)
         if not search.grasps:
             yield Attempt(contacts, mesh, search, 0, None, X_WO)
             return
@@ -92,6 +98,7 @@ def grasp_with_tactile_check(
             simulator=config.simulator,
             X_WO=X_WO,
             options=lift_options(prior),
+            **({} if station is None else {"station": station, "estimate": mesh}),
         )
         yield Attempt(contacts, mesh, search, rank, outcome, X_WO)
         if outcome.reason not in _TRIED_AGAIN:
@@ -99,6 +106,7 @@ def grasp_with_tactile_check(
         X_EF = planar_pose(register_motion(outcome.measured_contacts, mesh))
         contacts = contacts.append(outcome.measured_contacts.in_frame(X_EF))
         X_WO = np.linalg.inv(X_EF) @ outcome.X_WO
+        station = moved_frame(station, X_EF)
         missed = np.vstack([missed, _missed(grasp, outcome)])
 
 
@@ -113,7 +121,7 @@ def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
     """Return a planner with the options of a configuration; of the shape it uses the support."""
 
     def estimate_and_plan(
-        contacts: Contacts, X_WO: FloatArray | None
+        contacts: Contacts, X_WO: FloatArray | None, station: Station | None
     ) -> tuple[trimesh.Trimesh, GraspSearch]:
         _, mesh = stages.estimate(
             contacts,
@@ -129,6 +137,7 @@ def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
             prior=config.load_prior(mesh),
             count=config.grasps,
             seed=config.seed,
+            station=station,
         )
 
     return estimate_and_plan

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import trimesh
 
 import lis_grasp
+from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import surface_error
@@ -16,6 +17,7 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_covera
 from lis_grasp.exploration import STEP_FRACTION, Exploration
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
+from lis_grasp.pipeline.arm_station import station_facts
 from lis_grasp.pipeline.object_motion import motion_facts, true_object
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
@@ -33,6 +35,7 @@ def build_report(
     attempts: Sequence[Attempt],
     *,
     exploration: Exploration,
+    station: Station | None = None,
 ) -> dict[str, Any]:
     """Return the report of a run as plain values, in metres and seconds, without timings.
 
@@ -45,6 +48,7 @@ def build_report(
         "config": config.facts(),
         "object": shape.name,
         "hand": config.hand,
+        **arm_facts(station),
         "estimator": config.estimator,
         "seed": config.seed,
         "touches": len(exploration.contacts),
@@ -151,6 +155,14 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
     }
 
 
+def arm_facts(station: Station | None) -> dict[str, Any]:
+    """Return arm, base and mount as plain values; nothing without an arm."""
+    if station is None:
+        return {}
+    facts = {"name": station.arm.name, "adapter": station.mount.adapter, **station_facts(station)}
+    return {"arm": facts}
+
+
 def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
     """Return the outcome of a lift of a mass [kg] as plain values; None means no grasp found."""
     if outcome is None:
@@ -163,4 +175,5 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
         "slip": outcome.slip,
         "acceleration_survived": outcome.acceleration_survived,
         "simulated_seconds": outcome.duration,
+        **({} if outcome.arm is None else {"arm": asdict(outcome.arm)}),
     }

@@ -106,6 +106,12 @@ class RunConfig:
         Grasps to try at most; another is planned after a failed tactile check.
     simulator
         Simulator of the lift: "drake", or "mujoco", which needs the extra ``mujoco``.
+    arm
+        The arm that carries the hand: a name or the path of an arm's YAML file; None for a hand
+        that flies freely.
+    base
+        Place of the arm's base: x and y in the frame of the table, and the height above it [m]; it
+        faces along +x. None for a place that `choose_base` finds.
 
     Raises
     ------
@@ -142,6 +148,8 @@ class RunConfig:
     grasps: int = 10
     attempts: int = 3
     simulator: str = "drake"
+    arm: str | None = None
+    base: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         for name, choices in (
@@ -180,6 +188,17 @@ class RunConfig:
             raise InvalidOptionError.out_of_range(
                 "until_success", self.until_success, "above 0 and below 1"
             )
+        if self.arm is not None and self.simulator != "drake":
+            raise InvalidOptionError(
+                f"an arm is simulated in drake; the simulator is {self.simulator}", option="arm"
+            )
+        if self.base is not None:
+            base = tuple(float(x) for x in self.base)
+            if len(base) != 3 or not np.isfinite(base).all():
+                raise InvalidOptionError.out_of_range("base", self.base, "3 finite numbers")
+            if self.arm is None:
+                raise InvalidOptionError("a base needs an arm: name it with --arm", option="base")
+            object.__setattr__(self, "base", base)
         # Both validate the remaining fields.
         self.sensor()
         self.stop_rules(Workspace(1.0, np.zeros(3), 1.0))
@@ -217,4 +236,5 @@ class RunConfig:
     def facts(self) -> dict[str, Any]:
         """Return the configuration as plain values, for file headers and reports."""
         facts = asdict(self)
-        return facts | {"region": None if self.region is None else list(self.region)}
+        lists = {name: facts[name] for name in ("region", "base")}
+        return facts | {name: None if v is None else list(v) for name, v in lists.items()}

@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration import (
@@ -37,6 +38,8 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.arm_lift import plan_arm_lift
+from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator, find_policy
@@ -48,7 +51,7 @@ from lis_grasp.surfaces.above_table_implicit_surface import above_table
 from lis_grasp.typing import FloatArray
 
 if TYPE_CHECKING:
-    from lis_grasp.simulation.simulate_lift import AcceptGrasp, LiftOptions, LiftOutcome
+    from lis_grasp.simulation.simulate_lift import AcceptGrasp
 
 
 _FEW_SETS = 400  # contact sets sampled to predict a success during an exploration
@@ -132,6 +135,7 @@ def touch(
     recorded: Sequence[ProbeOutcome] = (),
     progress: Callable[[int, int], None] | None = None,
     observe: Callable[[int, ImplicitSurface], None] | None = None,
+    station: Station | None = None,
 ) -> Exploration:
     """Explore the object by touch as configured; resume an interrupted log.
 
@@ -142,13 +146,14 @@ def touch(
     those of `explore`.
 
     The true `shape` is used for two things only: the prober touches it, and without a region its
-    bounding box is known. It is at the configured pose (see `pose_of`).
+    bounding box is known. It is at the configured pose (see `pose_of`). With a `station`, its arm
+    carries the hand.
     """
     space = prior_knowledge(shape, config)
     policy = policy or make_policy(config, space)
     recorded = log.resume() if log is not None else recorded
     cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
-    prober = prober or make_prober(config, hand, shape, recorded)
+    prober = prober or make_prober(config, hand, shape, recorded, station)
     exploration = explore(
         prober,
         policy,
@@ -225,7 +230,11 @@ def make_estimator(name: str, sensor: TactileSensor | None = None) -> Estimator:
 
 
 def make_prober(
-    config: RunConfig, hand: Hand, shape: Shape, recorded: Sequence[ProbeOutcome] = ()
+    config: RunConfig,
+    hand: Hand,
+    shape: Shape,
+    recorded: Sequence[ProbeOutcome] = (),
+    station: Station | None = None,
 ) -> Prober:
     """Return the configured prober of the true object, in the state after recorded outcomes."""
     if config.prober == "dynamic":
@@ -285,13 +294,15 @@ def plan(
     count: int,
     seed: int,
     candidates: int | None = None,
+    station: Station | None = None,
 ) -> GraspSearch:
     """Plan `count` ranked grasps on a mesh on a plane at height `support` in O [m].
 
     The prior of mass and friction replaces the coefficient of `friction`. At most `candidates`
-    contact sets are sampled; None for the sampler's default.
+    contact sets are sampled; None for the sampler's default. With a `station`, its arm carries the
+    hand, and grasps are within its reach.
     """
-    sampler = ForceClosureSampler(hand, **asdict(prior or LoadPrior(friction)))
+    sampler = ForceClosureSampler(hand, **asdict(prior or LoadPrior(friction)), station=station)
     if candidates is not None:
         sampler = replace(sampler, candidates=candidates)
     rng = np.random.default_rng([seed, _GRASP_STREAM])
@@ -309,12 +320,15 @@ def lift(
     accept_grasp: AcceptGrasp | None = None,
     X_WO: FloatArray | None = None,
     options: LiftOptions | None = None,
+    station: Station | None = None,
+    estimate: trimesh.Trimesh | None = None,
 ) -> LiftOutcome:
     """Simulate the lift of the true object in one of `SIMULATORS`.
 
-    The other arguments are those of `lis_grasp.simulation.simulate_lift.simulate_lift`.
+    With a `station`, its arm carries the hand, and avoids the `estimate` of the object. The other
+    arguments are those of `lis_grasp.simulation.simulate_lift.simulate_lift`.
     """
-    return _simulation_in(simulator, shape)(
+    return _simulation_in(simulator, shape, station, estimate)(
         shape.mesh,
         hand,
         grasp,
@@ -324,6 +338,7 @@ def lift(
         accept_grasp=accept_grasp,
         X_WO=X_WO,
         options=options,
+        arm=arm,
     )
 
 
@@ -338,13 +353,15 @@ def lift_each(
     simulator: str = "drake",
     X_WO: FloatArray | None = None,
     options: LiftOptions | None = None,
+    station: Station | None = None,
+    estimate: trimesh.Trimesh | None = None,
 ) -> Iterator[LiftOutcome]:
     """Simulate the lift of each grasp on an object at the same pose X_WO, in `jobs` processes.
 
     Outcomes are in the order of the grasps, and the same for any number of processes.
     """
     simulate = partial(
-        _simulation_in(simulator, shape),
+        _simulation_in(simulator, shape, station, estimate),
         shape.mesh,
         hand,
         support_height=support_height(shape),
@@ -360,8 +377,12 @@ def lift_each(
         yield from pool.map(simulate, grasps)
 
 
-def _simulation_in(simulator: str, shape: Shape) -> Callable[..., LiftOutcome]:
+def _simulation_in(
+    simulator: str, shape: Shape, station: Station | None, estimate: trimesh.Trimesh | None
+) -> Callable[..., LiftOutcome]:
     """Return the function that simulates lifts of an object, with its convex pieces if needed."""
+    if station is not None:
+        return partial(_lift_with_arm, station, estimate)
     if simulator == "mujoco":
         from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
         from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
@@ -370,3 +391,24 @@ def _simulation_in(simulator: str, shape: Shape) -> Callable[..., LiftOutcome]:
     from lis_grasp.simulation.simulate_lift import simulate_lift
 
     return simulate_lift
+
+
+def _lift_with_arm(
+    station: Station,
+    estimate: trimesh.Trimesh | None,
+    mesh: trimesh.Trimesh,
+    hand: Hand,
+    grasp: Grasp,
+    *,
+    X_WO: FloatArray | None = None,
+    options: LiftOptions | None = None,
+    **arguments: Any,
+) -> LiftOutcome:
+    """Plan the arm's motion to a grasp on the estimate, and simulate the lift in Drake."""
+    from lis_grasp.simulation.simulate_lift import simulate_lift
+
+    options = options or LiftOptions()
+    arm = plan_arm_lift(station, grasp, estimate, time_step=options.time_step)
+    if isinstance(arm, str):
+        return LiftOutcome.not_begun(arm, np.eye(4) if X_WO is None else X_WO)
+    return simulate_lift(mesh, hand, grasp, X_WO=X_WO, options=options, arm=arm, **arguments)

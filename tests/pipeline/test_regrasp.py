@@ -42,7 +42,7 @@ def _scripted(
     calls: list[dict[str, Any]] = []
     left = iter(outcomes)
 
-    def planner(contacts: Contacts, X_WO: object = None) -> tuple[trimesh.Trimesh, GraspSearch]:
+    def planner(contacts: Contacts, *_: object) -> tuple[trimesh.Trimesh, GraspSearch]:
         return BOX.mesh, GraspSearch(grasps=grasps, rejections={}, candidates=len(grasps))
 
     def lift(shape: shapes.Shape, hand: Hand, grasp: Grasp, **options: Any) -> LiftOutcome:
