@@ -24,6 +24,9 @@ PROBE_SPEED = 0.1
 TRANSIT_SPEED = 0.25
 """Speed of approach, retreat, and the transfer from one probe to the next [m/s]."""
 
+ARM_PROBE_SPEED, ARM_TRANSIT_SPEED = 0.02, 0.1
+"""The same speeds of a hand that an arm carries [m/s]: its inertia runs on after a touch."""
+
 # Largest change of a length by normalisation.
 _ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
 

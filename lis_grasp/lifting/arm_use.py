@@ -29,6 +29,8 @@ class ArmUse:
         The joints that came closest to them.
     palm_error
         Largest distance of the palm from its commanded place [m].
+    contact_force
+        Largest force of a link of the hand on the object [N].
     steps
         Number of time steps that were checked.
     contacts
@@ -42,6 +44,7 @@ class ArmUse:
     speed: float = 0.0
     speed_joint: str = ""
     palm_error: float = 0.0
+    contact_force: float = 0.0
     steps: int = 0
     contacts: dict[str, int] = field(default_factory=dict)
     shakes: list[ArmShake] = field(default_factory=list)

@@ -14,8 +14,8 @@ from lis_grasp.typing import FloatArray
 
 # Newton steps a sample; two suffice from the sample before.
 _NEWTON_STEPS = 3
-# A sample this far off its pose [m, and rad] has none: the path leaves the arm's reach.
-_TOLERANCE = 1e-5
+# A sample this near its pose [m, and rad] is exact; one this far has none: it is out of reach.
+_EXACT, _TOLERANCE = 1e-9, 1e-5
 # Regularisation of the pseudoinverse, as a fraction of the squared singular values [1].
 _DAMPING = 1e-6
 
@@ -102,23 +102,32 @@ def joint_path_along(
     """
     count = max(round(stretch * duration / step), 1)
     positions, rates = np.empty((count + 1, len(q))), np.empty((count + 1, len(q)))
+    guess = q
     for n in range(count + 1):
         X, V = palm.at(n * step / stretch)
-        for _ in range(_NEWTON_STEPS):
-            X_WH, J = arm.jacobians(q)
-            error = _motion_between(X_WH, X)
-            if np.abs(error).max() < 1e-9:
-                break
-            q = q + _solve(J, error)
-        else:
-            if np.abs(_motion_between(arm.jacobians(q)[0], X)).max() > _TOLERANCE:
-                return None
-        if np.any(q < lower) or np.any(q > upper):
+        solved = posture_near(arm, guess, X)
+        if solved is None or np.any(solved < lower) or np.any(solved > upper):
             return None
-        positions[n], rates[n] = q, _solve(J, V / stretch)
-        q = q + step * rates[n]
+        positions[n], rates[n] = solved, joint_rates(arm, solved, V / stretch)
+        guess = solved + step * rates[n]
     accelerations = np.asarray(np.gradient(rates, step, axis=0))
     return JointPath(step, positions, rates, accelerations)
+
+
+def posture_near(arm: PalmJacobian, q: FloatArray, X: FloatArray) -> FloatArray | None:
+    """Return joint positions near q (J,) with the palm at X (4, 4), by Newton's method, or None."""
+    for _ in range(_NEWTON_STEPS):
+        X_WH, J = arm.jacobians(q)
+        error = _motion_between(X_WH, X)
+        if np.abs(error).max() < _EXACT:
+            return q
+        q = q + _solve(J, error)
+    return q if np.abs(_motion_between(arm.jacobians(q)[0], X)).max() <= _TOLERANCE else None
+
+
+def joint_rates(arm: PalmJacobian, q: FloatArray, V: FloatArray) -> FloatArray:
+    """Return joint rates (J,) with which the palm moves at V (6,), linear and angular, in W."""
+    return _solve(arm.jacobians(q)[1], V)
 
 
 def straight_joint_path(arm: Arm, q: FloatArray, goal: FloatArray, *, step: float) -> JointPath:

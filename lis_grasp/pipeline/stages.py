@@ -246,13 +246,18 @@ def make_prober(
             height = support_height(shape, config)
             free = FreeObject(height, object_mass(shape, config), config.friction)
         threshold = config.sensor().force_threshold or None  # a touch must be detected to end
-        prober = DynamicProber(hand, shape.mesh, free=free, force_threshold=threshold)
+        prober = DynamicProber(
+            hand, shape.mesh, free=free, force_threshold=threshold, station=station
+        )
         if recorded and recorded[-1].simulated_pose is not None:
             prober.place_object(recorded[-1].simulated_pose)
+        if recorded and recorded[-1].tracked is not None:
+            prober.place_frame(recorded[-1].tracked.X_WE)
         return prober
-    from lis_grasp.probing.kinematic_prober import KinematicProber
+    from lis_grasp.probing.kinematic_prober import Fingers, KinematicProber
 
-    return KinematicProber(hand, shape.mesh, fingers="all" if config.fingers == "all" else "one")
+    fingers: Fingers = "all" if config.fingers == "all" else "one"
+    return KinematicProber(hand, shape.mesh, fingers=fingers, station=station)
 
 
 def make_tracker(config: RunConfig, prober: Prober) -> PoseTracker | None:
@@ -338,7 +343,6 @@ def lift(
         accept_grasp=accept_grasp,
         X_WO=X_WO,
         options=options,
-        arm=arm,
     )
 
 

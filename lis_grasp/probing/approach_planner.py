@@ -87,6 +87,10 @@ class ApproachPlanner:
             (posture, *_in_palm(hand, posture)) for posture in hand.probe_postures.values()
         ]
 
+    def place_station(self, station: Station) -> None:
+        """Place the station in the frame of the probes."""
+        self._reach = ProbeReach(station)
+
     def plan(self, probe: Probe, obstacles: ObstacleModel) -> Approach | None:
         """Return the first collision-free approach, or None."""
         centers = [probe.start - posture.radius * probe.direction for posture, _, _ in self._bodies]

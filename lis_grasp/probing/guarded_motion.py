@@ -9,7 +9,14 @@ import trimesh
 
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError
-from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, Probe, ProbeOutcome
+from lis_grasp.exploration.probe import (
+    ARM_PROBE_SPEED,
+    ARM_TRANSIT_SPEED,
+    PROBE_SPEED,
+    TRANSIT_SPEED,
+    Probe,
+    ProbeOutcome,
+)
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.collision import HandCollisionChecker, NearestLink
 from lis_grasp.hands.hand import Hand
@@ -50,6 +57,24 @@ class Course:
     at_table: bool = False  # whether the table ended the motion before the probe's target
 
     @property
+    def speeds(self) -> tuple[float, float]:
+        """Speeds of the approach and of the probe's motion [m/s]."""
+        if self.approach.arm is None:
+            return TRANSIT_SPEED, PROBE_SPEED
+        return ARM_TRANSIT_SPEED, ARM_PROBE_SPEED
+
+    @property
+    def speed(self) -> float:
+        """Speed of the last leg [m/s]."""
+        return self.speeds[self.arrived]
+
+    @property
+    def q_arm(self) -> FloatArray | None:
+        """Joint positions (J,) of the arm where the last leg began; None without an arm."""
+        arm = self.approach.arm
+        return None if arm is None else (arm.motion if self.arrived else arm.approach)[0]
+
+    @property
     def X_OH(self) -> FloatArray:
         """Pose (4, 4) of the palm where the last leg began."""
         return self.approach.X_OH if self.arrived else self.approach.X_OH_outside
@@ -75,12 +100,13 @@ class Course:
     def until_contact(self) -> float:
         """Time up to the end of the motion [s]."""
         approach, motion = self._lengths
-        return approach / TRANSIT_SPEED + motion / PROBE_SPEED
+        transit, probe = self.speeds
+        return approach / transit + motion / probe
 
     @property
     def duration(self) -> float:
         """Time of the motion and of the retreat the same way [s]."""
-        return self.until_contact + sum(self._lengths) / TRANSIT_SPEED
+        return self.until_contact + sum(self._lengths) / self.speeds[0]
 
     def poses(self) -> FloatArray:
         """Return poses of the palm along the motion, shape (K, 4, 4), with the end of each leg."""
@@ -125,6 +151,10 @@ class GuardedMotion:
         """Place the true object at a pose, shape (4, 4)."""
         moved = not np.array_equal(X_EO, np.eye(4))
         self._X_OE = np.asarray(np.linalg.inv(X_EO)) if moved else None
+
+    def place_station(self, station: Station) -> None:
+        """Place the station of the arm in the frame E."""
+        self._planner.place_station(station)
 
     def run(self, probe: Probe, obstacles: ObstacleModel | None = None) -> Course | str:
         """Move up to the first contact; return the course, or the reason that blocks the probe.

@@ -15,12 +15,11 @@ from pydrake.systems.framework import Context
 from lis_grasp.lifting.arm_lift import ArmLift
 from lis_grasp.lifting.arm_use import ArmShake, ArmUse
 from lis_grasp.lifting.joint_path import JointPath, PalmPath, joint_path_along
-from lis_grasp.lifting.lift_outcome import Reason
 from lis_grasp.lifting.wrist_trajectory import WristPath
 from lis_grasp.motion import arm_body
 from lis_grasp.simulation.arm_dynamics import ArmDynamics
 from lis_grasp.simulation.arm_plant import add_arm, ignore_mounting
-from lis_grasp.simulation.arm_watch import ArmWatch
+from lis_grasp.simulation.arm_watch import ArmStoppedError, ArmWatch
 from lis_grasp.simulation.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
 
@@ -53,14 +52,6 @@ class ArmMotion:
             self.carrier.release_object()
         else:
             self.carrier.accelerate_object(*_acceleration(self.missing, time, path.step))
-
-
-class ArmStoppedError(Exception):
-    """The arm cannot go on, for a reason that ends the trial."""
-
-    def __init__(self, reason: Reason) -> None:
-        super().__init__(reason)
-        self.reason: Reason = reason
 
 
 class ArmCarrier:
@@ -174,9 +165,7 @@ class ArmCarrier:
         error = commanded[:3, 3] - self._arm.hand.X_WH(self._context)[:3, 3]
         use = self._watch.use
         use.palm_error = max(use.palm_error, float(np.linalg.norm(error)))
-        reason = self._watch.check()
-        if reason is not None:
-            raise ArmStoppedError(reason)
+        self._watch.check()
 
     def poses(self) -> dict[str, FloatArray]:
         """Return the poses (4, 4) of the arm's links, by the names of `arm_body`."""

@@ -83,7 +83,9 @@ def add_arm(
     return ArmInPlant(arm, added_hand, instance, added, link_of_geometry)
 
 
-def ignore_mounting(manager: CollisionFilterManager, arm: ArmInPlant, table: GeometryId) -> None:
+def ignore_mounting(
+    manager: CollisionFilterManager, arm: ArmInPlant, table: GeometryId | None
+) -> None:
     """Exclude collisions that mean nothing.
 
     They are those between links of the arm that may touch by its file, between its foot and the
@@ -101,7 +103,7 @@ def ignore_mounting(manager: CollisionFilterManager, arm: ArmInPlant, table: Geo
 
     for first, second in sorted(arm.arm.self_collision_exclusions):
         exclude(of(first), of(second))
-    exclude(of(*arm.arm.fixed_links), [table])
+    exclude(of(*arm.arm.fixed_links), [] if table is None else [table])
     base = arm.hand.hand.base_link
     mounted = [g for g, link in arm.hand.link_of_geometry.items() if link == base]
     exclude(of(*arm.arm.flange_links), mounted)

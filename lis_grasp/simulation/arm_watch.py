@@ -17,6 +17,14 @@ _AT_LIMIT = 0.999
 _SATURATED = 0.05
 
 
+class ArmStoppedError(Exception):
+    """The arm cannot go on, for a reason that ends the trial."""
+
+    def __init__(self, reason: Reason) -> None:
+        super().__init__(reason)
+        self.reason: Reason = reason
+
+
 class ArmWatch:
     """Records how an arm's limits are used, and which unwanted contacts there are.
 
@@ -30,7 +38,7 @@ class ArmWatch:
         plant_context: Context,
         arm: ArmInPlant,
         *,
-        table: GeometryId,
+        table: GeometryId | None,
     ) -> None:
         self.use = ArmUse()
         self._plant, self._context, self._arm = plant, plant_context, arm
@@ -40,8 +48,8 @@ class ArmWatch:
         self._efforts = plant.get_net_actuation_output_port(arm.instance)
         self._results = plant.get_contact_results_output_port()
 
-    def check(self) -> Reason | None:
-        """Record the step that was just taken; return why the motion must end, if it must."""
+    def check(self) -> None:
+        """Record the step that was just taken; raise `ArmStoppedError` if the motion must end."""
         use, arm = self.use, self._arm.arm
         use.steps += 1
         effort = np.abs(self._efforts.Eval(self._context)) / arm.effort_limits
@@ -55,16 +63,21 @@ class ArmWatch:
             use.speed_joint = arm.joint_names[int(speed.argmax())]
         self._saturated = np.where(effort > _AT_LIMIT, self._saturated + 1, 0)
         if self._collides():
-            return "arm_collision"
-        return "torque_limit" if self._saturated.max() >= self._longest else None
+            raise ArmStoppedError("arm_collision")
+        if self._saturated.max() >= self._longest:
+            raise ArmStoppedError("torque_limit")
 
     def _collides(self) -> bool:
         """Count unwanted contacts; return whether a link of the arm is part of one."""
         results: ContactResults = self._results.Eval(self._context)
         pairs = []
         for i in range(results.num_hydroelastic_contacts()):
-            surface = results.hydroelastic_contact_info(i).contact_surface()
+            info = results.hydroelastic_contact_info(i)
+            surface = info.contact_surface()
             pairs.append((surface.id_M(), surface.id_N()))
+            if self._table not in pairs[-1]:
+                force = float(np.linalg.norm(info.F_Ac_W().translational()))
+                self.use.contact_force = max(self.use.contact_force, force)
         for i in range(results.num_point_pair_contacts()):
             pair = results.point_pair_contact_info(i).point_pair()
             pairs.append((pair.id_A, pair.id_B))

@@ -7,14 +7,18 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.probe import PROBE_SPEED, HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
 from lis_grasp.records import read_only
+from lis_grasp.simulation.arm_watch import ArmStoppedError
 from lis_grasp.simulation.contact_patches import Patch
+from lis_grasp.simulation.probe_arm import ProbeArm
 from lis_grasp.simulation.probing_scene import FreeObject, ProbingScene
 from lis_grasp.typing import FloatArray
 
@@ -26,6 +30,7 @@ _BEYOND = 0.01
 # sensor of 100 Hz.
 _GENTLE_SPEED, _LATENCY = 0.03, 0.01
 
+ARM_STOPPED = "the arm stopped"
 GRAZED = "a link grazed the object below the force threshold"
 
 
@@ -57,6 +62,10 @@ class DynamicProber:
         Normal force that ends a touch [N]; None for 0.2 N, and 0.05 N on a free object. The motion
         advances by 0.2 mm a step, or 0.06 mm if the object is free, so the force exceeds it a
         little: by at most 1 N.
+    station
+        The arm that carries the hand, at 20 mm/s on probes and 0.1 m/s on approaches; it retreats
+        at once after a touch. Probes beyond its reach are blocked, as are those on which a link of
+        it collides or a joint exceeds its largest effort. None for a hand on a rail.
 
     Raises
     ------
@@ -71,17 +80,26 @@ class DynamicProber:
         *,
         free: FreeObject | None = None,
         force_threshold: float | None = None,
+        station: Station | None = None,
     ) -> None:
         if force_threshold is None:
             force_threshold = 0.2 if free is None else 0.05
         require_positive(force_threshold=force_threshold)
         self._threshold = force_threshold
-        self._scene = ProbingScene(hand, mesh, free)
-        self._motion = GuardedMotion(hand, mesh)
+        self._scene = ProbingScene(hand, mesh, free, station)
+        self._motion = GuardedMotion(hand, mesh, station)
+        self._station = station
+        self._X_WE = np.eye(4)  # the plant is in W, where the arm's base stays
         self._hand = hand
         self._free = free
         self._hull = np.asarray(mesh.convex_hull.vertices)
         self._X_EO = np.eye(4)
+
+    @property
+    def arm_use(self) -> ArmUse | None:
+        """What touches demanded of the arm so far; None without one."""
+        carrier = self._scene.carrier
+        return carrier.use if isinstance(carrier, ProbeArm) else None
 
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""
@@ -90,6 +108,14 @@ class DynamicProber:
     def move_frame(self, X_EF: FloatArray) -> None:
         """Give later probes in a frame F with pose X_EF, shape (4, 4), about the vertical axis."""
         self.place_object(np.linalg.inv(X_EF) @ self._X_EO)
+        self.place_frame(self._X_WE @ X_EF)
+
+    def place_frame(self, X_WE: FloatArray) -> None:
+        """Give later probes in a frame E with pose X_WE, shape (4, 4), in the arm's world."""
+        if self._station is not None:
+            self._X_WE = X_WE
+            X_EA = np.linalg.inv(X_WE) @ self._station.X_WA
+            self._motion.place_station(self._station.moved(X_EA))
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
         """Carry out one probe; see `Prober`.
@@ -105,12 +131,16 @@ class DynamicProber:
             missed = replace(missed, simulated_pose=self._X_EO)
         if course is None or course.touched is None:
             return missed
-        before = self._X_EO
-        patches, hand_pose = self._touch(course)
+        before, reason = self._X_EO, GRAZED
+        hand_pose: HandPose | None
+        try:
+            patches, hand_pose = self._touch(course)
+        except ArmStoppedError as stopped:
+            patches, hand_pose, reason = [], None, f"{ARM_STOPPED}: {stopped.reason}"
         if self._free is not None:
             missed = replace(missed, simulated_pose=self._X_EO, moved=self._displacement(before))
         if not patches:
-            return replace(missed, status="blocked", reason=GRAZED)
+            return replace(missed, status="blocked", reason=reason)
         return replace(
             missed,
             status="touched",
@@ -123,8 +153,14 @@ class DynamicProber:
         scene, posture = self._scene, course.approach.posture
         palm_to_base = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
         X_EB = course.X_OH @ palm_to_base[self._hand.base_link]
-        scene.place(posture.joint_positions, X_EB, course.direction, self._X_EO)
+        X_WB, X_WO = self._in_world(X_EB), self._in_world(self._X_EO)
+        direction = course.direction
+        if self._station is not None:
+            direction = self._X_WE[:3, :3] @ direction
+        scene.place(posture.joint_positions, X_WB, direction, X_WO, course.q_arm)
         speed = PROBE_SPEED if self._free is None else _GENTLE_SPEED
+        if self._station is not None:
+            speed = course.speed
         start = max(course.travelled - _BEFORE, 0.0)
         scene.start_motion(start, speed)
         step = speed * scene.time_step
@@ -135,14 +171,31 @@ class DynamicProber:
             patches = scene.patches(self._threshold)
             if patches:
                 break
-        hand_pose = HandPose(scene.X_WH + 0.0, scene.joint_positions)  # no negative zeros
-        if self._free is not None:
-            late = n + round(_LATENCY / scene.time_step)
+        hand_pose = HandPose(self._from_world(scene.X_WH) + 0.0, scene.joint_positions)
+        patches = [self._seen(patch) for patch in patches]
+        if self._free is not None or self._station is not None:
+            late = n + (1 if self._station is not None else round(_LATENCY / scene.time_step))
             for m in range(n + 1, late + 1):
                 scene.step(start + m * step, speed)
             scene.retreat(start + late * step, PROBE_SPEED)
-            self._X_EO = read_only(scene.X_WO)
+        if self._free is not None:
+            self._X_EO = read_only(self._from_world(scene.X_WO))
         return patches, hand_pose
+
+    def _in_world(self, X_E: FloatArray) -> FloatArray:
+        """Return a pose (4, 4) in the plant's world; without an arm, that is E."""
+        return X_E if self._station is None else self._X_WE @ X_E
+
+    def _from_world(self, X_W: FloatArray) -> FloatArray:
+        return X_W if self._station is None else np.linalg.inv(self._X_WE) @ X_W
+
+    def _seen(self, patch: Patch) -> Patch:
+        """Return a patch in E."""
+        if self._station is None:
+            return patch
+        X_EW = np.linalg.inv(self._X_WE)
+        point, normal = X_EW[:3, :3] @ patch.point + X_EW[:3, 3], X_EW[:3, :3] @ patch.normal
+        return replace(patch, point=point, normal=normal)
 
     def _displacement(self, X_EO: FloatArray) -> float:
         """Return the largest displacement of a point of the object from an earlier pose [m]."""

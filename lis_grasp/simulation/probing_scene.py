@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
+from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import (
@@ -16,18 +16,14 @@ from pydrake.multibody.plant import (
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import (
-    PdControllerGains,
-    PrismaticJoint,
     QuaternionFloatingJoint,
-    SpatialInertia,
-    UnitInertia,
 )
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import require_positive
 from lis_grasp.hands.hand import Hand
-from lis_grasp.probing.approach_planner import rotation_to_x
 from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.advance_simulation import advance
 from lis_grasp.simulation.contact_patches import Patch, link_contacts
@@ -38,12 +34,12 @@ from lis_grasp.simulation.hand_plant import (
     ignore_self_collision,
 )
 from lis_grasp.simulation.object_plant import add_object, add_table
+from lis_grasp.simulation.probe_arm import ProbeArm
+from lis_grasp.simulation.probe_rail import ProbeCarrier, ProbeRail
 from lis_grasp.typing import FloatArray
 
 _TIME_STEP = 0.002  # [s]
 _FRICTION = 0.8
-# The arm that carries the hand: stiff to follow the motion, limited in force to stop at a touch.
-_ARM_STIFFNESS, _ARM_DAMPING, _ARM_FORCE = 20_000.0, 600.0, 60.0  # [N/m], [N s/m], [N]
 _STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
 _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
 
@@ -92,7 +88,13 @@ class ProbingScene:
 
     time_step = _TIME_STEP
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, free: FreeObject | None = None) -> None:
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        free: FreeObject | None = None,
+        station: Station | None = None,
+    ) -> None:
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlant(
             MultibodyPlantConfig(
@@ -107,10 +109,15 @@ class ProbingScene:
         self._free = free is not None
         self._resistance = 0.0 if free is None else _rolling_resistance(mesh, free.mass)
         self._add_hand(hand, free.friction if free is not None else _FRICTION)
+        self.carrier: ProbeCarrier = (
+            ProbeRail(plant, self._hand)
+            if station is None
+            else ProbeArm(plant, self._hand, station)
+        )
         self._add_object(mesh, free)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
-        if free is not None:  # the planned motion avoids the table
+        if self._table is not None:  # the planned motion avoids the table
             scene_graph.collision_filter_manager().Apply(
                 CollisionFilterDeclaration().ExcludeBetween(
                     GeometrySet(list(self._hand.link_of_geometry)), GeometrySet(self._table)
@@ -119,7 +126,10 @@ class ProbingScene:
         self._simulator = Simulator(builder.Build())
         self._root_context = self._simulator.get_mutable_context()
         self._context = plant.GetMyMutableContextFromRoot(self._root_context)
-        self._arm_port = plant.get_desired_state_input_port(self._arm)
+        filters = scene_graph.collision_filter_manager(
+            scene_graph.GetMyMutableContextFromRoot(self._root_context)
+        )
+        self.carrier.connect(self._context, filters, self._table)
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._forces_port = plant.get_applied_spatial_force_input_port()
         self._results_port = plant.get_contact_results_output_port()
@@ -135,27 +145,6 @@ class ProbingScene:
             friction=friction,
             hydroelastic_modulus=PROBING_SKIN,
         )
-        self._arm = plant.AddModelInstance("arm")
-        rail, carriage = (
-            plant.AddRigidBody(
-                name, self._arm, SpatialInertia(0.5, np.zeros(3), UnitInertia.SolidSphere(0.05))
-            )
-            for name in ("rail", "carriage")
-        )
-        self._rail = plant.AddJoint(
-            QuaternionFloatingJoint("rail", plant.world_frame(), rail.body_frame())
-        )
-        self._slider = plant.AddJoint(
-            PrismaticJoint("slider", rail.body_frame(), carriage.body_frame(), np.eye(3)[0])
-        )
-        plant.AddJointActuator("slider", self._slider, _ARM_FORCE).set_controller_gains(
-            PdControllerGains(p=_ARM_STIFFNESS, d=_ARM_DAMPING)
-        )
-        base = self._hand.bodies[hand.base_link]
-        self._mount = plant.AddJoint(
-            QuaternionFloatingJoint("mount", carriage.body_frame(), base.body_frame())
-        )
-        plant.set_gravity_enabled(self._arm, False)
 
     def _add_object(self, mesh: trimesh.Trimesh, free: FreeObject | None) -> None:
         plant = self._plant
@@ -171,6 +160,7 @@ class ProbingScene:
         self._fixture = plant.AddJoint(
             QuaternionFloatingJoint("fixture", plant.world_frame(), body.body_frame())
         )
+        self._table: GeometryId | None = None
         if free is None:
             plant.set_gravity_enabled(instance, False)
         else:
@@ -193,36 +183,33 @@ class ProbingScene:
         return self._hand.joint_positions(self._context)
 
     def place(
-        self, q: FloatArray, X_WB: FloatArray, direction: FloatArray, X_WO: FloatArray
+        self,
+        q: FloatArray,
+        X_WB: FloatArray,
+        direction: FloatArray,
+        X_WO: FloatArray,
+        q_arm: FloatArray | None = None,
     ) -> None:
         """Set everything to the start of a motion along `direction` (3,), at rest.
 
-        `q` are the joints (J,), `X_WB` is the pose (4, 4) of the base link, `X_WO` the object's.
+        `q` are the joints (J,), `X_WB` is the pose (4, 4) of the base link, `X_WO` the object's,
+        `q_arm` are the joint positions of an arm.
         """
         plant, context = self._plant, self._context
-        for joint in (self._rail, self._mount, self._fixture):
-            joint.Unlock(context)
+        self._fixture.Unlock(context)
         plant.SetVelocities(context, np.zeros(plant.num_velocities()))
         self._hand.set_joint_positions(context, q)
-        self._slider.set_translation(context, 0.0)
-        X_WR = np.eye(4)
-        X_WR[:3, :3] = rotation_to_x(direction).T
-        self._rail.SetPose(context, _rigid(X_WR))
-        self._mount.SetPose(context, _rigid(np.linalg.inv(X_WR) @ X_WB))
+        self.carrier.place(X_WB, direction, q_arm)
         # A pose that was moved to another frame is a rotation but for rounding.
         R_WO = RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3])
         self._fixture.SetPose(context, RigidTransform(R_WO, X_WO[:3, 3]))
-        self._rail.Lock(context)
-        self._mount.Lock(context)
         if not self._free:
             self._fixture.Lock(context)
         self._fingers_port.FixValue(context, np.concatenate([q, np.zeros_like(q)]))
 
     def start_motion(self, travelled: float, speed: float) -> None:
         """Set the hand `travelled` [m] along its motion, at a speed [m/s], without lag."""
-        self._slider.set_translation(self._context, travelled)
-        self._slider.set_translation_rate(self._context, speed)
-        self._arm_port.FixValue(self._context, [travelled, speed])
+        self.carrier.start(travelled, speed)
         # Time starts at 0, so that its rounding is the same for every motion.
         self._root_context.SetTime(0.0)
         self._simulator.Initialize()
@@ -230,11 +217,12 @@ class ProbingScene:
 
     def step(self, travelled: float, speed: float) -> None:
         """Simulate one time step towards a commanded position [m] and speed [m/s]."""
-        self._arm_port.FixValue(self._context, [travelled, speed])
+        self.carrier.command(travelled, speed)
         self._steps += 1
         if self._free:
             self._resist_rolling()
         advance(self._simulator, self._steps * _TIME_STEP, of="a touch")
+        self.carrier.check()
 
     def retreat(self, travelled: float, speed: float) -> None:
         """Retreat from `travelled` [m] at a speed [m/s] until the object rests."""
@@ -269,10 +257,6 @@ class ProbingScene:
             if contact.normal_force > threshold
             for part in contact.flat_parts()
         ]
-
-
-def _rigid(X: FloatArray) -> RigidTransform:
-    return RigidTransform(RotationMatrix(X[:3, :3]), X[:3, 3])
 
 
 def _motion(X: FloatArray, Y: FloatArray) -> float:

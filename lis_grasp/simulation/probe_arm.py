@@ -1,0 +1,98 @@
+"""Arm that carries a hand on a probe's straight motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.geometry import CollisionFilterManager, GeometryId
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context
+
+from lis_grasp.arms.station import Station
+from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.lifting.joint_path import joint_rates, posture_near
+from lis_grasp.simulation.arm_dynamics import ArmDynamics
+from lis_grasp.simulation.arm_plant import add_arm, ignore_mounting
+from lis_grasp.simulation.arm_watch import ArmStoppedError, ArmWatch
+from lis_grasp.simulation.hand_plant import HandInPlant
+from lis_grasp.typing import FloatArray
+
+# Spacing of the postures by which the arm comes to where its simulation starts [m].
+_SPACING = 0.01
+
+
+class ProbeArm:
+    """An arm that carries the hand on probes; see `ProbeCarrier`.
+
+    Differential inverse kinematics: in each step the joints get the positions and rates of the
+    palm's line, and the efforts of inverse dynamics. The arm stops where the line began: what is
+    behind is not known to be free. The plant is not finalized yet.
+    """
+
+    def __init__(self, plant: MultibodyPlant, added: HandInPlant, station: Station) -> None:
+        hand, X_FB = station.hand, station.mount.X_FB
+        posture = next(iter(hand.probe_postures.values())).joint_positions
+        self._plant = plant
+        self._dynamics = ArmDynamics(station.arm, hand, station.X_WA, X_FB, posture)
+        self._arm = add_arm(
+            plant, station.arm, added, X_WA=station.X_WA, X_FB=X_FB, dynamics=self._dynamics
+        )
+
+    @property
+    def use(self) -> ArmUse:
+        """What was demanded of the arm so far."""
+        return self._watch.use
+
+    def connect(
+        self, plant_context: Context, filters: CollisionFilterManager, table: GeometryId | None
+    ) -> None:
+        """Take the context of the finalized plant, its collision filters and the table, if any."""
+        plant, instance = self._plant, self._arm.instance
+        self._context = plant_context
+        self._states = plant.get_desired_state_input_port(instance)
+        self._efforts = plant.get_actuation_input_port(instance)
+        self._fingers = plant.get_actuation_input_port(self._arm.hand.instance)
+        ignore_mounting(filters, self._arm, table)
+        self._watch = ArmWatch(plant, plant_context, self._arm, table=table)
+
+    def place(self, X_WB: FloatArray, direction: FloatArray, q: FloatArray | None) -> None:
+        """Begin at a pose X_WB (4, 4) of the base link, with the joints near q (J,)."""
+        assert q is not None
+        self._X_WH = X_WB @ self._arm.hand.hand.X_LH
+        self._direction = direction
+        self._q = self._posture(q, 0.0)
+
+    def start(self, travelled: float, speed: float) -> None:
+        """Set the arm to where the hand has travelled so far [m], at a speed [m/s]."""
+        for part in np.linspace(0.0, travelled, int(np.ceil(travelled / _SPACING)) + 1)[1:]:
+            self._q = self._posture(self._q, float(part))
+        plant, context, arm = self._plant, self._context, self._arm
+        plant.SetPositions(context, arm.instance, self._q)
+        plant.SetVelocities(context, arm.instance, self._rates(self._q, speed))
+        self._fingers.FixValue(context, arm.hand.weight_efforts(plant, context))
+        self.command(travelled, speed)
+
+    def command(self, travelled: float, speed: float) -> None:
+        """Command a position [m] along the motion and a speed [m/s]."""
+        if travelled < 0.0:
+            travelled, speed = 0.0, 0.0
+        self._q = self._posture(self._q, travelled)
+        qd = self._rates(self._q, speed)
+        self._states.FixValue(self._context, np.concatenate([self._q, qd]))
+        efforts = self._dynamics.efforts(self._q, qd, np.zeros_like(qd))
+        self._efforts.FixValue(self._context, efforts)
+
+    def check(self) -> None:
+        """Check the time step that was just taken; raise `ArmStoppedError` if the motion ends."""
+        self._watch.check()
+
+    def _posture(self, q: FloatArray, travelled: float) -> FloatArray:
+        X_WH = self._X_WH.copy()
+        X_WH[:3, 3] += travelled * self._direction
+        found = posture_near(self._dynamics, q, X_WH)
+        if found is None:
+            raise ArmStoppedError("out_of_arm_reach")
+        return found
+
+    def _rates(self, q: FloatArray, speed: float) -> FloatArray:
+        velocity = np.append(speed * self._direction, np.zeros(3))
+        return joint_rates(self._dynamics, q, velocity)
