@@ -40,6 +40,9 @@ _TILTED = np.array(
     ]
 )
 
+# An arm on a table does not bring the hand below a fingertip that points up more than this.
+_UPWARDS = 0.15
+
 NO_FREE_START = "no finger and roll of the hand is collision-free at the start"
 NO_FREE_APPROACH = "no finger and roll of the hand has a collision-free straight approach"
 OUT_OF_ARM_REACH = "the arm reaches no collision-free straight approach of the hand"
@@ -96,7 +99,10 @@ class ApproachPlanner:
         centers = [probe.start - posture.radius * probe.direction for posture, _, _ in self._bodies]
         if obstacles.occupies(np.array(centers)).all():
             return None
-        for axis in np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)]):
+        axes = np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)])
+        if self._reach is not None:
+            axes = axes[axes[:, 2] < _UPWARDS]
+        for axis in axes:
             free: list[Approach] = []
             for posture, center_H, points_H in self._bodies:
                 center = probe.start - posture.radius * probe.direction
