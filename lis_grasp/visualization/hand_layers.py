@@ -12,11 +12,13 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import drawing
+from lis_grasp.visualization.arm_layer import arm_poses, arm_tracks, draw_arm
 from lis_grasp.visualization.camera import outermost, surface_points
 from lis_grasp.visualization.drawing import OBJECT_NODE, ROOT, Canvas, Layer
 from lis_grasp.visualization.link_looks import link_looks
 
 if TYPE_CHECKING:
+    from lis_grasp.arms.station import Station
     from lis_grasp.exploration import ProbeOutcome
     from lis_grasp.grasping.grasps import Grasp
     from lis_grasp.hands.hand import Hand
@@ -31,8 +33,11 @@ GRASP_COLOURS = (LINK_COLOUR, "#c9792f", "#8a5fbf", "#b8577f", "#7d6a4c")
 _MOMENTS = 25
 
 
-def draw_hand(canvas: Canvas, hand: Hand) -> None:
-    """Draw the hand's links, each at its own node; the page copies and places them."""
+def draw_hand(canvas: Canvas, hand: Hand, station: Station | None = None) -> None:
+    """Draw the hand's links, each at its own node; the page copies and places them.
+
+    The links of the station's arm follow.
+    """
     pads = {pad.link for pad in hand.pads}
     for number, link in enumerate(hand.links):
         colour = PAD_COLOUR if link in pads else PALM_COLOUR if number == 0 else LINK_COLOUR
@@ -40,6 +45,8 @@ def draw_hand(canvas: Canvas, hand: Hand) -> None:
         for part, mesh in enumerate(link_looks(hand, link)):
             path = f"{ROOT}/hand/{number}/{part}"
             canvas.commands.append(drawing.draw_mesh(path, mesh, surface))
+    if station is not None:
+        draw_arm(canvas, station, first=len(hand.links))
     canvas.layers.append(Layer("hand", "Robot hand", True, LINK_COLOUR))
 
 
@@ -58,7 +65,7 @@ def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
         canvas.layers.append(Layer("together", "All at once", False, LINK_COLOUR, together))
 
 
-def draw_motion(canvas: Canvas, motion: Motion, hand: Hand) -> None:
+def draw_motion(canvas: Canvas, motion: Motion, hand: Hand, station: Station | None = None) -> None:
     """Add the recorded poses of the object and the hand's links, for playback on demand."""
     times = motion.times - motion.times[0]
     tracks = [(OBJECT_NODE, motion.poses[OBJECT])]
@@ -67,12 +74,14 @@ def draw_motion(canvas: Canvas, motion: Motion, hand: Hand) -> None:
         for number, link in enumerate(hand.links)
         if link in motion.poses
     ]
+    if station is not None:
+        tracks += arm_tracks(station, motion, first=len(hand.links))
     canvas.commands.append(drawing.animate(times, tracks))
     canvas.layers.append(Layer("lift", "Lift", True, LINK_COLOUR, "of the true object, simulated"))
 
 
-def link_poses(hand: Hand, grasp: Grasp) -> list[FloatArray]:
-    """Return the poses of the hand's links in O, in the order of `hand.links`."""
+def link_poses(hand: Hand, grasp: Grasp, station: Station | None = None) -> list[FloatArray]:
+    """Return the poses of the hand's links in O, in the order of `hand.links`, then the arm's."""
     place = {name: k for k, name in enumerate(grasp.joint_names)}
     missing = [name for name in hand.joint_names if name not in place]
     if missing:
@@ -81,10 +90,13 @@ def link_poses(hand: Hand, grasp: Grasp) -> list[FloatArray]:
         )
     q = np.asarray(grasp.joint_positions)[[place[name] for name in hand.joint_names]]
     poses = hand.forward_kinematics(grasp.X_OH, q)
-    return [poses[link] for link in hand.links]
+    arm = [] if station is None else arm_poses(station, np.asarray(grasp.X_OH))
+    return [poses[link] for link in hand.links] + arm
 
 
-def touch_facts(hand: Hand, touches: Sequence[ProbeOutcome | None]) -> list[dict[str, Any] | None]:
+def touch_facts(
+    hand: Hand, touches: Sequence[ProbeOutcome | None], station: Station | None = None
+) -> list[dict[str, Any] | None]:
     """Return the link poses in O and the approach direction at each touch, as JSON."""
     facts: list[dict[str, Any] | None] = []
     for touch in touches:
@@ -92,9 +104,10 @@ def touch_facts(hand: Hand, touches: Sequence[ProbeOutcome | None]) -> list[dict
             facts.append(None)
             continue
         poses = hand.forward_kinematics(touch.hand_pose.X_OH, touch.hand_pose.joint_positions)
+        arm = [] if station is None else arm_poses(station, touch.hand_pose.X_OH)
         facts.append(
             {
-                "links": [column_major(poses[link]) for link in hand.links],
+                "links": [column_major(X) for X in (*(poses[n] for n in hand.links), *arm)],
                 "direction": [round(float(v), 5) for v in touch.probe.direction],
             }
         )

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from lis_grasp.arms.arm import Arm
+from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region, load_outcomes
@@ -60,6 +62,10 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
             truth = placed(truth, facts["X_WO"])
         content |= {"truth": truth.mesh, "title": f"lis_grasp: {truth.name}"}
     content["hand"] = hand = Hand.load(facts.get("hand", "allegro"))
+    if facts.get("arm") is not None and "X_EA" in facts:
+        height = facts.get("support_height")
+        table = None if height is None else Table(float(height))
+        content["station"] = Station.make(Arm.load(facts["arm"]), hand, facts["X_EA"], table=table)
     if "contacts.ply" in files:
         content["contacts"] = contacts = Contacts.load(files["contacts.ply"])
         made = provenance.read(files["contacts.ply"])

@@ -16,6 +16,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
+from lis_grasp.visualization.arm_layer import arm_points, draw_pedestal
 from lis_grasp.visualization.camera import ELEVATION, choose_azimuth, outermost, surface_points
 from lis_grasp.visualization.drawing import Canvas
 from lis_grasp.visualization.hand_layers import (
@@ -42,6 +43,7 @@ from lis_grasp.visualization.search_layer import draw_search
 from lis_grasp.visualization.story import Story
 
 if TYPE_CHECKING:
+    from lis_grasp.arms.station import Station
     from lis_grasp.exploration import ProbeOutcome, Region
     from lis_grasp.grasping.grasps import Grasp
     from lis_grasp.hands.hand import Hand
@@ -85,6 +87,8 @@ class Scene:
         The hand of `touches`, `grasps` and `motion`; required if there are any.
     motion
         The lift, in the frame O of the object at its start.
+    station
+        The arm that carries the hand, in O; None for a hand that flies freely.
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
     region, search
@@ -110,6 +114,7 @@ class Scene:
     grasps: Sequence[Grasp] = ()
     hand: Hand | None = None
     motion: Motion | None = None
+    station: Station | None = None
     support_height: float | None = None
     region: Region | None = None
     search: Sequence[ProbeOutcome] = ()
@@ -197,7 +202,7 @@ class Scene:
                 for layer in canvas.layers
             ],
             "grasps": [[column_major(X) for X in posture] for posture in postures],
-            "touches": touch_facts(self.hand, self.touches) if self.hand else [],
+            "touches": touch_facts(self.hand, self.touches, self.station) if self.hand else [],
             "story": story.facts(),
             "camera": {
                 "azimuth": round(float(np.rad2deg(choose_azimuth(object_points, best))), 3),
@@ -234,13 +239,17 @@ class Scene:
         motion = self.motion if self.motion is not None and self.motion.duration > 0.0 else None
         if self.hand is None or not (shown or self.touches or motion is not None):
             return 0.0, [], _NOTHING
-        postures = [link_poses(self.hand, grasp) for grasp in shown]
-        draw_hand(canvas, self.hand)
+        postures = [link_poses(self.hand, grasp, self.station) for grasp in shown]
+        draw_hand(canvas, self.hand, self.station)
+        if self.station is not None:
+            draw_pedestal(canvas, self.station)
         draw_grasps(canvas, shown)
         if motion is None:
             return 0.0, postures, _NOTHING
-        draw_motion(canvas, motion, self.hand)
+        draw_motion(canvas, motion, self.hand, self.station)
         moved = moved_points(motion, self.hand, object_points)
+        if self.station is not None:
+            moved = outermost(np.vstack([moved, arm_points(self.station, motion)]))
         return motion.duration, postures, moved
 
 

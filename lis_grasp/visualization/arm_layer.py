@@ -1,0 +1,84 @@
+"""Links of the arm that carries the hand: their looks, and poses at touches and grasps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import trimesh
+
+from lis_grasp.motion import Motion, arm_body
+from lis_grasp.typing import FloatArray
+from lis_grasp.visualization import drawing
+from lis_grasp.visualization.drawing import ROOT, Canvas
+from lis_grasp.visualization.link_looks import link_looks
+
+if TYPE_CHECKING:
+    from lis_grasp.arms.station import Station
+
+ARM_COLOUR, FOOT_COLOUR = "#d9dbdf", "#7a8088"
+
+PEDESTAL_COLOUR = "#b9b4aa"
+
+_SEEDS = 4
+_MOMENTS = 12
+_LEAST_PEDESTAL, _PEDESTAL_WIDTH = 0.01, 0.2  # [m]
+
+
+def draw_arm(canvas: Canvas, station: Station, *, first: int) -> None:
+    """Draw the arm's links, as the links of the hand are, at nodes numbered from `first` on."""
+    fixed = station.arm.fixed_links
+    for number, link in enumerate(station.arm.links, start=first):
+        surface = drawing.material(FOOT_COLOUR if link in fixed else ARM_COLOUR, roughness=0.5)
+        for part, mesh in enumerate(link_looks(station.arm, link)):
+            path = f"{ROOT}/hand/{number}/{part}"
+            canvas.commands.append(drawing.draw_mesh(path, mesh, surface))
+
+
+def draw_pedestal(canvas: Canvas, station: Station) -> None:
+    """Draw the column on which the base stands, if it is above its table."""
+    table, base = station.table, station.X_WA[:3, 3]
+    height = 0.0 if table is None else float(base[2] - table.height)
+    if height < _LEAST_PEDESTAL:
+        return
+    feet = [g for g in station.arm.link_geometries if g.link == station.arm.base_link]
+    wide = max((float(g.mesh.extents[:2].max()) for g in feet), default=_PEDESTAL_WIDTH)
+    column = trimesh.creation.cylinder(0.5 * wide, height)
+    column.apply_translation([base[0], base[1], base[2] - 0.5 * height])
+    surface = drawing.material(PEDESTAL_COLOUR, roughness=0.8)
+    canvas.commands.append(drawing.draw_mesh(f"{ROOT}/pedestal", column, surface))
+
+
+def arm_points(station: Station, motion: Motion) -> FloatArray:
+    """Return the corners of the arm's bodies, (N, 3) [m], at a few moments of a motion."""
+    moments = np.unique(np.linspace(0, len(motion) - 1, _MOMENTS).astype(int))
+    points = [np.zeros((0, 3))]
+    for geometry in station.arm.link_geometries:
+        if arm_body(geometry.link) in motion.poses:
+            X_WG = motion.poses[arm_body(geometry.link)][moments] @ geometry.X_LG
+            corners = trimesh.bounds.corners(geometry.mesh.bounds)
+            points.append(
+                (corners @ X_WG[:, :3, :3].swapaxes(1, 2) + X_WG[:, None, :3, 3]).reshape(-1, 3)
+            )
+    return np.vstack(points)
+
+
+def arm_poses(station: Station, X_OH: FloatArray) -> list[FloatArray]:
+    """Return the poses of the arm's links in O, in order, with the palm at X_OH (4, 4).
+
+    Of the solutions of inverse kinematics, the nearest to home; home itself if there is none.
+    """
+    arm = station.arm
+    solutions = station.solve_ik(X_OH[None], seeds=_SEEDS, first=arm.home)
+    found = solutions.q[0][solutions.solved[0]]
+    q = found[np.argmin(np.linalg.norm(found - arm.home, axis=1))] if len(found) else arm.home
+    return list(arm.forward_kinematics(station.X_WA, q).values())
+
+
+def arm_tracks(station: Station, motion: Motion, *, first: int) -> list[tuple[str, FloatArray]]:
+    """Return the recorded poses of the arm's links by node, numbered from `first` on."""
+    return [
+        (f"{ROOT}/hand/{number}", motion.poses[arm_body(link)])
+        for number, link in enumerate(station.arm.links, start=first)
+        if arm_body(link) in motion.poses
+    ]
