@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.arms.arm import Arm
-from lis_grasp.lifting.wrist_trajectory import WristPath, minimum_jerk
+from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.lifting.wrist_trajectory import WristPath
 from lis_grasp.typing import FloatArray
 
 # Newton steps a sample; two suffice from the sample before.
@@ -39,6 +39,11 @@ class JointPath:
     q: FloatArray
     qd: FloatArray
     qdd: FloatArray
+
+    @classmethod
+    def of(cls, trajectory: JointTrajectory, step: float) -> JointPath:
+        """Return a trajectory whose times are `step` [s] apart."""
+        return cls(step, trajectory.positions, trajectory.velocities, trajectory.accelerations)
 
     @property
     def duration(self) -> float:
@@ -128,25 +133,6 @@ def posture_near(arm: PalmJacobian, q: FloatArray, X: FloatArray) -> FloatArray 
 def joint_rates(arm: PalmJacobian, q: FloatArray, V: FloatArray) -> FloatArray:
     """Return joint rates (J,) with which the palm moves at V (6,), linear and angular, in W."""
     return _solve(arm.jacobians(q)[1], V)
-
-
-def straight_joint_path(arm: Arm, q: FloatArray, goal: FloatArray, *, step: float) -> JointPath:
-    """Return the straight line in joint space between two postures (J,), from rest to rest.
-
-    A minimum-jerk motion within the arm's `speed_share` of its limits.
-    """
-    far = np.abs(goal - q) / arm.speed_share
-    # Peaks of the minimum-jerk path: 1.875 d / T and 5.774 d / T^2.
-    duration = max(
-        float(np.max(1.875 * far / arm.velocity_limits)),
-        float(np.sqrt(np.max(5.774 * far / arm.acceleration_limits))),
-        step,
-    )
-    count = int(np.ceil(duration / step))
-    parts = np.array([minimum_jerk(n / count) for n in range(count + 1)])  # (N, 2)
-    rates = parts[:, 1:] / (count * step) * (goal - q)
-    accelerations = np.asarray(np.gradient(rates, step, axis=0))
-    return JointPath(step, q + parts[:, :1] * (goal - q), rates, accelerations)
 
 
 def _solve(J: FloatArray, motion: FloatArray) -> FloatArray:
