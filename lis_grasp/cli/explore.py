@@ -20,6 +20,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.growth_files import remove_growth, save_growth
+from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.arm_station import make_station, station_after, station_facts
 from lis_grasp.pipeline.report_json import exploration_facts
@@ -105,11 +106,13 @@ def explore_with_log(
     output: Path,
     X_WO: FloatArray | None,
     station: Station | None = None,
+    arm_use: ArmUse | None = None,
 ) -> Exploration:
     """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
 
     The shape is at its pose X_WO (4, 4), if it has one. contacts.ply has the touches, then
     the points of the cloud. The station's arm carries the hand; None for a free hand.
+    What new touches demand of it is added to `arm_use`.
 
     An interrupted exploration is resumed from its log. With another configuration or another state
     of the package it starts from the beginning, and the earlier results are removed.
@@ -168,6 +171,7 @@ def explore_with_log(
             progress=stage.count,
             observe=keep_growth,
             station=station,
+            arm_use=arm_use,
         )
         stage.result = exploration.summary()
     contacts = exploration.contacts if cloud is None else exploration.contacts.append(cloud)

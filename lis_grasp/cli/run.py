@@ -26,6 +26,7 @@ from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import load_surface
+from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.pipeline.arm_station import make_station, station_after, station_facts
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
@@ -63,8 +64,9 @@ def execute(options: argparse.Namespace) -> None:
     warn_if_too_wide(shape, hand)
 
     with watch.measure("touch"):
+        arm_use = ArmUse()
         station = make_station(config, hand, pipeline.support_height(shape, config))
-        exploration = explore_with_log(config, shape, hand, output, X_WO, station)
+        exploration = explore_with_log(config, shape, hand, output, X_WO, station, arm_use)
         # Later stages read the files, so that each repeats exactly when run alone.
         contacts = Contacts.load(output / "contacts.ply")
     if not len(contacts):
@@ -81,7 +83,7 @@ def execute(options: argparse.Namespace) -> None:
     with Stage("Reporting"), watch.measure("report"):
         _LOG.info("comparing the estimate and the grasps with the true object")
         report = build_report(
-            config, shape, hand, attempts, exploration=exploration, station=station
+            config, shape, hand, attempts, exploration=exploration, station=station, arm_use=arm_use
         )
         lines = run_lines(report)
         _LOG.info("drawing the scene")

@@ -17,6 +17,7 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_covera
 from lis_grasp.exploration import STEP_FRACTION, Exploration
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.pipeline.arm_station import station_facts
 from lis_grasp.pipeline.object_motion import motion_facts, true_object
 from lis_grasp.pipeline.regrasp import Attempt
@@ -36,6 +37,7 @@ def build_report(
     *,
     exploration: Exploration,
     station: Station | None = None,
+    arm_use: ArmUse | None = None,
 ) -> dict[str, Any]:
     """Return the report of a run as plain values, in metres and seconds, without timings.
 
@@ -48,7 +50,7 @@ def build_report(
         "config": config.facts(),
         "object": shape.name,
         "hand": config.hand,
-        **arm_facts(station),
+        **arm_facts(station, arm_use),
         "estimator": config.estimator,
         "seed": config.seed,
         "touches": len(exploration.contacts),
@@ -155,11 +157,13 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
     }
 
 
-def arm_facts(station: Station | None) -> dict[str, Any]:
-    """Return arm, base and mount as plain values; nothing without an arm."""
+def arm_facts(station: Station | None, arm_use: ArmUse | None = None) -> dict[str, Any]:
+    """Return arm, base, mount and use by touches as plain values; nothing without an arm."""
     if station is None:
         return {}
     facts = {"name": station.arm.name, "adapter": station.mount.adapter, **station_facts(station)}
+    if arm_use is not None and arm_use.steps:
+        facts["touches"] = asdict(arm_use)
     return {"arm": facts}
 
 

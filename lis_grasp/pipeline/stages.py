@@ -39,6 +39,7 @@ from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_lift import plan_arm_lift
+from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
@@ -136,6 +137,7 @@ def touch(
     progress: Callable[[int, int], None] | None = None,
     observe: Callable[[int, ImplicitSurface], None] | None = None,
     station: Station | None = None,
+    arm_use: ArmUse | None = None,
 ) -> Exploration:
     """Explore the object by touch as configured; resume an interrupted log.
 
@@ -147,13 +149,13 @@ def touch(
 
     The true `shape` is used for two things only: the prober touches it, and without a region its
     bounding box is known. It is at the configured pose (see `pose_of`). With a `station`, its arm
-    carries the hand.
+    carries the hand; simulated touches add what they demand of it to `arm_use`.
     """
     space = prior_knowledge(shape, config)
     policy = policy or make_policy(config, space)
     recorded = log.resume() if log is not None else recorded
     cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
-    prober = prober or make_prober(config, hand, shape, recorded, station)
+    prober = prober or make_prober(config, hand, shape, recorded, station, arm_use)
     exploration = explore(
         prober,
         policy,
@@ -235,6 +237,7 @@ def make_prober(
     shape: Shape,
     recorded: Sequence[ProbeOutcome] = (),
     station: Station | None = None,
+    arm_use: ArmUse | None = None,
 ) -> Prober:
     """Return the configured prober of the true object, in the state after recorded outcomes."""
     if config.prober == "dynamic":
@@ -247,7 +250,7 @@ def make_prober(
             free = FreeObject(height, object_mass(shape, config), config.friction)
         threshold = config.sensor().force_threshold or None  # a touch must be detected to end
         prober = DynamicProber(
-            hand, shape.mesh, free=free, force_threshold=threshold, station=station
+            hand, shape.mesh, free=free, force_threshold=threshold, station=station, arm_use=arm_use
         )
         if recorded and recorded[-1].simulated_pose is not None:
             prober.place_object(recorded[-1].simulated_pose)

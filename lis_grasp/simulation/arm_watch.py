@@ -39,8 +39,9 @@ class ArmWatch:
         arm: ArmInPlant,
         *,
         table: GeometryId | None,
+        use: ArmUse | None = None,
     ) -> None:
-        self.use = ArmUse()
+        self.use = ArmUse() if use is None else use
         self._plant, self._context, self._arm = plant, plant_context, arm
         self._table = table
         self._longest = round(_SATURATED / plant.time_step())

@@ -18,7 +18,6 @@ from lis_grasp.probing.guarded_motion import Course, GuardedMotion
 from lis_grasp.records import read_only
 from lis_grasp.simulation.arm_watch import ArmStoppedError
 from lis_grasp.simulation.contact_patches import Patch
-from lis_grasp.simulation.probe_arm import ProbeArm
 from lis_grasp.simulation.probing_scene import FreeObject, ProbingScene
 from lis_grasp.typing import FloatArray
 
@@ -66,6 +65,8 @@ class DynamicProber:
         The arm that carries the hand, at 20 mm/s on probes and 0.1 m/s on approaches; it retreats
         at once after a touch. Probes beyond its reach are blocked, as are those on which a link of
         it collides or a joint exceeds its largest effort. None for a hand on a rail.
+    arm_use
+        Gets what touches demand of the arm; None for a record that nobody reads.
 
     Raises
     ------
@@ -81,12 +82,13 @@ class DynamicProber:
         free: FreeObject | None = None,
         force_threshold: float | None = None,
         station: Station | None = None,
+        arm_use: ArmUse | None = None,
     ) -> None:
         if force_threshold is None:
             force_threshold = 0.2 if free is None else 0.05
         require_positive(force_threshold=force_threshold)
         self._threshold = force_threshold
-        self._scene = ProbingScene(hand, mesh, free, station)
+        self._scene = ProbingScene(hand, mesh, free, station, arm_use)
         self._motion = GuardedMotion(hand, mesh, station)
         self._station = station
         self._X_WE = np.eye(4)  # the plant is in W, where the arm's base stays
@@ -94,12 +96,6 @@ class DynamicProber:
         self._free = free
         self._hull = np.asarray(mesh.convex_hull.vertices)
         self._X_EO = np.eye(4)
-
-    @property
-    def arm_use(self) -> ArmUse | None:
-        """What touches demanded of the arm so far; None without one."""
-        carrier = self._scene.carrier
-        return carrier.use if isinstance(carrier, ProbeArm) else None
 
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""

@@ -25,10 +25,18 @@ class ProbeArm:
 
     Differential inverse kinematics: in each step the joints get the positions and rates of the
     palm's line, and the efforts of inverse dynamics. The arm stops where the line began: what is
-    behind is not known to be free. The plant is not finalized yet.
+    behind is not known to be free. The plant is not finalized yet. What is demanded of the arm is
+    added to `use`.
     """
 
-    def __init__(self, plant: MultibodyPlant, added: HandInPlant, station: Station) -> None:
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        added: HandInPlant,
+        station: Station,
+        use: ArmUse | None = None,
+    ) -> None:
+        self._use = ArmUse() if use is None else use
         hand, X_FB = station.hand, station.mount.X_FB
         posture = next(iter(hand.probe_postures.values())).joint_positions
         self._plant = plant
@@ -36,11 +44,6 @@ class ProbeArm:
         self._arm = add_arm(
             plant, station.arm, added, X_WA=station.X_WA, X_FB=X_FB, dynamics=self._dynamics
         )
-
-    @property
-    def use(self) -> ArmUse:
-        """What was demanded of the arm so far."""
-        return self._watch.use
 
     def connect(
         self, plant_context: Context, filters: CollisionFilterManager, table: GeometryId | None
@@ -52,7 +55,7 @@ class ProbeArm:
         self._efforts = plant.get_actuation_input_port(instance)
         self._fingers = plant.get_actuation_input_port(self._arm.hand.instance)
         ignore_mounting(filters, self._arm, table)
-        self._watch = ArmWatch(plant, plant_context, self._arm, table=table)
+        self._watch = ArmWatch(plant, plant_context, self._arm, table=table, use=self._use)
 
     def place(self, X_WB: FloatArray, direction: FloatArray, q: FloatArray | None) -> None:
         """Begin at a pose X_WB (4, 4) of the base link, with the joints near q (J,)."""

@@ -24,6 +24,7 @@ from pydrake.systems.framework import DiagramBuilder
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import require_positive
 from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.advance_simulation import advance
 from lis_grasp.simulation.contact_patches import Patch, link_contacts
@@ -94,6 +95,7 @@ class ProbingScene:
         mesh: trimesh.Trimesh,
         free: FreeObject | None = None,
         station: Station | None = None,
+        arm_use: ArmUse | None = None,
     ) -> None:
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlant(
@@ -112,7 +114,7 @@ class ProbingScene:
         self.carrier: ProbeCarrier = (
             ProbeRail(plant, self._hand)
             if station is None
-            else ProbeArm(plant, self._hand, station)
+            else ProbeArm(plant, self._hand, station, arm_use)
         )
         self._add_object(mesh, free)
         plant.Finalize()
