@@ -22,7 +22,8 @@ class TactileSensor:
     Parameters
     ----------
     force_threshold
-        Contacts of less normal force are not detected [N]; those of unknown force are.
+        Contacts of pads with less normal force in all are not detected [N]; those of unknown force
+        are.
     position_noise
         One standard deviation of a contact's position along each axis [m].
     normal_noise
@@ -69,7 +70,7 @@ class TactileSensor:
         """Return the reported contacts: those detected, with noise, which they carry."""
         detected = np.ones(len(contacts), dtype=bool)
         if contacts.forces is not None:
-            detected &= contacts.forces >= self.force_threshold
+            detected &= _force_on_pad(contacts) >= self.force_threshold
         detected &= rng.random(len(contacts)) >= self.miss_rate
         chosen = contacts.subset(np.flatnonzero(detected))
         normals = chosen.normals + self.normal_noise * _tangential(
@@ -125,6 +126,18 @@ class TactileSensor:
             free_points=outcome.free_points[passed],
             free_radii=outcome.free_radii[passed],
         )
+
+
+def _force_on_pad(contacts: Contacts) -> FloatArray:
+    """Return the force on the pad of each contact, shape (N,) [N].
+
+    A touch across an edge makes two contacts, which share the force on the pad.
+    """
+    forces = np.asarray(contacts.forces)
+    if not contacts.fingers:
+        return forces
+    _, pads = np.unique(np.asarray(contacts.fingers), return_inverse=True)
+    return np.asarray(np.bincount(pads, weights=forces)[pads])
 
 
 def _tangential(vectors: FloatArray, normals: FloatArray) -> FloatArray:

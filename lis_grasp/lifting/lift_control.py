@@ -129,10 +129,16 @@ class FingerControl:
         """Return the contact point (3,) on each touching finger's link, in W."""
         return {finger: self._point(self._contacts[finger]) for finger in self.touching}
 
-    def open(self) -> None:
-        """Open the hand to the pregrasp."""
+    def release(self) -> None:
+        """Stop pushing: the springs keep the present posture."""
         self._contacts, self._forces = {}, {}
-        self._scene.command_fingers(self._start, np.zeros(len(self._start)))
+        self._posture = np.array(self._scene.joint_positions)
+        self._scene.command_fingers(self._posture, np.zeros(len(self._start)))
+
+    def open(self, fraction: float) -> None:
+        """Open the hand by a fraction of the way from the released posture to the pregrasp."""
+        posture = self._posture + min(fraction, 1.0) * (self._start - self._posture)
+        self._scene.command_fingers(posture, np.zeros(len(self._start)))
 
     def hold(self) -> None:
         """Keep pushing with the planned forces, which rotate with the palm."""

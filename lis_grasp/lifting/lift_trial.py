@@ -25,6 +25,8 @@ _CONTROL_RATE = 100.0  # [Hz]
 _SETTLE_TIME = 0.1  # [s]
 # An object that settles by more than this [m] may be falling: it gets the time of a fall [s].
 _SETTLED, _FALL_TIME = 0.001, 0.5
+# Times of settling in which an object that the hand let go comes to rest.
+_FALLS = 20
 _CLOSING_LIMIT = 4.0  # [s], longer than any finger needs
 _LEAST_FORCE = 0.05  # [N] of a link that counts as touching
 _LOST = 0.05  # [m] of slip that only a lost object has
@@ -236,10 +238,22 @@ class LiftTrial:
 
     def _abort(self) -> Reason:
         """Open the hand, and retreat against the approach."""
-        self._control.open()
+        self._control.release()
         here = np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
-        self._advance(_RETREAT_TIME, rest_at(here))
+
+        def open_hand(time: float) -> bool:
+            self._control.open(time / _RETREAT_TIME)
+            return False
+
+        self._advance(_RETREAT_TIME + _SETTLE_TIME, rest_at(here), open_hand)
         self._advance(_RETREAT_TIME, line(here, self._retreat, _RETREAT_TIME))
+        before = self._scene.X_WO
+        for _ in range(_FALLS):
+            self._advance(_SETTLE_TIME, rest_at(self._retreat))
+            moved = float(np.abs(self._scene.X_WO - before).max())
+            if moved < _AT_REST:
+                break
+            before = self._scene.X_WO
         return "aborted"
 
     def _hold_grip(self, time: float) -> bool:

@@ -60,6 +60,16 @@ def test_weak_touches_are_not_felt_and_some_are_missed() -> None:
     assert len(sensor.sense(unknown, rng=np.random.default_rng(0))) == COUNT
 
 
+def test_two_contacts_across_an_edge_share_the_force_on_a_pad() -> None:
+    rng = np.random.default_rng(0)
+    normals = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    both = Contacts(np.zeros((2, 3)), normals, forces=np.array([0.03, 0.04]), fingers=("a", "a"))
+    sensor = TactileSensor(force_threshold=0.05)
+    assert len(sensor.sense(both, rng=rng)) == 2
+    assert len(sensor.sense(replace(both, fingers=("a", "b")), rng=rng)) == 0
+    assert len(sensor.sense(replace(both, fingers=()), rng=rng)) == 0
+
+
 def test_the_same_draws_give_the_same_report() -> None:
     sensor = TactileSensor(position_noise=0.001, normal_noise=0.02, miss_rate=0.1)
     np.testing.assert_array_equal(sense(sensor, 3).points, sense(sensor, 3).points)
