@@ -9,6 +9,7 @@ import numpy as np
 from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.arm_mount import CLEARANCE, mount_of
 from lis_grasp.arms.base_search import REGION, choose_base, palm_targets, reach_fraction
+from lis_grasp.arms.find_flange import BEYOND
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.arms.station_home import home_of
@@ -25,9 +26,9 @@ _GRAVITY = 9.81  # [m/s^2]
 _ENOUGH = 0.4  # fraction of the region that must be reached
 _USED = 0.9  # fraction of an effort limit that gravity may use
 _POSTURES = 60  # in the region, in which efforts are computed
-# A joint's speed is plausible from 0.05 to 20 rad/s or m/s.
-_SLOWEST, _FASTEST = 0.05, 20.0
-_BEYOND = 0.03  # how far bodies of the last link may be beyond the flange [m]
+# A joint's speed is plausible from 0.005 to 20 rad/s or m/s.
+_SLOWEST, _FASTEST = 0.005, 20.0
+_ROUNDING = 1e-6  # of a length [m]
 
 
 def check_arm(arm: Arm, hand: Hand, X_WA: FloatArray | None = None) -> list[Finding]:
@@ -75,8 +76,8 @@ def _masses(arm: Arm) -> Iterator[Finding]:
             "without collision bodies, so the convex hulls of their visual meshes are used:"
             f" {', '.join(arm.hulls_of_visuals)}",
         )
-    fine = 0.5 <= arm.mass <= 500.0
-    advice = "" if fine else ": masses must be in kg, 0.5 to 500 in all"
+    fine = 0.1 <= arm.mass <= 500.0
+    advice = "" if fine else ": masses must be in kg, 0.1 to 500 in all"
     joints = len(arm.joint_names)
     yield Finding(fine, f"arm {arm.name}: {joints} joints, moving mass {arm.mass:.1f} kg{advice}")
 
@@ -109,7 +110,15 @@ def _flange(arm: Arm) -> Iterator[Finding]:
             X_FG = X_FA @ links[geometry.link] @ geometry.X_LG
             heights = np.asarray(geometry.mesh.vertices) @ X_FG[2, :3] + X_FG[2, 3]
             beyond = max(beyond, float(heights.max()))
-    if beyond > _BEYOND:
+    if not np.array_equal(arm.X_LF, np.eye(4)):
+        place = ", ".join(f"{1e3 * x:.0f}" for x in arm.X_LF[:3, 3])
+        axis = ", ".join(f"{x:.2g}" for x in arm.X_LF[:3, 2])
+        yield Finding(
+            True,
+            f"the flange is at ({place}) mm in the frame of {arm.flange}, and points along"
+            f" ({axis}); flange_pose in the YAML changes it",
+        )
+    if beyond > BEYOND + _ROUNDING:
         yield Finding(
             False,
             f"the last link is up to {1e3 * beyond:.0f} mm beyond the flange frame: its +z must"

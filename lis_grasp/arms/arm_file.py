@@ -14,6 +14,7 @@ import yourdfpy
 from lis_grasp.arms.arm_kinematics import ArmKinematics
 from lis_grasp.arms.arm_schema import ArmEntry, parse_arm
 from lis_grasp.arms.find_arm_posture import find_arm_exclusions, find_home
+from lis_grasp.arms.find_flange import flange_frame
 from lis_grasp.arms.joint_numbers import JointNumbers, read_joint_numbers
 from lis_grasp.arms.shipped_arms import arm_path
 from lis_grasp.exceptions import InvalidArmError, InvalidFileError, InvalidHandError
@@ -144,7 +145,12 @@ class _ArmAssembly:
             self._fail("urdf", "must give links collision bodies; it gives none")
         lower, upper = self._position_limits()
         model = HandModel(**(fields_of(model) | {"lower": lower, "upper": upper}))
-        X_LF = read_only(rpy_pose(entry.flange_pose.translation, entry.flange_pose.rpy))
+        given = entry.flange_pose
+        X_LF = read_only(
+            flange_frame(model, entry.flange)
+            if given is None
+            else rpy_pose(given.translation, given.rpy)
+        )
         kinds = {joint.index: joint.kind for joint in model.joints if joint.is_actuated}
         speeds = np.array([_SPEED[kinds[j]] for j in range(len(names))])
         speeds = self._limits("velocity", speeds)

@@ -33,8 +33,8 @@ class ArmEntry(_Entry):
         default="", description="How to get the URDF or SDF, for the message when it is missing."
     )
     flange: Name = Field(description="Link that carries the hand; links beyond it are left out.")
-    flange_pose: FlangePose = Field(
-        default=FlangePose(), description="Flange frame in that link, if its +z does not point out."
+    flange_pose: FlangePose | None = Field(
+        default=None, description="Flange frame in that link; by its bodies if left out."
     )
     base_link: Name | None = Field(
         default=None, description="Root of the arm, on its base: links before it are left out."

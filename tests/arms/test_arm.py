@@ -157,6 +157,22 @@ def test_limits_and_motors_come_from_the_file_and_the_yaml(tmp_path: Path) -> No
     assert arm.flange_links == {"slide", "tool"}
 
 
+def test_a_flange_points_along_the_last_joint_to_its_free_side(tmp_path: Path) -> None:
+    assert np.array_equal(Arm.load(_write(tmp_path)).X_LF, np.eye(4))  # +z of the tool is out
+    of_slide = Arm.load(_write(tmp_path, flange="slide")).X_LF
+    np.testing.assert_allclose(of_slide[:, 2], [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(of_slide[:3, 3], 0.0)
+    assert np.linalg.det(of_slide) == pytest.approx(1.0)
+    longer = _URDF.replace('size="0.05 0.05 0.05"', 'size="0.2 0.05 0.05"')
+    moved = Arm.load(_write(tmp_path, longer, flange="slide")).X_LF
+    np.testing.assert_allclose(moved[:3, 3], [0.1, 0.0, 0.0], atol=1e-12)
+    given = Arm.load(
+        _write(tmp_path, flange="slide", flange_pose={"translation": [0, 0, 0.1]})
+    ).X_LF
+    np.testing.assert_allclose(given[:3, 3], [0.0, 0.0, 0.1])
+    np.testing.assert_allclose(given[:3, :3], np.eye(3))
+
+
 def test_base_link_and_locked_joints_leave_the_rest(tmp_path: Path) -> None:
     path = _write(tmp_path, base_link="foot", locked_joints={"turn": 1.0}, home=[0.1])
     arm = Arm.load(path)
