@@ -21,6 +21,7 @@ GUIDES = (
     "robot-logs",
     "own-objects",
     "own-estimator",
+    "arm",
     "real-robot",
     "unknown-place",
 )

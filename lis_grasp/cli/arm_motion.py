@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
 
 from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.base_search import best_bases
-from lis_grasp.arms.grasp_motion import plan_grasp_motion
+from lis_grasp.arms.grasp_motion import GraspMotion, plan_grasp_motion
 from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.shipped_arms import ARM_NAMES
 from lis_grasp.arms.station import Station, Table
@@ -46,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="place of the arm's base [m]: z above the table (default: as recorded, else chosen)",
     )
     parser.add_argument(
-        "--rank", type=int, default=1, metavar="N", help="rank of the grasp (default: 1)"
+        "--rank", type=int, metavar="N", help="rank of the grasp (default: the best within reach)"
     )
     opt.add_options(parser, "hand", "seed")
     opt.add_output(parser, "motion in the folder of GRASPS")
@@ -58,56 +61,68 @@ def execute(options: argparse.Namespace) -> None:
     recorded = provenance.read(options.grasps_file)
     config = opt.configure(options, recorded)
     hand = Hand.load(config.hand)
-    grasp = _grasp(options.grasps_file, options.rank, hand)
+    grasps = _grasps(options.grasps_file, options.rank, hand)
     folder = options.output or options.grasps_file.parent / "motion"
     surface = options.grasps_file.with_name("surface.ply")
     mesh = load_surface(surface) if surface.is_file() else None
     height = float(recorded.get("support_height", 0.0))
     arm = Arm.load(options.arm or recorded.get("arm") or ARM_NAMES[0])
     with Stage(f"Planning the motion of {arm.name} with {hand.name}") as stage:
-        for station in _stations(options, recorded, arm, hand, height):
-            motion = plan_grasp_motion(
-                station,
-                mesh,
-                grasp.X_OH,
-                grasp.pregrasp_positions,
-                grasp.joint_positions,
-                rng=np.random.default_rng(config.seed),
-            )
-            if not isinstance(motion, str):
-                break
-        if isinstance(motion, str):
-            raise LisGraspError(
-                f"grasp {options.rank} has no motion of arm {arm.name}, because"
-                f" {rejection_sentence(motion)}; try another --rank, or plan with this arm:"
-                f" lis-grasp grasp MESH --arm {arm.name}"
-            )
-        stage.result = (
-            f"{motion.approach.duration:.1f} s to the grasp, {motion.lift.duration:.1f} s up"
+        rank, station, motion = _first_motion(
+            grasps,
+            _stations(options, recorded, arm, hand, height),
+            mesh,
+            rng=np.random.default_rng(config.seed),
         )
-    closing = _closing(hand, grasp)
+        stage.result = (
+            f"grasp {rank}, {motion.approach.duration:.1f} s to it, {motion.lift.duration:.1f} s up"
+        )
+    closing = _closing(hand, grasps[rank])
     for name, part in (("approach", motion.approach), ("close", closing), ("lift", motion.lift)):
         columns = part.joint_names, part.times, part.positions, part.velocities
         write_trajectory_csv(folder / f"{name}.csv", *columns)
         write_joint_trajectory(folder / f"{name}.yaml", *columns, part.accelerations)
     place = ", ".join(f"{x:.3f}" for x in station.X_WA[:3, 3])
-    say(f"base of {arm.name} at ({place}) m in the frame of the grasps, not turned")
+    say(f"base of {arm.name} at ({place}) m in the frame of the grasps")
     say(f"wrote {folder}: approach, close and lift, each as .csv and .yaml")
 
 
-def _grasp(path: Path, rank: int, hand: Hand) -> Grasp:
-    grasps = GraspSearch.load(path).grasps
-    if not 1 <= rank <= len(grasps):
-        required = f"1 to {len(grasps)}, the grasps in {path.name}" if grasps else "of a grasp"
-        raise InvalidOptionError.out_of_range("rank", rank, required)
-    grasp = grasps[rank - 1]
-    if grasp.joint_names != hand.joint_names:
+def _first_motion(
+    grasps: Mapping[int, Grasp],
+    stations: Sequence[Station],
+    mesh: trimesh.Trimesh | None,
+    *,
+    rng: np.random.Generator,
+) -> tuple[int, Station, GraspMotion]:
+    """Return the first grasp that a station can carry out, by its rank, and its motion."""
+    reasons: Counter[str] = Counter()
+    for rank, grasp in grasps.items():
+        for station in stations:
+            q_open, q_closed = grasp.pregrasp_positions, grasp.joint_positions
+            motion = plan_grasp_motion(station, mesh, grasp.X_OH, q_open, q_closed, rng=rng)
+            if not isinstance(motion, str):
+                return rank, station, motion
+            reasons[motion] += 1
+    raise LisGraspError(
+        f"arm {stations[0].arm.name} has no motion for {len(grasps)} grasps, mostly because"
+        f" {rejection_sentence(reasons.most_common(1)[0][0])}; plan grasps within its reach"
+    )
+
+
+def _grasps(path: Path, rank: int | None, hand: Hand) -> dict[int, Grasp]:
+    """Return the grasps of a file by rank, or the one of the given rank."""
+    grasps = dict(enumerate(GraspSearch.load(path).grasps, start=1))
+    if not grasps or rank not in (None, *grasps):
+        required = f"1 to {len(grasps)}" if grasps else "of a grasp, but there is none"
+        raise InvalidOptionError.out_of_range("rank", rank, f"{required} in {path.name}")
+    names = {grasp.hand for grasp in grasps.values() if grasp.joint_names != hand.joint_names}
+    if names:
         raise InvalidOptionError(
-            f"hand must be the one of the grasps, {grasp.hand}; it is {hand.name}",
+            f"hand must be the one of the grasps, {', '.join(names)}; it is {hand.name}",
             option="hand",
             value=hand.name,
         )
-    return grasp
+    return grasps if rank is None else {rank: grasps[rank]}
 
 
 def _stations(

@@ -86,8 +86,7 @@ def test_the_command_writes_motions_of_a_grasp(tmp_path: Path) -> None:
     mesh.export(tmp_path / "box.stl")
     assert main(["grasp", str(tmp_path / "box.stl"), "--hand", "wsg50", "--grasps", "10"]) == 0
     grasps = str(tmp_path / "grasps.json")
-    codes = (main(["motion", grasps, "--hand", "wsg50", "--rank", str(n)]) for n in range(1, 11))
-    assert 0 in codes  # ends at the first rank within reach
+    assert main(["motion", grasps, "--hand", "wsg50"]) == 0
     for part in ("approach", "close", "lift"):
         message = yaml.safe_load((tmp_path / "motion" / f"{part}.yaml").read_text())
         table = read_csv_columns(tmp_path / "motion" / f"{part}.csv")
