@@ -308,3 +308,43 @@ def test_the_shipped_schema_is_that_of_the_package_and_arms_name_it(tmp_path: Pa
     for path in files:
         first = path.read_text().splitlines()[0]
         assert first == "# yaml-language-server: $schema=../arm.schema.json"
+
+
+@pytest.mark.slow  # imports Drake
+def test_drake_reads_the_shipped_arm_alike(arm: Arm) -> None:
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+
+    plant = MultibodyPlant(1e-3)
+    Parser(plant).AddModels(str(arm.path))
+    plant.WeldFrames(plant.world_frame(), plant.GetBodyByName(arm.base_link).body_frame())
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    joints = [plant.GetJointByName(name) for name in arm.joint_names]
+    actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    limits = np.array(
+        [
+            [
+                j.position_lower_limits()[0],
+                j.position_upper_limits()[0],
+                j.velocity_upper_limits()[0],
+            ]
+            for j in joints
+        ]
+    )
+    np.testing.assert_allclose(limits.T, [arm.lower, arm.upper, arm.velocity_limits])
+    np.testing.assert_allclose(
+        [j.acceleration_upper_limits()[0] for j in joints], arm.acceleration_limits
+    )
+    np.testing.assert_allclose([a.effort_limit() for a in actuators], arm.effort_limits)
+    np.testing.assert_allclose(
+        [a.default_gear_ratio() ** 2 * a.default_rotor_inertia() for a in actuators],
+        arm.rotor_inertias,
+    )
+    np.testing.assert_allclose([j.default_damping() for j in joints], arm.damping)
+    for q in np.random.default_rng(7).uniform(arm.lower, arm.upper, size=(5, 7)):
+        plant.SetPositions(context, q)
+        flange = plant.GetBodyByName(arm.flange)
+        X_AF = plant.EvalBodyPoseInWorld(context, flange).GetAsMatrix4()
+        np.testing.assert_allclose(arm.kinematics.flange_poses(q), X_AF, atol=1e-12)
+    assert plant.CalcTotalMass(context) == pytest.approx(29.9)
