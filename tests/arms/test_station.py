@@ -1,5 +1,7 @@
 """Stations: palm kinematics, collisions, home, placement of the base, efforts, reach of grasps."""
 
+import pickle
+
 import numpy as np
 import pytest
 import trimesh
@@ -50,6 +52,14 @@ def test_ik_reaches_palm_poses(station: Station) -> None:
     error = pose_error(station.palm_poses(found.q), X_WH[:, None])[found.solved]
     # The flange is within 0.1 mm and 1 mrad, the palm 0.1 m beyond it.
     assert np.linalg.norm(error[:, :3], axis=1).max() < 2e-4
+
+
+def test_stations_can_be_sent_to_other_processes(station: Station) -> None:
+    q = _random(station, 3, 5)
+    sent = pickle.loads(pickle.dumps(station))  # noqa: S301
+    np.testing.assert_array_equal(sent.palm_poses(q), station.palm_poses(q))
+    X_WH = station.palm_poses(q)
+    np.testing.assert_array_equal(sent.solve_ik(X_WH).q, station.solve_ik(X_WH).q)
 
 
 def test_a_base_inside_the_table_is_refused(station: Station) -> None:
