@@ -1,0 +1,95 @@
+"""Lifts with an arm: held within its limits, and stopped for the right reasons."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp.arms.arm import Arm
+from lis_grasp.arms.base_search import choose_base
+from lis_grasp.arms.station import Station, Table
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.sampler import ForceClosureSampler
+from lis_grasp.hands.hand import Hand
+from lis_grasp.lifting.arm_lift import ArmLift, plan_arm_lift
+from lis_grasp.lifting.joint_path import JointPath
+from lis_grasp.lifting.lift_outcome import LiftOptions
+from lis_grasp.motion import arm_body
+from lis_grasp.simulation.simulate_lift import simulate_lift
+
+BOX = trimesh.creation.box(extents=[0.05, 0.06, 0.10])
+HEIGHT = -0.05
+QUICK = LiftOptions(hold_time=0.3, shake_accelerations=(9.81,))
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def station() -> Station:
+    return choose_base(Arm.load("iiwa14"), Hand.load("wsg50"), table=Table(HEIGHT))
+
+
+@pytest.fixture(scope="module")
+def grasp(station: Station) -> Grasp:
+    sampler = ForceClosureSampler(station.hand, station=station, candidates=300)
+    rng = np.random.default_rng(0)
+    return sampler.sample(BOX, rng=rng, support_height=HEIGHT, count=1).grasps[0]
+
+
+@pytest.fixture(scope="module")
+def planned(station: Station, grasp: Grasp) -> ArmLift:
+    lift = plan_arm_lift(station, grasp, BOX, time_step=QUICK.time_step)
+    assert isinstance(lift, ArmLift)
+    return lift
+
+
+def test_an_arm_lifts_and_holds_within_its_limits(grasp: Grasp, planned: ArmLift) -> None:
+    hand = planned.station.hand
+    outcome = simulate_lift(BOX, hand, grasp, support_height=HEIGHT, options=QUICK, arm=planned)
+    assert outcome.reason == "held"
+    use = outcome.arm
+    assert use is not None
+    assert use.steps == round(outcome.duration / QUICK.time_step)
+    assert use.effort < 1.0
+    assert use.speed < 1.0
+    assert use.palm_error < 0.005
+    assert use.contacts == {}
+    assert [shake.asked for shake in use.shakes] == [9.81] * 6
+    assert all(0.0 < shake.by_motion <= shake.asked for shake in use.shakes)
+    # The arm cannot make 1 g along every axis: its acceleration limits are below.
+    assert min(shake.by_motion for shake in use.shakes) < 9.0
+    # The recorded arm is rigid with the hand: the flange carries the base link.
+    station = planned.station
+    flange = outcome.motion.poses[arm_body(station.arm.flange)]
+    base = outcome.motion.poses[hand.base_link]
+    expected = flange @ station.arm.X_LF @ station.mount.X_FB
+    np.testing.assert_allclose(base, expected, atol=1e-6)
+
+
+def test_a_weak_arm_stops_at_its_torque_limit(grasp: Grasp, planned: ArmLift) -> None:
+    arm = planned.station.arm
+    weak = replace(planned.station, arm=replace(arm, effort_limits=0.15 * arm.effort_limits))
+    lift = replace(planned, station=weak)
+    outcome = simulate_lift(BOX, weak.hand, grasp, support_height=HEIGHT, options=QUICK, arm=lift)
+    assert outcome.reason == "torque_limit"
+    assert outcome.arm is not None
+    assert outcome.arm.effort == pytest.approx(1.0, abs=1e-3)
+
+
+def test_an_arm_that_hits_the_table_stops(grasp: Grasp, planned: ArmLift) -> None:
+    home = planned.transit.q[0]
+    down = home.copy()
+    down[1] += 1.9  # the shoulder bends over, and the hand's mount goes into the table
+    parts = np.linspace(0.0, 1.0, 401)[:, None]
+    rates = np.tile((down - home) / 2.0, (401, 1))
+    path = JointPath(QUICK.time_step, home + parts * (down - home), rates, np.zeros((401, 7)))
+    lift = replace(planned, transit=path)
+    hand = planned.station.hand
+    far = np.eye(4)
+    far[:3, 3] = 0.0, 0.5, 0.0  # the object is out of the way
+    outcome = simulate_lift(
+        BOX, hand, grasp, support_height=HEIGHT, options=QUICK, arm=lift, X_WO=far
+    )
+    assert outcome.arm is not None
+    assert outcome.reason in ("arm_collision", "torque_limit")
+    assert any("table" in pair for pair in outcome.arm.contacts)
