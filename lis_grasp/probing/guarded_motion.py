@@ -29,6 +29,7 @@ from lis_grasp.probing.approach_planner import (
     Approach,
     ApproachPlanner,
 )
+from lis_grasp.probing.arm_transit import ArmTransits
 from lis_grasp.shapes.winding_number import any_inside
 from lis_grasp.typing import FloatArray
 
@@ -38,6 +39,7 @@ FREE_POINT_SPACING = 0.01
 TOUCHING = 2e-5
 """Distance below which two bodies touch [m]."""
 
+NO_ARM_TRANSIT = "the arm has no collision-free path from its home to the approach"
 AT_TABLE = "the table ended the motion"
 
 
@@ -55,6 +57,7 @@ class Course:
     remaining: float  # rest of the last leg [m]
     touched: NearestLink | None  # the touching link and its contact
     at_table: bool = False  # whether the table ended the motion before the probe's target
+    transit: float = 0.0  # time of an arm from its home to the approach, and back [s]
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -101,12 +104,12 @@ class Course:
         """Time up to the end of the motion [s]."""
         approach, motion = self._lengths
         transit, probe = self.speeds
-        return approach / transit + motion / probe
+        return self.transit + approach / transit + motion / probe
 
     @property
     def duration(self) -> float:
         """Time of the motion and of the retreat the same way [s]."""
-        return self.until_contact + sum(self._lengths) / self.speeds[0]
+        return self.until_contact + sum(self._lengths) / self.speeds[0] + self.transit
 
     def poses(self) -> FloatArray:
         """Return poses of the palm along the motion, shape (K, 4, 4), with the end of each leg."""
@@ -133,6 +136,7 @@ class GuardedMotion:
 
     def __init__(self, hand: Hand, mesh: trimesh.Trimesh, station: Station | None = None) -> None:
         self._planner = ApproachPlanner(hand, station)
+        self._transits = None if station is None else ArmTransits(station)
         self._blocked = NO_FREE_APPROACH if station is None else OUT_OF_ARM_REACH
         if not mesh.is_watertight:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
@@ -155,6 +159,7 @@ class GuardedMotion:
     def place_station(self, station: Station) -> None:
         """Place the station of the arm in the frame E."""
         self._planner.place_station(station)
+        self._transits = ArmTransits(station)
 
     def run(self, probe: Probe, obstacles: ObstacleModel | None = None) -> Course | str:
         """Move up to the first contact; return the course, or the reason that blocks the probe.
@@ -162,6 +167,7 @@ class GuardedMotion:
         With `obstacles`, the hand approaches from outside of the object's ball, avoids the known
         object, and stops above the table. Without, it starts where no link touches the object.
         """
+        transit = 0.0
         if obstacles is None:
             approach = self._free_start(probe)
             if approach is None:
@@ -172,17 +178,26 @@ class GuardedMotion:
                 return self._blocked
             if self._place(approach, approach.X_OH_outside):
                 return NO_FREE_START
+            if self._transits is not None and approach.arm is not None:
+                begin, q_hand = approach.arm.approach[0], approach.posture.joint_positions
+                time = self._transits.duration(begin, q_hand, obstacles.space)
+                if time is None:
+                    return NO_ARM_TRANSIT
+                transit = time
             if approach.distance > 0.0:
                 touched, length = self._advance(approach.axis, approach.distance)
                 if touched is not None:
                     remaining = approach.distance - length
-                    return Course(probe, approach, False, length, remaining, touched)
+                    return Course(
+                        probe, approach, False, length, remaining, touched, transit=transit
+                    )
         self._place(approach, approach.X_OH)
         wanted = probe.standoff + probe.overshoot
         length = min(wanted, self._above_table(approach, probe, obstacles))
         touched, travelled = self._advance(probe.direction, length)
         at_table = touched is None and length < probe.standoff
-        return Course(probe, approach, True, travelled, length - travelled, touched, at_table)
+        remaining = length - travelled
+        return Course(probe, approach, True, travelled, remaining, touched, at_table, transit)
 
     def outcome(
         self, probe: Probe, obstacles: ObstacleModel | None
