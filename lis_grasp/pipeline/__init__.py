@@ -1,5 +1,6 @@
 """The pipeline from touch to lift: each stage as one function, and its configuration."""
 
+from lis_grasp.pipeline.arm_station import make_station
 from lis_grasp.pipeline.contact_sources import join_sources, load_source
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import (
@@ -29,6 +30,7 @@ __all__ = [
     "load_source",
     "make_estimator",
     "make_policy",
+    "make_station",
     "object_mass",
     "plan",
     "pose_of",
