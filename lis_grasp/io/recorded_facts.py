@@ -43,8 +43,12 @@ class RecordedFacts(FileRecord):
     friction: Number = 0.8
     load: str = "known"
     simulator: str = "drake"
+    arm: str | None = None
+    base: _Lengths | None = None
     grasps: Count = 1
     attempts: Count = 1
     support_height: Number = 0.0
     X_WO: Pose | None = None
     X_EO: Pose | None = None
+    X_EA: Pose | None = None
+    X_FB: Pose | None = None
