@@ -21,6 +21,9 @@ ProbeStatus = Literal["touched", "missed", "blocked"]
 PROBE_SPEED = 0.1
 """Speed of a guarded motion, which may touch at any time [m/s]."""
 
+GENTLE_SPEED = 0.03
+"""The same of a hand that touches an object which may move [m/s]."""
+
 TRANSIT_SPEED = 0.25
 """Speed of approach, retreat, and the transfer from one probe to the next [m/s]."""
 

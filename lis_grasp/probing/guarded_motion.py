@@ -57,13 +57,14 @@ class Course:
     remaining: float  # rest of the last leg [m]
     touched: NearestLink | None  # the touching link and its contact
     at_table: bool = False  # whether the table ended the motion before the probe's target
+    probe_speed: float = PROBE_SPEED  # of a hand without an arm [m/s]
     transit: float = 0.0  # time of an arm from its home to the approach, and back [s]
 
     @property
     def speeds(self) -> tuple[float, float]:
         """Speeds of the approach and of the probe's motion [m/s]."""
         if self.approach.arm is None:
-            return TRANSIT_SPEED, PROBE_SPEED
+            return TRANSIT_SPEED, self.probe_speed
         return ARM_TRANSIT_SPEED, ARM_PROBE_SPEED
 
     @property
@@ -134,7 +135,15 @@ class GuardedMotion:
     `place_object` moves the object. With a `station`, probes are within the reach of its arm.
     """
 
-    def __init__(self, hand: Hand, mesh: trimesh.Trimesh, station: Station | None = None) -> None:
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        station: Station | None = None,
+        *,
+        probe_speed: float = PROBE_SPEED,
+    ) -> None:
+        self._probe_speed = probe_speed
         self._planner = ApproachPlanner(hand, station)
         self._transits = None if station is None else ArmTransits(station)
         self._blocked = NO_FREE_APPROACH if station is None else OUT_OF_ARM_REACH
@@ -167,7 +176,7 @@ class GuardedMotion:
         With `obstacles`, the hand approaches from outside of the object's ball, avoids the known
         object, and stops above the table. Without, it starts where no link touches the object.
         """
-        transit = 0.0
+        times = (self._probe_speed, 0.0)
         if obstacles is None:
             approach = self._free_start(probe)
             if approach is None:
@@ -183,21 +192,19 @@ class GuardedMotion:
                 time = self._transits.duration(begin, q_hand, obstacles.space)
                 if time is None:
                     return NO_ARM_TRANSIT
-                transit = time
+                times = (self._probe_speed, time)
             if approach.distance > 0.0:
                 touched, length = self._advance(approach.axis, approach.distance)
                 if touched is not None:
                     remaining = approach.distance - length
-                    return Course(
-                        probe, approach, False, length, remaining, touched, transit=transit
-                    )
+                    return Course(probe, approach, False, length, remaining, touched, False, *times)
         self._place(approach, approach.X_OH)
         wanted = probe.standoff + probe.overshoot
         length = min(wanted, self._above_table(approach, probe, obstacles))
         touched, travelled = self._advance(probe.direction, length)
         at_table = touched is None and length < probe.standoff
         remaining = length - travelled
-        return Course(probe, approach, True, travelled, remaining, touched, at_table, transit)
+        return Course(probe, approach, True, travelled, remaining, touched, at_table, *times)
 
     def outcome(
         self, probe: Probe, obstacles: ObstacleModel | None

@@ -10,7 +10,7 @@ import trimesh
 from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
-from lis_grasp.exploration.probe import PROBE_SPEED, HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.probe import GENTLE_SPEED, PROBE_SPEED, HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
@@ -25,9 +25,8 @@ from lis_grasp.typing import FloatArray
 _BEFORE = 0.002
 # A touch is detected within this distance of the first contact; later ones are grazes [m].
 _BEYOND = 0.01
-# A free object is touched slowly [m/s]. The hand retreats this late after the detection [s]: a
-# sensor of 100 Hz.
-_GENTLE_SPEED, _LATENCY = 0.03, 0.01
+# From a free object the hand retreats this late after the detection [s]: a sensor of 100 Hz.
+_LATENCY = 0.01
 
 ARM_STOPPED = "the arm stopped"
 GRAZED = "a link grazed the object below the force threshold"
@@ -89,7 +88,8 @@ class DynamicProber:
         require_positive(force_threshold=force_threshold)
         self._threshold = force_threshold
         self._scene = ProbingScene(hand, mesh, free, station, arm_use)
-        self._motion = GuardedMotion(hand, mesh, station)
+        self._speed = PROBE_SPEED if free is None else GENTLE_SPEED
+        self._motion = GuardedMotion(hand, mesh, station, probe_speed=self._speed)
         self._station = station
         self._X_WE = np.eye(4)  # the plant is in W, where the arm's base stays
         self._hand = hand
@@ -154,9 +154,7 @@ class DynamicProber:
         if self._station is not None:
             direction = self._X_WE[:3, :3] @ direction
         scene.place(posture.joint_positions, X_WB, direction, X_WO, course.q_arm)
-        speed = PROBE_SPEED if self._free is None else _GENTLE_SPEED
-        if self._station is not None:
-            speed = course.speed
+        speed = self._speed if self._station is None else course.speed
         start = max(course.travelled - _BEFORE, 0.0)
         scene.start_motion(start, speed)
         step = speed * scene.time_step
