@@ -160,7 +160,7 @@ def test_readme_commands_parse() -> None:
         for line in text.splitlines()
         if line.startswith("lis-grasp")
     ]
-    assert len(lines) == 11
+    assert len(lines) == 12
     for line in lines:
         build_parser().parse_args(shlex.split(line, comments=True)[1:])
 
