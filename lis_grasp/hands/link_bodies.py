@@ -23,6 +23,8 @@ LARGEST = 1e3
 """Largest length or position in a hand [m or rad]; more is a mistake."""
 _MOST_VERTICES = 200  # of a mesh's convex hull
 _LEAST_HEIGHT = 2e-5  # of a triangle of a hull [m]
+# glTF has +y up, robot descriptions +z.
+_FROM_GLTF = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 _FORMATS = (".obj", ".stl", ".dae", ".ply", ".gltf", ".glb", ".off")
 _SMALLEST = 1e-6  # size of a body [m]
 
@@ -64,6 +66,8 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
     loaded = read_mesh(file, _FORMATS, merge=True, materials=True)
     if len(loaded.faces) == 0:
         raise InvalidFileError(f"the mesh {file} has no triangles", path=file)
+    if file.suffix.lower() in (".gltf", ".glb"):
+        loaded.apply_transform(_FROM_GLTF)
     if factors is not None:
         with np.errstate(all="ignore"):
             loaded.apply_scale(factors if len(factors) == 3 else float(factors[0]))
