@@ -27,8 +27,8 @@ GENTLE_SPEED = 0.03
 TRANSIT_SPEED = 0.25
 """Speed of approach, retreat, and the transfer from one probe to the next [m/s]."""
 
-ARM_PROBE_SPEED, ARM_TRANSIT_SPEED = 0.02, 0.1
-"""The same speeds of a hand that an arm carries [m/s]: its inertia runs on after a touch."""
+ARM_PROBE_SPEED, ARM_APPROACH_SPEED, ARM_RETREAT_SPEED = 0.02, 0.05, 0.1
+"""Speeds of a hand that an arm carries [m/s]: after a touch its inertia runs on."""
 
 # Largest change of a length by normalisation.
 _ROUNDING = 4.0 * float(np.finfo(np.float64).eps)

@@ -10,8 +10,9 @@ import trimesh
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.probe import (
+    ARM_APPROACH_SPEED,
     ARM_PROBE_SPEED,
-    ARM_TRANSIT_SPEED,
+    ARM_RETREAT_SPEED,
     PROBE_SPEED,
     TRANSIT_SPEED,
     Probe,
@@ -65,7 +66,7 @@ class Course:
         """Speeds of the approach and of the probe's motion [m/s]."""
         if self.approach.arm is None:
             return TRANSIT_SPEED, self.probe_speed
-        return ARM_TRANSIT_SPEED, ARM_PROBE_SPEED
+        return ARM_APPROACH_SPEED, ARM_PROBE_SPEED
 
     @property
     def speed(self) -> float:
@@ -110,7 +111,8 @@ class Course:
     @property
     def duration(self) -> float:
         """Time of the motion and of the retreat the same way [s]."""
-        return self.until_contact + sum(self._lengths) / self.speeds[0] + self.transit
+        back = TRANSIT_SPEED if self.approach.arm is None else ARM_RETREAT_SPEED
+        return self.until_contact + sum(self._lengths) / back + self.transit
 
     def poses(self) -> FloatArray:
         """Return poses of the palm along the motion, shape (K, 4, 4), with the end of each leg."""

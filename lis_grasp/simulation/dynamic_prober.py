@@ -61,7 +61,7 @@ class DynamicProber:
         advances by 0.2 mm a step, or 0.06 mm if the object is free, so the force exceeds it a
         little: by at most 1 N.
     station
-        The arm that carries the hand, at 20 mm/s on probes and 0.1 m/s on approaches; it retreats
+        The arm that carries the hand, at 20 mm/s on probes and 50 mm/s on approaches; it retreats
         at once after a touch. Probes beyond its reach are blocked, as are those on which a link of
         it collides or a joint exceeds its largest effort. None for a hand on a rail.
     arm_use

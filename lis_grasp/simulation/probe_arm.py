@@ -16,6 +16,8 @@ from lis_grasp.simulation.arm_watch import ArmStoppedError, ArmWatch
 from lis_grasp.simulation.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
 
+# A reversal at a touch accelerates the palm by this [m/s^2]; more exceeds effort limits.
+_ACCELERATION = 4.0
 # Spacing of the postures by which the arm comes to where its simulation starts [m].
 _SPACING = 0.01
 
@@ -68,20 +70,27 @@ class ProbeArm:
         """Set the arm to where the hand has travelled so far [m], at a speed [m/s]."""
         for part in np.linspace(0.0, travelled, int(np.ceil(travelled / _SPACING)) + 1)[1:]:
             self._q = self._posture(self._q, float(part))
+        self._travelled, self._speed = travelled, speed
+        self._qd = self._rates(self._q, speed)
         plant, context, arm = self._plant, self._context, self._arm
         plant.SetPositions(context, arm.instance, self._q)
-        plant.SetVelocities(context, arm.instance, self._rates(self._q, speed))
+        plant.SetVelocities(context, arm.instance, self._qd)
         self._fingers.FixValue(context, arm.hand.weight_efforts(plant, context))
-        self.command(travelled, speed)
 
     def command(self, travelled: float, speed: float) -> None:
-        """Command a position [m] along the motion and a speed [m/s]."""
-        if travelled < 0.0:
-            travelled, speed = 0.0, 0.0
-        self._q = self._posture(self._q, travelled)
-        qd = self._rates(self._q, speed)
-        self._states.FixValue(self._context, np.concatenate([self._q, qd]))
-        efforts = self._dynamics.efforts(self._q, qd, np.zeros_like(qd))
+        """Command the next step of a motion at a speed [m/s]; the arm reverses within its means.
+
+        It stops where the line began.
+        """
+        step = self._plant.time_step()
+        change = _ACCELERATION * step
+        speed = float(np.clip(speed, self._speed - change, self._speed + change))
+        speed = max(speed, -float(np.sqrt(2.0 * _ACCELERATION * max(self._travelled, 0.0))))
+        self._travelled, self._speed = self._travelled + step * speed, speed
+        self._q = self._posture(self._q, self._travelled)
+        before, self._qd = self._qd, self._rates(self._q, speed)
+        self._states.FixValue(self._context, np.concatenate([self._q, self._qd]))
+        efforts = self._dynamics.efforts(self._q, self._qd, (self._qd - before) / step)
         self._efforts.FixValue(self._context, efforts)
 
     def check(self) -> None:
