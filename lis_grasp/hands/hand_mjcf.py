@@ -17,9 +17,9 @@ from lis_grasp.typing import FloatArray
 
 # As in Drake: a link without inertia gets that of a ball of a gram.
 _SMALL_BALL = 0.4 * LEAST_MASS * 0.01**2 * np.eye(3)  # [kg m^2], of 1 cm radius
-# The firmest constraint that MuJoCo has: with its default, coupled joints of a squeezing hand are
-# off by 2 degrees, and the grip is a tenth weaker.
-_COUPLING = {"solref": "0.002 1", "solimp": "0.999 0.9999 0.0001 0.5 2"}
+# With MuJoCo's default, coupled joints of a squeezing hand are off by 2 degrees, and the grip is a
+# tenth weaker; with a time constant of 2 ms [s] they chatter, and held objects creep.
+_COUPLING = {"solref": "0.005 1", "solimp": "0.999 0.9999 0.0001 0.5 2"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,11 +25,11 @@ HAND = "hand/"
 WRIST_JOINTS = tuple(f"wrist_{kind}_{axis}" for kind in ("slide", "turn") for axis in "xyz")
 """The wrist's joints: x, y, z, roll, pitch, yaw."""
 
-TIME_STEP = 0.001
+TIME_STEP = 0.0005
 """Largest time step of MuJoCo [s]."""
 
-# The firmest contact that the time step allows, its time constant twice as long: 5 N press a
-# fingertip in by 0.04 mm. Softer ones let objects creep in the hand while it shakes.
+# A time constant of four time steps: 5 N press a fingertip in by 0.04 mm. Softer contacts let
+# objects creep in the hand while it shakes; with two time steps, forces chatter.
 _CONTACT = {"solref": "0.002 1", "solimp": "0.9 0.99 0.0001 0.5 2"}
 # A tip of 12 mm radius, pressed in by 0.4 mm, has a patch of 3.1 mm radius with pressure by depth:
 # friction resists turning at 0.53 of that radius [m].
