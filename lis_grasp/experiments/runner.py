@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -119,6 +120,9 @@ class DaskCluster:
                 "be the address of a running Dask scheduler, such as tcp://host:8786", str(error)
             ) from None
         killed, lost = 0, 0
+        # A lost scheduler is an error of its jobs; its client would also log a traceback, and does
+        # so after it has been closed.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         with client:
             self._require_single_threads(client)
             # Impure: a cluster that outlives a study must not return rows of older code.
