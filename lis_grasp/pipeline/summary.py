@@ -79,4 +79,31 @@ def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
         no_grasp = lift["reason"] == "no_grasp"
         why = no_grasp_sentence(grasps["rejections"]) if no_grasp else lift_sentence(lift["reason"])
         lines.append(f"{lifted}: {why}")
+    if "arm" in report:
+        lines.append(_arm_line(report["arm"], lift.get("arm")))
     return tuple(lines)
+
+
+def _arm_line(arm: dict[str, Any], lift: dict[str, Any] | None) -> str:
+    """Return the sentence about what touches and the lift demanded of the arm."""
+    uses = [use for use in (arm.get("touches"), lift) if use is not None]
+    if not uses:
+        return f"arm       {arm['name']}: it did not move in a simulation"
+    effort, speed = (max(use[limit] for use in uses) for limit in ("effort", "speed"))
+    line = (
+        f"arm       {arm['name']}: at most {100 * effort:.0f} % of its efforts and"
+        f" {100 * speed:.0f} % of its speeds"
+    )
+    if "touches" in arm:
+        line += f"; touches of at most {arm['touches']['contact_force']:.1f} N"
+    pairs = sorted({pair for use in uses for pair in use["contacts"]})
+    line += f"; unwanted contacts: {', '.join(pairs) or 'none'}"
+    shakes = [] if lift is None else lift["shakes"]
+    if shakes:
+        least = min(shakes, key=lambda shake: shake["by_motion"] / shake["asked"])
+        if least["by_motion"] < least["asked"]:
+            line += (
+                f"; shaken along {least['direction']} by {least['by_motion']:.1f} of"
+                f" {least['asked']:.1f} m/s^2, the rest by forces on the object"
+            )
+    return line

@@ -94,3 +94,21 @@ def test_the_width_of_a_turned_plate_is_its_thickness() -> None:
     plate.apply_transform(trimesh.transformations.euler_matrix(0.5, -0.8, 0.3))
     assert narrowest_width(plate) == pytest.approx(0.02, rel=1e-4)  # directions to 6 digits
     assert narrowest_width(shapes.build("sphere", 1.8).mesh) == pytest.approx(1.8, rel=2e-3)
+
+
+def test_a_run_with_an_arm_says_what_was_demanded_of_it() -> None:
+    use = {"effort": 0.36, "speed": 0.5, "contacts": {}}
+    shakes = [
+        {"direction": "x", "asked": 10.0, "by_motion": 4.0},
+        {"direction": "y", "asked": 10.0, "by_motion": 10.0},
+    ]
+    made = report(iou=1.0, reason="dropped") | {
+        "arm": {"name": "iiwa14", "touches": use | {"contact_force": 0.31}}
+    }
+    made["lift"] = made["lift"] | {"arm": use | {"effort": 0.42, "shakes": shakes}}
+    (line,) = (line for line in run_lines(made) if line.startswith("arm "))
+    assert "42 % of its efforts" in line
+    assert "0.3 N" in line
+    assert "unwanted contacts: none" in line
+    assert "along x by 4.0 of 10.0 m/s^2" in line
+    assert not any(line.startswith("arm ") for line in run_lines(report(iou=1.0, reason="dropped")))
