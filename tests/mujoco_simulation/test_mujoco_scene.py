@@ -96,7 +96,7 @@ def test_poses_are_those_of_the_hand_s_kinematics(hand: Hand, rng: np.random.Gen
     setup = setup_of(hand, rng)
     scene = MujocoScene(setup, convex_pieces(BOX))
     q, moved = rng.uniform(hand.lower, hand.upper), np.array([0.01, -0.02, 0.03])
-    scene.place_hand(moved, q)
+    scene.place_hand(np.append(moved, np.zeros(3)), q)
     X_WH = setup.grasp.X_OH.copy()
     X_WH[:3, 3] += moved
     assert pytest.approx(X_WH, abs=1e-12) == scene.X_WH
@@ -111,7 +111,7 @@ def test_jacobians_are_those_of_the_hand_s_kinematics(hand: Hand, rng: np.random
     setup = setup_of(hand, rng)
     scene = MujocoScene(setup, convex_pieces(BOX))
     q = rng.uniform(hand.lower, hand.upper)
-    scene.place_hand(np.zeros(3), q)
+    scene.place_hand(np.zeros(6), q)
     _, _, expected, _ = hand.pad_jacobians(setup.grasp.X_OH, q)  # (F, 3, 6 + J)
     for pad, jacobian in zip(hand.pads, expected, strict=True):
         assert scene.jacobian(pad.link, pad.center_L) == pytest.approx(jacobian[:, 6:], abs=1e-9)
@@ -135,7 +135,7 @@ def test_the_hand_carries_the_object_s_weight(rng: np.random.Generator) -> None:
     grasp = jaw_grasp(jaws, np.zeros(3), 0.05)
     setup = LiftSetup(box, jaws, grasp, -0.5, 0.3, 0.8, LiftOptions(), np.eye(4))
     scene = MujocoScene(setup, convex_pieces(box))
-    scene.place_hand(np.zeros(3), np.full(2, 0.025))
+    scene.place_hand(np.zeros(6), np.full(2, 0.025))
     scene.rest_object()
     efforts = np.array([-10.0, -10.0])  # towards each other [N]
     for _ in range(200):
