@@ -32,7 +32,7 @@ from lis_grasp.exploration import Exploration, Workspace, explore
 from lis_grasp.exploration.target_candidates import transfer_seconds
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.stages import make_policy, workspace
+from lis_grasp.pipeline.touching import make_policy, workspace
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh

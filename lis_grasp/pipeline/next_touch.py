@@ -14,7 +14,8 @@ from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Region, Wo
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.stages import make_estimator, make_policy
+from lis_grasp.pipeline.stages import make_estimator
+from lis_grasp.pipeline.touching import make_policy
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import FloatArray

@@ -17,9 +17,11 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_outcome import LiftOptions
-from lis_grasp.pipeline import stages
 from lis_grasp.pipeline.arm_station import moved_frame
+from lis_grasp.pipeline.lifting_stage import lift as lift_stage
+from lis_grasp.pipeline.object_setup import object_mass, support_height, table_of
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.stages import estimate, plan
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 
@@ -59,7 +61,7 @@ def grasp_with_tactile_check(
     config: RunConfig,
     *,
     planner: Planner | None = None,
-    lift: Callable[..., LiftOutcome] = stages.lift,
+    lift: Callable[..., LiftOutcome] = lift_stage,
     X_WO: FloatArray | None = None,
     station: Station | None = None,
 ) -> Iterator[Attempt]:
@@ -92,7 +94,7 @@ def grasp_with_tactile_check(
             shape,
             hand,
             grasp,
-            mass=stages.object_mass(shape, config),
+            mass=object_mass(shape, config),
             friction=config.friction,
             accept_grasp=_tactile_check(mesh, hand, prior.friction) if left else None,
             simulator=config.simulator,
@@ -123,17 +125,17 @@ def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
     def estimate_and_plan(
         contacts: Contacts, X_WO: FloatArray | None, station: Station | None
     ) -> tuple[trimesh.Trimesh, GraspSearch]:
-        _, mesh = stages.estimate(
+        _, mesh = estimate(
             contacts,
             config.estimator,
             config.sensor(),
             free_space=config.free_space,
-            table=stages.table_of(config),
+            table=table_of(config),
         )
-        return mesh, stages.plan(
+        return mesh, plan(
             mesh,
             hand,
-            support=stages.support_height(shape, config),
+            support=support_height(shape, config),
             prior=config.load_prior(mesh),
             count=config.grasps,
             seed=config.seed,

@@ -20,9 +20,9 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.pipeline.arm_station import station_facts
 from lis_grasp.pipeline.object_motion import motion_facts, true_object
+from lis_grasp.pipeline.object_setup import object_mass, support_height
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.stages import object_mass, support_height
 from lis_grasp.shapes import Shape, placed
 
 if TYPE_CHECKING:

@@ -19,8 +19,9 @@ from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig, pose_of, prior_knowledge, table_of, touch
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, UNKNOWN
 from lis_grasp.pipeline.report_json import exploration_facts
-from lis_grasp.pipeline.stages import estimate, make_prober
+from lis_grasp.pipeline.stages import estimate
 from lis_grasp.pipeline.summary import exploration_lines
+from lis_grasp.pipeline.touching import make_prober
 from lis_grasp.shapes import Shape, placed
 
 CONFIG = RunConfig(
