@@ -84,7 +84,9 @@ def run(job: Job) -> list[Row]:
             if search.grasps:
                 grasp = search.grasps[0]
                 predicted = grasp.quality["success_probability"]
-                outcome = lift(shape, hand, grasp, mass=config.mass, friction=friction)
+                outcome = lift(
+                    shape, hand, grasp, mass=config.mass_of(shape.mesh), friction=friction
+                )
         else:
             known = exploration.first(int(planned_on))
             tried = list(grasp_with_tactile_check(shape, hand, known, config))

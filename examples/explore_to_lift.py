@@ -41,7 +41,9 @@ def main() -> None:
     best = search.grasps[0]
     print(f"grasp: best of {len(search.grasps)}, epsilon {best.quality['epsilon']:.3f}")
 
-    outcome = pipeline.lift(box, hand, best, mass=config.mass, friction=config.friction)
+    outcome = pipeline.lift(
+        box, hand, best, mass=config.mass_of(box.mesh), friction=config.friction
+    )
     print(f"lift: lifted {outcome.lifted}, held {outcome.held}, slip {1e3 * outcome.slip:.1f} mm")
     outcome.motion.save(output / "motion.npz")
     print(f"wrote contacts, surface, grasps and motion to {output}")

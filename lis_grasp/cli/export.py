@@ -12,7 +12,6 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.io import provenance
 from lis_grasp.pipeline.convex_parts import convex_parts
 from lis_grasp.pipeline.object_models import FORMATS, ObjectModel
-from lis_grasp.shapes import default_mass
 
 _MOST_PARTS = 32
 
@@ -55,7 +54,7 @@ def execute(options: argparse.Namespace) -> None:
         parts = convex_parts(mesh, most=options.parts)
         volume = sum(part.volume for part in parts) / mesh.volume
         stage.result = f"{len(parts)}, of {100 * volume:.0f} % of the object's volume together"
-    mass = config.mass if config.mass is not None else default_mass(mesh, config.object)
+    mass = config.mass_of(mesh)
     model = ObjectModel(re.sub(r"[^\w.-]", "_", name), mesh, parts, mass, config.friction)
     for format_name in dict.fromkeys(options.format):
         say(f"wrote {model.save(folder, format_name)}")
