@@ -59,14 +59,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Plan the motion, and write its parts as CSV and YAML."""
     recorded = provenance.read(options.grasps_file)
-    config = opt.configure(options, recorded)
+    name = options.arm or recorded.get("arm") or ARM_NAMES[0]
+    config = opt.configure(options, {**recorded, "arm": name})
     hand = Hand.load(config.hand)
     grasps = _grasps(options.grasps_file, options.rank, hand)
     folder = options.output or options.grasps_file.parent / "motion"
     surface = options.grasps_file.with_name("surface.ply")
     mesh = load_surface(surface) if surface.is_file() else None
     height = float(recorded.get("support_height", 0.0))
-    arm = Arm.load(options.arm or recorded.get("arm") or ARM_NAMES[0])
+    arm = Arm.load(name)
     with Stage(f"Planning the motion of {arm.name} with {hand.name}") as stage:
         rank, station, motion = _first_motion(
             grasps,

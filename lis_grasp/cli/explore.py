@@ -117,7 +117,7 @@ def explore_with_log(
     An interrupted exploration is resumed from its log. With another configuration or another state
     of the package it starts from the beginning, and the earlier results are removed.
     """
-    loads = () if config.free or config.until_success is not None else ("mass", "friction", "load")
+    loads = () if config.free or config.until_success is not None else ("mass", "friction")
     later = ("grasps", "attempts", "simulator", *loads)
     facts = {name: value for name, value in config.facts().items() if name not in later}
     header = provenance.describe(
