@@ -138,6 +138,7 @@ def test_errors_of_the_readme_are_those_of_the_results_page() -> None:
         assert readme[name][1] == random[name][0]
 
 
+@pytest.mark.slow
 def test_readme_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

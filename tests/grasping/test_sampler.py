@@ -118,6 +118,7 @@ def test_grasps_are_ranked_by_predicted_success(box_search: GraspSearch) -> None
         assert quality["closure_probability"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_more_uncertain_surface_lowers_the_predicted_success(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -333,10 +334,8 @@ def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
     assert error.value.option == next(iter(options))
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["pentagon", *(pytest.param(name, marks=pytest.mark.slow) for name in ("box", "mallet"))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pentagon", "box", "mallet"])
 def test_contacts_stay_off_edges_and_on_the_object(name: str) -> None:
     shape = shapes.build(name)
     search = ForceClosureSampler(ALLEGRO).sample(
