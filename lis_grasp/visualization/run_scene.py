@@ -70,8 +70,9 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
         content["contacts"] = contacts = Contacts.load(files["contacts.ply"])
         made = provenance.read(files["contacts.ply"])
         if "touches.jsonl" in files and made.get("hand") == facts.get("hand"):
-            content["touches"] = _touches(files["touches.jsonl"], contacts, made, hand)
-            content |= _search(files["touches.jsonl"], made)
+            outcomes = _outcomes(files["touches.jsonl"])
+            content["touches"] = _touches(outcomes, contacts, made, hand)
+            content |= _search(outcomes, made)
     if "surface.ply" in files:
         content["estimate"] = load_surface(files["surface.ply"])
         growth = load_growth(directory, provenance.read(files["surface.ply"]))
@@ -84,25 +85,31 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
     return Scene(**content)
 
 
-def _search(log: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the region, the recorded search in it and the object's motion, as far as recorded."""
+def _outcomes(log: Path) -> tuple[ProbeOutcome, ...] | None:
+    """Return the recorded outcomes; None for a damaged log: the page is complete without it."""
     try:
-        outcomes = load_outcomes(log)
+        return load_outcomes(log)
     except LisGraspError:
-        outcomes = ()
-    moved = {"moved": outcomes}
+        return None
+
+
+def _search(outcomes: tuple[ProbeOutcome, ...] | None, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the region, the recorded search in it and the object's motion, as far as recorded."""
+    recorded = outcomes or ()
+    moved = {"moved": recorded}
     if facts.get("region") is None:
         return moved
-    return {**moved, "region": Region(facts["region"]), "search": search_of(outcomes)}
+    return {**moved, "region": Region(facts["region"]), "search": search_of(recorded)}
 
 
 def _touches(
-    log: Path, contacts: Contacts, facts: Mapping[str, Any], hand: Hand
+    outcomes: tuple[ProbeOutcome, ...] | None,
+    contacts: Contacts,
+    facts: Mapping[str, Any],
+    hand: Hand,
 ) -> list[ProbeOutcome | None]:
     """Return the recorded touch of each contact; none at all if the log has other contacts."""
-    try:
-        outcomes = load_outcomes(log)
-    except LisGraspError:  # a damaged log; the page is complete without touches
+    if outcomes is None:
         return []
     replayed = Exploration.replay(outcomes, touches=facts.get("touches"))
     count = len(replayed.contacts)
