@@ -57,7 +57,7 @@ def execute(options: argparse.Namespace) -> None:
     output = options.output or options.grasps_file.parent
     options.until_end.enter_context(sole_writer(output))
     grasps = search.grasps[: options.best]
-    mass = pipeline.object_mass(shape, config)
+    mass = config.mass_of(shape.mesh)
     height = pipeline.support_height(shape, config)
     station = make_station(config, hand, height, X_EA=recorded_base(options, recorded))
     trials = pipeline.lift_each(

@@ -3,7 +3,7 @@
 from lis_grasp.pipeline.arm_station import make_station
 from lis_grasp.pipeline.contact_sources import join_sources, load_source
 from lis_grasp.pipeline.lifting_stage import lift, lift_each
-from lis_grasp.pipeline.object_setup import object_mass, pose_of, support_height, table_of
+from lis_grasp.pipeline.object_setup import pose_of, support_height, table_of
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import Stopwatch, estimate, make_estimator, plan
 from lis_grasp.pipeline.touching import make_policy, prior_knowledge, touch, workspace
@@ -19,7 +19,6 @@ __all__ = [
     "make_estimator",
     "make_policy",
     "make_station",
-    "object_mass",
     "plan",
     "pose_of",
     "prior_knowledge",

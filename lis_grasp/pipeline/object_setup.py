@@ -1,4 +1,4 @@
-"""The true object of a run: its pose, its support and its mass."""
+"""The true object of a run: its pose and its support."""
 
 from __future__ import annotations
 
@@ -30,11 +30,6 @@ def support_height(shape: Shape, config: RunConfig | None = None) -> float:
     if config is not None and config.pose is not None:
         return 0.0
     return float(shape.mesh.bounds[0, 2])
-
-
-def object_mass(shape: Shape, config: RunConfig) -> float:
-    """Return the mass of the true object [kg]: configured, or `default_mass`."""
-    return config.mass_of(shape.mesh)
 
 
 def table_of(config: RunConfig) -> float | None:

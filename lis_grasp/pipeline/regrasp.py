@@ -19,7 +19,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.pipeline.arm_station import moved_frame
 from lis_grasp.pipeline.lifting_stage import lift as lift_stage
-from lis_grasp.pipeline.object_setup import object_mass, support_height, table_of
+from lis_grasp.pipeline.object_setup import support_height, table_of
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import estimate, plan
 from lis_grasp.shapes import Shape
@@ -94,7 +94,7 @@ def grasp_with_tactile_check(
             shape,
             hand,
             grasp,
-            mass=object_mass(shape, config),
+            mass=config.mass_of(shape.mesh),
             friction=config.friction,
             accept_grasp=_tactile_check(mesh, hand, prior.friction) if left else None,
             simulator=config.simulator,

@@ -20,7 +20,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.pipeline.arm_station import station_facts
 from lis_grasp.pipeline.object_motion import motion_facts, true_object
-from lis_grasp.pipeline.object_setup import object_mass, support_height
+from lis_grasp.pipeline.object_setup import support_height
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape, placed
@@ -59,7 +59,7 @@ def build_report(
         "surface": _surface_facts(truth, last.contacts, last.mesh),
         "grasps": _grasp_facts(config, truth, hand, last.search),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
-        "lift": lift_facts(last.outcome, mass=object_mass(shape, config)),
+        "lift": lift_facts(last.outcome, mass=config.mass_of(shape.mesh)),
     }
 
 

@@ -31,7 +31,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
-from lis_grasp.pipeline.object_setup import object_mass, support_height, table_of
+from lis_grasp.pipeline.object_setup import support_height, table_of
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_policy
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import make_estimator, plan
@@ -172,7 +172,7 @@ def make_prober(
         free = None
         if config.free:
             height = support_height(shape, config)
-            free = FreeObject(height, object_mass(shape, config), config.friction)
+            free = FreeObject(height, config.mass_of(shape.mesh), config.friction)
         threshold = config.sensor().force_threshold or None  # a touch must be detected to end
         prober = DynamicProber(
             hand, shape.mesh, free=free, force_threshold=threshold, station=station, arm_use=arm_use
