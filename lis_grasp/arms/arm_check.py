@@ -15,8 +15,7 @@ from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.arms.station_home import home_of
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_check import Finding
-from lis_grasp.hands.inertias import impossible_inertias
+from lis_grasp.hands.hand_check import Finding, body_findings
 from lis_grasp.typing import FloatArray
 
 OBJECT_MASS = 0.5
@@ -63,19 +62,7 @@ def check_arm(arm: Arm, hand: Hand, X_WA: FloatArray | None = None) -> list[Find
 
 
 def _masses(arm: Arm) -> Iterator[Finding]:
-    faults = impossible_inertias(arm.inertials)
-    if faults:
-        yield Finding(
-            False,
-            f"the inertia of {', '.join(faults)} is impossible: principal moments must be positive,"
-            " and none larger than the other two together. Add `repair: true` to the YAML",
-        )
-    if arm.hulls_of_visuals:
-        yield Finding(
-            True,
-            "without collision bodies, so the convex hulls of their visual meshes are used:"
-            f" {', '.join(arm.hulls_of_visuals)}",
-        )
+    yield from body_findings(arm.inertials, arm.hulls_of_visuals)
     fine = 0.1 <= arm.mass <= 500.0
     advice = "" if fine else ": masses must be in kg, 0.1 to 500 in all"
     joints = len(arm.joint_names)

@@ -22,7 +22,7 @@ from lis_grasp.hands.description_edits import DescriptionEdits, links_below
 from lis_grasp.hands.hand_sdf import parse_sdf
 from lis_grasp.hands.hand_urdf import parse_urdf
 from lis_grasp.hands.link_tree import HandModel, build_hand_model, rpy_pose
-from lis_grasp.hands.model_uri import resolve_uri
+from lis_grasp.hands.model_uri import resolve_model
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
@@ -38,21 +38,13 @@ def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
     path = arm_path(path_or_name)
     entry = _read_yaml(path)
     try:
-        description = resolve_uri(entry.urdf, path.parent, "urdf")
+        description = resolve_model(entry.urdf, path, entry.model_from)
     except InvalidFileError as error:
-        message = f"{path.name}: {error}"
-        if entry.model_from:
-            message = f"{path.name} needs {entry.urdf}, which is not there: {entry.model_from}"
-        raise InvalidArmError(message, file=path.name, key="urdf") from None
+        raise InvalidArmError(str(error), file=path.name, key="urdf") from None
     try:
         robot = parse_sdf(description) if description.suffix == ".sdf" else parse_urdf(description)
         _cut_at_flange(robot, entry)
-        edits = DescriptionEdits(
-            base_link=entry.base_link,
-            locked_joints=entry.locked_joints,
-            effort_limits=entry.effort_limits,
-            repair=entry.repair,
-        )
+        edits = DescriptionEdits.of(entry)
         model = build_hand_model(robot, description, edits)
         numbers = read_joint_numbers(description)
     except InvalidArmError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -26,6 +27,11 @@ class DescriptionEdits:
     """Largest effort of a joint [N m or N], by its name."""
     repair: bool = False
     """Whether impossible inertias and missing masses are replaced; see `repaired_inertial`."""
+
+    @classmethod
+    def of(cls, entry: Any) -> DescriptionEdits:
+        """Return the edits of a checked YAML file, a hand's or an arm's."""
+        return cls(entry.base_link, entry.locked_joints, entry.effort_limits, entry.repair)
 
 
 def apply_edits(robot: yourdfpy.Robot, edits: DescriptionEdits) -> yourdfpy.Robot:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,7 +11,7 @@ import numpy as np
 from lis_grasp.hands.collision import checker_of
 from lis_grasp.hands.efforts import is_plausible_effort
 from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import Pad, ProbePosture
+from lis_grasp.hands.hand_parts import Inertial, Pad, ProbePosture
 from lis_grasp.hands.hand_yaml import exclusion_lines
 from lis_grasp.hands.inertias import impossible_inertias
 from lis_grasp.typing import FloatArray
@@ -40,21 +40,31 @@ def check_hand(hand: Hand) -> list[Finding]:
     return [finding for check in checks for finding in check(hand)]
 
 
-def _masses(hand: Hand) -> Iterator[Finding]:
-    faults = impossible_inertias(hand.inertials)
+def body_findings(
+    inertials: Mapping[str, Inertial], hulls_of_visuals: Sequence[str], *, also: str = ""
+) -> Iterator[Finding]:
+    """Find impossible inertias of links, and links without collision bodies.
+
+    `also` is another remedy of the inertias, in words that follow the first.
+    """
+    faults = impossible_inertias(inertials)
     if faults:
         yield Finding(
             False,
             f"the inertia of {', '.join(faults)} is impossible: principal moments must be positive,"
-            " and none larger than the other two together. Add `repair: true` to the YAML, or write"
-            " a corrected copy of the description with --repair OUT",
+            f" and none larger than the other two together. Add `repair: true` to the YAML{also}",
         )
-    if hand.hulls_of_visuals:
+    if hulls_of_visuals:
         yield Finding(
             True,
             "without collision bodies, so the convex hulls of their visual meshes are used:"
-            f" {', '.join(hand.hulls_of_visuals)}",
+            f" {', '.join(hulls_of_visuals)}",
         )
+
+
+def _masses(hand: Hand) -> Iterator[Finding]:
+    also = ", or write a corrected copy of the description with --repair OUT"
+    yield from body_findings(hand.inertials, hand.hulls_of_visuals, also=also)
     weight = 0.05 <= hand.mass <= 10.0
     advice = "" if weight else ": masses must be in kg, 0.05 to 10 in all"
     yield Finding(weight, f"the hand weighs {hand.mass:.2f} kg{advice}")

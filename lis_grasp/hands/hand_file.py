@@ -17,7 +17,7 @@ from lis_grasp.hands.hand_schema import HandEntry, parse_hand
 from lis_grasp.hands.hand_sdf import read_sdf
 from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_tree import HandModel, rpy_pose
-from lis_grasp.hands.model_uri import resolve_uri
+from lis_grasp.hands.model_uri import resolve_model
 from lis_grasp.hands.shipped_models import READY_HANDS
 from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.records import fields_of, read_only
@@ -53,18 +53,10 @@ def _read(path_or_name: str | Path) -> tuple[HandEntry, Path, DescriptionEdits, 
         raise InvalidHandError(f"the hand file {error}", file=path.name) from None
     entry = parse_hand(document, path.name)
     try:
-        description = resolve_uri(entry.urdf, path.parent, "urdf")
+        description = resolve_model(entry.urdf, path, entry.model_from)
     except InvalidFileError as error:
-        message = f"{path.name}: {error}"
-        if entry.model_from:
-            message = f"{path.name} needs {entry.urdf}, which is not there: {entry.model_from}"
-        raise InvalidHandError(message, file=path.name, key="urdf") from None
-    edits = DescriptionEdits(
-        base_link=entry.base_link,
-        locked_joints=entry.locked_joints,
-        effort_limits=entry.effort_limits,
-        repair=entry.repair,
-    )
+        raise InvalidHandError(str(error), file=path.name, key="urdf") from None
+    edits = DescriptionEdits.of(entry)
     return entry, description, edits, path.name
 
 

@@ -51,6 +51,21 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
     )
 
 
+def resolve_model(uri: str, file: Path, model_from: str | None) -> Path:
+    """Return the description that a YAML `file` names as its ``urdf``.
+
+    Raises `InvalidFileError`, which begins with the file's name; where the model is missing it says
+    how to get it, if the file does (`model_from`).
+    """
+    try:
+        return resolve_uri(uri, file.parent, "urdf")
+    except InvalidFileError as error:
+        message = f"{file.name}: {error}"
+        if model_from:
+            message = f"{file.name} needs {uri}, which is not there: {model_from}"
+        raise InvalidFileError(message) from None
+
+
 def package_folders(package: str) -> list[Path]:
     """Return the folders in which a package of models may be.
 
