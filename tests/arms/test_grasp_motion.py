@@ -6,24 +6,21 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from stations import station_with
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.grasp_motion import SPEED, GraspMotion, plan_grasp_motion
 from lis_grasp.arms.reach_filter import LIFT
-from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.station import Station
 from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.arms.station_home import home_of
 from lis_grasp.cli.main import main
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io.csv_tables import read_csv_columns
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
 
 
 @pytest.fixture(scope="module")
 def station() -> Station:
-    X_WA = np.eye(4)
-    X_WA[:3, 3] = -0.55, 0.0, 0.2
-    return Station.make(Arm.load("iiwa14"), Hand.load("wsg50"), X_WA, table=Table())
+    return station_with("wsg50")
 
 
 def test_a_motion_leads_from_home_to_the_grasp_and_up(station: Station) -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
+from stations import station_with
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.arms.straight_motion import JUMP
@@ -20,9 +20,7 @@ from lis_grasp.probing.guarded_motion import GuardedMotion
 
 @pytest.fixture(scope="module")
 def station() -> Station:
-    X_WA = np.eye(4)
-    X_WA[:3, 3] = -0.55, 0.0, 0.2
-    return Station.make(Arm.load("iiwa14"), Hand.load("allegro"), X_WA, table=Table())
+    return station_with("allegro")
 
 
 @pytest.fixture(scope="module")

@@ -3,23 +3,21 @@
 import numpy as np
 import pytest
 import trimesh
+from stations import station_with
 
 from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.joint_trajectory import JointTrajectory
-from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.station import Station
 from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.arms.time_scaling import joined, time_path
 from lis_grasp.arms.transit import TransitPlanner
-from lis_grasp.hands.hand import Hand
 
 _SHARE = 0.5
 
 
 @pytest.fixture(scope="module")
 def station() -> Station:
-    X_WA = np.eye(4)
-    X_WA[:3, 3] = -0.55, 0.0, 0.2
-    return Station.make(Arm.load("iiwa14"), Hand.load("wsg50"), X_WA, table=Table())
+    return station_with("wsg50")
 
 
 @pytest.fixture(scope="module")
