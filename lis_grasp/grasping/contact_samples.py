@@ -14,7 +14,7 @@ _SAMPLES = 4000
 # middle one. Averted normals belong to the far side of a thin object and do not count.
 _FLAT_RADIUS, _FLAT_ANGLE = 0.006, np.deg2rad(25.0)
 # On a narrow face, a pad may overhang convex edges that are at least as far away as this [m].
-_NARROW_RADIUS = 0.0025
+_NARROW_RADIUS = 0.001
 _AVERTED = np.cos(np.deg2rad(100.0))
 _BULGE = 0.0005  # [m] by which the surface round a bend's sample may rise above its tangent plane
 # Edges of more than 150 degrees are too sharp to press on: least length of their normals' sum.

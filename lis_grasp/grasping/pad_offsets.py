@@ -13,7 +13,7 @@ from lis_grasp.hands.hand_parts import Pad
 from lis_grasp.typing import FloatArray
 
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
-_BORDER = 0.001  # [m] of a flat pad at the fingertip without contacts
+_BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
 _STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
 
 

@@ -76,8 +76,8 @@ def test_a_parallel_jaw_gripper_grasps_a_ball_of_30_mm_with_its_fingertips() -> 
 
 
 def test_a_flat_pad_ends_at_the_fingertip_and_a_rounded_one_has_no_other_points() -> None:
-    # The finger's box is 69 mm long, the centre at 59 mm; a millimetre is left out.
-    np.testing.assert_allclose(fingertip_offsets(JAW), [[0.0, 0.0, 0.009]] * 2, atol=1e-12)
+    # The finger with its nail is 74.5 mm long, the centre at 59 mm; half a millimetre is left out.
+    np.testing.assert_allclose(fingertip_offsets(JAW), [[0.0, 0.0, 0.015]] * 2, atol=1e-12)
     np.testing.assert_array_equal(fingertip_offsets(ALLEGRO), np.zeros((4, 3)))
 
 
