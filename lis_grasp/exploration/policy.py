@@ -15,6 +15,7 @@ from lis_grasp.exploration.probe_motions import (
     AXES,
     axis_probe,
     concavity_probe,
+    is_low,
     random_pass,
     surface_probe,
 )
@@ -146,7 +147,8 @@ class TargetPolicy:
         Estimates a surface, from at least one contact, on which targets are searched first; None
         for the exploration's own estimate. A Gaussian process closes untouched regions more
         cautiously than an estimate that extrapolates. Once all of this surface is within a step of
-        a contact, the exploration's own estimate is searched too.
+        a contact, the exploration's own estimate is searched too; that of a flat object on a table
+        always, because level motions tell how far it reaches.
     """
 
     space: Workspace
@@ -175,7 +177,8 @@ class TargetPolicy:
         if sideways is not None:
             return sideways
         best = self._target(space, searched, contacts, outcomes, rng)
-        if self.guess is not None and (best is None or best[2] <= space.step):
+        flat = bool(is_low(contacts.bounds[1], space))
+        if self.guess is not None and (flat or best is None or best[2] <= space.step):
             own = self._target(space, surface, contacts, outcomes, rng)
             if own is not None and (best is None or own[2] > best[2]):
                 best, searched = own, surface

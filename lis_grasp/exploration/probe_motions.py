@@ -12,7 +12,7 @@ from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 """Directions of the first probes, shape (6, 3)."""
@@ -28,8 +28,10 @@ _AXIS_SPREAD = 0.05
 _OVERSHOOT = 1.5
 # Angle of a probe after a miss: from beyond the edge back towards the nearest contact.
 _OBLIQUE_ANGLE = np.radians(40.0)
-# Least height of a probe's start above the table, in steps.
+# Least height of a probe's start above the table, in steps, unless its motion is level.
 _START_ABOVE_TABLE = 1.0
+# Low surface is touched by level motions if its normal is at most this high: 45 degrees.
+_LEVEL = float(np.sqrt(0.5))
 
 
 def axis_probe(
@@ -95,7 +97,7 @@ def surface_probe(
     """Return a probe to a target against its outward normal, oblique after a miss.
 
     The oblique motion comes from beyond the edge that the missed probe must have crossed, back
-    towards the nearest contact.
+    towards the nearest contact. Low above a table it is level: a slope would end at the table.
     """
     angle = _OBLIQUE_ANGLE if outcomes and outcomes[-1].status == "missed" else 0.0
     nearest = np.argmin(np.linalg.norm(contacts.points - target, axis=1))
@@ -106,7 +108,10 @@ def surface_probe(
     if length > 0.0:
         retreat = retreat + np.sin(angle) * away / length
     if space.support_height is not None:
+        if angle and is_low(target, space) and np.hypot(*away[:2]) > 0.0:
+            retreat = away * [1.0, 1.0, 0.0]
         retreat = retreats(target[None], retreat[None], space)[0]
+        target = above_table(target, retreat, space)
     hull = ContactHull.of(contacts)
     overshoot = _OVERSHOOT * space.step
     if hull is not None:
@@ -121,16 +126,35 @@ def surface_probe(
 
 
 def retreats(points: FloatArray, directions: FloatArray, space: Workspace) -> FloatArray:
-    """Return unit directions (P, 3) away from surface points, neither along a table nor out of it.
+    """Return unit directions (P, 3) away from surface points, never out of a table.
 
-    Points (P, 3) [m] and directions (P, 3) are in O. Low above a table, directions are raised.
+    Points (P, 3) [m] and directions (P, 3) are in O. Low above a table, directions are level if
+    they are nearly so; others are raised.
     """
     if space.support_height is None:
         return directions
     raised = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     above = (points[:, 2] - space.support_height) / space.step
-    raised[:, 2] = np.maximum(raised[:, 2], _START_ABOVE_TABLE - above)
+    level = is_low(points, space) & (np.abs(raised[:, 2]) < _LEVEL)
+    raised[:, 2] = np.where(level, 0.0, np.maximum(raised[:, 2], _START_ABOVE_TABLE - above))
     return np.asarray(raised / np.linalg.norm(raised, axis=1, keepdims=True))
+
+
+def above_table(points: FloatArray, directions: FloatArray, space: Workspace) -> FloatArray:
+    """Return targets (..., 3) as low as a fingertip gets in level motions from directions."""
+    if space.support_height is None:
+        return points
+    raised = points.copy()
+    least = np.where(directions[..., 2] == 0.0, space.level_height, -np.inf)
+    raised[..., 2] = np.maximum(points[..., 2], least)
+    return raised
+
+
+def is_low(points: FloatArray, space: Workspace) -> BoolArray:
+    """Return which points (..., 3) a fingertip meets in its lowest level motion above a table."""
+    if space.support_height is None:
+        return np.zeros(points.shape[:-1], dtype=np.bool_)
+    return np.asarray(points[..., 2] < space.level_height + space.tip_radius)
 
 
 def _bridged_points(

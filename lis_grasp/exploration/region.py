@@ -9,7 +9,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
+from lis_grasp.exploration.workspace import STEP_FRACTION, TIP_RADIUS, Workspace
 from lis_grasp.typing import FloatArray
 
 DEFAULT_REGION = (0.4, 0.4, 0.3)
@@ -34,6 +34,8 @@ class Region:
     ----------
     lengths
         Along x, y and z [m].
+    tip_radius
+        Radius of the fingertips that touch [m].
 
     Raises
     ------
@@ -42,6 +44,7 @@ class Region:
     """
 
     lengths: Sequence[float] = DEFAULT_REGION
+    tip_radius: float = TIP_RADIUS
 
     def __post_init__(self) -> None:
         try:
@@ -67,14 +70,17 @@ class Region:
         if not len(contacts):
             low, high = self.bounds
             size = float(np.linalg.norm(high - low)) / np.sqrt(3.0)
-            return Workspace(STEP_FRACTION * size, 0.5 * (low + high), size, 0.0)
+            return self._workspace(0.5 * (low + high), size)
         behind = contacts.points - _THICKNESS * contacts.normals
         known = np.vstack([contacts.points, behind]) if len(contacts) == 1 else contacts.points
         low, high = known.min(axis=0), known.max(axis=0)
         low[2], high[2] = 0.0, max(high[2], _THICKNESS)
         size = _BEYOND * max(float((high - low).max()), _THICKNESS) + _UNKNOWN / len(contacts)
-        return Workspace(STEP_FRACTION * size, 0.5 * (low + high), size, 0.0)
+        return self._workspace(0.5 * (low + high), size)
 
     def felt(self, contacts: Contacts) -> Workspace:
         """Return the workspace with the step of the object that the contacts show."""
         return self.grown(contacts).felt(contacts)
+
+    def _workspace(self, center: FloatArray, size: float) -> Workspace:
+        return Workspace(STEP_FRACTION * size, center, size, 0.0, self.tip_radius)

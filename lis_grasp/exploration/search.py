@@ -10,15 +10,19 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, Probe, ProbeOutcome
 from lis_grasp.exploration.region import Region
+from lis_grasp.exploration.workspace import lowest_tip
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Radius and height [m] of the upright cylinders that stand for the unknown object, and the
 # probability of each.
-_KINDS = ((0.015, 0.03, 0.2), (0.03, 0.06, 0.4), (0.05, 0.1, 0.3), (0.03, 0.01, 0.1))
+_KINDS = (
+    *((0.015, 0.03, 0.2), (0.03, 0.06, 0.35), (0.05, 0.1, 0.25)),
+    *((0.03, 0.01, 0.1), (0.03, 0.004, 0.1)),
+)
 # Spacing of the places, and of the free space that is compared with them [m].
 _PLACE_SPACING, _FREE_SPACING = 0.02, 0.005
-# Heights of the fingertip's leading point in sweeps, and its radius [m]: a usual one.
-_SWEEP_HEIGHTS, _TIP_RADIUS = (0.016, 0.03, 0.05), 0.01
+# Heights of the fingertip in sweeps above the lowest one [m].
+_SWEEP_HEIGHTS = (0.0, 0.02, 0.04)
 # Random part of a motion's value, so that searches differ.
 _RANDOM = 0.1
 # Places overlap free space by at least this depth [m]: the free space of a link is inside it.
@@ -52,16 +56,16 @@ class PlaceBelief:
         """Probability that is left: 1 minus that of the places that are ruled out."""
         return float(self.weights.sum())
 
-    def met_by(self, probe: Probe) -> float:
-        """Return the probability that the fingertip meets the object on a probe's motion."""
+    def met_by(self, probe: Probe, tip_radius: float) -> float:
+        """Return the probability that a fingertip meets the object on a probe's motion."""
         a, b = probe.start, probe.end
         along = b[:2] - a[:2]
         squared = float(along @ along)
         offsets = self.centers - a[:2]
         t = np.zeros(len(offsets)) if squared == 0.0 else np.clip(offsets @ along / squared, 0, 1)
         away = np.linalg.norm(offsets - t[:, None] * along, axis=1)
-        lowest = min(a[2], b[2]) - (_TIP_RADIUS if squared else 0.0)
-        met = (away < self.radii + _TIP_RADIUS) & (self.heights > lowest)
+        lowest = min(a[2], b[2]) - (tip_radius if squared else 0.0)
+        met = (away < self.radii + tip_radius) & (self.heights > lowest)
         return float(self.weights[met].sum())
 
 
@@ -97,7 +101,7 @@ def search_probe(
     for probe in _candidates(region):
         if any(_same(probe, other) for other in tried):
             continue
-        value = belief.met_by(probe) / _seconds(region, probe)
+        value = belief.met_by(probe, region.tip_radius) / _seconds(region, probe)
         value *= 1.0 + _RANDOM * rng.random()
         if value > best_value:
             best, best_value = probe, value
@@ -145,13 +149,15 @@ def _overlapped(
 
 def _candidates(region: Region) -> list[Probe]:
     low, high = region.bounds
+    radius = region.tip_radius
+    lowest = lowest_tip(radius)
     probes = []
     for direction in _SWEEPS:
         axis = int(np.argmax(np.abs(direction)))
         across = 1 - axis
-        half = 0.5 * float(high[axis] - low[axis]) + _TIP_RADIUS
-        for offset in _ticks(low[across] + _TIP_RADIUS, high[across] - _TIP_RADIUS):
-            for height in _SWEEP_HEIGHTS:
+        half = 0.5 * float(high[axis] - low[axis]) + radius
+        for offset in _ticks(low[across] + radius, high[across] - radius):
+            for height in lowest + np.array(_SWEEP_HEIGHTS):
                 middle = np.zeros(3)
                 middle[across], middle[2] = offset, height
                 probes.append(Probe(middle, direction, half, half))

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
-from lis_grasp.exploration.probe_motions import SAME_DIRECTION, retreats
+from lis_grasp.exploration.probe_motions import SAME_DIRECTION, above_table, retreats
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import BoolArray, FloatArray
@@ -63,8 +63,9 @@ class Targets:
         eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
         eligible &= space.touchable(points, normals)
         away = retreats(points, normals, space)
-        eligible &= ~_tried(points, away, np.minimum(nearest, space.step), outcomes)
-        eligible &= ~_starts_blocked(points, away, space.step, outcomes)
+        targets = above_table(points, away, space)
+        eligible &= ~_tried(targets, away, np.minimum(nearest, space.step), outcomes)
+        eligible &= ~_starts_blocked(targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
         if misses >= _MISSES * len(contacts):  # most surface beside the hull is extrapolated
             eligible &= _meets_hull(points, normals, contacts, _BESIDE * space.step)

@@ -17,6 +17,9 @@ from lis_grasp.typing import BoolArray, FloatArray
 STEP_FRACTION = 0.25
 """Length of a step in sizes of the object: 50 mm on 20 cm (Ottenhaus et al. 2016, IV.B)."""
 
+TIP_RADIUS = 0.012
+"""Radius of a usual fingertip [m]."""
+
 # Each round, a secant and a bisection step, at least halves the bracket.
 _ROUNDS = 2
 # Grid that samples an estimate: cells a step, and margin of its box in sizes of the object.
@@ -27,6 +30,8 @@ _REACH = 0.25
 _AT_TABLE = 0.2
 # Above a table, surface that faces down more than this (45 degrees) cannot be touched.
 _FACES_DOWN = -float(np.sqrt(0.5))
+# A fingertip in a level motion stays this high above a table [m].
+_TIP_CLEARANCE = 0.0015
 # Fewer contacts show no size.
 _FEW = 4
 
@@ -46,6 +51,8 @@ class Workspace:
     support_height
         Height in O of the table under the object [m]; None for an object that is held, and can be
         touched from below.
+    tip_radius
+        Radius of the fingertips that touch [m]: how low a level motion above the table can be.
 
     Raises
     ------
@@ -57,9 +64,10 @@ class Workspace:
     center: FloatArray
     size: float
     support_height: float | None = None
+    tip_radius: float = TIP_RADIUS
 
     def __post_init__(self) -> None:
-        require_positive(step=self.step, size=self.size)
+        require_positive(step=self.step, size=self.size, tip_radius=self.tip_radius)
         center = np.array(self.center, dtype=np.float64)
         if center.shape != (3,) or not np.isfinite(center).all():
             raise InvalidOptionError.out_of_range("center", self.center, "3 finite numbers")
@@ -69,6 +77,11 @@ class Workspace:
     def radius(self) -> float:
         """Radius of the ball about the centre that contains the object [m]."""
         return 0.5 * float(np.sqrt(3.0)) * self.size
+
+    @property
+    def level_height(self) -> float:
+        """Lowest height in O of a fingertip's leading point in a level motion [m]."""
+        return (self.support_height or 0.0) + lowest_tip(self.tip_radius)
 
     def grown(self, contacts: Contacts) -> Workspace:
         """Return the workspace that contains the object: this one; see `Region.grown`."""
@@ -136,6 +149,11 @@ class Workspace:
             )
         low = low - shift
         return sample_zero_level_set(surface, np.array([low, high]), cell)
+
+
+def lowest_tip(tip_radius: float) -> float:
+    """Return the lowest height of a tip's centre above a table that it does not touch [m]."""
+    return tip_radius + _TIP_CLEARANCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)

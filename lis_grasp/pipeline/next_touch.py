@@ -15,7 +15,7 @@ from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import make_estimator
-from lis_grasp.pipeline.touching import make_policy
+from lis_grasp.pipeline.touching import for_fingertips, make_policy
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import FloatArray
@@ -133,6 +133,7 @@ def next_touch(
     EstimationError
         If no probe can be approached, or the policy has none left.
     """
+    space = for_fingertips(space, hand)
     sensor, policy, planner = config.sensor(), make_policy(config, space), ApproachPlanner(hand)
     estimated: ImplicitSurface | None = None
     surface: ImplicitSurface | None = None

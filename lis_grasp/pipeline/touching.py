@@ -63,6 +63,12 @@ def prior_knowledge(shape: Shape, config: RunConfig) -> Workspace | Region:
     return workspace(shape, free=config.free or config.pose is not None)
 
 
+def for_fingertips(space: Workspace | Region, hand: Hand) -> Workspace | Region:
+    """Return prior knowledge with the radius of the hand's thickest probing fingertip."""
+    radii = [posture.radius for posture in hand.probe_postures.values()]
+    return replace(space, tip_radius=max(radii)) if radii else space
+
+
 def touch(
     shape: Shape,
     hand: Hand,
@@ -90,7 +96,7 @@ def touch(
     bounding box is known. It is at the configured pose (see `pose_of`). With a `station`, its arm
     carries the hand; simulated touches add what they demand of it to `arm_use`.
     """
-    space = prior_knowledge(shape, config)
+    space = for_fingertips(prior_knowledge(shape, config), hand)
     policy = policy or make_policy(config, space)
     recorded = log.resume() if log is not None else recorded
     cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))

@@ -241,7 +241,7 @@ class Column(Ball):
 
 
 def test_a_place_above_a_table_that_was_blocked_is_left_alone() -> None:
-    # Low targets are approached from higher than their normals point: only these starts tell.
+    # Low targets are touched at the height of a level motion, from starts of that height.
     angles, heights = np.meshgrid(np.arange(0.0, 2.0 * np.pi, 0.2), np.arange(0.002, 0.1, 0.006))
     normals = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1).reshape(-1, 3)
     contacts = Contacts(0.03 * normals + heights.reshape(-1, 1) * [0.0, 0.0, 1.0], normals)
@@ -255,3 +255,25 @@ def test_a_place_above_a_table_that_was_blocked_is_left_alone() -> None:
         near = np.linalg.norm(targets.points - target, axis=1) < 0.3 * space.step
         assert near.sum() > 3
         assert targets.eligible[near].any() == left
+
+
+def test_a_low_wall_is_touched_by_a_level_motion_and_a_high_one_from_its_normal() -> None:
+    space = Workspace(0.02, np.array([0.0, 0.0, 0.05]), 0.1, support_height=0.0, tip_radius=0.006)
+    out = np.array([1.0, 0.0, 0.2]) / np.hypot(1.0, 0.2)
+    contacts = Contacts(np.array([[0.03, 0.01, 0.005]]), out[None])
+    column = Column(0.03)
+    low = surface_probe(np.array([0.03, 0.0, 0.003]), out, space, contacts, column, [])
+    np.testing.assert_allclose(low.direction, [-1.0, 0.0, 0.0], atol=1e-12)
+    assert low.target[2] == pytest.approx(0.0075)  # the tip's radius and 1.5 mm
+    high = surface_probe(np.array([0.03, 0.0, 0.06]), out, space, contacts, column, [])
+    np.testing.assert_allclose(high.direction, -out, atol=1e-12)
+
+
+def test_after_a_miss_a_flat_object_is_touched_level_from_beyond_its_edge() -> None:
+    space = Workspace(0.02, np.array([0.0, 0.0, 0.004]), 0.1, support_height=0.0, tip_radius=0.006)
+    up = np.array([0.0, 0.0, 1.0])
+    contacts = Contacts(np.array([[0.03, 0.0, 0.008]]), up[None])
+    target = np.array([0.06, 0.0, 0.008])  # the estimate's top extends too far
+    missed = ProbeOutcome(surface_probe(target, up, space, contacts, Ball(0.03), []), "missed")
+    again = surface_probe(target, up, space, contacts, Ball(0.03), [missed])
+    np.testing.assert_allclose(again.direction, [-1.0, 0.0, 0.0], atol=1e-12)

@@ -135,3 +135,37 @@ def test_after_the_first_contact_the_other_sides_are_touched() -> None:
 def test_a_region_without_three_positive_lengths_is_refused(lengths: object) -> None:
     with pytest.raises(InvalidOptionError, match="region"):
         Region(lengths)  # type: ignore[arg-type]
+
+
+class Coin(Ball):
+    """Prober of a thin upright cylinder on the table; a fingertip's ball meets its rim."""
+
+    height = 0.004
+
+    def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
+        along = np.arange(0.0, probe.standoff + probe.overshoot, 0.002)
+        tips = probe.start + along[:, None] * probe.direction
+        offsets = tips[:, :2] - self.center[:2]
+        beside = np.maximum(np.linalg.norm(offsets, axis=1) - self.radius, 0.0)
+        above = np.maximum(tips[:, 2] - self.height, 0.0)
+        touched = np.flatnonzero(np.hypot(beside, above) < TIP)
+        if not len(touched):
+            radii = np.full(len(tips), TIP)
+            return ProbeOutcome(probe, "missed", free_points=tips, free_radii=radii)
+        rim = np.append(self.center[:2], self.height)[None]
+        return ProbeOutcome(probe, "touched", Contacts(rim, np.array([[0.0, 0.0, 1.0]])))
+
+
+@pytest.mark.parametrize("tip_radius", [0.006, TIP])
+def test_a_thing_of_4_mm_is_found_by_sweeps_as_low_as_the_fingertip_goes(tip_radius: float) -> None:
+    region, rng = Region(tip_radius=tip_radius), np.random.default_rng(0)
+    coin = Coin(np.array([0.07, -0.05]), 0.03)
+    outcomes: list[ProbeOutcome] = []
+    while not outcomes or outcomes[-1].status == "missed":
+        assert len(outcomes) < 15
+        probe = search_probe(region, outcomes, rng=rng)
+        assert probe is not None
+        level = probe.direction[2] == 0.0
+        assert not level or min(probe.start[2], probe.end[2]) > tip_radius
+        outcomes.append(coin.probe(probe))
+    assert outcomes[-1].status == "touched"
