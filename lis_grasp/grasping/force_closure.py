@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import OptimizeResult, linprog
+from scipy.sparse import csr_array
 
 from lis_grasp.grasping.contact_wrenches import CONE_EDGES, ContactModel, WrenchModel
 from lis_grasp.grasping.epsilon import span_all_dimensions
@@ -87,11 +88,42 @@ def resisted_force(
         Of the wrenches. Its origin is the point that the force passes through; its length scale
         does not matter.
     """
-    W = replace(model, length_scale=None).wrenches_of_grasp(points, normals)
+    found = resisted_forces(np.asarray(points)[None], np.asarray(normals)[None], direction, model)
+    return float(found[0])
+
+
+def resisted_forces(
+    points: npt.ArrayLike, normals: npt.ArrayLike, direction: npt.ArrayLike, model: WrenchModel
+) -> FloatArray:
+    """Return `resisted_force` of many grasps, contacts (B, C, 3), by one linear programme; (B,).
+
+    Each grasp is a block of it, with ``sum a <= 1``, which allows ``s = 0``. A largest ``s > 0``
+    has ``sum a = 1``, as it grows with the weights. Zero if the solver fails.
+    """
+    wrenches = replace(model, length_scale=None).wrenches(points, normals)  # (B, C, K, 6)
+    count = len(wrenches)
+    W = wrenches.reshape(count, -1, 6)
     task = np.concatenate([np.asarray(direction, dtype=np.float64), np.zeros(3)])
-    solution = _maximise(W, -task, 0.0)
-    # Infeasible: every squeeze has a wrench of its own.
-    return float(solution.x[-1]) if solution.status == 0 else 0.0
+    columns = np.concatenate([W, np.broadcast_to(-task, (count, 1, 6))], axis=1)  # (B, N, 6)
+    sizes, rows = columns.shape[1], np.arange(6 * count).reshape(count, 1, 6)
+    row, column = np.broadcast_arrays(rows, np.arange(count * sizes).reshape(count, sizes, 1))
+    on_rows = (row.ravel(), column.ravel())
+    is_force = np.tile(np.arange(sizes) == sizes - 1, count)
+    weights = np.flatnonzero(~is_force)
+    solution = linprog(
+        c=np.where(is_force, -1.0, 0.0),
+        A_eq=csr_array((columns.ravel(), on_rows)),
+        b_eq=np.zeros(6 * count),
+        A_ub=csr_array(
+            (np.ones(len(weights)), (weights // sizes, weights)), (count, len(is_force))
+        ),
+        b_ub=np.ones(count),
+        bounds=(0.0, None),
+        method="highs",
+    )
+    if solution.status != 0:
+        return np.zeros(count)
+    return np.asarray(solution.x[is_force])
 
 
 def _cancelling_weights(W: FloatArray) -> FloatArray | None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp import epsilon_quality, is_force_closure
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.grasping.contact_wrenches import WrenchModel, cone_edges
-from lis_grasp.grasping.force_closure import min_weight, resisted_force
+from lis_grasp.grasping.force_closure import min_weight, resisted_force, resisted_forces
 from lis_grasp.grasping.grip_forces import balanced_grip
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
@@ -278,6 +278,23 @@ def test_three_fingers_below_carry_all_that_they_press() -> None:
     for origin, expected in (((0.0, 0.0, 0.0), 1.0), ((2.0, 0.0, 0.0), 0.0)):
         found = resisted_force(points, below, up, WrenchModel(0.0, origin=origin))
         assert found == pytest.approx(expected)
+
+
+def test_resisted_forces_of_many_grasps_end_at_the_hulls_of_their_wrenches() -> None:
+    rng = np.random.default_rng(0)
+    grasps = [_random_grasp(rng, 4) for _ in range(12)]
+    points, normals = (np.array(arrays) for arrays in zip(*grasps, strict=True))
+    model, up = WrenchModel(0.6, origin=np.zeros(3)), (0.0, 0.0, 1.0)
+    found = resisted_forces(points, normals, up, model)
+    closing = 0
+    for p, n, force in zip(points, normals, found, strict=True):
+        planes = ConvexHull(model.wrenches_of_grasp(p, n)).equations
+        if (planes[:, -1] < 0.0).all():  # the hull contains the origin: the ray leaves it once
+            closing += 1
+            ahead = planes[:, 2] > 1e-12
+            assert force == pytest.approx((-planes[ahead, -1] / planes[ahead, 2]).min(), rel=1e-6)
+        assert force == pytest.approx(resisted_force(p, n, up, model), abs=1e-9)
+    assert closing >= 3
 
 
 @pytest.mark.parametrize("seed", range(5))
