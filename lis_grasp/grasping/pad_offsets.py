@@ -74,12 +74,7 @@ class FingertipContacts:
         off = np.where(used, targets - self._hand.pad_centers(X_OH, q), 0.0)
         moved[:, :3, 3] += off.sum(axis=1) / used.sum(axis=1)  # pads at their centres
         approach = moved[:, :3, :3] @ self._hand.approach_H
-        low = np.array(
-            [
-                self._floor - self._checker.lowest(X @ self._checker.poses_in_hand(joints))
-                for X, joints in zip(moved, q, strict=True)
-            ]
-        )
+        low = self._floor - self._checker.lowest(moved[:, None] @ self._checker.poses_in_hand(q))
         back = np.clip(low / np.maximum(-approach[:, 2], _STEEP), 0.0, self._reach)
         moved[:, :3, 3] -= back[:, None] * approach
         offsets = (back / self._reach)[:, None, None] * self._offsets

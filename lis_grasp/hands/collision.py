@@ -59,7 +59,7 @@ class HandCollisionChecker:
         shapes = [fcl_shape(geometry) for geometry in hand.link_geometries]
         self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
         self._outlines = [outline(g) for g in hand.link_geometries]
-        self._points = [_point_of(g) for g in hand.link_geometries]
+        self._points = np.array([_point_of(g) for g in hand.link_geometries])  # (G, 3)
         self._manager = fcl.DynamicAABBTreeCollisionManager()
         self._manager.registerObjects(self._bodies)
         self._manager.setup()
@@ -77,26 +77,27 @@ class HandCollisionChecker:
         the joint positions, (J,). With `pads_may_touch` the links that carry pads may touch the
         object (not the support).
         """
-        in_hand = self.poses_in_hand(q)
-        for X in X_OH.reshape(-1, 4, 4):
-            poses = self._pose(X @ in_hand)
-            if self._floor is not None and self.lowest(poses) < self._floor:
+        path = X_OH.reshape(-1, 4, 4)
+        in_hand = self._pose(self.poses_in_hand(q))
+        heights = self.lowest(path[:, None] @ in_hand)  # (W,)
+        for w, X in enumerate(path):
+            if self._floor is not None and heights[w] < self._floor:
                 return "support"
-            if self._touches_object(pads_may_touch=pads_may_touch):
+            if self._touches_object(X, in_hand, pads_may_touch=pads_may_touch):
                 return "object"
-            if self._touches_itself():
+            if w == 0 and self._self_collisions():
                 return "self"
         return None
 
     def touches_object(self, X_OH: FloatArray, q: FloatArray) -> bool:
         """Return whether any link touches the object or is inside it."""
-        self._pose(X_OH @ self.poses_in_hand(q))
-        return self._touches_object(pads_may_touch=False)
+        in_hand = self._pose(self.poses_in_hand(q))
+        return self._touches_object(X_OH, in_hand, pads_may_touch=False)
 
     def poses_in_hand(self, q: FloatArray) -> FloatArray:
-        """Return the poses X_HG of all bodies at joint positions q, shape (J,), for `place`."""
+        """Return the poses X_HG (..., G, 4, 4) of all bodies at joint positions q, (..., J)."""
         links = self._hand.forward_kinematics(np.eye(4), q)
-        return np.stack([links[g.link] @ g.X_LG for g in self._hand.link_geometries])
+        return np.stack([links[g.link] @ g.X_LG for g in self._hand.link_geometries], axis=-3)
 
     def place(self, X_OH: FloatArray, poses: FloatArray) -> bool:
         """Place the hand for `nearest`, and return whether it meets the object's surface.
@@ -105,9 +106,7 @@ class HandCollisionChecker:
         `poses_in_hand`; `X_OH` (4, 4) is the pose of the palm in O.
         """
         self._pose(X_OH @ poses)
-        data = fcl.CollisionData()
-        self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
-        return bool(data.result.is_collision)
+        return self._meets_surface(pads_may_touch=False)
 
     def nearest(self, moved: FloatArray) -> NearestLink:
         """Return the link nearest to the object after moving the placed hand by (3,) [m] in O."""
@@ -137,29 +136,40 @@ class HandCollisionChecker:
         self._manager.update()
         return poses
 
-    def lowest(self, poses: FloatArray) -> float:
-        """Return the height of the hand's lowest point [m], bodies at poses X_OG (G, 4, 4)."""
-        return min(
-            float((points @ X[2, :3]).min() + X[2, 3] - thickness)
-            for (points, thickness), X in zip(self._outlines, poses, strict=True)
-        )
-
-    def _touches_object(self, *, pads_may_touch: bool) -> bool:
-        data = fcl.CollisionData(request=fcl.CollisionRequest(num_max_contacts=1000))
-        self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
-        # The manager stops at `num_max_contacts`; a check link by link is exact.
-        if data.result.is_collision:
-            for body, geometry in zip(self._bodies, self._hand.link_geometries, strict=True):
-                if pads_may_touch and geometry.link in self._pads:
-                    continue
-                result = fcl.CollisionResult()
-                if fcl.collide(body, self._object, fcl.CollisionRequest(), result):
-                    return True
-        inside = [
-            body.getRotation() @ point + body.getTranslation()
-            for body, point in zip(self._bodies, self._points, strict=True)
+    def lowest(self, poses: FloatArray) -> FloatArray:
+        """Return the height of the hand's lowest point [m], bodies at poses X_OG (..., G, 4, 4)."""
+        heights = [
+            (X[..., 2, :3] @ points.T).min(axis=-1) + X[..., 2, 3] - thickness
+            for (points, thickness), X in zip(
+                self._outlines, np.moveaxis(poses, -3, 0), strict=True
+            )
         ]
-        return any_inside(self._mesh, np.array(inside))
+        return np.asarray(np.min(heights, axis=0))
+
+    def _touches_object(
+        self, X_OH: FloatArray, in_hand: FloatArray, *, pads_may_touch: bool
+    ) -> bool:
+        """Return whether the hand at a pose touches the object; its bodies are posed in H."""
+        X_HO = np.linalg.inv(X_OH)  # one body to move, instead of all links
+        self._object.setTransform(fcl.Transform(X_HO[:3, :3], X_HO[:3, 3]))
+        try:
+            if self._meets_surface(pads_may_touch=pads_may_touch):
+                return True
+        finally:
+            self._object.setTransform(fcl.Transform())
+        inside = (in_hand[:, :3, :3] @ self._points[..., None])[..., 0] + in_hand[:, :3, 3]
+        return any_inside(self._mesh, inside @ X_OH[:3, :3].T + X_OH[:3, 3])
+
+    def _meets_surface(self, *, pads_may_touch: bool) -> bool:
+        data = fcl.CollisionData()
+        self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
+        if not data.result.is_collision or not pads_may_touch:
+            return bool(data.result.is_collision)
+        return any(
+            fcl.collide(body, self._object, fcl.CollisionRequest(), fcl.CollisionResult())
+            for body, geometry in zip(self._bodies, self._hand.link_geometries, strict=True)
+            if geometry.link not in self._pads
+        )
 
     def self_collisions(self, q: FloatArray) -> set[tuple[str, str]]:
         """Return the pairs of links that collide at joint positions q, (J,), each pair sorted.
@@ -168,9 +178,6 @@ class HandCollisionChecker:
         """
         self._pose(self.poses_in_hand(q))
         return self._self_collisions()
-
-    def _touches_itself(self) -> bool:
-        return bool(self._self_collisions())
 
     def _self_collisions(self) -> set[tuple[str, str]]:
         data = fcl.CollisionData(

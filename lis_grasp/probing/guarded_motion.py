@@ -251,7 +251,7 @@ class GuardedMotion:
         height = None if obstacles is None else obstacles.space.support_height
         if height is None or probe.direction[2] >= 0.0:
             return np.inf
-        lowest = self._checker.lowest(approach.X_OH @ self._poses[approach.posture.finger])
+        lowest = float(self._checker.lowest(approach.X_OH @ self._poses[approach.posture.finger]))
         return max(lowest - height, 0.0) / -float(probe.direction[2])
 
     def _place(self, approach: Approach, X_OH: FloatArray) -> bool:
