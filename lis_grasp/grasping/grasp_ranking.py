@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
@@ -14,7 +15,7 @@ from lis_grasp.grasping.candidate_filter import GraspCandidates
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.epsilon import epsilon_by_convex_hull, epsilon_by_expanding_polytope
-from lis_grasp.grasping.force_closure import resisted_force
+from lis_grasp.grasping.force_closure import resisted_forces
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import grip_fraction
 from lis_grasp.grasping.grip_forces import balanced_grip
@@ -25,8 +26,7 @@ from lis_grasp.typing import FloatArray
 
 # Normals are known to a few degrees only: robust qualities use this fraction of the friction.
 _ROBUST_FRACTION = 0.5
-# Sampled surfaces per estimate; on each of them epsilon may be too small by this fraction.
-_SAMPLES = 32
+# On sampled surfaces, epsilon may be too small by this fraction.
 _COARSE = 0.05
 # Loads are carried at this fraction of the friction. A rotation counts as the acceleration at the
 # first distance [m] from its axis, as in a lift's shake; radii of gyration are at least the second.
@@ -37,6 +37,17 @@ _FLAT_PAD_LEVER = 0.006
 
 SUCCESS_MODEL = json.loads(Path(__file__).with_name("success_model.json").read_text("utf-8"))
 """Constants of the logistic success model, and what they were fitted to."""
+
+
+class _Precision(NamedTuple):
+    """Precision of qualities: sampled surfaces, and by what fraction epsilon may be too small."""
+
+    surfaces: int
+    tolerance: float
+
+
+# Most candidates are only ranked; what is reported is precise.
+_RANKED, _REPORTED = _Precision(8, _COARSE), _Precision(32, 1e-6)
 
 
 class GraspScorer:
@@ -62,8 +73,9 @@ class GraspScorer:
       of fingers close together can turn.
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
-    Qualities are those at the median mass and friction of the prior; `predict_success` averages the
-    success probability over both distributions.
+    `score` computes them roughly, for ranking, at the median mass and friction of the prior:
+    epsilon may be too small by 5 %, and eight surfaces are sampled. `predict_success` computes them
+    precisely, and averages the success probability over both distributions.
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest
     distance of a vertex from it.
@@ -87,15 +99,17 @@ class GraspScorer:
         self._seed = rng.integers(2**63)
 
     def score(self, candidates: GraspCandidates) -> dict[int, Grasp]:
-        """Return the grasps in force closure among candidates, by their index."""
+        """Return the grasps in force closure among candidates, by their index; see the class."""
         found: dict[int, Grasp] = {}
         postures, mass = candidates.postures, self._prior.mass
         for alike, points, normals in candidates.contacts.by_count():
-            plain = epsilon_by_expanding_polytope(points, normals, self._median.plain)
+            plain = epsilon_by_expanding_polytope(
+                points, normals, self._median.plain, tolerance=_RANKED.tolerance
+            )
             closing = np.flatnonzero(plain > 0.0)
             if not len(closing):
                 continue
-            qualities = self._qualities(points[closing], normals[closing], self._median)
+            qualities = self._qualities(points[closing], normals[closing], self._median, _RANKED)
             for k, i in enumerate(closing):
                 b = int(alike[i])
                 used = candidates.contacts.used[b]
@@ -108,8 +122,7 @@ class GraspScorer:
                 )
                 X_OH, q = postures.X_OH[b], postures.q[b]
                 forces = grip_fraction(self._hand, X_OH, q, fingers, forces) * forces
-                quality = {name: float(values[k]) for name, values in qualities.items()}
-                quality = {"epsilon": float(plain[i]), **quality}
+                quality = {"epsilon": float(plain[i]), **qualities[k]}
                 quality["grip"] = -float(np.sum(forces * normals[i]))
                 quality["acceleration"] = quality["grip"] * quality["load_per_grip"] / mass
                 quality["success_probability"] = self._success_probability(quality)
@@ -131,22 +144,38 @@ class GraspScorer:
                 )
         return dict(sorted(found.items()))
 
-    def predict_success(self, grasp: Grasp) -> Grasp:
-        """Return a grasp with its success probability over the prior of mass and friction.
+    def predict_success(self, grasps: Sequence[Grasp]) -> list[Grasp]:
+        """Return grasps with precise qualities and the success probability over the whole prior.
 
-        Its other qualities, but not ``epsilon``, become those at the medians.
+        Qualities other than the success probability are those at the medians.
         """
-        quality: dict[str, float] = {}
-        success, grip = 0.0, grasp.quality["grip"]
-        points, normals = grasp.contact_points[None], grasp.contact_normals[None]
-        for models, friction_weight in self._models:
-            at_friction = self._qualities(points, normals, models)
-            for mass, mass_weight in self._prior.masses():
-                at_load = {name: float(values[0]) for name, values in at_friction.items()}
-                at_load["acceleration"] = grip * at_load["load_per_grip"] / mass
-                success += friction_weight * mass_weight * self._success_probability(at_load)
-                quality = quality or at_load  # the medians come first
-        return replace(grasp, quality={**grasp.quality, **quality, "success_probability": success})
+        counts = np.array([len(grasp.contact_points) for grasp in grasps])
+        predicted = list(grasps)
+        for count in np.unique(counts):
+            alike = np.flatnonzero(counts == count).tolist()
+            points = np.array([grasps[i].contact_points for i in alike])
+            normals = np.array([grasps[i].contact_normals for i in alike])
+            plain = epsilon_by_expanding_polytope(
+                points, normals, self._median.plain, tolerance=_REPORTED.tolerance
+            )
+            # The medians come first.
+            by_friction = [
+                (self._qualities(points, normals, models, _RANKED if k else _REPORTED), weight)
+                for k, (models, weight) in enumerate(self._models)
+            ]
+            for k, i in enumerate(alike):
+                quality = {**grasps[i].quality, "epsilon": float(plain[k]), **by_friction[0][0][k]}
+                success = 0.0
+                for qualities, friction_weight in by_friction:
+                    load = quality["grip"] * qualities[k]["load_per_grip"]
+                    for mass, weight in self._prior.masses():
+                        at_load = {**qualities[k], "acceleration": load / mass}
+                        success += friction_weight * weight * self._success_probability(at_load)
+                load = quality["grip"] * quality["load_per_grip"]
+                quality["acceleration"] = load / self._prior.mass
+                quality["success_probability"] = success
+                predicted[i] = replace(grasps[i], quality=quality)
+        return predicted
 
     def accelerations(self, sets: ContactSets) -> FloatArray:
         """Return ``acceleration`` of B contact sets per unit of grip and mass; shape (B,)."""
@@ -157,36 +186,52 @@ class GraspScorer:
             )
         return found
 
+    def _epsilon(
+        self, points: FloatArray, normals: FloatArray, precision: _Precision
+    ) -> FloatArray:
+        """Return ``epsilon`` of contacts (B, C, 3), shape (B,)."""
+        return epsilon_by_expanding_polytope(
+            points, normals, self._median.plain, tolerance=precision.tolerance
+        )
+
     def _qualities(
-        self, points: FloatArray, normals: FloatArray, models: _FrictionModels
-    ) -> dict[str, FloatArray]:
-        """Return the qualities of contacts (B, C, 3) that depend on the friction, each (B,)."""
-        robust = epsilon_by_expanding_polytope(points, normals, models.robust)
-        closure, expected = self._over_surfaces(points, normals, robust, models)
-        return {
+        self,
+        points: FloatArray,
+        normals: FloatArray,
+        models: _FrictionModels,
+        precision: _Precision,
+    ) -> list[dict[str, float]]:
+        """Return the qualities of each grasp's contacts, (B, C, 3), that depend on the friction."""
+        tolerance = precision.tolerance
+        robust = epsilon_by_expanding_polytope(points, normals, models.robust, tolerance=tolerance)
+        closure, expected = self._over_surfaces(points, normals, robust, models, precision.surfaces)
+        values = {
             "epsilon_robust": robust,
-            "weight_robust": np.array(
-                [
-                    resisted_force(p, n, (0.0, 0.0, 1.0), models.robust)
-                    for p, n in zip(points, normals, strict=True)
-                ]
-            ),
+            "weight_robust": resisted_forces(points, normals, (0.0, 0.0, 1.0), models.robust),
             "closure_probability": closure,
             "epsilon_expected": expected,
             "load_per_grip": epsilon_by_expanding_polytope(
-                points, normals, models.loaded, tolerance=_COARSE
+                points, normals, models.loaded, tolerance=tolerance
             ),
         }
+        return [
+            {name: float(value[b]) for name, value in values.items()} for b in range(len(points))
+        ]
 
     def _over_surfaces(
-        self, points: FloatArray, normals: FloatArray, robust: FloatArray, models: _FrictionModels
+        self,
+        points: FloatArray,
+        normals: FloatArray,
+        robust: FloatArray,
+        models: _FrictionModels,
+        samples: int,
     ) -> tuple[FloatArray, FloatArray]:
         """Return the probability of closure and the expected robust epsilon, each of shape (B,)."""
         count, contacts = points.shape[:2]
         if not self._surface.deviations.any():
             return np.ones(count), robust
         sampled = self._surface.sample_contacts(
-            points, normals, samples=_SAMPLES, rng=np.random.default_rng(self._seed)
+            points, normals, samples=samples, rng=np.random.default_rng(self._seed)
         )
         p, n = (a.reshape(-1, contacts, 3) for a in sampled)
         robust = epsilon_by_expanding_polytope(p, n, models.robust, tolerance=_COARSE)
@@ -195,7 +240,7 @@ class GraspScorer:
         if len(rest):
             plain = epsilon_by_expanding_polytope(p[rest], n[rest], models.plain, tolerance=_COARSE)
             closes[rest] = plain > 0.0
-        by_grasp = (count, _SAMPLES)
+        by_grasp = (count, samples)
         return closes.reshape(by_grasp).mean(axis=1), robust.reshape(by_grasp).mean(axis=1)
 
     def _success_probability(self, quality: Mapping[str, float]) -> float:

@@ -132,8 +132,7 @@ class ForceClosureSampler:
             )
             search.draw_enough(2 * self.candidates, count)
         search.refine(count)
-        if not self.load_prior().is_known:
-            search.predict_success(count)
+        search.predict_success(count)
         return search.result(count)
 
 
@@ -190,8 +189,8 @@ class _Search:
         self.grasps.sort(key=_success, reverse=True)
 
     def predict_success(self, count: int) -> None:
-        """Rank the best `count` grasps by their success over the unknown mass and friction."""
-        best = [self.scorer.predict_success(grasp) for grasp in self.grasps[:count]]
+        """Rank the best `count` grasps by precise qualities, over the prior of the load."""
+        best = self.scorer.predict_success(self.grasps[:count])
         self.grasps[:count] = sorted(best, key=_success, reverse=True)
 
     def result(self, count: int) -> GraspSearch:
