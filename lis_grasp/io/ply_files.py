@@ -73,12 +73,16 @@ def ply_bytes(elements: Sequence[PlyElement], header: str, *, text: bool) -> byt
     lines = [line.rstrip() for line in header.splitlines() if line.strip()]
     comments = [line.encode("ascii", "backslashreplace").decode() for line in lines]
     data = PlyData(elements, text=text, byte_order="=" if text else "<", comments=comments)
-    if text:
-        file = io.BytesIO()
-        data.write(file)
-        return file.getvalue()
-    # plyfile writes lists row by row; here all lists of a column have one length.
-    return data.header.encode("ascii") + b"\n" + b"".join(map(_packed, elements))
+    # plyfile writes row by row; here all lists of a column have one length, and text has no lists.
+    written = map(_as_text if text else _packed, elements)
+    return data.header.encode("ascii") + b"\n" + b"".join(written)
+
+
+def _as_text(element: PlyElement) -> bytes:
+    """Return the rows of an element without lists as text, the numbers to 18 digits."""
+    file = io.BytesIO()
+    np.savetxt(file, element.data, "%.18g")
+    return file.getvalue()
 
 
 def _packed(element: PlyElement) -> bytes:
