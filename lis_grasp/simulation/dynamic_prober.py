@@ -21,8 +21,9 @@ from lis_grasp.simulation.contact_patches import Patch
 from lis_grasp.simulation.probing_scene import FreeObject, ProbingScene
 from lis_grasp.typing import FloatArray
 
-# Free flight needs no dynamics: the simulation starts this far before the first contact [m].
-_BEFORE = 0.002
+# Free flight needs no dynamics: the simulation starts this far before the first contact [m]; an arm
+# first settles under its load.
+_BEFORE, _BEFORE_WITH_ARM = 0.0005, 0.002
 # A touch is detected within this distance of the first contact; later ones are grazes [m].
 _BEYOND = 0.01
 # From a free object the hand retreats this late after the detection [s]: a sensor of 100 Hz.
@@ -37,7 +38,7 @@ class DynamicProber:
 
     The hand rides on an arm along the probe's direction at 0.1 m/s, one finger extended in its
     probe posture, the joints under PD control. Free flight is exact without integration and is
-    skipped (`GuardedMotion`). The motion is simulated from 2 mm before the first contact until a
+    skipped (`GuardedMotion`). The motion is simulated from 0.5 mm before the first contact until a
     contact's normal force exceeds the threshold.
 
     Contact is Drake's hydroelastic one between the exact mesh and compliant links, so bores and
@@ -155,14 +156,18 @@ class DynamicProber:
             direction = self._X_WE[:3, :3] @ direction
         scene.place(posture.joint_positions, X_WB, direction, X_WO, course.q_arm)
         speed = self._speed if self._station is None else course.speed
-        start = max(course.travelled - _BEFORE, 0.0)
+        before = _BEFORE if self._station is None else _BEFORE_WITH_ARM
+        start = max(course.travelled - before, 0.0)
         scene.start_motion(start, speed)
         step = speed * scene.time_step
         end = course.travelled + min(_BEYOND, course.remaining)
         patches: list[Patch] = []
+        scene.command(start + step, speed)
         for n in range(1, int(np.ceil((end - start) / step)) + 1):
-            scene.step(start + n * step, speed)
-            patches = scene.patches(self._threshold)
+            scene.advance()
+            scene.command(start + (n + 1) * step, speed)
+            if start + n * step > course.travelled:
+                patches = scene.patches(self._threshold)
             if patches:
                 break
         hand_pose = HandPose(self._from_world(scene.X_WH) + 0.0, scene.joint_positions)

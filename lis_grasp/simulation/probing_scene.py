@@ -219,10 +219,18 @@ class ProbingScene:
 
     def step(self, travelled: float, speed: float) -> None:
         """Simulate one time step towards a commanded position [m] and speed [m/s]."""
+        self.command(travelled, speed)
+        self.advance()
+
+    def command(self, travelled: float, speed: float) -> None:
+        """Command a position [m] and a speed [m/s] for the next time step."""
         self.carrier.command(travelled, speed)
-        self._steps += 1
         if self._free:
             self._resist_rolling()
+
+    def advance(self) -> None:
+        """Simulate one time step as commanded."""
+        self._steps += 1
         advance(self._simulator, self._steps * _TIME_STEP, of="a touch")
         self.carrier.check()
 
@@ -247,7 +255,10 @@ class ProbingScene:
         self._forces_port.FixValue(self._context, [load])
 
     def patches(self, threshold: float) -> list[Patch]:
-        """Return the flat parts, in W, of contacts with a normal force above `threshold` [N]."""
+        """Return the flat parts, in W, of contacts with a normal force above `threshold` [N].
+
+        The forces are those of the step that was commanded: Drake computes them once for both.
+        """
         contacts = link_contacts(
             self._results_port.Eval(self._context),
             self._object_geometry,
