@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
+from lis_grasp.surfaces.kernel_expansion import squared_distances
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows
 from lis_grasp.typing import FloatArray, IndexArray
@@ -134,10 +134,11 @@ class BlendedImplicitSurface:
         """Return the exact gradient of f at points of shape (..., 3) [m], shape (..., 3)."""
         rows, shape = flat_points(points)
         values, gradients = self.smooth.evaluate(rows), self.smooth.gradient(rows)
-        some, weights, differences = self._weights_and_differences(rows, values)
+        some, weights = self._weights(rows)
+        sharp, sharp_gradients = self.sharp.value_and_gradient(rows[some])
+        differences, steps = sharp - values[some], sharp_gradients - gradients[some]
         agreement, fall = _agreement(differences, self.spacing)
         # d(w v D) = w (v + v'(D) D) dD + v D dw
-        steps = self.sharp.gradient(rows[some]) - gradients[some]
         gradients[some] += (weights * (agreement + fall * differences))[:, None] * steps
         gradients[some] += (agreement * differences)[:, None] * self._weight_slopes(rows[some])
         return gradients.reshape(*shape, 3)
@@ -160,10 +161,15 @@ class BlendedImplicitSurface:
         self, points: FloatArray, smooth: FloatArray
     ) -> tuple[IndexArray, FloatArray, FloatArray]:
         """Return the points with w above 0, (Q,), their w, and sharp - smooth there [m]."""
+        some, weights = self._weights(points)
+        return some, weights, self.sharp.evaluate(points[some]) - smooth[some]
+
+    def _weights(self, points: FloatArray) -> tuple[IndexArray, FloatArray]:
+        """Return the points with w above 0, (Q,), and their w."""
         evidence = map_rows(lambda x: self._evidence(x)[0], points, len(self.places))
         weights, _ = _smoothstep(evidence, _NO_WEIGHT, _FULL_WEIGHT)
         some = np.flatnonzero(weights > 0.0)
-        return some, weights[some], self.sharp.evaluate(points[some]) - smooth[some]
+        return some, weights[some]
 
     def _weight_slopes(self, points: FloatArray) -> FloatArray:
         """Return the gradient of w at points, (P, 3)."""
@@ -174,22 +180,24 @@ class BlendedImplicitSurface:
     def _evidence(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the evidence for the sharp estimate at points, (P,), and the places' weights.
 
-        A mean of the log ratios with these weights, (P, M), shrunk to that of all places.
+        A mean of the log ratios with these weights, (M, P), shrunk to that of all places.
         """
-        weights = cdist(points, self.places, "sqeuclidean")
+        center = self.places[0]
+        weights = squared_distances(self.places - center, points - center)
         weights *= -0.5 / (_SIGMA * self.spacing) ** 2
         np.exp(weights, out=weights)
-        total = weights.sum(axis=1) + _PRIOR_PLACES
-        weights /= total[:, None]
+        total = weights.sum(axis=0) + _PRIOR_PLACES
         count, deviation = len(self.log_ratios), float(self.log_ratios.std())
         overall = float(self.log_ratios.sum()) / (count + _PRIOR_PLACES)
         overall -= _CAUTION * deviation / np.sqrt(count)
-        return weights @ self.log_ratios + _PRIOR_PLACES * overall / total, weights
+        evidence = (self.log_ratios @ weights + _PRIOR_PLACES * overall) / total
+        weights /= total
+        return evidence, weights
 
     def _evidence_and_slopes(self, points: FloatArray) -> FloatArray:
         """Return the evidence and its gradient at points, shape (P, 4)."""
         evidence, weights = self._evidence(points)
-        pulls = weights * (self.log_ratios - evidence[:, None])
+        pulls = (weights * (self.log_ratios[:, None] - evidence)).T
         towards = pulls @ self.places - pulls.sum(axis=1)[:, None] * points
         return np.column_stack([evidence, towards / (_SIGMA * self.spacing) ** 2])
 

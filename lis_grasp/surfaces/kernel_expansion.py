@@ -26,8 +26,17 @@ class KernelExpansion:
 
     def value(self, queries: FloatArray) -> FloatArray:
         """Return f at queries (P, 3), shape (P,)."""
-        value, first = self.kernel.value_and_first(_distances(queries, self.nodes))  # (P, N)
-        return value @ self.weights[:, 0] + np.einsum("pn,pn->p", first, self._slopes(queries))
+        return np.asarray(self.terms(queries).sum(axis=0))
+
+    def terms(self, queries: FloatArray) -> FloatArray:
+        """Return the term of each node at queries (P, 3), shape (N, P)."""
+        count, values, gammas = len(self.nodes), self.weights[:, :1], self.weights[:, 1:]
+        slopes = np.zeros((count, 5))  # maps the columns to (x - x_i) . g_i
+        slopes[:, :3] = gammas
+        slopes[:, 3] = -np.einsum("nk,nk->n", self.nodes, gammas)
+        both = np.vstack([_distance_rows(self.nodes), slopes]) @ _columns(queries)
+        squares = np.maximum(both[:count], 0.0, out=both[:count])
+        return self.kernel.combined(squares, values, both[count:])
 
     def gradient(self, queries: FloatArray) -> FloatArray:
         """Return the gradient of f at queries (P, 3), shape (P, 3)."""
@@ -78,8 +87,27 @@ def gradient_covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
 
 def _distances(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return distances between rows, shape (P, N)."""
-    squares = first @ (-2.0 * second.T)
-    squares += np.einsum("pk,pk->p", first, first)[:, None]
-    squares += np.einsum("nk,nk->n", second, second)
-    np.maximum(squares, 0.0, out=squares)
+    squares = squared_distances(first, second)
     return np.sqrt(squares, out=squares)
+
+
+def squared_distances(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return squares of distances between rows, shape (N, P), to rounding of coordinates."""
+    squares = _distance_rows(first) @ _columns(second)
+    return np.maximum(squares, 0.0, out=squares)
+
+
+def _distance_rows(points: FloatArray) -> FloatArray:
+    """Return rows (N, 5) that map `_columns` to squares of distances from points (N, 3)."""
+    rows = np.ones((len(points), 5))
+    rows[:, :3] = -2.0 * points
+    rows[:, 3] = np.einsum("nk,nk->n", points, points)
+    return rows
+
+
+def _columns(points: FloatArray) -> FloatArray:
+    """Return x, y, z, 1 and the squared norm of points (P, 3), shape (5, P)."""
+    columns = np.ones((5, len(points)))
+    columns[:3] = points.T
+    np.einsum("kp,kp->p", columns[:3], columns[:3], out=columns[4])
+    return columns

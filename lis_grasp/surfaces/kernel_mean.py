@@ -56,8 +56,9 @@ class KernelMean:
     def _near(self, points: FloatArray) -> IndexArray:
         """Return the nodes whose kernel is not negligible at some of the points."""
         # A point at a distance d from its nearest node needs those within sqrt(d^2 + reach^2).
-        center = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        radius = np.linalg.norm(points - center, axis=1).max()
+        coordinates = np.ascontiguousarray(points.T)
+        low, high = coordinates.min(axis=1), coordinates.max(axis=1)
+        center, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
         nearest = self._tree.query(center)[0] + radius
         spread = np.ptp(self.log_weights)
         reach = self.sigma * np.sqrt(2.0 * (NEGLIGIBLE + spread))

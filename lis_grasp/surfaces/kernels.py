@@ -31,6 +31,12 @@ class RadialKernel(Protocol):
     def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return k(r) and -k'(r) / r, in less time than one by one."""
 
+    def combined(self, squares: FloatArray, values: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Return values k(r) - slopes k'(r) / r from squares of r; the arguments are overwritten.
+
+        `squares` and `slopes` have the result's shape (N, P), `values` (N, 1).
+        """
+
     def first(self, r: FloatArray) -> FloatArray:
         """Return -k'(r) / r."""
 
@@ -52,6 +58,15 @@ class SquaredExponential:
         """Return k(r) and -k'(r) / r."""
         value = self.value(r)
         return value, value / self.length**2
+
+    def combined(self, squares: FloatArray, values: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Return values k(r) - slopes k'(r) / r; squares and slopes are overwritten."""
+        squares *= -0.5 / self.length**2
+        np.exp(squares, out=squares)
+        slopes *= 1.0 / self.length**2
+        slopes += values
+        slopes *= squares
+        return slopes
 
     def first(self, r: FloatArray) -> FloatArray:
         """Return -k'(r) / r."""
@@ -87,6 +102,21 @@ class Matern52:
         linear *= 5.0 / (3.0 * self.length**2)
         return q, linear
 
+    def combined(self, squares: FloatArray, values: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Return values k(r) - slopes k'(r) / r; squares and slopes are overwritten."""
+        # exp(-q) ((1 + q) (values + 5 / (3 length^2) slopes) + q^2 / 3 values)
+        squares *= 5.0 / self.length**2
+        slopes *= 5.0 / (3.0 * self.length**2)
+        slopes += values
+        q = np.sqrt(squares)
+        squares *= values / 3.0
+        squares += slopes
+        slopes *= q
+        squares += slopes
+        np.negative(q, out=q)
+        squares *= np.exp(q, out=q)
+        return squares
+
     def first(self, r: FloatArray) -> FloatArray:
         """Return -k'(r) / r."""
         return self.value_and_first(r)[1]
@@ -116,6 +146,13 @@ class ThinPlate:
     def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return k(r) and -k'(r) / r."""
         return self.value(r), self.first(r)
+
+    def combined(self, squares: FloatArray, values: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Return values k(r) - slopes k'(r) / r; squares and slopes are overwritten."""
+        r = np.sqrt(squares, out=squares)
+        slopes *= self.first(r)
+        slopes += values * self.value(r)
+        return slopes
 
     def first(self, r: FloatArray) -> FloatArray:
         """Return -k'(r) / r."""

@@ -75,26 +75,11 @@ class EdgePairs:
             patches,
         )
 
-    def needed_values(self) -> BoolArray:
-        """Return which patches' values are needed at the contacts of each patch, shape (K, K).
-
-        Those that may cut it; those across its concave edges, and those that may cut them.
-        """
-        cutting = self._between(self.kind < 0) | self.mostly_convex()
-        concave = self._between(self.kind > 0)
-        terms = concave.astype(np.float32) @ cutting.astype(np.float32)
-        return cutting | concave | (terms > 0.0)
-
     def mostly_convex(self) -> BoolArray:
         """Return which patches meet at more convex pairs than concave ones, shape (K, K)."""
         votes = np.zeros((self._count, self._count))
         np.add.at(votes, (self.patches[self.first], self.patches[self.second]), -self.kind)
         return votes > 0
-
-    def _between(self, chosen: BoolArray) -> BoolArray:
-        between = np.zeros((self._count, self._count), dtype=bool)
-        between[self.patches[self.first[chosen]], self.patches[self.second[chosen]]] = True
-        return between
 
     @property
     def _count(self) -> int:
@@ -106,9 +91,8 @@ def build_expressions(
 ) -> list[Expression]:
     """Return the CSG expression of each contact, N of them.
 
-    `values` (N, K) [m] are the functions of patches at contacts, see `EdgePairs.needed_values`.
-    EstimationError if contacts contradict each other so much that nearly all patches cut nearly
-    all others.
+    `values` (N, K) [m] are the functions of patches at contacts. EstimationError if contacts
+    contradict each other so much that nearly all patches cut nearly all others.
     """
     patches = edges.patches
     contacts = np.arange(len(patches))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,9 @@ from lis_grasp.surfaces.contact_noise import noise_of
 from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.contact_thinning import thin_contacts
-from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
+from lis_grasp.surfaces.csg_values import active_patches, solid_values
+from lis_grasp.surfaces.joined_patches import JoinedPatches
+from lis_grasp.surfaces.kernel_mean import LEAST_WEIGHT, KernelMean, density_weights
 from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.patch import Patch, noise_variances
 from lis_grasp.surfaces.patch_csg import EdgePairs, Expression, build_expressions
@@ -58,6 +60,7 @@ class PatchImplicitSurface(BlockwiseSurface):
     position_noise: FloatArray  #: (N,) [m], one standard deviation along the normal
     normal_noise: FloatArray  #: (N,) [rad], one of each component of the normal
     patches: tuple[Patch, ...]  #: the smooth patches
+    joined: JoinedPatches  #: their values, at once
     expressions: tuple[Expression, ...]  #: the distinct CSG expressions
     expression_of: IndexArray  #: (N,), index of each contact's expression
     mean: KernelMean  #: kernel-weighted mean over contacts
@@ -161,12 +164,8 @@ class PatchImplicitSurface(BlockwiseSurface):
             of_noise = variances[members].ravel()
             patches.append(Patch.fit(members, *chosen, spacing, of_noise, amplitude))
         edges = EdgePairs.of(pairs, patch_of, spacing)
-        wanted = edges.needed_values()[patch_of]  # (N, K)
-        values = np.full(wanted.shape, np.nan)
-        for column, patch in enumerate(patches):
-            rows = np.flatnonzero(wanted[:, column])
-            values[rows, column] = patch.value(points[rows])
-        expressions = build_expressions(pairs, edges, values, spacing)
+        joined = JoinedPatches.of(patches)
+        expressions = build_expressions(pairs, edges, joined.values(points).T, spacing)
         distinct = sorted(set(expressions))
         number_of = {expression: k for k, expression in enumerate(distinct)}
         sigma = _SIGMA * spacing
@@ -177,6 +176,7 @@ class PatchImplicitSurface(BlockwiseSurface):
             position_noise=noise[0],
             normal_noise=noise[1],
             patches=tuple(patches),
+            joined=joined,
             expressions=tuple(distinct),
             expression_of=np.array([number_of[expression] for expression in expressions]),
             mean=KernelMean.of(points, sigma, density_weights(points, sigma)),
@@ -205,64 +205,51 @@ class PatchImplicitSurface(BlockwiseSurface):
     def _value_and_gradient(
         self, points: FloatArray, *, with_gradient: bool
     ) -> tuple[FloatArray, FloatArray]:
-        near, weights = self.mean.weights(points)
-
-        def evaluate(patch: Patch) -> tuple[FloatArray, FloatArray]:
-            values = patch.value(points)
-            return values, patch.gradient(points) if with_gradient else values[:, None]
-
-        number, values, gradients = self._fields(near, evaluate)
-        terms = weights * values[number]  # (M, P)
-        mean = terms.sum(axis=0)
+        near, weights = self.mean.weights(points)  # (M,), (M, P)
+        expressions, patches, number = self._expressions_of(near)
+        values = self.joined.some(patches).values(points)
         if not with_gradient:
-            return mean, points
-        slopes = np.einsum("ep,epk->pk", _sums(weights, number), gradients)
-        slopes += self.mean.pulls(points, near, terms)
-        slopes -= mean[:, None] * self.mean.pulls(points, near, weights)
+            solids = solid_values(expressions, values)
+            return np.einsum("mp,mp->p", weights, solids[number]), points
+        active = active_patches(expressions, values)  # (E, P)
+        solids = values[active, np.arange(len(points))]
+        mean = np.einsum("mp,mp->p", weights, solids[number])
+        slopes = self.mean.pulls(points, near, weights * (solids[number] - mean))
+        for patch, seen, of_patch in self._parts(patches, active, weights, number):
+            slopes[seen] += of_patch[:, None] * patch.gradient(points[seen])
         return mean, slopes
 
     def _variance(self, points: FloatArray) -> FloatArray:
         """Return the variance of the surface, shape (P,) [m^2], at points close together."""
         near, weights = self.mean.weights(points)
+        expressions, patches, number = self._expressions_of(near)
+        active = active_patches(expressions, self.joined.some(patches).values(points))
+        variances = np.zeros(len(points))
+        for patch, seen, of_patch in self._parts(patches, active, weights, number):
+            variances[seen] += of_patch * patch.variance(points[seen])
+        return variances
 
-        def value_and_variance(patch: Patch) -> tuple[FloatArray, FloatArray]:
-            return patch.value(points), patch.variance(points)[:, None]
+    def _expressions_of(self, near: IndexArray) -> tuple[list[Expression], IndexArray, IndexArray]:
+        """Return the expressions of contacts `near`, (M,), which patches occur, and each's number.
 
-        number, _, variances = self._fields(near, value_and_variance)
-        return np.asarray(np.einsum("ep,ep->p", _sums(weights, number), variances[..., 0]))
-
-    def _fields(
-        self, near: IndexArray, evaluate: Callable[[Patch], tuple[FloatArray, FloatArray]]
-    ) -> tuple[IndexArray, FloatArray, FloatArray]:
-        """Evaluate the expressions of contacts `near`, (M,), at P points.
-
-        Returns which of the E evaluated expressions is each contact's, (M,); their values (E, P);
-        and the attributes (E, P, K) of the patches that make them, as from `evaluate`.
+        The patches, (K,), are numbered in the expressions by their place among them.
         """
-        used, number_of = np.unique(self.expression_of[near], return_inverse=True)
-        terms = sorted({term for k in used for term in self.expressions[k]})
-        involved = sorted({p for term in terms for p in term})
-        evaluated = [evaluate(self.patches[p]) for p in involved]
-        values = np.stack([value for value, _ in evaluated])  # (patches, P)
-        attributes = np.stack([attribute for _, attribute in evaluated])  # (patches, P, K)
-        place = {p: row for row, p in enumerate(involved)}
-        columns = np.arange(values.shape[1])
+        used, number = np.unique(self.expression_of[near], return_inverse=True)
+        shown = [self.expressions[k] for k in used]
+        patches = sorted({p for each in shown for term in each for p in term})
+        row = {p: k for k, p in enumerate(patches)}
+        renumbered = [tuple(tuple(row[p] for p in term) for term in each) for each in shown]
+        return renumbered, np.array(patches), number
 
-        # Active is the largest patch of the smallest intersection; ties to the first.
-        active = np.empty((len(terms), len(columns)), dtype=np.intp)
-        for row, term in enumerate(terms):
-            rows = np.array([place[p] for p in term])
-            active[row] = rows[values[rows].argmax(axis=0)]
-        heights = values[active, columns]  # (terms, P)
-        number = {term: row for row, term in enumerate(terms)}
-        shown = np.empty((len(used), len(columns)), dtype=np.intp)
-        for row, k in enumerate(used):
-            rows = np.array([number[term] for term in self.expressions[k]])
-            shown[row] = active[rows[heights[rows].argmin(axis=0)], columns]
-        return number_of, values[shown, columns], attributes[shown, columns]
-
-
-def _sums(weights: FloatArray, number: IndexArray) -> FloatArray:
-    """Return sums over the rows of weights (M, P) that have each number from 0 on, (E, P)."""
-    chosen = number == np.arange(number.max() + 1)[:, None]  # (E, M)
-    return np.asarray(chosen.astype(np.float64) @ weights)
+    def _parts(
+        self, patches: IndexArray, active: IndexArray, weights: FloatArray, number: IndexArray
+    ) -> Iterator[tuple[Patch, IndexArray, FloatArray]]:
+        """Yield each patch that makes the surface at some points, these (S,), and its weights."""
+        columns = np.arange(weights.shape[1])
+        of_patches = np.zeros((len(patches), len(columns)))
+        for weight, k in zip(weights, number, strict=True):
+            of_patches[active[k], columns] += weight
+        for p, of_patch in zip(patches, of_patches, strict=True):
+            seen = np.flatnonzero(of_patch > LEAST_WEIGHT)
+            if len(seen):
+                yield self.patches[p], seen, of_patch[seen]

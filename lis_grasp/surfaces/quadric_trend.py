@@ -28,7 +28,15 @@ def value_rows(points: FloatArray) -> FloatArray:
     """Return the rows that map coefficients to values at points (P, 3), shape (P, 10)."""
     x, y, z = points.T
     squares = (0.5 * x * x, 0.5 * y * y, 0.5 * z * z)
-    return np.stack([np.ones_like(x), x, y, z, *squares, x * y, x * z, y * z], axis=1)
+    return np.stack([np.ones_like(x), x, y, z, *squares, x * y, x * z, y * z]).T
+
+
+def about_origin(coefficients: FloatArray, center: FloatArray) -> FloatArray:
+    """Return the coefficients (10,) of a quadric whose own are about a centre, (3,)."""
+    xx, yy, zz, xy, xz, yz = coefficients[4:]
+    slope = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ center
+    value = coefficients[0] - coefficients[1:4] @ center + 0.5 * (center @ slope)
+    return np.concatenate([[value], coefficients[1:4] - slope, coefficients[4:]])
 
 
 def design_rows(points: FloatArray) -> FloatArray:

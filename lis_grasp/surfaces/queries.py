@@ -18,10 +18,15 @@ _SMALL_BLOCK = 256
 _FARTHEST = 1e100
 
 # Numbers of an array that a processor's cache holds, together with a few like it.
-_CACHED = 2**17
+_CACHED = 2**16
+
+# Cells along the side of the cube in which points are sorted: 2^10; and each number with
+# two zeros after every bit, which is its binary digits read in base 8.
+_BITS = 10
+_SPREAD = np.array([int(f"{number:b}", base=8) for number in range(1 << _BITS)])
 
 # Points evaluated at once: so many, in a box no larger than this many spacings.
-_BLOCK, _BLOCK_EXTENT = 4096, 8.0
+_BLOCK, _BLOCK_EXTENT = 1024, 8.0
 
 
 class BlockwiseSurface:
@@ -99,25 +104,40 @@ def map_rows(
 def compact_blocks(
     points: FloatArray, count: int, *, extent: float = np.inf
 ) -> Iterator[IndexArray]:
-    """Yield index sets of at most `count` points that are close together (recursive bisection).
+    """Yield index sets of at most `count` points that are close together (cells of an octree).
 
     Blocks of more than 256 points are also split until they are no larger than `extent` [m]: the
     cost of a block grows with the number of contacts near it.
     """
-    coordinates = np.ascontiguousarray(points.T)
-    pending = [np.arange(len(points))]
+    if len(points) <= min(count, _SMALL_BLOCK):
+        if len(points):
+            yield np.arange(len(points))
+        return
+    side, codes = _morton_codes(points)
+    order = np.argsort(codes)
+    codes = codes[order]
+    pending = [(0, len(points), 0, 3 * _BITS)]  # rows, the code of their cell, and its free bits
     while pending:
-        index = pending.pop()
-        chosen = coordinates[:, index]
-        spans = np.ptp(chosen, axis=1) if len(index) > _SMALL_BLOCK else np.zeros(3)
-        axis = int(np.argmax(spans))
-        if len(index) <= count and spans[axis] <= extent:
-            if len(index):
-                yield index
+        start, stop, cell, bits = pending.pop()
+        size = side * 2.0 ** (-_BITS + -(-bits // 3))
+        if stop - start <= _SMALL_BLOCK or (stop - start <= count and size <= extent) or bits == 0:
+            for first in range(start, stop, count):
+                yield order[first : min(first + count, stop)]
             continue
-        half = len(index) // 2
-        order = np.argpartition(chosen[axis], half)
-        pending += [index[order[half:]], index[order[:half]]]
+        upper = cell + (1 << (bits - 1))
+        middle = start + int(np.searchsorted(codes[start:stop], upper))
+        pending += [(middle, stop, upper, bits - 1), (start, middle, cell, bits - 1)]
+
+
+def _morton_codes(points: FloatArray) -> tuple[float, npt.NDArray[np.int64]]:
+    """Return the side of the points' cube [m], and their places (P,) on the Z-order curve in it."""
+    coordinates = np.ascontiguousarray(points.T)
+    low = coordinates.min(axis=1, keepdims=True)
+    side = float((coordinates.max(axis=1, keepdims=True) - low).max())
+    scale = ((1 << _BITS) - 1) / side if side > 0.0 else 0.0
+    cells = ((coordinates - low) * scale).astype(np.int64)
+    x, y, z = _SPREAD[cells]
+    return side, x << 2 | y << 1 | z
 
 
 def require_contacts(contacts: Contacts) -> None:

@@ -11,7 +11,6 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
 from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.surfaces.pair_clustering import cluster_pairs
-from lis_grasp.surfaces.patch_csg import EdgePairs, build_expressions
 
 NOISELESS = {"position_noise": 0.0, "normal_noise": 0.0}
 
@@ -349,25 +348,3 @@ def test_expressions_of_many_terms_are_their_literal_minima_of_maxima() -> None:
         terms = [np.max([evaluated[p] for p in term], axis=0) for term in expression]
         expected += weight * np.min(terms, axis=0)
     np.testing.assert_allclose(surface.evaluate(queries), expected, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", ["cylinder", "mallet", "contradicting"])
-def test_expressions_need_no_values_but_those_that_are_asked_for(kind: str) -> None:
-    if kind == "contradicting":
-        contacts = contradicting_touches(3, 5)
-    else:
-        mesh = shapes.build(kind).mesh
-        chosen = np.random.default_rng(3).permutation(len(mesh.triangles_center))[:150]
-        contacts = Contacts(mesh.triangles_center[chosen], mesh.face_normals[chosen])
-    surface = PatchImplicitSurface.from_contacts(contacts)
-    patch_of = surface.patch_of
-    pairs = ContactPairs.within(surface.points, surface.normals, surface.spacing)
-    edges = EdgePairs.of(pairs, patch_of, surface.spacing)
-    values = np.stack([patch.value(surface.points) for patch in surface.patches], axis=1)
-    wanted = edges.needed_values()[patch_of]
-    expressions = [
-        build_expressions(pairs, edges, known, surface.spacing)
-        for known in (values, np.where(wanted, values, np.nan))
-    ]
-    assert expressions[0] == expressions[1]
-    assert expressions[0] == [surface.expressions[k] for k in surface.expression_of]
