@@ -46,7 +46,7 @@ TOUCH_OPTIONS = (
 """The options of an exploration, beside its object."""
 
 # Intermediate estimates that are kept, and the cells along the bounds of their meshes.
-_STEPS, _CELLS = 24, 26
+_STEPS, _CELLS = 12, 26
 # The first of them; with fewer contacts the surface is nearly a guess.
 _FIRST = 3
 

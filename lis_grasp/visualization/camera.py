@@ -55,7 +55,7 @@ def outermost(points: FloatArray) -> FloatArray:
     turn = k * np.pi * (3.0 - np.sqrt(5.0))
     flat = np.sqrt(1.0 - z**2)
     directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
-    return points[np.unique(np.argmax(points @ directions.T, axis=0))]
+    return points[np.unique(np.argmax(directions @ points.T, axis=1))]
 
 
 def _score(subject: FloatArray, obstacle: FloatArray, azimuth: float) -> float:

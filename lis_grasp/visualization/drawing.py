@@ -1,8 +1,7 @@
-"""Layers of a scene page, and deterministic drawing commands of the meshcat viewer."""
+"""Layers of a scene page, and its meshes, lines and motions as commands of meshcat's viewer."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,18 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import trimesh
-import umsgpack
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.colours import linear_rgb
-
-with warnings.catch_warnings():
-    # meshcat imports deprecated modules of pyzmq, which are not used here.
-    warnings.simplefilter("ignore", DeprecationWarning)
-    from meshcat import animation, commands, geometry
-    from meshcat.path import Path as ScenePath
-
+from lis_grasp.visualization.viewer_commands import packed_track, set_animation, set_object
 
 # Nodes of the viewer's scene tree. A lift moves all nodes below that of the object.
 ROOT = "lis_grasp"
@@ -51,79 +43,47 @@ class Canvas:
     layers: list[Layer] = field(default_factory=list)
 
 
-class _ShadedMesh(geometry.TriangularMeshGeometry):  # type: ignore[misc]
-    """Triangles with a normal at each vertex, so that edges stay sharp and the rest smooth."""
-
-    def __init__(self, mesh: trimesh.Trimesh, colours: FloatArray | None = None) -> None:
-        vertices, faces, normals, source = shade(mesh)
-        colours = None if colours is None else linear_rgb(colours)[source]
-        super().__init__(vertices, faces, colours)
-        self.normals = normals.astype(np.float32)
-
-    def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
-        lowered: dict[str, Any] = super().lower(object_data)
-        packed = geometry.pack_numpy_array(self.normals.T)
-        lowered["data"]["attributes"]["normal"] = packed
-        return lowered
-
-
-class _Copies(geometry.Object):  # type: ignore[misc]
-    """One geometry drawn at many poses (three.js InstancedMesh)."""
-
-    _type = "InstancedMesh"
-
-    def __init__(self, shape: Any, material: Any, poses: FloatArray) -> None:
-        super().__init__(shape, material)
-        self.poses = poses  # (N, 4, 4)
-
-    def lower(self) -> dict[str, Any]:
-        lowered: dict[str, Any] = super().lower()
-        columns = self.poses.astype(np.float32).swapaxes(1, 2).reshape(-1, 16)  # column-major
-        matrix = geometry.pack_numpy_array(columns.T)
-        lowered["object"] |= {"count": len(self.poses), "instanceMatrix": matrix}
-        return lowered
-
-
-class _Standard(geometry.GenericMaterial):  # type: ignore[misc]
-    """three.js MeshStandardMaterial: roughness and metalness instead of a highlight's colour."""
-
-    _type = "MeshStandardMaterial"
-
-
 def material(
     colour: str = "#ffffff",
     *,
     roughness: float = 0.6,
     opacity: float = 1.0,
     vertex_colours: bool = False,
-) -> Any:
-    """Return a surface material; `colour` is ``#rrggbb``."""
-    return _Standard(
-        color=int(colour[1:], 16),
-        roughness=roughness,
-        metalness=0.0,
-        opacity=opacity,
-        vertexColors=vertex_colours,
-    )
+) -> dict[str, Any]:
+    """Return a surface material of three.js; `colour` is ``#rrggbb``."""
+    return {
+        **_material("MeshStandardMaterial", colour),
+        "transparent": opacity != 1.0,
+        "opacity": opacity,
+        "vertexColors": 2 if vertex_colours else 0,
+        "roughness": roughness,
+        "metalness": 0.0,
+    }
 
 
 def draw_mesh(
-    path: str, mesh: trimesh.Trimesh, surface: Any, colours: FloatArray | None = None
+    path: str,
+    mesh: trimesh.Trimesh,
+    surface: dict[str, Any],
+    colours: FloatArray | None = None,
 ) -> bytes:
     """Return the command that draws `mesh` at `path`, with sRGB `colours` (V, 3) if given."""
-    return _draw(path, geometry.Mesh(_ShadedMesh(mesh, colours), surface))
+    attributes, faces = _shaded(mesh, colours)
+    return set_object(path, "Mesh", attributes, surface, faces=faces)
 
 
-def draw_copies(path: str, mesh: trimesh.Trimesh, surface: Any, poses: FloatArray) -> bytes:
+def draw_copies(
+    path: str, mesh: trimesh.Trimesh, surface: dict[str, Any], poses: FloatArray
+) -> bytes:
     """Return the command that draws `mesh` at each of `poses` (N, 4, 4)."""
-    return _draw(path, _Copies(_ShadedMesh(mesh), surface, poses))
+    attributes, faces = _shaded(mesh)
+    return set_object(path, "InstancedMesh", attributes, surface, faces=faces, poses=poses)
 
 
 def draw_segments(path: str, segments: FloatArray, colour: str) -> bytes:
     """Return the command that draws line `segments` (E, 2, 3) [m], one pixel wide."""
-    points = geometry.PointsGeometry(segments.reshape(-1, 3).T)
-    material = geometry.LineBasicMaterial(color=int(colour[1:], 16))
-    return _draw(path, geometry.LineSegments(points, material))
+    lines = _material("LineBasicMaterial", colour)
+    return set_object(path, "LineSegments", {"position": segments.reshape(-1, 3)}, lines)
 
 
 def animate(times: FloatArray, poses: Sequence[tuple[str, FloatArray]]) -> bytes:
@@ -131,31 +91,42 @@ def animate(times: FloatArray, poses: Sequence[tuple[str, FloatArray]]) -> bytes
 
     `times` (T,) [s] increase from 0. Each node path has its poses (T, 4, 4) in its parent's frame.
     """
-    clips = {}
+    clips = []
     for path, X in poses:
         rotations = np.array(X[:, :3, :3])  # SciPy before 1.16 takes no read-only arrays
         quaternions = Rotation.from_matrix(rotations).as_quat()  # (T, 4) x, y, z, w
-        clip = animation.AnimationClip(fps=1)  # keys are then in seconds
-        tracks = ("position", "vector3", X[:, :3, 3]), ("quaternion", "quaternion", quaternions)
-        for name, kind, values in tracks:
+        properties = ("position", "vector3", X[:, :3, 3]), ("quaternion", "quaternion", quaternions)
+        tracks = []
+        for name, kind, values in properties:
             keep = _bends(times, values)
-            keys = times[keep].tolist(), values[keep].tolist()
-            clip.tracks[name] = animation.AnimationTrack(name, kind, *keys)
-        clips[ScenePath(tuple(path.split("/")))] = clip
-    motion = animation.Animation(clips=clips)
-    return _pack(commands.SetAnimation(motion, play=False, repetitions=1))
+            tracks.append(packed_track(name, kind, times[keep], values[keep]))
+        clips.append((path, tracks))
+    return set_animation(clips)
 
 
-def _draw(path: str, drawn: Any) -> bytes:
-    # meshcat names objects by time and machine (uuid1); numbers give equal bytes for equal scenes.
-    for number, part in enumerate((drawn, drawn.geometry, drawn.material)):
-        part.uuid = f"00000000-0000-4000-8000-{number:012x}"
-    return _pack(commands.SetObject(drawn, path=ScenePath(tuple(path.split("/")))))
+def _material(kind: str, colour: str) -> dict[str, Any]:
+    """Return the properties of an opaque material that every kind has."""
+    return {
+        "type": kind,
+        "color": int(colour[1:], 16),
+        "reflectivity": 0.5,
+        "side": 2,  # both
+        "transparent": False,
+        "opacity": 1.0,
+        "linewidth": 1.0,
+        "wireframe": False,
+        "wireframeLinewidth": 1.0,
+        "vertexColors": 0,
+    }
 
 
-def _pack(command: Any) -> bytes:
-    """Return a meshcat command as the message of a server to the viewer."""
-    return bytes(umsgpack.packb(command.lower(), force_float_precision="single"))
+def _shaded(
+    mesh: trimesh.Trimesh, colours: FloatArray | None = None
+) -> tuple[dict[str, FloatArray], npt.NDArray[np.int64]]:
+    """Return attributes (V, 3) of vertices with normals, so that edges stay sharp, and faces."""
+    vertices, faces, normals, source = shade(mesh)
+    coloured = {} if colours is None else {"color": linear_rgb(colours)[source]}
+    return {"position": vertices, **coloured, "normal": normals}, faces
 
 
 def shade(
@@ -186,8 +157,10 @@ def shade(
         normals[:, k] = np.bincount(left[close], terms[:, k], len(corners))
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-300), [0.0, 0.0, 1.0])
-    key = np.column_stack([corners, np.round(normals * 200.0).astype(np.int64)])
-    _, chosen, index = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    key = corners  # with the normal's coordinates in steps of 1/200
+    for coordinate in np.round(normals * 200.0).astype(np.int64).T:
+        key = 401 * key + coordinate
+    _, chosen, index = np.unique(key, return_index=True, return_inverse=True)
     source = corners[chosen]
     return np.asarray(mesh.vertices)[source], index.reshape(-1, 3), normals[chosen], source
 
