@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib import import_module
+from types import ModuleType
 from typing import NoReturn
 
 from threadpoolctl import threadpool_limits
@@ -65,8 +67,17 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     for name, module, text in _VERBS:
         of_verb = verbs.add_parser(name, help=text)
         if verb in (None, name):
-            import_module(f"lis_grasp.cli.{module}").add_arguments(of_verb)
+            _import_uncollected(f"lis_grasp.cli.{module}").add_arguments(of_verb)
     return parser
+
+
+def _import_uncollected(name: str) -> ModuleType:
+    """Import a module without garbage collection: what modules create stays."""
+    gc.disable()
+    try:
+        return import_module(name)
+    finally:
+        gc.enable()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
