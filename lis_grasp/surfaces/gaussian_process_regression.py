@@ -50,7 +50,19 @@ class GradientRegression:
 
         `noise` are variances, shape (N, 4), or (4,) where all nodes have the same.
         """
-        matrix = gradient_covariance(kernel, nodes)
+        return cls._solve(kernel, nodes, targets, noise, gradient_covariance(kernel, nodes))
+
+    @classmethod
+    def _solve(
+        cls,
+        kernel: RadialKernel,
+        nodes: FloatArray,
+        targets: FloatArray,
+        noise: FloatArray,
+        covariance: FloatArray,
+    ) -> GradientRegression:
+        """Solve the equations with a prior covariance (4N, 4N), which is overwritten."""
+        matrix = covariance
         noise = np.broadcast_to(noise, targets.shape)
         matrix[np.diag_indices_from(matrix)] += noise.ravel()
         try:
@@ -79,14 +91,15 @@ class GradientRegression:
         targets^T (a^2 (K + misfit) + sensor_noise)^-1 targets = 4N: the targets scatter as
         predicted. The left side falls with a, so the root is unique.
         """
-        process = cls.fit(kernel, nodes, targets, misfit)
+        covariance = gradient_covariance(kernel, nodes)
+        process = cls._solve(kernel, nodes, targets, misfit, covariance.copy())
         # Noise explains some of the scatter: a is lower than without it; 0.1 more for rounding.
         high = float(np.log(process.likeliest_amplitude())) + 0.1
         low = high + float(np.log(_LEAST_AMPLITUDE))
 
         def excess(log_amplitude: float) -> float:
             noise = misfit + sensor_noise * np.exp(-2.0 * log_amplitude)
-            process = cls.fit(kernel, nodes, targets, noise)
+            process = cls._solve(kernel, nodes, targets, noise, covariance.copy())
             return float(np.log(process.likeliest_amplitude())) - log_amplitude
 
         if excess(low) <= 0.0:  # noise explains all of the scatter

@@ -15,11 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
+import numpy.typing as npt
 
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.contact_pairs import REACH, ContactPairs
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+
+Float32Array = npt.NDArray[np.float32]
 
 Intersection = tuple[int, ...]
 """Patches whose functions' maximum is taken, ascending."""
@@ -153,18 +155,21 @@ def _below(
     return below
 
 
-def _same_patch_within_reach(pairs: ContactPairs, patches: IndexArray) -> csr_array:
-    """Return the supporting contacts of each, shape (N, N): itself, and neighbours on its patch."""
+def _same_patch_within_reach(pairs: ContactPairs, patches: IndexArray) -> Float32Array:
+    """Return 1 for the supporting contacts of each, (N, N): itself, neighbours on its patch."""
     same = patches[pairs.first] == patches[pairs.second]
-    first, second, own = pairs.first[same], pairs.second[same], np.arange(len(patches))
-    rows, columns = np.concatenate([first, second, own]), np.concatenate([second, first, own])
-    return csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(own), len(own)))
+    first, second = pairs.first[same], pairs.second[same]
+    support = np.eye(len(patches), dtype=np.float32)
+    support[first, second] = support[second, first] = 1.0
+    return support
 
 
-def _any_supporting(support: csr_array, flags: BoolArray) -> BoolArray:
+def _any_supporting(support: Float32Array, flags: BoolArray) -> BoolArray:
     """Return where any supporting contact of a contact is True in `flags`, shape (N, K) both."""
-    found = (support @ csr_array(flags, dtype=np.float64)) > 0.0
-    return np.asarray(found.toarray())
+    found = np.zeros_like(flags)
+    some = np.flatnonzero(flags.any(axis=0))
+    found[:, some] = support @ flags[:, some].astype(np.float32) > 0.0
+    return found
 
 
 def _true_columns(rows: BoolArray) -> list[list[int]]:
