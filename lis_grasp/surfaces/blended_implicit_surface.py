@@ -177,27 +177,27 @@ class BlendedImplicitSurface:
         _, rises = _smoothstep(answers[:, 0], _NO_WEIGHT, _FULL_WEIGHT)
         return rises[:, None] * answers[:, 1:]
 
-    def _evidence(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _evidence(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the evidence for the sharp estimate at points, (P,), and the places' weights.
 
-        A mean of the log ratios with these weights, (M, P), shrunk to that of all places.
+        A mean of the log ratios, shrunk to that of all places, with weights of shape (M, P), and
+        their sum, (P,), beside that of the prior.
         """
         center = self.places[0]
         weights = squared_distances(self.places - center, points - center)
         weights *= -0.5 / (_SIGMA * self.spacing) ** 2
         np.exp(weights, out=weights)
-        total = weights.sum(axis=0) + _PRIOR_PLACES
+        sums = np.stack([np.ones_like(self.log_ratios), self.log_ratios]) @ weights  # (2, P)
+        total = sums[0] + _PRIOR_PLACES
         count, deviation = len(self.log_ratios), float(self.log_ratios.std())
         overall = float(self.log_ratios.sum()) / (count + _PRIOR_PLACES)
         overall -= _CAUTION * deviation / np.sqrt(count)
-        evidence = (self.log_ratios @ weights + _PRIOR_PLACES * overall) / total
-        weights /= total
-        return evidence, weights
+        return (sums[1] + _PRIOR_PLACES * overall) / total, weights, total
 
     def _evidence_and_slopes(self, points: FloatArray) -> FloatArray:
         """Return the evidence and its gradient at points, shape (P, 4)."""
-        evidence, weights = self._evidence(points)
-        pulls = (weights * (self.log_ratios[:, None] - evidence)).T
+        evidence, weights, total = self._evidence(points)
+        pulls = (weights / total * (self.log_ratios[:, None] - evidence)).T
         towards = pulls @ self.places - pulls.sum(axis=1)[:, None] * points
         return np.column_stack([evidence, towards / (_SIGMA * self.spacing) ** 2])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.surfaces.kernel_mean import NEGLIGIBLE
@@ -57,27 +58,38 @@ class Convexity:
             sines=np.clip(heights / distances, -1.0, 1.0),
         )
 
-    def evaluate(self, contact: int, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return beta* of one contact, shape (R,), and its slope by direction, shape (R, 3).
+    def evaluate(
+        self, contacts: npt.ArrayLike, directions: FloatArray, *, with_slopes: bool = True
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return beta* of contacts, shape (R,), and its slopes by direction, shape (R, 3).
 
-        Eq. 15, clamped to the open interval (-1, 1), towards unit directions (R, 3) in the tangent
-        plane of the contact.
+        Eq. 15, clamped to the open interval (-1, 1), of one contact or (R,), towards unit
+        directions (R, 3) in the tangent planes of the contacts.
         """
-        own = slice(self.starts[contact], self.starts[contact + 1])
-        if own.start == own.stop:  # a lone contact is flat
-            return np.zeros(len(directions)), np.zeros((len(directions), 3))
-        sharpness, sines = self.sharpness[own], self.sines[own]
-        terms = directions @ (sharpness[:, None] * self.directions[own]).T  # (R, J)
-        terms += self.log_heights[own] - sharpness  # log of eq. 11
-        terms -= terms.max(axis=1, keepdims=True)
+        values, slopes = np.zeros(len(directions)), np.zeros_like(directions)
+        contacts = np.broadcast_to(np.asarray(contacts, dtype=np.intp), len(directions))
+        counts = self.starts[contacts + 1] - self.starts[contacts]
+        known = np.flatnonzero(counts)  # a lone contact is flat
+        if not len(known):
+            return values, slopes
+        counts = counts[known]
+        begins = np.cumsum(counts) - counts  # of each contact's terms
+        owner = np.repeat(np.arange(len(known)), counts)  # (T,)
+        rows = np.arange(len(owner)) + (self.starts[contacts[known]] - begins)[owner]
+        pulls = np.take(self.sharpness[:, None] * self.directions, rows, axis=0)  # (T, 3)
+        terms = np.einsum("tk,tk->t", pulls, np.take(directions, known[owner], axis=0))
+        terms += (self.log_heights - self.sharpness)[rows]  # log of eq. 11
+        terms -= np.maximum.reduceat(terms, begins)[owner]
         np.exp(terms, out=terms)
-        terms /= terms.sum(axis=1, keepdims=True)
-        values = terms @ sines  # eq. 15
-        pulls = (terms * sines) @ (sharpness[:, None] * self.directions[own])  # (R, 3)
-        pulls -= values[:, None] * (terms @ (sharpness[:, None] * self.directions[own]))
-        clamped = np.abs(values) >= MAX_CONVEXITY
-        pulls[clamped] = 0.0
-        return np.clip(values, -MAX_CONVEXITY, MAX_CONVEXITY), pulls
+        terms /= np.add.reduceat(terms, begins)[owner]
+        sines = self.sines[rows]
+        means = np.add.reduceat(terms * sines, begins)  # eq. 15
+        if with_slopes:
+            pulls *= (terms * (sines - means[owner]))[:, None]
+            free = np.abs(means) < MAX_CONVEXITY
+            slopes[known] = np.where(free[:, None], np.add.reduceat(pulls, begins, axis=0), 0.0)
+        values[known] = np.clip(means, -MAX_CONVEXITY, MAX_CONVEXITY)
+        return values, slopes
 
 
 def _sharpness(heights: FloatArray, sigma: float) -> FloatArray:

@@ -41,30 +41,53 @@ class KernelMean:
 
         The closer together the points (P, 3) [m], the fewer nodes.
         """
-        near = self._near(points)
-        origin = points[0]
-        nodes, points = self.nodes[near] - origin, points - origin
-        exponents = nodes @ points.T  # (M, P): of eq. 6, but for a term that is common to all i
-        exponents -= 0.5 * np.sum(nodes**2, axis=1)[:, None]
-        exponents /= self.sigma**2
-        exponents += self.log_weights[near][:, None]
-        exponents -= exponents.max(axis=0)
+        near, exponents = self._exponents(points)
         np.exp(exponents, out=exponents)
         exponents /= exponents.sum(axis=0)
         return near, exponents
 
+    def sparse_weights(self, points: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+        """Return node, point and normalised weight of each pair that is not negligible, (R,).
+
+        The closer together the points (P, 3) [m], the faster.
+        """
+        near, exponents = self._exponents(points)
+        kept = np.flatnonzero(exponents > -NEGLIGIBLE)
+        row, point = np.divmod(kept, len(points))
+        weights = np.exp(exponents.ravel()[kept])
+        weights /= np.bincount(point, weights, len(points))[point]
+        return near[row], point, weights
+
+    def _exponents(self, points: FloatArray) -> tuple[IndexArray, FloatArray]:
+        """Return the nodes with weight at some points, and the logarithms, 0 at most, (M, P)."""
+        near = self._near(points)
+        origin = points[0]
+        nodes, points = self.nodes[near] - origin, points - origin
+        # Of eq. 6, but for a term that is common to all i.
+        offsets = self.log_weights[near] - 0.5 * np.sum(nodes**2, axis=1) / self.sigma**2
+        exponents = (nodes / self.sigma**2) @ points.T  # (M, P)
+        exponents += offsets[:, None]
+        exponents -= exponents.max(axis=0)
+        return near, exponents
+
     def _near(self, points: FloatArray) -> IndexArray:
         """Return the nodes whose kernel is not negligible at some of the points."""
-        # A point at a distance d from its nearest node needs those within sqrt(d^2 + reach^2).
         coordinates = np.ascontiguousarray(points.T)
         low, high = coordinates.min(axis=1), coordinates.max(axis=1)
         center, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
-        nearest = self._tree.query(center)[0] + radius
-        spread = np.ptp(self.log_weights)
+        distance, nearest = self._tree.query(center)
+        # A point at a distance d from some node needs those within sqrt(d^2 + reach^2).
+        spread = float(np.ptp(self.log_weights))
         reach = self.sigma * np.sqrt(2.0 * (NEGLIGIBLE + spread))
-        far = radius + np.hypot(nearest, reach)
-        near = self._tree.query_ball_point(center, far * (1.0 + 1e-9), return_sorted=True)
-        return np.asarray(near, dtype=np.intp)
+        far = radius + np.hypot(distance + radius, reach)
+        near = np.asarray(
+            self._tree.query_ball_point(center, far * (1.0 + 1e-9), return_sorted=True), np.intp
+        )
+        # The difference of squared distances to two nodes is linear: its least value in the box.
+        nodes = self.nodes[near]
+        beyond = np.sum((nodes - center) ** 2, axis=1) - distance**2
+        beyond -= np.abs(nodes - self.nodes[nearest]) @ (high - low)
+        return near[beyond <= reach**2 + 1e-9 * far**2]
 
     def pulls(self, points: FloatArray, near: IndexArray, terms: FloatArray) -> FloatArray:
         """Return sum_i t_i (c_i - x) / sigma^2 over some nodes at points, shape (P, 3).

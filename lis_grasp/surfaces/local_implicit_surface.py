@@ -14,10 +14,10 @@ from lis_grasp.records import short_repr
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.contact_noise import precisions_of
 from lis_grasp.surfaces.convexity import Convexity
-from lis_grasp.surfaces.kernel_mean import LEAST_WEIGHT, KernelMean, density_weights
+from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
 from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IndexArray
 
 Beta = Literal["corrected", "as_published", "none"]
 
@@ -134,47 +134,47 @@ class LocalImplicitSurface(BlockwiseSurface):
 
     def _variance(self, points: FloatArray) -> FloatArray:
         """Return the variance of the surface, shape (P,) [m^2], at points close together."""
-        near, weights = self.mean.weights(points)
+        contact, column, weights = self.mean.sparse_weights(points)
         distance = self.mean.distance(points)
         shape_error = _EXTRAPOLATION_ERROR * distance**2 / self.spacing
         position, normal = (
-            noise[near] ** 2 @ weights for noise in (self.position_noise, self.normal_noise)
+            np.bincount(column, weights * noise[contact] ** 2, len(points))
+            for noise in (self.position_noise, self.normal_noise)
         )
         return np.asarray(position + normal * distance**2 + shape_error**2)
 
     def _value_and_gradient(
         self, points: FloatArray, *, with_gradient: bool
     ) -> tuple[FloatArray, FloatArray]:
-        near, weights = self.mean.weights(points)  # (M,), (M, P)
-        terms = np.zeros_like(weights)
-        gradients = np.zeros((len(points), 3))
-        for row, i in enumerate(near):
-            seen = np.flatnonzero(weights[row] > LEAST_WEIGHT)
-            if not len(seen):
-                continue
-            offsets = points[seen] - self.points[i]
-            value, gradient = self._local_shape(i, offsets, with_gradient=with_gradient)
-            terms[row, seen] = weights[row, seen] * value
-            if with_gradient:
-                gradients[seen] += weights[row, seen, None] * gradient
-        values = terms.sum(axis=0)
-        if with_gradient:
-            gradients += self.mean.pulls(points, near, terms)
-            gradients -= values[:, None] * self.mean.pulls(points, near, weights)
-        return values, gradients
+        contact, column, weights = self.mean.sparse_weights(points)  # (R,) each
+        offsets = np.take(points, column, axis=0) - np.take(self.points, contact, axis=0)
+        terms, gradients = self._local_shapes(contact, offsets, with_gradient=with_gradient)
+        values = np.asarray(np.bincount(column, weights * terms, len(points)), np.float64)
+        if not with_gradient:
+            return values, points
+        # The kernel's own gradient pulls f towards terms above it.
+        gradients -= ((terms - values[column]) / self.mean.sigma**2)[:, None] * offsets
+        gradients *= weights[:, None]
+        sums = [np.bincount(column, each, len(points)) for each in gradients.T]
+        return values, np.column_stack(sums)
 
-    def _local_shape(
-        self, i: int, offsets: FloatArray, *, with_gradient: bool
+    def _local_shapes(
+        self, contact: IndexArray, offsets: FloatArray, *, with_gradient: bool
     ) -> tuple[FloatArray, FloatArray]:
-        """Return beta_i y_i at offsets (R, 3) from contact i and its gradient (mean at jumps)."""
-        normal = self.normals[i]
-        heights = offsets @ normal  # y_i, eq. 8
+        """Return beta_i y_i at offsets (R, 3) from contacts i, (R,), and gradients, (R, 3).
+
+        Where beta jumps, the gradient is the mean of both sides.
+        """
+        normals = np.take(self.normals, contact, axis=0)
+        heights = np.einsum("rk,rk->r", offsets, normals)  # y_i, eq. 8
         if self.convexity is None:
-            return heights, np.broadcast_to(normal, offsets.shape)
-        projected = offsets - heights[:, None] * normal
-        radii = np.linalg.norm(projected, axis=1)
+            return heights, normals
+        projected = offsets - heights[:, None] * normals
+        radii = np.sqrt(np.einsum("rk,rk->r", projected, projected))
         directions = projected / np.maximum(radii, np.finfo(float).tiny)[:, None]  # phi_i(x)
-        convexities, slopes = self.convexity.evaluate(i, directions)
+        convexities, slopes = self.convexity.evaluate(
+            contact, directions, with_slopes=with_gradient
+        )
         signs = self.beta_sign * np.sign(heights)
         betas = 1.0 + signs * convexities  # eq. 10
         if not with_gradient:
@@ -183,4 +183,4 @@ class LocalImplicitSurface(BlockwiseSurface):
         # On the axis, to rounding, there is no direction and no slope towards any.
         beside = radii > _ON_AXIS * np.abs(heights)
         slopes *= np.divide(signs * heights, radii, out=np.zeros_like(radii), where=beside)[:, None]
-        return betas * heights, betas[:, None] * normal + slopes
+        return betas * heights, betas[:, None] * normals + slopes
