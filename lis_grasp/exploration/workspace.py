@@ -174,9 +174,14 @@ class ObstacleModel:
         occupied = points[:, 2] < (-np.inf if height is None else height)
         if self.surface is None or not len(points):
             return occupied
+        reach = 0.5 * self.space.step
+        inside = [
+            (column > low - reach) & (column < high + reach)
+            for column, low, high in zip(points.T, *self.contacts.bounds, strict=True)
+        ]
+        near = np.flatnonzero(np.logical_and.reduce(inside))  # of the contacts' box: the tree costs
         tree = cKDTree(self.contacts.points)
-        distances, _ = tree.query(points, distance_upper_bound=0.5 * self.space.step)
-        near = np.flatnonzero(np.isfinite(distances))
+        near = near[np.isfinite(tree.query(points[near], distance_upper_bound=reach)[0])]
         if len(near):
             occupied[near] |= self.surface.evaluate(points[near]) < 0.0
         return occupied
