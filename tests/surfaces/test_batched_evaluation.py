@@ -97,7 +97,9 @@ def test_weights_of_pairs_equal_those_of_all_nodes() -> None:
 
 
 def test_a_lone_contact_is_a_plane() -> None:
-    surface = LocalImplicitSurface.from_contacts(Contacts([[0.0, 0.0, 0.1]], [[0.0, 0.0, 1.0]]))
+    surface = LocalImplicitSurface.from_contacts(
+        Contacts(np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, 1.0]]))
+    )
     queries = np.random.default_rng(6).uniform(-0.1, 0.1, (50, 3))
     np.testing.assert_allclose(surface.evaluate(queries), queries[:, 2] - 0.1, atol=1e-15)
     np.testing.assert_allclose(surface.gradient(queries), np.tile([0, 0, 1.0], (50, 1)), atol=1e-12)
