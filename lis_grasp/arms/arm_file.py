@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-import yaml
 import yourdfpy
 
 from lis_grasp.arms.arm_kinematics import ArmKinematics
-from lis_grasp.arms.arm_schema import ArmEntry, parse_arm
+from lis_grasp.arms.arm_schema import ArmEntry
 from lis_grasp.arms.find_arm_posture import find_arm_exclusions, find_home
 from lis_grasp.arms.find_flange import flange_frame
 from lis_grasp.arms.joint_numbers import JointNumbers, read_joint_numbers
@@ -23,6 +22,8 @@ from lis_grasp.hands.hand_sdf import parse_sdf
 from lis_grasp.hands.hand_urdf import parse_urdf
 from lis_grasp.hands.link_tree import HandModel, build_hand_model, rpy_pose
 from lis_grasp.hands.model_uri import resolve_model
+from lis_grasp.io.schemas import parse_entry
+from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
@@ -57,14 +58,10 @@ def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
 
 def _read_yaml(path: Path) -> ArmEntry:
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        message = f"the arm file {path} cannot be read: {error}"
-        raise InvalidArmError(message, file=path.name) from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        message = f"the arm file {path} is not valid YAML: {' '.join(str(error).split())}"
-        raise InvalidArmError(message, file=path.name) from None
-    return parse_arm(document, path.name)
+        document = read_yaml(path)
+    except InvalidFileError as error:
+        raise InvalidArmError(f"the arm file {error}", file=path.name) from None
+    return parse_entry(ArmEntry, document, path.name, InvalidArmError)
 
 
 def _cut_at_flange(robot: yourdfpy.Robot, entry: ArmEntry) -> None:

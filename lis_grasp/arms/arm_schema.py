@@ -1,16 +1,12 @@
-"""Schema of an arm's YAML file: pydantic models, and the JSON schema for editors."""
+"""Schema of an arm's YAML file, as pydantic models."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from lis_grasp.exceptions import InvalidArmError
 from lis_grasp.hands.hand_schema import Name, Number, Positive, Vector
-from lis_grasp.io.schemas import first_mistake
 
 
 class _Entry(BaseModel):
@@ -76,17 +72,3 @@ class ArmEntry(_Entry):
             description="Pairs of links that may touch, besides those found by sampling.",
         )
     )
-
-
-def parse_arm(document: Any, file: str) -> ArmEntry:
-    """Return the checked content of an arm's YAML file; the error has the first wrong key."""
-    try:
-        return ArmEntry.model_validate(document)
-    except ValidationError as invalid:
-        key, reason = first_mistake(invalid)
-    raise InvalidArmError(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
-
-
-def write_arm_schema(path: Path) -> None:
-    """Write the JSON schema, from which editors complete and check an arm's YAML file."""
-    path.write_text(json.dumps(ArmEntry.model_json_schema(), indent=1) + "\n", encoding="utf-8")

@@ -13,12 +13,13 @@ from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand_parts import Pad, ProbePosture
 from lis_grasp.hands.hand_plugins import hand_path
-from lis_grasp.hands.hand_schema import HandEntry, parse_hand
+from lis_grasp.hands.hand_schema import HandEntry
 from lis_grasp.hands.hand_sdf import read_sdf
 from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_tree import HandModel, rpy_pose
 from lis_grasp.hands.model_uri import resolve_model
 from lis_grasp.hands.shipped_models import READY_HANDS
+from lis_grasp.io.schemas import parse_entry
 from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
@@ -51,7 +52,7 @@ def _read(path_or_name: str | Path) -> tuple[HandEntry, Path, DescriptionEdits, 
         document = read_yaml(path)
     except InvalidFileError as error:
         raise InvalidHandError(f"the hand file {error}", file=path.name) from None
-    entry = parse_hand(document, path.name)
+    entry = parse_entry(HandEntry, document, path.name, InvalidHandError)
     try:
         description = resolve_model(entry.urdf, path, entry.model_from)
     except InvalidFileError as error:

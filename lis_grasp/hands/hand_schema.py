@@ -1,17 +1,13 @@
-"""Schema of a hand's YAML file: pydantic models, and the JSON schema for editors."""
+"""Schema of a hand's YAML file, as pydantic models."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.hand_parts import HandKind
-from lis_grasp.io.schemas import first_mistake
 
 # No length, angle or force of a hand is larger [m, rad, N].
 _LARGEST = 1e6
@@ -122,17 +118,3 @@ class HandEntry(_Record):
             description="Pairs of links that may touch, besides those joined by a joint.",
         )
     )
-
-
-def parse_hand(document: Any, file: str) -> HandEntry:
-    """Return the checked content of a hand's YAML file; the error has the first wrong key."""
-    try:
-        return HandEntry.model_validate(document)
-    except ValidationError as invalid:
-        key, reason = first_mistake(invalid)
-    raise InvalidHandError(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
-
-
-def write_schema(path: Path) -> None:
-    """Write the JSON schema, from which editors complete and check a hand's YAML file."""
-    path.write_text(json.dumps(HandEntry.model_json_schema(), indent=1) + "\n", encoding="utf-8")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -44,6 +46,28 @@ def first_mistake(invalid: ValidationError) -> tuple[str, str]:
         reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
         reason = f"{reason.replace(' after validation', '')}; it is {shown(first['input'])}"
     return key, reason
+
+
+def parse_entry(
+    schema: type[_Schema], document: Any, file: str, error: Callable[..., Exception]
+) -> _Schema:
+    """Return the checked content of a YAML file of that name.
+
+    Raises
+    ------
+    error
+        If a value is not permitted; it has the file and the first wrong key.
+    """
+    try:
+        return schema.model_validate(document)
+    except ValidationError as invalid:
+        key, reason = first_mistake(invalid)
+    raise error(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
+
+
+def write_json_schema(schema: type[BaseModel], path: Path) -> None:
+    """Write the JSON schema, from which editors complete and check a YAML file."""
+    path.write_text(json.dumps(schema.model_json_schema(), indent=1) + "\n", encoding="utf-8")
 
 
 def checked(schema: type[_Schema], content: Any, path: Path, what: str) -> _Schema:

@@ -11,13 +11,14 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.arm_ik import ANGLE_TOLERANCE, POSITION_TOLERANCE, pose_error
 from lis_grasp.arms.arm_mount import CLEARANCE, back_on_flange, mount_of
-from lis_grasp.arms.arm_schema import write_arm_schema
+from lis_grasp.arms.arm_schema import ArmEntry
 from lis_grasp.arms.body_pairs import BodyPairs, balls_around
 from lis_grasp.arms.find_arm_posture import body_poses, find_home, pairs_of_bodies
 from lis_grasp.exceptions import InvalidArmError, InvalidHandError
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.link_bodies import primitive
 from lis_grasp.hands.shipped_models import model_path
+from lis_grasp.io.schemas import write_json_schema
 
 # Two joints, the second sliding, and a gripper of two fingers beyond the flange.
 _URDF = """
@@ -300,7 +301,7 @@ def test_unknown_arms_are_refused_with_the_nearest_name() -> None:
 
 
 def test_the_shipped_schema_is_that_of_the_package_and_arms_name_it(tmp_path: Path) -> None:
-    write_arm_schema(tmp_path / "schema.json")
+    write_json_schema(ArmEntry, tmp_path / "schema.json")
     schema = model_path("arms/arm.schema.json")
     assert schema.read_text() == (tmp_path / "schema.json").read_text()
     files = [*model_path("arms").glob("*/*.yaml")]
@@ -348,3 +349,11 @@ def test_drake_reads_the_shipped_arm_alike(arm: Arm) -> None:
         X_AF = plant.EvalBodyPoseInWorld(context, flange).GetAsMatrix4()
         np.testing.assert_allclose(arm.kinematics.flange_poses(q), X_AF, atol=1e-12)
     assert plant.CalcTotalMass(context) == pytest.approx(29.9)
+
+
+def test_a_key_given_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "two.yaml"
+    path.write_text("name: two\nname: three\n")
+    with pytest.raises(InvalidArmError, match="occurs 2 times") as error:
+        Arm.load(path)
+    assert error.value.file == "two.yaml"

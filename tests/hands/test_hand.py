@@ -14,8 +14,9 @@ from trimesh.collision import CollisionManager
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_schema import write_schema
+from lis_grasp.hands.hand_schema import HandEntry
 from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
+from lis_grasp.io.schemas import write_json_schema
 
 
 @pytest.fixture(scope="module", params=HAND_NAMES)
@@ -309,7 +310,7 @@ def test_a_mistake_in_the_yaml_is_named_in_one_line(tmp_path: Path, mistake: str
 
 
 def test_the_shipped_schema_is_that_of_the_package_and_hands_name_it(tmp_path: Path) -> None:
-    write_schema(tmp_path / "schema.json")
+    write_json_schema(HandEntry, tmp_path / "schema.json")
     schema = model_path("hands/hand.schema.json")
     assert json.loads(schema.read_text()) == json.loads((tmp_path / "schema.json").read_text())
     for name in HAND_NAMES:
