@@ -79,12 +79,10 @@ CHECKS: dict[str, Callable[[Path], None]] = {
     "explore_to_lift": _check_lift,
     "compare_estimators": _check_comparison,
 }
-FAST = ("contacts_to_mesh",)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in FAST else pytest.mark.slow) for n in CHECKS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CHECKS)
 def test_an_example_writes_its_results(name: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, EXAMPLES / f"{name}.py", "--output", "out"],

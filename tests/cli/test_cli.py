@@ -29,13 +29,9 @@ def cube(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows = np.hstack([0.03 * CUBE_AXES, CUBE_AXES])
     path = folder / "contacts.csv"
     np.savetxt(path, rows, delimiter=",", header="x,y,z,nx,ny,nz", comments="")
-    _estimate_and_grasp(path, folder)
+    assert main(["estimate", str(path), "--output", str(folder)]) == 0
+    assert main(["grasp", str(folder / "surface.ply"), "--hand", "wsg50", "--grasps", "1"]) == 0
     return folder
-
-
-def _estimate_and_grasp(contacts: Path, folder: Path) -> None:
-    assert main(["estimate", str(contacts), "--output", str(folder)]) == 0
-    assert main(["grasp", str(folder / "surface.ply"), "--hand", "wsg50", "--grasps", "2"]) == 0
 
 
 def _misuse(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -52,13 +48,7 @@ def test_own_contacts_become_a_closed_surface_and_grasps(cube: Path) -> None:
     # Six contacts on the faces of a 6 cm cube show no edge: the estimate is the ball inside.
     assert mesh.volume == pytest.approx(np.pi / 6.0 * 0.06**3, rel=0.01)
     grasps = json.loads((cube / "grasps.json").read_text())
-    assert 1 <= len(grasps["grasps"]) <= 2
-
-
-def test_the_same_seed_writes_the_same_bytes(cube: Path, tmp_path: Path) -> None:
-    _estimate_and_grasp(cube / "contacts.csv", tmp_path)
-    for name in ("surface.ply", "grasps.json"):
-        assert (tmp_path / name).read_bytes() == (cube / name).read_bytes()
+    assert len(grasps["grasps"]) == 1
 
 
 def test_a_command_computes_in_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:

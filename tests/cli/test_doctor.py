@@ -128,6 +128,7 @@ def test_repair_writes_a_copy_that_is_healthy(
     assert main(["doctor", "--repair", str(copy)]) == 2
 
 
+@pytest.mark.slow
 def test_this_machine_is_fit(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor"]) == 0
     output = capsys.readouterr().out

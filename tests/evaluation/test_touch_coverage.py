@@ -28,6 +28,7 @@ def test_a_touch_does_not_cover_the_far_side_of_a_thin_wall() -> None:
     assert covered == pytest.approx(np.pi * 0.05**2 / plate.area, abs=SAMPLED)
 
 
+@pytest.mark.slow
 def test_a_bore_narrower_than_the_fingertip_is_not_reachable() -> None:
     # Touches all over the outside of a tube: what is missing is the bore, if a tip fits in.
     tube = hollow_cylinder(0.1).mesh

@@ -42,7 +42,11 @@ def assert_true(contacts: Contacts, recording: Recording, *, normal: float = 0.0
     assert np.all(gaps > contacts.free_radii)
 
 
-@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap", "file.mcap", "file.db3", "csv"])
+@pytest.mark.parametrize(
+    "kind",
+    ["ros1", "sqlite3", "mcap", "csv"]
+    + [pytest.param(kind, marks=pytest.mark.slow) for kind in ("file.mcap", "file.db3")],
+)
 def test_contacts_of_every_format_are_the_true_ones(
     kind: str, recording: Recording, tmp_path: Path
 ) -> None:

@@ -33,7 +33,7 @@ def _grasps(seed: int, count: int, contacts: int) -> tuple[np.ndarray, np.ndarra
 )
 @pytest.mark.parametrize("contacts", [3, 4, 7])
 def test_expanding_polytopes_agree_with_convex_hulls(contacts: int, model: WrenchModel) -> None:
-    points, normals = _grasps(contacts, 40, contacts)
+    points, normals = _grasps(contacts, 15, contacts)
     together = epsilon_by_expanding_polytope(points, normals, model)
     alone = [epsilon_by_convex_hull(p, n, model) for p, n in zip(points, normals, strict=True)]
     # Within the joggle; below the least radius they may count as zero.

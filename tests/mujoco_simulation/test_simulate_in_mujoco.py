@@ -38,7 +38,7 @@ def lift_by_jaws(shape: Shape, **options: Any) -> LiftOutcome:
     return pipeline.lift(shape, hand, grasp, simulator="mujoco", **conditions)
 
 
-@pytest.mark.parametrize("shape", [BOX, RING])
+@pytest.mark.parametrize("shape", [BOX, pytest.param(RING, marks=pytest.mark.slow)])
 def test_jaws_lift_a_box_and_an_object_with_a_hole(shape: Shape) -> None:
     outcome = lift_by_jaws(shape)
     assert outcome.reason == "held"

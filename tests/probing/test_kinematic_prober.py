@@ -89,7 +89,8 @@ def test_a_spherical_tip_touches_a_slope_beside_the_target() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param("cylinder", marks=pytest.mark.slow), "hollow_cylinder", "mallet"]
+    "name",
+    ["hollow_cylinder", *(pytest.param(n, marks=pytest.mark.slow) for n in ("cylinder", "mallet"))],
 )
 def test_both_probers_agree(name: str, hand: Hand) -> None:
     shape = shapes.build(name, 0.2)
@@ -145,7 +146,7 @@ def test_the_whole_hand_is_collision_free_up_to_the_touch(hand: Hand, from_outsi
     oracle = HandCollisionChecker(hand, shape.mesh)
     obstacles = prior_knowledge(shape) if from_outside else None
     touched = on_approach = 0
-    for probe in random_probes(shape, 30, np.random.default_rng(3)):
+    for probe in random_probes(shape, 16, np.random.default_rng(3)):
         course = motion.run(probe, obstacles)
         if isinstance(course, str):
             continue
@@ -164,8 +165,8 @@ def test_the_whole_hand_is_collision_free_up_to_the_touch(hand: Hand, from_outsi
             # Beyond the 0.02 mm at which it counts as touching; a graze at 40 degrees needs more.
             moved[:3, 3] = (course.travelled + 2e-4) * course.direction
             assert oracle.touches_object(moved @ course.X_OH, q)
-    assert touched > 15
-    assert on_approach < 10
+    assert touched > 8
+    assert on_approach < 5
 
 
 def test_an_unknown_obstacle_is_touched_on_the_approach(hand: Hand) -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import trimesh
 from kills import COMMANDS, Uninterrupted, files_in, half_written
+from made_grasps import jaw_grasp
 from scipy.optimize import OptimizeResult
 
-from lis_grasp import ForceClosureSampler, Grasp, Hand
+from lis_grasp import Grasp, Hand
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.force_closure import is_force_closure, min_weight, resisted_force
@@ -122,9 +123,7 @@ class _FailingSimulator:
 
 @pytest.fixture(scope="module")
 def grasp() -> Grasp:
-    rng = np.random.default_rng(0)
-    sampler = ForceClosureSampler(Hand.load("wsg50"))
-    return sampler.sample(BOX, support_height=-0.04, count=1, rng=rng).grasps[0]
+    return jaw_grasp(Hand.load("wsg50"), np.zeros(3), 0.05)
 
 
 @pytest.mark.parametrize("at", [0.0, 1.0])

@@ -121,7 +121,10 @@ def test_a_ring_is_entered_and_its_inner_side_touched(hand: Hand) -> None:
     assert np.degrees(np.arccos(normal @ (point - ring_center) / 0.015)) < 5.0
 
 
-@pytest.mark.parametrize("name", ["hollow_cylinder", "mallet", "torus"])
+@pytest.mark.parametrize(
+    "name",
+    ["mallet", *(pytest.param(n, marks=pytest.mark.slow) for n in ("hollow_cylinder", "torus"))],
+)
 def test_touches_of_objects_that_are_not_convex_keep_their_accuracy(name: str) -> None:
     shape = shapes.build(name)
     prober = DynamicProber(Hand.load("allegro"), shape.mesh)

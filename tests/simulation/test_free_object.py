@@ -72,6 +72,7 @@ def test_a_contact_is_measured_by_the_hand_wherever_the_object_is() -> None:
     np.testing.assert_allclose(contacts.normals[0], -X_EO[:3, 0], atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_touch_that_topples_the_object_leaves_it_toppled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

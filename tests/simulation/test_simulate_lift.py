@@ -127,7 +127,8 @@ def test_a_good_grasp_of_a_box_lifts_and_holds_it(allegro: Hand) -> None:
     assert abs(rise - SHORT.lift_height) < outcome.slip + 0.003
 
 
-@pytest.mark.parametrize("corners", [4, pytest.param(64, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("corners", [4, 64])
 def test_a_parallel_jaw_gripper_holds_rods_thinner_than_its_pads(wsg50: Hand, corners: int) -> None:
     rod = trimesh.creation.cylinder(radius=0.005, height=0.12, sections=corners)
     search = ForceClosureSampler(wsg50).sample(
@@ -338,6 +339,7 @@ def test_merging_flat_faces_keeps_the_solid() -> None:
     assert merged.volume == pytest.approx(fine.volume, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_shakes_have_the_wanted_acceleration_along_and_about_every_axis(
     wsg50: Hand,
 ) -> None:

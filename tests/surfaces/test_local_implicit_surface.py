@@ -53,7 +53,7 @@ def literal_values(surface: LocalImplicitSurface, beta: str, queries: np.ndarray
 @pytest.mark.parametrize("beta", ["corrected", "as_published", "none"])
 def test_equals_the_equations_term_by_term(beta: str) -> None:
     surface = LocalImplicitSurface.from_contacts(scattered_contacts(40), beta=beta, sigma=0.02)
-    queries = np.random.default_rng(1).uniform(-0.15, 0.15, (20, 3))
+    queries = np.random.default_rng(1).uniform(-0.15, 0.15, (10, 3))
     expected = literal_values(surface, beta, queries)
     # Terms below 1e-13 are left out; the largest values are some 0.1.
     np.testing.assert_allclose(surface.evaluate(queries), expected, rtol=1e-9, atol=1e-12)
@@ -63,7 +63,7 @@ def test_equals_the_equations_term_by_term(beta: str) -> None:
 def test_equals_the_equations_at_any_kernel_width(factor: float) -> None:
     contacts = scattered_contacts(100, seed=4)
     surface = LocalImplicitSurface.from_contacts(contacts, sigma=factor * contacts.spacing)
-    queries = np.random.default_rng(1).uniform(-0.15, 0.15, (6, 3))
+    queries = np.random.default_rng(1).uniform(-0.15, 0.15, (3, 3))
     expected = literal_values(surface, "corrected", queries)
     np.testing.assert_allclose(surface.evaluate(queries), expected, rtol=1e-9, atol=1e-12)
 
