@@ -616,6 +616,7 @@ REAL = Study(
     touches=(8,),
     noise=("none",),
     seeds=(0,),
+    grasps=1,
 )
 
 

@@ -18,7 +18,7 @@ from lis_grasp.experiments.report_page import Picture, TextTable
 from lis_grasp.experiments.study.cases import draw_cases
 from lis_grasp.experiments.study.comparison import clearest_pairs, compare
 from lis_grasp.experiments.study.row_keys import row_key
-from lis_grasp.experiments.study.study import Setup, Study, load_study
+from lis_grasp.experiments.study.study import Study, load_study
 from lis_grasp.experiments.study.study_figures import draw_pictures
 from lis_grasp.experiments.study.study_page import write_report
 from lis_grasp.experiments.study.study_results import StudyResults
@@ -274,9 +274,9 @@ def test_the_clearest_pairs_are_those_with_the_greatest_difference_on_the_truth(
 
 @pytest.mark.slow
 def test_clearest_pairs_become_a_picture_and_a_scene_each(tmp_path: Path) -> None:
-    trial = replace(STUDY, objects=("sphere",), touches=(6,), seeds=(0,)).trials()[0]
+    trial = replace(STUDY, objects=("sphere",), touches=(6,), seeds=(0,), grasps=1).trials()[0]
     rows = [
-        row | asdict(Setup()) | {"held": held}
+        row | asdict(trial.setup) | {"held": held}
         for row, held in zip(run_trial(Job(trial, ("gpis", "blend"))), (0, 1), strict=True)
     ]
     (picture,) = draw_cases(tmp_path, rows, "gpis", ())
