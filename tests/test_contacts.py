@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
+from random_directions import random_directions
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidFileError
@@ -17,8 +18,7 @@ FILES = ["contacts.ply", "contacts.csv"]
 
 def make_contacts(count: int = 7, *, seed: int = 0, full: bool = True) -> Contacts:
     rng = np.random.default_rng(seed)
-    normals = rng.normal(size=(count, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = random_directions(count, rng)
     points = rng.normal(size=(count, 3)) * 0.05
     if not full:
         return Contacts(points, normals)

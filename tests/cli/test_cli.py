@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from random_directions import random_directions
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from lis_grasp import shapes
@@ -66,8 +67,7 @@ def test_a_command_computes_in_one_thread(monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.slow
 def test_the_number_of_threads_changes_no_byte(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    normals = rng.normal(size=(60, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = random_directions(60, rng)
     points = 0.04 * normals + rng.normal(scale=0.001, size=(60, 3))
     Contacts(points, normals).save(tmp_path / "contacts.ply")
     written = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_directions import random_directions
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.experiments.baselines import PrimitiveCSGSurface
@@ -30,8 +31,7 @@ def oriented_points(kind: str, hollow: bool, rng: np.random.Generator) -> tuple[
     ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(30)])
     up = np.array([0.0, 0.0, 1.0])
     if kind == "sphere":
-        normals = rng.normal(size=(30, 3))
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = random_directions(30, rng)
         points = 0.05 * normals
     elif kind == "cylinder":
         normals, points = ring, 0.05 * ring + along[:, None] * up

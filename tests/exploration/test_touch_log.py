@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from random_directions import random_directions
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
@@ -115,8 +116,7 @@ def test_an_ended_log_and_one_of_other_facts_are_removed(change: str, tmp_path: 
 def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
     rng = np.random.default_rng(0)
-    normals = rng.normal(size=(2, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = random_directions(2, rng)
     bare = Contacts(rng.normal(size=(2, 3)), normals)
     full = Contacts(
         bare.points, normals, forces=rng.random(2), fingers=("a", "b"), times=rng.random(2)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from random_directions import random_directions
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
@@ -21,8 +22,7 @@ def _ring(count: int, radius: float = 1.0) -> np.ndarray:
 
 
 def _random_grasp(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-    normals = rng.normal(size=(count, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = random_directions(count, rng)
     return normals * rng.uniform(0.5, 1.5, size=(count, 1)), normals
 
 

@@ -18,6 +18,7 @@ from fuzzing.kinds import KINDS
 from fuzzing.workers import run_cases, run_one
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_directions import random_directions
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -392,16 +393,14 @@ few = settings(max_examples=4, deadline=None, derandomize=True)
 
 
 def sphere(count: int, rng: np.random.Generator) -> Contacts:
-    normals = rng.standard_normal((count, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = random_directions(count, rng)
     return Contacts(0.05 * normals, normals)
 
 
 def lumpy(rng: np.random.Generator) -> tuple[Contacts, np.ndarray]:
     """Return contacts of a rotated ellipsoid with a flat foot, and query points about it."""
     count = int(rng.integers(5, 40))
-    u = rng.standard_normal((count, 3))
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    u = random_directions(count, rng)
     axes = rng.uniform(0.03, 0.08, 3)
     points, normals = axes * u, u / axes
     foot = points[:, 2] < -0.4 * axes[2]

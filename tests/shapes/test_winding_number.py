@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import reference
 import trimesh
+from random_directions import random_directions
 
 from lis_grasp import shapes
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
@@ -12,8 +13,7 @@ from lis_grasp.shapes.winding_number import any_inside, winding_numbers
 
 def test_a_ball_winds_once_round_its_inside() -> None:
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
-    directions = np.random.default_rng(0).normal(size=(60, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = random_directions(60, np.random.default_rng(0))
     for radius, expected in ((0.9, 1.0), (1.1, 0.0)):
         found = winding_numbers(radius * directions, mesh.vertices, mesh.faces)
         np.testing.assert_allclose(found, expected, atol=1e-9)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from random_directions import random_directions
 
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidHandError, InvalidMeshError
@@ -37,11 +38,6 @@ def ball_prober(hand: Hand, ball: trimesh.Trimesh) -> DynamicProber:
     return DynamicProber(hand, ball)
 
 
-def directions(count: int, rng: np.random.Generator) -> np.ndarray:
-    vectors = rng.normal(size=(count, 3))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
 def probe_bytes(outcomes: list[ProbeOutcome]) -> bytes:
     arrays = []
     for outcome in outcomes:
@@ -54,7 +50,7 @@ def probe_bytes(outcomes: list[ProbeOutcome]) -> bytes:
 def test_a_ball_is_touched_on_its_surface_with_a_radial_normal(ball_prober: DynamicProber) -> None:
     rng = np.random.default_rng(0)
     distances, angles = [], []
-    for direction in directions(15, rng):
+    for direction in random_directions(15, rng):
         offset = np.cross(direction, rng.normal(size=3))
         aim = 0.4 * RADIUS * offset / np.linalg.norm(offset)  # oblique: 24 deg to the normal
         target = aim - np.sqrt(RADIUS**2 - aim @ aim) * direction
@@ -203,7 +199,7 @@ def test_the_path_of_a_miss_is_free_space(ball_prober: DynamicProber, hand: Hand
 
 
 def test_free_balls_do_not_cut_the_object(ball_prober: DynamicProber) -> None:
-    for direction in directions(4, np.random.default_rng(2)):
+    for direction in random_directions(4, np.random.default_rng(2)):
         outcome = ball_prober.probe(Probe(-RADIUS * direction, direction, 0.04, 0.02))
         clearance = np.linalg.norm(outcome.free_points, axis=1) - RADIUS - outcome.free_radii
         assert len(outcome.free_points) >= 4
@@ -225,7 +221,9 @@ def test_a_hand_wholly_inside_the_object_is_blocked(hand: Hand) -> None:
 def test_skipping_free_flight_changes_nothing(
     hand: Hand, coarse_ball: trimesh.Trimesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    probes = [Probe(-RADIUS * d, d, 0.03, 0.005) for d in directions(3, np.random.default_rng(3))]
+    probes = [
+        Probe(-RADIUS * d, d, 0.03, 0.005) for d in random_directions(3, np.random.default_rng(3))
+    ]
     prober = DynamicProber(hand, coarse_ball)
     skipping = [prober.probe(probe) for probe in probes]
     monkeypatch.setattr(
@@ -243,7 +241,7 @@ def test_an_outcome_does_not_depend_on_earlier_probes(
     hand: Hand, coarse_ball: trimesh.Trimesh
 ) -> None:
     first, second = [
-        Probe(-RADIUS * d, d, 0.03, 0.01) for d in directions(2, np.random.default_rng(4))
+        Probe(-RADIUS * d, d, 0.03, 0.01) for d in random_directions(2, np.random.default_rng(4))
     ]
     after = DynamicProber(hand, coarse_ball)
     after.probe(first)
@@ -257,7 +255,9 @@ def test_an_outcome_does_not_depend_on_earlier_probes(
 
 
 def test_two_runs_give_the_same_bytes(hand: Hand, coarse_ball: trimesh.Trimesh) -> None:
-    probes = [Probe(-RADIUS * d, d, 0.03, 0.01) for d in directions(4, np.random.default_rng(5))]
+    probes = [
+        Probe(-RADIUS * d, d, 0.03, 0.01) for d in random_directions(4, np.random.default_rng(5))
+    ]
     runs = []
     for _ in range(2):
         prober = DynamicProber(hand, coarse_ball)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_directions import random_directions
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
@@ -103,8 +104,7 @@ def test_fewer_than_four_places_have_the_smooth_estimate(count: int) -> None:
 
 
 def test_the_order_of_equally_far_contacts_does_not_matter() -> None:
-    half = np.random.default_rng(0).normal(size=(14, 3))
-    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    half = random_directions(14, np.random.default_rng(0))
     normals = np.vstack([half, -half])
     places = shapes.build("sphere", 0.2).mesh.vertices[::7]
     values = []

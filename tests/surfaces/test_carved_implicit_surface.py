@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_directions import random_directions
 
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
@@ -58,8 +59,7 @@ def on_ball(directions: FloatArray, **free: npt.ArrayLike) -> Contacts:
 
 
 def some_directions(count: int, seed: int = 0) -> FloatArray:
-    vectors = np.random.default_rng(seed).normal(size=(count, 3))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return random_directions(count, np.random.default_rng(seed))
 
 
 def free_beside_the_ball(count: int = 400, seed: int = 1) -> Contacts:

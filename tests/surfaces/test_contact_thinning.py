@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_directions import random_directions
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
@@ -18,8 +19,7 @@ RADIUS = 0.05
 def cloud(count: int, noise: float, *, normal_noise: float = 0.05, seed: int = 0) -> Contacts:
     """Contacts anywhere on a sphere, with noise, which they carry."""
     rng = np.random.default_rng(seed)
-    normals = rng.normal(size=(count, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = random_directions(count, rng)
     tilted = normals + normal_noise * rng.normal(size=(count, 3))
     return Contacts(
         RADIUS * normals + noise * rng.normal(size=(count, 3)),
@@ -96,8 +96,7 @@ def test_thinning_follows_motion_and_scale_and_not_the_order() -> None:
 def test_a_gaussian_process_of_a_cloud_is_as_accurate_as_the_noise_allows() -> None:
     touches, noisy = cloud(30, 1e-4, seed=1), cloud(5000, 2e-3, normal_noise=0.2)
     surface = GaussianProcessImplicitSurface.from_contacts(noisy.append(touches))
-    directions = np.random.default_rng(2).normal(size=(500, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = random_directions(500, np.random.default_rng(2))
     errors = surface.evaluate(RADIUS * directions)
     # 2 mm averaged over 50 neighbours, about three cells of thirteen points.
     assert np.sqrt(np.mean(errors**2)) < 2e-3 / np.sqrt(50.0)

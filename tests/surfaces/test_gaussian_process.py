@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import reference
+from random_directions import random_directions
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
@@ -28,8 +29,7 @@ ORACLE = Path(__file__).parents[1] / "oracles" / "gpytorch_posterior.json"
 
 
 def sphere_contacts(count: int, radius: float = 0.05, seed: int = 0) -> Contacts:
-    normals = np.random.default_rng(seed).normal(size=(count, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = random_directions(count, np.random.default_rng(seed))
     return Contacts(radius * normals, normals)
 
 

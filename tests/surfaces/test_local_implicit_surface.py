@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import reference
+from random_directions import random_directions
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
@@ -188,8 +189,7 @@ def test_a_cube_of_four_contacts_a_face_is_exact_at_any_kernel_width(factor: flo
 
 def test_values_are_finite_and_right_however_far_away() -> None:
     surface = LocalImplicitSurface.from_contacts(box_contacts())
-    directions = np.random.default_rng(1).normal(size=(50, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = random_directions(50, np.random.default_rng(1))
     for distance in (1.0, 1e3, 1e6):
         values = surface.evaluate(distance * directions)
         assert np.isfinite(values).all()

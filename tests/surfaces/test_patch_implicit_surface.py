@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_directions import random_directions
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
@@ -39,8 +40,7 @@ def touched_box(half: np.ndarray, spacing: float, seed: int = 0, clear: float = 
 
 
 def touched_sphere(radius: float, spacing: float, seed: int = 0) -> Contacts:
-    normals = np.random.default_rng(seed).normal(size=(1500, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = random_directions(1500, np.random.default_rng(seed))
     return scattered_touches(radius * normals, normals, spacing, seed)
 
 
@@ -93,8 +93,7 @@ def test_gradient_equals_differences_of_values() -> None:
 def test_a_sphere_is_one_patch_and_exact() -> None:
     surface = PatchImplicitSurface.from_contacts(touched_sphere(0.05, 0.03), **NOISELESS)
     assert patch_count(surface) == 1
-    directions = np.random.default_rng(3).normal(size=(500, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = random_directions(500, np.random.default_rng(3))
     # Left over is the pull towards flat: 1 part in (noise floor / prior)^2, and third-order
     # allowances beside it, some 1e-3 of the sagitta (30 mm)^2 / (8 * 50 mm) = 2 mm.
     assert np.abs(surface.evaluate(0.05 * directions)).max() < 1e-4
@@ -149,8 +148,7 @@ def test_a_concave_edge_is_a_union_of_terms() -> None:
 def test_six_contacts_on_the_axes_are_a_sphere_and_more_make_a_cube() -> None:
     # One sphere explains six contacts as well as six planes, and is simpler.
     axes = np.vstack([np.eye(3), -np.eye(3)])
-    directions = np.random.default_rng(0).normal(size=(500, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = random_directions(500, np.random.default_rng(0))
     ball = PatchImplicitSurface.from_contacts(Contacts(0.05 * axes, axes), **NOISELESS)
     assert np.abs(ball.evaluate(0.05 * directions)).max() < 1e-5
     cube = PatchImplicitSurface.from_contacts(touched_box(np.full(3, 0.05), 0.04), **NOISELESS)
@@ -323,8 +321,7 @@ def contradicting_touches(places: int, each: int) -> Contacts:
     """Touches of `places`**3 places on a grid, `each` of a place, of any normal."""
     rng = np.random.default_rng(0)
     grid = np.stack(np.meshgrid(*[0.025 * np.arange(places)] * 3), axis=-1).reshape(-1, 3)
-    normals = rng.normal(size=(each * len(grid), 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = random_directions(each * len(grid), rng)
     return Contacts(np.repeat(grid, each, axis=0), normals)
 
 
