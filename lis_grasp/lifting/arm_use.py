@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+EFFORT_LIMIT = 0.999
+"""Fraction of a joint's largest effort from which on it is at its limit: motors clip there."""
+
+TABLE = "table"
+"""Name of the table in `ArmUse.contacts`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +42,10 @@ class ArmUse:
     steps
         Number of time steps that were checked.
     contacts
-        Number of steps with a contact of each unwanted pair: ``"link with table"``, say.
+        Number of steps with a contact of each unwanted pair: ``"palm with table"``, say.
+        Unwanted are those of the arm's links with anything, of the hand with the table, of the
+        object with any link but fingertips and pads, and of the object with any link of the hand
+        on a transit or the approach to a grasp.
     shakes
         What the arm made of each shake.
     """
@@ -48,3 +59,21 @@ class ArmUse:
     steps: int = 0
     contacts: dict[str, int] = field(default_factory=dict)
     shakes: list[ArmShake] = field(default_factory=list)
+
+
+def violations(uses: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return what the plain values of `ArmUse` violate, in words: contacts, efforts and speeds."""
+    found: dict[str, int] = {}
+    limits = []
+    for use in uses:
+        for pair, steps in use["contacts"].items():
+            found[pair] = found.get(pair, 0) + steps
+        if use["effort"] >= EFFORT_LIMIT:
+            limits.append(f"{use['effort_joint']} at its largest effort")
+        if use["speed"] > 1.0:
+            limits.append(f"{use['speed_joint']} at {100 * use['speed']:.0f} % of its speed")
+    contacts = [
+        f"{pair} in {steps} step{'' if steps == 1 else 's'}"
+        for pair, steps in sorted(found.items())
+    ]
+    return [*contacts, *dict.fromkeys(limits)]

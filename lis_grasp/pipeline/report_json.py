@@ -154,7 +154,12 @@ def _attempt_facts(attempt: Attempt) -> dict[str, Any]:
         "success_probability": attempt.search.grasps[attempt.rank].quality["success_probability"],
         "measured_contacts": len(attempt.outcome.measured_contacts),
         "reason": attempt.outcome.reason,
+        **_use_facts(attempt.outcome),
     }
+
+
+def _use_facts(outcome: LiftOutcome) -> dict[str, Any]:
+    return {} if outcome.arm is None else {"arm": asdict(outcome.arm)}
 
 
 def arm_facts(station: Station | None, arm_use: ArmUse | None = None) -> dict[str, Any]:
@@ -179,5 +184,5 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
         "slip": outcome.slip,
         "acceleration_survived": outcome.acceleration_survived,
         "simulated_seconds": outcome.duration,
-        **({} if outcome.arm is None else {"arm": asdict(outcome.arm)}),
+        **_use_facts(outcome),
     }

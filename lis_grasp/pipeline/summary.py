@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from lis_grasp.lifting.arm_use import violations
 from lis_grasp.pipeline.object_motion import motion_line
 from lis_grasp.pipeline.reasons import lift_sentence, no_grasp_sentence
 
@@ -80,13 +81,15 @@ def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
         why = no_grasp_sentence(grasps["rejections"]) if no_grasp else lift_sentence(lift["reason"])
         lines.append(f"{lifted}: {why}")
     if "arm" in report:
-        lines.append(_arm_line(report["arm"], lift.get("arm")))
+        lines.append(_arm_line(report))
     return tuple(lines)
 
 
-def _arm_line(arm: dict[str, Any], lift: dict[str, Any] | None) -> str:
-    """Return the sentence about what touches and the lift demanded of the arm."""
-    uses = [use for use in (arm.get("touches"), lift) if use is not None]
+def _arm_line(report: dict[str, Any]) -> str:
+    """Return the sentence about what touches and lifts demanded of the arm."""
+    arm, lift = report["arm"], report["lift"].get("arm")
+    lifts = [attempt.get("arm") for attempt in report["attempts"][:-1]]
+    uses = [use for use in (arm.get("touches"), *lifts, lift) if use is not None]
     if not uses:
         return f"arm       {arm['name']}: it did not move in a simulation"
     effort, speed = (max(use[limit] for use in uses) for limit in ("effort", "speed"))
@@ -96,8 +99,12 @@ def _arm_line(arm: dict[str, Any], lift: dict[str, Any] | None) -> str:
     )
     if "touches" in arm:
         line += f"; touches of at most {arm['touches']['contact_force']:.1f} N"
-    pairs = sorted({pair for use in uses for pair in use["contacts"]})
-    line += f"; unwanted contacts: {', '.join(pairs) or 'none'}"
+    violated = violations(uses)
+    steps = sum(use.get("steps", 0) for use in uses)
+    if violated:
+        line += f"; VIOLATED in {steps} steps: {'; '.join(violated)}"
+    else:
+        line += f"; unwanted contacts: none in {steps} steps"
     shakes = [] if lift is None else lift["shakes"]
     if shakes:
         least = min(shakes, key=lambda shake: shake["by_motion"] / shake["asked"])

@@ -60,7 +60,8 @@ def prior_knowledge(shape: Shape, config: RunConfig) -> Workspace | Region:
     """
     if config.region is not None:
         return Region(config.region)
-    return workspace(shape, free=config.free or config.pose is not None)
+    on_table = config.free or config.pose is not None or config.arm is not None
+    return workspace(shape, free=on_table)
 
 
 def for_fingertips(space: Workspace | Region, hand: Hand) -> Workspace | Region:

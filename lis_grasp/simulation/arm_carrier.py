@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context
 from lis_grasp.lifting.arm_lift import ArmLift
 from lis_grasp.lifting.arm_use import ArmShake, ArmUse
 from lis_grasp.lifting.joint_path import JointPath, PalmPath, joint_path_along
-from lis_grasp.lifting.wrist_trajectory import WristPath
+from lis_grasp.lifting.wrist_trajectory import WristPath, minimum_jerk
 from lis_grasp.motion import arm_body
 from lis_grasp.simulation.arm_dynamics import ArmDynamics
 from lis_grasp.simulation.arm_plant import add_arm, ignore_mounting
@@ -137,6 +137,14 @@ class ArmCarrier:
         """Return the transit from the home posture to where the approach begins."""
         return ArmMotion(self, self._transit)
 
+    def go_home(self) -> ArmMotion:
+        """Return the motion from where the approach begins back to the home posture."""
+        transit = self._transit
+        # A redundant arm may have come back in a posture a little off: that is made up on the way.
+        left = 1.0 - np.array([minimum_jerk(part)[0] for part in np.linspace(0, 1, len(transit.q))])
+        q = transit.q[::-1] + left[:, None] * (self._q - transit.q[-1])
+        return ArmMotion(self, JointPath(transit.step, q, -transit.qd[::-1], transit.qdd[::-1]))
+
     def follow(self, path: WristPath, duration: float) -> ArmMotion:
         """Return the motion along a path, slower where the arm's limits need it."""
         joints = self._track(path, duration)
@@ -158,6 +166,10 @@ class ArmCarrier:
         self._watch.use.shakes.append(ArmShake(direction, acceleration, share * acceleration))
         missing = None if share == 1.0 else shake_with((1.0 - share) * acceleration)
         return ArmMotion(self, joints, missing)
+
+    def expect_contact(self, expected: bool) -> None:
+        """Say whether fingertips may touch the object from now on; see `ArmWatch`."""
+        self._watch.free = not expected
 
     def check(self) -> None:
         """Check the step that was just taken."""

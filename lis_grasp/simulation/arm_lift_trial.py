@@ -17,6 +17,7 @@ class ArmLiftTrial(LiftTrial):
     """A lift whose hand is carried by an arm; see `simulate_lift`.
 
     The arm waits at its home until the object has settled, and moves to where the approach begins.
+    After a grasp that is given up it goes back home.
     """
 
     def __init__(
@@ -43,8 +44,19 @@ class ArmLiftTrial(LiftTrial):
         self._move(self._carrier.rest(duration))
 
     def _approach(self) -> Reason | None:
+        self._carrier.expect_contact(False)
         self._move(self._carrier.bring())
         return super()._approach()
+
+    def _close(self) -> Reason | None:
+        self._carrier.expect_contact(True)
+        return super()._close()
+
+    def _abort(self) -> Reason:
+        reason = super()._abort()
+        self._carrier.expect_contact(False)
+        self._move(self._carrier.go_home())
+        return reason
 
     def _shake_along(self, name: str, direction: FloatArray, acceleration: float) -> None:
         shake_with = partial(self._shake_path, direction)

@@ -7,12 +7,12 @@ from pydrake.geometry import GeometryId
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.systems.framework import Context
 
-from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.arms.arm import links_fixed_to
+from lis_grasp.lifting.arm_use import EFFORT_LIMIT, TABLE, ArmUse
 from lis_grasp.lifting.lift_outcome import Reason
+from lis_grasp.motion import OBJECT
 from lis_grasp.simulation.arm_plant import ArmInPlant
 
-# A joint is at its limit from this fraction of its effort on.
-_AT_LIMIT = 0.999
 # A joint that is at its limit for so long [s] no longer follows.
 _SATURATED = 0.05
 
@@ -26,10 +26,13 @@ class ArmStoppedError(Exception):
 
 
 class ArmWatch:
-    """Records how an arm's limits are used, and which unwanted contacts there are.
+    """Records how an arm's limits are used, and every unwanted contact, at each time step.
 
-    A link of the arm must touch nothing. The hand's links should not touch the table either; that
-    is recorded, and ends nothing.
+    Wanted are contacts of the object with fingertips and pads: links that carry a pad or lead in a
+    probe posture, and those fixed to them. No other link of the hand should touch the object, none
+    the table, and a link of the arm nothing at all. While the hand is to be `free` of the object,
+    even pads should not touch it. A contact of the arm ends the motion, and, where `object_ends`
+    it, an unwanted one of the object.
     """
 
     def __init__(
@@ -40,10 +43,16 @@ class ArmWatch:
         *,
         table: GeometryId | None,
         use: ArmUse | None = None,
+        object_ends: bool = False,
     ) -> None:
         self.use = ArmUse() if use is None else use
+        self.free = object_ends
+        hand = arm.hand.hand
+        tips = {pad.link for pad in hand.pads}
+        tips |= {posture.link for posture in hand.probe_postures.values()}
+        self._wanted = {link for tip in tips for link in links_fixed_to(hand, tip)}
         self._plant, self._context, self._arm = plant, plant_context, arm
-        self._table = table
+        self._table, self._object_ends = table, object_ends
         self._longest = round(_SATURATED / plant.time_step())
         self._saturated = np.zeros(len(arm.arm.joint_names), dtype=int)
         self._efforts = plant.get_net_actuation_output_port(arm.instance)
@@ -62,41 +71,46 @@ class ArmWatch:
         if speed.max() > use.speed:
             use.speed = float(speed.max())
             use.speed_joint = arm.joint_names[int(speed.argmax())]
-        self._saturated = np.where(effort > _AT_LIMIT, self._saturated + 1, 0)
+        self._saturated = np.where(effort > EFFORT_LIMIT, self._saturated + 1, 0)
         if self._collides():
             raise ArmStoppedError("arm_collision")
         if self._saturated.max() >= self._longest:
             raise ArmStoppedError("torque_limit")
 
     def _collides(self) -> bool:
-        """Count unwanted contacts; return whether a link of the arm is part of one."""
+        """Count unwanted contacts; return whether one of them ends the motion."""
         results: ContactResults = self._results.Eval(self._context)
-        pairs = []
+        hand, ends = self._arm.hand.link_of_geometry, False
         for i in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(i)
             surface = info.contact_surface()
-            pairs.append((surface.id_M(), surface.id_N()))
-            if self._table not in pairs[-1]:
+            pair = surface.id_M(), surface.id_N()
+            if self._table not in pair and (pair[0] in hand or pair[1] in hand):
                 force = float(np.linalg.norm(info.F_Ac_W().translational()))
                 self.use.contact_force = max(self.use.contact_force, force)
+            ends |= self._count(*pair)
         for i in range(results.num_point_pair_contacts()):
-            pair = results.point_pair_contact_info(i).point_pair()
-            pairs.append((pair.id_A, pair.id_B))
-        arm, collides = self._arm.link_of_geometry, False
-        for first, second in pairs:
-            of_arm = first in arm or second in arm
-            if not of_arm and self._table not in (first, second):
-                continue  # hand and object
-            names = sorted(map(self._name, (first, second)))
-            if "object" in names and "table" in names:
-                continue
-            together = " with ".join(names)
-            self.use.contacts[together] = self.use.contacts.get(together, 0) + 1
-            collides |= of_arm
-        return collides
+            points = results.point_pair_contact_info(i).point_pair()
+            ends |= self._count(points.id_A, points.id_B)
+        return ends
+
+    def _count(self, first: GeometryId, second: GeometryId) -> bool:
+        """Count a contact if it is unwanted; return whether it ends the motion."""
+        arm = self._arm.link_of_geometry
+        of_arm = first in arm or second in arm
+        names = sorted(map(self._name, (first, second)))
+        if not of_arm and OBJECT in names:
+            other = names[names[0] == OBJECT]
+            if other == TABLE or (other in self._wanted and not self.free):
+                return False
+        together = " with ".join(names)
+        self.use.contacts[together] = self.use.contacts.get(together, 0) + 1
+        return of_arm or (self._object_ends and OBJECT in names)
 
     def _name(self, geometry: GeometryId) -> str:
         if geometry == self._table:
-            return "table"
+            return TABLE
         arm, hand = self._arm.link_of_geometry, self._arm.hand.link_of_geometry
-        return arm.get(geometry) or hand.get(geometry) or "object"
+        if geometry in arm:
+            return f"arm's {arm[geometry]}"
+        return hand.get(geometry, OBJECT)

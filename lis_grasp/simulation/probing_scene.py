@@ -21,7 +21,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.arms.station import Station
+from lis_grasp.arms.station import Station, Table
 from lis_grasp.exceptions import require_positive
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
@@ -116,13 +116,18 @@ class ProbingScene:
             if station is None
             else ProbeArm(plant, self._hand, station, arm_use)
         )
-        self._add_object(mesh, free)
+        self._add_object(mesh, free, None if station is None else station.table)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
-        if self._table is not None:  # the planned motion avoids the table
+        if self._table is not None:
+            apart: list[GeometryId] = []
+            if station is None:  # the planned motion avoids the table
+                apart += self._hand.link_of_geometry
+            if free is None:  # Drake 1.51 crashes on contact between a locked body and the world
+                apart.append(self._object_geometry)
             scene_graph.collision_filter_manager().Apply(
                 CollisionFilterDeclaration().ExcludeBetween(
-                    GeometrySet(list(self._hand.link_of_geometry)), GeometrySet(self._table)
+                    GeometrySet(apart), GeometrySet(self._table)
                 )
             )
         self._simulator = Simulator(builder.Build())
@@ -148,7 +153,9 @@ class ProbingScene:
             hydroelastic_modulus=PROBING_SKIN,
         )
 
-    def _add_object(self, mesh: trimesh.Trimesh, free: FreeObject | None) -> None:
+    def _add_object(
+        self, mesh: trimesh.Trimesh, free: FreeObject | None, table: Table | None
+    ) -> None:
         plant = self._plant
         instance = plant.AddModelInstance("object")
         body, self._object_geometry = add_object(
@@ -165,6 +172,8 @@ class ProbingScene:
         self._table: GeometryId | None = None
         if free is None:
             plant.set_gravity_enabled(instance, False)
+            if table is not None:
+                self._table = add_table(plant, table.height, _FRICTION, under=mesh)
         else:
             self._body = body
             self._table = add_table(plant, free.support_height, free.friction, under=mesh)
