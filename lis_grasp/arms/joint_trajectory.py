@@ -27,6 +27,16 @@ class JointTrajectory:
         """Time of the motion [s]."""
         return float(self.times[-1])
 
+    def reversed(self) -> JointTrajectory:
+        """Return the same motion backwards."""
+        return JointTrajectory(
+            self.joint_names,
+            self.times,
+            self.positions[::-1],
+            -self.velocities[::-1],
+            self.accelerations[::-1],
+        )
+
     def at(self, times: FloatArray) -> FloatArray:
         """Return the positions at other times (N,) [s], (N, J), by cubic Hermite interpolation."""
         clipped = np.clip(times, 0.0, self.duration)

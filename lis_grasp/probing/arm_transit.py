@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.station_home import home_of
 from lis_grasp.arms.time_scaling import time_path
@@ -34,8 +35,10 @@ class ArmTransits:
         self._station, self._home = station, home_of(station)
         self._planners: dict[tuple[float, ...], TransitPlanner] = {}
 
-    def duration(self, goal: FloatArray, q_hand: FloatArray, space: Workspace) -> float | None:
-        """Return the time of the motion from home to a posture (J,) [s]; None if there is no path.
+    def plan(
+        self, goal: FloatArray, q_hand: FloatArray, space: Workspace
+    ) -> JointTrajectory | None:
+        """Return the motion from home to a posture (J,); None if there is no path.
 
         `q_hand` (K,) are the hand's joint positions.
         """
@@ -48,7 +51,7 @@ class ArmTransits:
                     self._station.arm,
                     corners,
                     is_free=partial(planner.is_free, q_hand=q_hand),
-                ).duration
+                )
         return None
 
     def _planner(self, space: Workspace, radius: float) -> TransitPlanner:

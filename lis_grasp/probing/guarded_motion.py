@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.probe import (
@@ -59,7 +60,12 @@ class Course:
     touched: NearestLink | None  # the touching link and its contact
     at_table: bool = False  # whether the table ended the motion before the probe's target
     probe_speed: float = PROBE_SPEED  # of a hand without an arm [m/s]
-    transit: float = 0.0  # time of an arm from its home to the approach, and back [s]
+    way: JointTrajectory | None = None  # of an arm from its home to the approach
+
+    @property
+    def transit(self) -> float:
+        """Time of an arm from its home to the approach [s]."""
+        return 0.0 if self.way is None else self.way.duration
 
     @property
     def speeds(self) -> tuple[float, float]:
@@ -178,7 +184,7 @@ class GuardedMotion:
         With `obstacles`, the hand approaches from outside of the object's ball, avoids the known
         object, and stops above the table. Without, it starts where no link touches the object.
         """
-        times = (self._probe_speed, 0.0)
+        way = None
         if obstacles is None:
             approach = self._free_start(probe)
             if approach is None:
@@ -191,22 +197,29 @@ class GuardedMotion:
                 return NO_FREE_START
             if self._transits is not None and approach.arm is not None:
                 begin, q_hand = approach.arm.approach[0], approach.posture.joint_positions
-                time = self._transits.duration(begin, q_hand, obstacles.space)
-                if time is None:
+                way = self._transits.plan(begin, q_hand, obstacles.space)
+                if way is None:
                     return NO_ARM_TRANSIT
-                times = (self._probe_speed, time)
             if approach.distance > 0.0:
                 touched, length = self._advance(approach.axis, approach.distance)
                 if touched is not None:
                     remaining = approach.distance - length
-                    return Course(probe, approach, False, length, remaining, touched, False, *times)
+                    return Course(
+                        *(probe, approach, False, length, remaining, touched),
+                        probe_speed=self._probe_speed,
+                        way=way,
+                    )
         self._place(approach, approach.X_OH)
         wanted = probe.standoff + probe.overshoot
         length = min(wanted, self._above_table(approach, probe, obstacles))
         touched, travelled = self._advance(probe.direction, length)
         at_table = touched is None and length < probe.standoff
         remaining = length - travelled
-        return Course(probe, approach, True, travelled, remaining, touched, at_table, *times)
+        return Course(
+            *(probe, approach, True, travelled, remaining, touched, at_table),
+            probe_speed=self._probe_speed,
+            way=way,
+        )
 
     def outcome(
         self, probe: Probe, obstacles: ObstacleModel | None

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.time_scaling import TIME_STEP
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.probe import GENTLE_SPEED, PROBE_SPEED, HandPose, Probe, ProbeOutcome
@@ -15,10 +19,12 @@ from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
+from lis_grasp.probing.probe_path import path_back, path_out
 from lis_grasp.records import read_only
 from lis_grasp.simulation.arm_watch import ArmStoppedError
 from lis_grasp.simulation.contact_patches import Patch
 from lis_grasp.simulation.probing_scene import FreeObject, ProbingScene
+from lis_grasp.simulation.transit_scene import TransitScene
 from lis_grasp.typing import FloatArray
 
 # Free flight needs no dynamics: the simulation starts this far before the first contact [m]; an arm
@@ -92,6 +98,9 @@ class DynamicProber:
         self._speed = PROBE_SPEED if free is None else GENTLE_SPEED
         self._motion = GuardedMotion(hand, mesh, station, probe_speed=self._speed)
         self._station = station
+        self._ways: TransitScene | None = None
+        if station is not None:
+            self._ways = TransitScene(station, mesh, arm_use or ArmUse(), on_table=True)
         self._X_WE = np.eye(4)  # the plant is in W, where the arm's base stays
         self._hand = hand
         self._free = free
@@ -126,8 +135,26 @@ class DynamicProber:
         missed, course = self._motion.outcome(probe, obstacles)
         if self._free is not None:
             missed = replace(missed, simulated_pose=self._X_EO)
-        if course is None or course.touched is None:
+        if course is None:
             return missed
+        try:
+            self._go(course, path_out)
+        except ArmStoppedError as stopped:
+            return replace(missed, status="blocked", reason=f"{ARM_STOPPED}: {stopped.reason}")
+        outcome = missed if course.touched is None else self._end_of(course, missed)
+        with suppress(ArmStoppedError):  # recorded; what was touched is known
+            self._go(course, path_back)
+        return outcome
+
+    def _go(self, course: Course, path: Callable[..., JointTrajectory]) -> None:
+        """Simulate the arm's way of a course in free space; without an arm, there is none."""
+        if self._ways is not None and course.way is not None:
+            posture = course.approach.posture.joint_positions
+            way = path(course, _BEFORE, TIME_STEP)
+            self._ways.run(way, posture, self._in_world(self._X_EO))
+
+    def _end_of(self, course: Course, missed: ProbeOutcome) -> ProbeOutcome:
+        """Return the outcome of a course with a contact at its end."""
         before, reason = self._X_EO, GRAZED
         hand_pose: HandPose | None
         try:

@@ -1,0 +1,60 @@
+"""Joint paths of an arm to a probe and back: continuous, straight, and at the speeds asked for."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exploration.probe import ARM_PROBE_SPEED, Probe
+from lis_grasp.exploration.workspace import ObstacleModel, Workspace
+from lis_grasp.probing.guarded_motion import Course, GuardedMotion
+from lis_grasp.probing.probe_path import path_back, path_out
+from tests.stations import station_with
+
+STEP, BEFORE = 0.01, 0.002
+STATION = station_with("wsg50")
+BOX = trimesh.creation.box(extents=[0.06, 0.06, 0.12])
+BOX.apply_translation([0.0, 0.0, 0.06])
+SPACE = ObstacleModel(
+    Workspace(0.03, np.array([0.0, 0.0, 0.06]), 0.12, 0.0), Contacts.empty(), None
+)
+
+
+@pytest.fixture(scope="module", params=[0.02, 0.0001], ids=["touches", "misses"])
+def course(request: pytest.FixtureRequest) -> Course:
+    probe = Probe(np.array([0.0, 0.0, 0.12]), np.array([0.0, 0.0, -1.0]), 0.03, 0.02)
+    if request.param < 0.001:
+        probe = Probe(np.array([0.0, 0.0, 0.13]), np.array([0.0, 0.0, -1.0]), 0.03, 0.005)
+    found = GuardedMotion(STATION.hand, BOX, STATION).run(probe, SPACE)
+    assert isinstance(found, Course)
+    return found
+
+
+def test_the_path_goes_from_home_to_the_contact_without_a_jump(course: Course) -> None:
+    path = path_out(course, BEFORE, STEP)
+    assert course.way is not None
+    np.testing.assert_array_equal(path.positions[0], course.way.positions[0])
+    palm = STATION.palm_poses(path.positions[-1])
+    early = BEFORE if course.touched is not None else 0.0
+    expected = course.X_OH_end[:3, 3] - early * course.direction
+    np.testing.assert_allclose(palm[:3, 3], expected, atol=1e-4)
+    np.testing.assert_allclose(np.diff(path.times), STEP, atol=1e-9)
+    # Positions, speeds and accelerations belong together, to second order in the step.
+    middle = (path.positions[2:] - path.positions[:-2]) / (2.0 * STEP)
+    assert np.abs(middle - path.velocities[1:-1]).max() < 0.02
+    assert (np.abs(path.velocities) <= STATION.arm.velocity_limits).all()
+
+
+def test_the_palm_comes_to_a_contact_at_the_probes_speed(course: Course) -> None:
+    path = path_out(course, BEFORE, STEP)
+    _, J = STATION.jacobians(path.positions)
+    speeds = np.linalg.norm((J[:, :3] @ path.velocities[..., None])[..., 0], axis=1)
+    expected = 0.0 if course.touched is None else ARM_PROBE_SPEED
+    assert speeds[-1] == pytest.approx(expected, rel=0.03, abs=1e-9)
+
+
+def test_the_way_back_is_the_way_out_backwards(course: Course) -> None:
+    out, back = path_out(course, BEFORE, STEP), path_back(course, BEFORE, STEP)
+    np.testing.assert_allclose(back.positions[0], out.positions[-1], atol=1e-9)
+    np.testing.assert_allclose(back.positions[-1], out.positions[0], atol=1e-12)
+    assert np.abs(back.velocities[[0, -1]]).max() < 1e-9
