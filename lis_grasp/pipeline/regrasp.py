@@ -35,6 +35,9 @@ _MISSED_RADIUS = 0.01
 # Outcomes after which another grasp is planned.
 _TRIED_AGAIN = ("aborted", "set_down")
 
+# Outcomes, before the hand closed, after which the next grasp of the same plan is executed.
+_NEXT_GRASP = ("no_arm_motion", "out_of_arm_reach", "torque_limit", "arm_collision")
+
 # Estimates the surface from contacts, and plans grasps on it. Also called with the object's true
 # pose in the frame of the contacts, if it moved, for the headers of files.
 Planner = Callable[
@@ -72,8 +75,10 @@ def grasp_with_tactile_check(
     attempt is aborted: the hand opens and retreats, and its contacts are added to the known ones.
     An object that slips at the start of the lift is set down. The next grasp avoids places where a
     finger closed on nothing or slipped. The last of `RunConfig.attempts` is executed without the
-    check. An attempt may push the object: its motion is estimated from the new contacts
-    (`register_motion`), and the frame of contacts and grasps moves with it.
+    check. Where the arm has no way to a grasp, or has to stop on it, the next grasp of the plan is
+    executed instead, as part of the same attempt. An attempt may push the object: its motion is
+    estimated from the new contacts (`register_motion`), and the frame of contacts and grasps moves
+    with it.
 
     `shape` is the true object, `contacts` are those of the exploration. `planner` estimates the
     surface and plans grasps; None does so as configured. `lift` is called as `pipeline.lift`.
@@ -88,21 +93,24 @@ def grasp_with_tactile_check(
         if not search.grasps:
             yield Attempt(contacts, mesh, search, 0, None, X_WO)
             return
-        rank = _first_away_from(missed, search)
-        grasp = search.grasps[rank]
-        outcome = lift(
-            shape,
-            hand,
-            grasp,
-            mass=config.mass_of(shape.mesh),
-            friction=config.friction,
-            accept_grasp=_tactile_check(mesh, hand, prior.friction) if left else None,
-            simulator=config.simulator,
-            X_WO=X_WO,
-            options=lift_options(prior),
-            **({} if station is None else {"station": station, "estimate": mesh}),
-        )
-        yield Attempt(contacts, mesh, search, rank, outcome, X_WO)
+        for rank in _away_first(missed, search):
+            grasp = search.grasps[rank]
+            outcome = lift(
+                shape,
+                hand,
+                grasp,
+                mass=config.mass_of(shape.mesh),
+                friction=config.friction,
+                accept_grasp=_tactile_check(mesh, hand, prior.friction) if left else None,
+                simulator=config.simulator,
+                X_WO=X_WO,
+                options=lift_options(prior),
+                **({} if station is None else {"station": station, "estimate": mesh}),
+            )
+            yield Attempt(contacts, mesh, search, rank, outcome, X_WO)
+            if outcome.reason not in _NEXT_GRASP or outcome.closed:
+                break
+            X_WO = outcome.X_WO if outcome.duration > 0.0 else X_WO
         if outcome.reason not in _TRIED_AGAIN:
             return
         X_EF = planar_pose(register_motion(outcome.measured_contacts, mesh))
@@ -168,10 +176,12 @@ def _missed(grasp: Grasp, outcome: LiftOutcome) -> FloatArray:
     ]
 
 
-def _first_away_from(missed: FloatArray, search: GraspSearch) -> int:
-    """Return the index of the best grasp with no contact near a missed one, else 0."""
-    for rank, grasp in enumerate(search.grasps):
-        between = np.linalg.norm(grasp.contact_points[:, None] - missed, axis=-1)
-        if not (between < _MISSED_RADIUS).any():
-            return rank
-    return 0
+def _away_first(missed: FloatArray, search: GraspSearch) -> list[int]:
+    """Return the indices of all grasps, those with no contact near a missed one first."""
+
+    def is_near(rank: int) -> bool:
+        points = search.grasps[rank].contact_points
+        between = np.linalg.norm(points[:, None] - missed, axis=-1)
+        return bool((between < _MISSED_RADIUS).any())
+
+    return sorted(range(len(search.grasps)), key=is_near)

@@ -12,6 +12,7 @@ from lis_grasp.pipeline.reasons import lift_sentence, no_grasp_sentence
 _LOW_IOU = 0.8
 _TRIED_AGAIN = {
     "aborted": "aborted   {} by the tactile check, each planned again",
+    "no_arm_motion": "passed    {} to which the arm has no path, each followed by the next",
     "set_down": "set down  {} that slipped at the start of the lift, each planned again",
 }
 # Below this coverage more touches are advised.

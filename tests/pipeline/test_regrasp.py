@@ -76,6 +76,22 @@ def test_the_last_attempt_has_no_tactile_check() -> None:
     assert [call["accept_grasp"] is None for call in calls] == [False, True]
 
 
+def test_a_grasp_to_which_the_arm_has_no_way_is_followed_by_the_next_of_the_plan() -> None:
+    grasps = (scenes.grasp(), scenes.grasp(), scenes.grasp())
+    stopped = _outcome("arm_collision", closed=False)
+    outcomes = [LiftOutcome.not_begun("no_arm_motion", np.eye(4)), stopped, _outcome("held")]
+    made, calls = _scripted(outcomes, grasps, 1)
+    assert [attempt.rank for attempt in made] == [0, 1, 2]
+    assert [call["grasp"] is grasp for call, grasp in zip(calls, grasps, strict=True)] == [True] * 3
+    assert calls[1]["X_WO"] is None  # nothing has moved
+    assert_array_equal(calls[2]["X_WO"], stopped.X_WO)
+
+
+def test_an_arm_that_stops_with_the_object_in_its_hand_ends_the_attempts() -> None:
+    made, _ = _scripted([_outcome("torque_limit", closed=True)], (scenes.grasp(),) * 2, 2)
+    assert len(made) == 1
+
+
 def test_no_grasp_found_is_an_attempt_without_outcome() -> None:
     [only], calls = _scripted([], (), 3)
     assert only.outcome is None
