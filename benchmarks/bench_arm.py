@@ -4,8 +4,8 @@
     python benchmarks/bench_arm.py --stations iiwa14+allegro --objects box,torus --seeds 1
 
 Each trial is a process of its own, as for a user; its row is written at once. The same command
-continues where it ended; after a change of the package, begin another file. With `--parts 2 --part 0`
-every second trial is run. Objects of the YCB set have their own mass. Place and size of the object
+continues where it ended; after a change of the package, begin another file. `--parts 2 --part 0`
+runs every second trial. Objects of the YCB set have their own mass. Place and size of the object
 are known, unless `--unknown` is given. Intervals are 95 % score intervals (Wilson 1927).
 """
 

@@ -21,6 +21,8 @@ ARM_COLOUR, FOOT_COLOUR = "#d9dbdf", "#7a8088"
 PEDESTAL_COLOUR = "#b9b4aa"
 
 _SEEDS = 4
+# Straight approach to a touch that is shown [m], and its number of places.
+_APPROACH, _FRAMES = 0.15, 4
 _MOMENTS = 12
 _LEAST_PEDESTAL, _PEDESTAL_WIDTH = 0.01, 0.2  # [m]
 
@@ -63,16 +65,57 @@ def arm_points(station: Station, motion: Motion) -> FloatArray:
     return np.vstack(points)
 
 
+def standing_points(station: Station) -> FloatArray:
+    """Return the corners of the arm's bodies at home, and its foot on the table, (N, 3) [m]."""
+    links = station.arm.forward_kinematics(station.X_WA, station.arm.home)
+    foot = station.X_WA[:3, 3].copy()
+    if station.table is not None:
+        foot[2] = min(foot[2], station.table.height)
+    points = [foot[None]]
+    for geometry in station.arm.link_geometries:
+        corners = trimesh.bounds.corners(geometry.mesh.bounds)
+        points.append(trimesh.transform_points(corners, links[geometry.link] @ geometry.X_LG))
+    return np.vstack(points)
+
+
 def arm_poses(station: Station, X_OH: FloatArray) -> list[FloatArray]:
     """Return the poses of the arm's links in O, in order, with the palm at X_OH (4, 4).
 
     Of the solutions of inverse kinematics, the nearest to home; home itself if there is none.
     """
-    arm = station.arm
-    solutions = station.solve_ik(X_OH[None], seeds=_SEEDS, first=arm.home)
-    found = solutions.q[0][solutions.solved[0]]
-    q = found[np.argmin(np.linalg.norm(found - arm.home, axis=1))] if len(found) else arm.home
-    return list(arm.forward_kinematics(station.X_WA, q).values())
+    return _poses(station, _posture(station, X_OH))
+
+
+def arm_approach(
+    station: Station, X_OH: FloatArray, direction: FloatArray
+) -> tuple[float, list[list[FloatArray]]]:
+    """Return the length of a straight approach to X_OH (4, 4) [m], and the arm's poses on it.
+
+    The poses are as of `arm_poses`, at even places from the palm's pose X_OH backwards along the
+    `direction` (3,), as far as the arm gets.
+    """
+    q = _posture(station, X_OH)
+    frames = [_poses(station, q)]
+    for place in np.linspace(0.0, _APPROACH, _FRAMES)[1:]:
+        X = X_OH.copy()
+        X[:3, 3] -= place * direction
+        found, solved = station.follow(q[None], X[None])
+        if not solved[0]:
+            break
+        q = found[0]
+        frames.append(_poses(station, q))
+    return _APPROACH * (len(frames) - 1) / (_FRAMES - 1), frames
+
+
+def _posture(station: Station, X_OH: FloatArray) -> FloatArray:
+    home: FloatArray = station.arm.home
+    solutions = station.solve_ik(X_OH[None], seeds=_SEEDS, first=home)
+    found: FloatArray = solutions.q[0][solutions.solved[0]]
+    return found[np.argmin(np.linalg.norm(found - home, axis=1))] if len(found) else home
+
+
+def _poses(station: Station, q: FloatArray) -> list[FloatArray]:
+    return list(station.arm.forward_kinematics(station.X_WA, q).values())
 
 
 def arm_tracks(station: Station, motion: Motion, *, first: int) -> list[tuple[str, FloatArray]]:

@@ -12,7 +12,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import drawing
-from lis_grasp.visualization.arm_layer import arm_poses, arm_tracks, draw_arm
+from lis_grasp.visualization.arm_layer import arm_approach, arm_poses, arm_tracks, draw_arm
 from lis_grasp.visualization.camera import outermost, surface_points
 from lis_grasp.visualization.drawing import OBJECT_NODE, ROOT, Canvas, Layer
 from lis_grasp.visualization.link_looks import link_looks
@@ -97,21 +97,37 @@ def link_poses(hand: Hand, grasp: Grasp, station: Station | None = None) -> list
 def touch_facts(
     hand: Hand, touches: Sequence[ProbeOutcome | None], station: Station | None = None
 ) -> list[dict[str, Any] | None]:
-    """Return the link poses in O and the approach direction at each touch, as JSON."""
+    """Return the link poses in O and the approach direction at each touch, as JSON.
+
+    With a station, also the arm's poses at places of the approach, the touch first, and its length.
+    """
     facts: list[dict[str, Any] | None] = []
     for touch in touches:
         if touch is None or touch.hand_pose is None:
             facts.append(None)
             continue
         poses = hand.forward_kinematics(touch.hand_pose.X_OH, touch.hand_pose.joint_positions)
-        arm = [] if station is None else arm_poses(station, touch.hand_pose.X_OH)
-        facts.append(
-            {
-                "links": [column_major(X) for X in (*(poses[n] for n in hand.links), *arm)],
-                "direction": [round(float(v), 5) for v in touch.probe.direction],
-            }
-        )
+        fact: dict[str, Any] = {
+            "links": [column_major(poses[link]) for link in hand.links],
+            "direction": [round(float(v), 5) for v in touch.probe.direction],
+        }
+        if station is not None:
+            X_OH, direction = touch.hand_pose.X_OH, touch.probe.direction
+            distance, frames = arm_approach(station, X_OH, direction)
+            fact["arm"] = [[column_major(X) for X in frame] for frame in frames]
+            fact["distance"] = round(distance, 5)
+        facts.append(fact)
     return facts
+
+
+def touching_points(facts: Sequence[dict[str, Any] | None]) -> FloatArray:
+    """Return the places (N, 3) [m] of the hand's links at touches with an arm and on approaches."""
+    points = [np.zeros((0, 3))]
+    for fact in facts:
+        if fact is not None:
+            links = np.array(fact["links"])[:, 12:15]
+            points += [links, links - fact["distance"] * np.array(fact["direction"])]
+    return np.vstack(points)
 
 
 def column_major(X: FloatArray) -> list[float]:

@@ -16,7 +16,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
-from lis_grasp.visualization.arm_layer import arm_points, draw_pedestal
+from lis_grasp.visualization.arm_layer import arm_points, draw_pedestal, standing_points
 from lis_grasp.visualization.camera import ELEVATION, choose_azimuth, outermost, surface_points
 from lis_grasp.visualization.drawing import Canvas
 from lis_grasp.visualization.hand_layers import (
@@ -28,6 +28,7 @@ from lis_grasp.visualization.hand_layers import (
     link_poses,
     moved_points,
     touch_facts,
+    touching_points,
 )
 from lis_grasp.visualization.html_page import build_page
 from lis_grasp.visualization.object_layers import (
@@ -180,7 +181,12 @@ class Scene:
         lift_seconds, postures, moved = self._draw_hand(canvas, object_points)
         hands = [hand_points(self.hand, p) for p in postures] if self.hand is not None else []
         best = hands[0] if hands else _NOTHING
-        around = np.vstack([_NOTHING, *hands])
+        touches = touch_facts(self.hand, self.touches, self.station) if self.hand else []
+        standing = _NOTHING
+        if self.station is not None and (touches or postures or lift_seconds > 0.0):
+            standing = standing_points(self.station)
+            hands.append(touching_points(touches))
+        around = np.vstack([_NOTHING, *hands, standing])
         story = Story.of(
             contacts=len(self.contacts),
             surfaces=[count for count, mesh in surfaces if len(mesh.faces)],
@@ -196,20 +202,22 @@ class Scene:
         support = lowest if self.support_height is None else self.support_height
         on_table = outline if self.region is None else np.vstack([outline, self.region.bounds])
         grid = draw_table(canvas, object_points, on_table, support)
+        azimuth = choose_azimuth(object_points, np.vstack([best, standing]))
         facts: Mapping[str, Any] = {
             "layers": [
                 {"id": layer.identity, "on": layer.on, "colour": layer.colour, "note": layer.note}
                 for layer in canvas.layers
             ],
             "grasps": [[column_major(X) for X in posture] for posture in postures],
-            "touches": touch_facts(self.hand, self.touches, self.station) if self.hand else [],
+            "touches": touches,
             "story": story.facts(),
             "camera": {
-                "azimuth": round(float(np.rad2deg(choose_azimuth(object_points, best))), 3),
+                "azimuth": round(float(np.rad2deg(azimuth)), 3),
                 "elevation": round(float(np.rad2deg(ELEVATION)), 3),
                 "object": _rounded(outermost(drawn)),
                 "hand": _rounded(outermost(around)),
                 "moved": _rounded(moved),
+                "arm": bool(len(standing)),
             },
         }
         overlay = build_overlay(

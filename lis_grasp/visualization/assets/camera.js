@@ -70,7 +70,9 @@ const Eye = (viewer, scene, story) => {
     const right = new THREE.Vector3(-Math.sin(a), Math.cos(a), 0);
     const axes = [right, new THREE.Vector3().crossVectors(back, right), back];
     Object.assign(viewer.camera, { fov: 28, near: 0.02 * reach, far: 60 * reach });
-    const touch = fit(scene.camera.object.map(withArrows), axes, free);
+    // An arm is always in the picture, the foot too.
+    const near = scene.camera.object.map(withArrows);
+    const touch = fit(scene.camera.arm ? near.concat(outline) : near, axes, free);
     const grasp = handShown ? fit(outline, axes, free) : touch;
     const moved = scene.camera.moved;
     const lift = moved.length ? fit(outline.concat(moved), axes, free) : grasp;

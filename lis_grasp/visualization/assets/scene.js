@@ -107,7 +107,7 @@
       return group;
     });
     const touch = scene.touches.find((one) => one);
-    if (touch) toucher = posed(touch.links);
+    if (touch) toucher = posed(touch.links.concat(touch.arm ? touch.arm[0] : []));
     layers.hand = hand;
   }
 
@@ -116,6 +116,23 @@
   let time = story.rest;
   let playing = false;
   let begun = false; // whether the user has chosen a time
+
+  // Places the hand at a touch, or a part of its approach away: 1 is all of it. An arm follows.
+  function pose(touch, away) {
+    const frames = touch.arm || [];
+    const distance = away * (frames.length ? touch.distance : APPROACH * eye.reach);
+    const back = new THREE.Vector3().fromArray(touch.direction).multiplyScalar(-distance);
+    const place = Math.min(away, 1) * (frames.length - 1);
+    const one = frames[Math.floor(place)], other = frames[Math.ceil(place)];
+    const part = place - Math.floor(place);
+    toucher.children.forEach((child, link) => {
+      const arm = link - touch.links.length;
+      if (arm < 0) {
+        child.matrix.fromArray(touch.links[link]);
+        child.matrix.setPosition(new THREE.Vector3().setFromMatrixPosition(child.matrix).add(back));
+      } else child.matrix.fromArray(one[arm].map((x, k) => x + part * (other[arm][k] - x)));
+    });
+  }
 
   // The picture is a function of the time and the ticked layers: contacts and estimate up to that
   // time, and the true object during the lift.
@@ -155,9 +172,8 @@
     eye.place(time);
     const touch = scene.touches[now.next - 1];
     if (touch) {
-      toucher.position.fromArray(touch.direction).multiplyScalar(-now.away * APPROACH * eye.reach);
-      toucher.children.forEach((part, link) => part.matrix.fromArray(touch.links[link]));
-      const palm = new THREE.Vector3().setFromMatrixPosition(toucher.children[0].matrix).add(toucher.position);
+      pose(touch, now.away);
+      const palm = new THREE.Vector3().setFromMatrixPosition(toucher.children[0].matrix);
       fade(toucher, on("hand") * eye.clearness(palm));
     } else if (toucher) fade(toucher, 0);
     fade(layers.hand, lifting ? on("hand") : 0); // only one of the hands is visible
