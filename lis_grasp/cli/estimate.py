@@ -125,7 +125,7 @@ def write_surface(
             config.estimator,
             config.sensor(),
             free_space=config.free_space,
-            table=pipeline.table_of(config),
+            table=pipeline.table_of(config, recorded.get("support_height")),
         )
         names = ("estimator", *_NOISE, "free_space")
         facts = {name: getattr(config, name) for name in names}

@@ -149,7 +149,7 @@ def explore_with_log(
         remove_growth(output)
         remove_made_from(output / "contacts.ply", with_itself=True)
     counts = growth_counts(config.touches)
-    table = pipeline.table_of(config)
+    table = pipeline.table_of(config, pipeline.support_height(shape, config))
     last = len(Exploration.replay(known[:-1], touches=config.touches).contacts)
 
     def keep_growth(contacts: int, surface: ImplicitSurface) -> None:

@@ -32,6 +32,11 @@ def support_height(shape: Shape, config: RunConfig | None = None) -> float:
     return float(shape.mesh.bounds[0, 2])
 
 
-def table_of(config: RunConfig) -> float | None:
-    """Return the height of the table under a placed object [m]; None if its mesh stands in O."""
-    return None if config.pose is None else 0.0
+def table_of(config: RunConfig, support: float | None) -> float | None:
+    """Return the height of the table under the object [m]; None for one that is held in the air.
+
+    Placed objects are on a table, and those of an arm: at the height of their `support` [m].
+    """
+    if config.pose is not None:
+        return 0.0
+    return support if config.arm is not None else None

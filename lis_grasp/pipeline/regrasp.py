@@ -130,6 +130,8 @@ def lift_options(prior: LoadPrior) -> LiftOptions | None:
 def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
     """Return a planner with the options of a configuration; of the shape it uses the support."""
 
+    support = support_height(shape, config)
+
     def estimate_and_plan(
         contacts: Contacts, X_WO: FloatArray | None, station: Station | None
     ) -> tuple[trimesh.Trimesh, GraspSearch]:
@@ -138,12 +140,12 @@ def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
             config.estimator,
             config.sensor(),
             free_space=config.free_space,
-            table=table_of(config),
+            table=table_of(config, support),
         )
         return mesh, plan(
             mesh,
             hand,
-            support=support_height(shape, config),
+            support=support,
             prior=config.load_prior(mesh),
             count=config.grasps,
             seed=config.seed,

@@ -130,7 +130,8 @@ def _grasp_rule(shape: Shape, hand: Hand, config: RunConfig) -> list[StopRule]:
     """
     if config.until_success is None:
         return []
-    support, table = support_height(shape, config), table_of(config)
+    support = support_height(shape, config)
+    table = table_of(config, support)
 
     def predict(surface: ImplicitSurface) -> float:
         try:

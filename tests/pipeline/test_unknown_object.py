@@ -79,7 +79,7 @@ def test_the_hand_stays_above_the_table() -> None:
 
 @pytest.mark.slow
 def test_the_estimate_is_closed_at_the_table() -> None:
-    _, mesh = estimate(honest().contacts, "blend", CONFIG.sensor(), table=table_of(CONFIG))
+    _, mesh = estimate(honest().contacts, "blend", CONFIG.sensor(), table=table_of(CONFIG, None))
     assert mesh.is_watertight
     assert mesh.bounds[0, 2] > -0.001
 
