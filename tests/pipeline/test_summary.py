@@ -112,3 +112,26 @@ def test_a_run_with_an_arm_says_what_was_demanded_of_it() -> None:
     assert "unwanted contacts: none" in line
     assert "along x by 4.0 of 10.0 m/s^2" in line
     assert not any(line.startswith("arm ") for line in run_lines(report(iou=1.0, reason="dropped")))
+
+
+def test_a_violation_is_said_plainly() -> None:
+    fine = {"effort": 0.36, "speed": 0.5, "contacts": {}, "steps": 10}
+    bad = {
+        "effort": 1.0,
+        "effort_joint": "joint_2",
+        "speed": 1.2,
+        "speed_joint": "joint_4",
+        "contacts": {"palm with table": 1, "arm's link_5 with object": 7},
+        "steps": 20,
+    }
+    made = report(iou=1.0, reason="dropped")
+    # A grasp that was given up counts as the last one does.
+    made["attempts"] = [{"reason": "aborted", "arm": bad}, {"reason": "dropped", "arm": fine}]
+    made["arm"] = {"name": "iiwa14", "touches": fine | {"contact_force": 0.31}}
+    made["lift"] = made["lift"] | {"arm": fine | {"shakes": []}}
+    (line,) = (line for line in run_lines(made) if line.startswith("arm "))
+    assert "VIOLATED in 40 steps" in line
+    assert "palm with table in 1 step;" in line
+    assert "arm's link_5 with object in 7 steps" in line
+    assert "joint_2 at its largest effort" in line
+    assert "joint_4 at 120 % of its speed" in line

@@ -1,6 +1,6 @@
 """Lifts with an arm: held within its limits, and stopped for the right reasons."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_lift import ArmLift, plan_arm_lift
+from lis_grasp.lifting.arm_use import violations
 from lis_grasp.lifting.joint_path import JointPath
 from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.motion import arm_body
@@ -93,3 +94,36 @@ def test_an_arm_that_hits_the_table_stops(grasp: Grasp, planned: ArmLift) -> Non
     assert outcome.arm is not None
     assert outcome.reason in ("arm_collision", "torque_limit")
     assert any("table" in pair for pair in outcome.arm.contacts)
+
+
+def test_a_hand_that_comes_too_near_is_a_violation(station: Station, grasp: Grasp) -> None:
+    X_OH = np.array(grasp.X_OH)
+    X_OH[:3, 3] += 0.03 * np.asarray(grasp.approach_O)  # deeper than planned
+    deeper = replace(grasp, X_OH=X_OH)
+    lift = plan_arm_lift(station, deeper, None, time_step=QUICK.time_step)
+    assert isinstance(lift, ArmLift)
+    outcome = simulate_lift(
+        BOX, station.hand, deeper, support_height=HEIGHT, options=QUICK, arm=lift
+    )
+    assert outcome.arm is not None
+    assert any("object" in pair for pair in outcome.arm.contacts)
+    assert any("object" in said for said in violations([asdict(outcome.arm)]))
+
+
+def test_a_grasp_that_is_given_up_ends_at_home(grasp: Grasp, planned: ArmLift) -> None:
+    station = planned.station
+    outcome = simulate_lift(
+        BOX,
+        station.hand,
+        grasp,
+        support_height=HEIGHT,
+        options=QUICK,
+        arm=planned,
+        accept_grasp=lambda measured: False,
+    )
+    assert outcome.reason == "aborted"
+    assert outcome.arm is not None
+    assert outcome.arm.contacts == {}
+    assert outcome.arm.speed < 1.0
+    flange = outcome.motion.poses[arm_body(station.arm.flange)]
+    np.testing.assert_allclose(flange[-1], flange[0], atol=5e-3)
