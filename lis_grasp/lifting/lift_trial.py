@@ -237,15 +237,16 @@ class LiftTrial:
         return "set_down"
 
     def _abort(self) -> Reason:
-        """Open the hand, and retreat against the approach."""
-        self._control.release()
+        """Open the hand if it has closed, and retreat against the approach."""
         here = np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
 
         def open_hand(time: float) -> bool:
             self._control.open(time / _RETREAT_TIME)
             return False
 
-        self._advance(_RETREAT_TIME + _SETTLE_TIME, rest_at(here), open_hand)
+        if self._closed:
+            self._control.release()
+            self._advance(_RETREAT_TIME + _SETTLE_TIME, rest_at(here), open_hand)
         self._advance(_RETREAT_TIME, line(here, self._retreat, _RETREAT_TIME))
         before = self._scene.X_WO
         for _ in range(_FALLS):
