@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -40,6 +40,9 @@ FREE_POINT_SPACING = 0.01
 
 TOUCHING = 2e-5
 """Distance below which two bodies touch [m]."""
+
+# An arm keeps the hand off the table by this [m]: it sags by a part of that.
+_ARM_ERROR = 0.003
 
 NO_ARM_TRANSIT = "the arm has no collision-free path from its home to the approach"
 AT_TABLE = "the table ended the motion"
@@ -185,6 +188,8 @@ class GuardedMotion:
         object, and stops above the table. Without, it starts where no link touches the object.
         """
         way = None
+        if obstacles is not None and self._transits is not None:
+            obstacles = _with_higher_table(obstacles)
         if obstacles is None:
             approach = self._free_start(probe)
             if approach is None:
@@ -298,6 +303,15 @@ class GuardedMotion:
             if travelled >= length:
                 return None, length
             travelled = min(travelled + nearest.distance, length)
+
+
+def _with_higher_table(obstacles: ObstacleModel) -> ObstacleModel:
+    """Return obstacles with a table that is higher by what an arm may err."""
+    height = obstacles.space.support_height
+    if height is None:
+        return obstacles
+    space = replace(obstacles.space, support_height=height + _ARM_ERROR)
+    return replace(obstacles, space=space)
 
 
 def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:

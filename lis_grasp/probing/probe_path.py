@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.time_scaling import joined
 from lis_grasp.exploration.probe import ARM_RETREAT_SPEED
@@ -17,69 +20,78 @@ _ACCELERATION = 0.5
 _LEAST = 1e-6
 
 
-def path_out(course: Course, before: float, step: float) -> JointTrajectory:
+def path_out(arm: Arm, course: Course, before: float, step: float) -> JointTrajectory:
     """Return the path from home to the end of a course, or to `before` [m] ahead of its contact.
 
-    The transit as planned, then the straight legs at the course's speeds, with a point each `step`
-    [s]: that of the transit. Ahead of a contact the palm keeps its speed.
+    The transit as planned, then the straight legs at the course's speeds, or slower where the arm's
+    limits, times its `speed_share`, need it. There is a point each `step` [s]: that of the transit.
+    Ahead of a contact the palm keeps its speed.
     """
     assert course.way is not None
-    legs = _lines(course, before)
+    lines = _lines(course, before)
     parts = [course.way]
-    for n, (points, length, whole) in enumerate(legs):
-        keeps_speed = n == len(legs) - 1 and course.touched is not None
-        speed = course.speeds[n]
-        parts.append(_leg(course, points, length, whole, speed, step, keeps_speed=keeps_speed))
+    for n, line in enumerate(lines):
+        keeps_speed = n == len(lines) - 1 and course.touched is not None
+        parts.append(_leg(arm, line, course.speeds[n], step, keeps_speed=keeps_speed))
     return joined(parts)
 
 
-def path_back(course: Course, before: float, step: float) -> JointTrajectory:
+def path_back(arm: Arm, course: Course, before: float, step: float) -> JointTrajectory:
     """Return the path home from where `path_out` ends, from rest to rest."""
     assert course.way is not None
-    parts = [
-        _leg(course, points, length, whole, ARM_RETREAT_SPEED, step).reversed()
-        for points, length, whole in reversed(_lines(course, before))
-    ]
+    lines = reversed(_lines(course, before))
+    parts = [_leg(arm, line, ARM_RETREAT_SPEED, step).reversed() for line in lines]
     return joined([*parts, course.way.reversed()])
 
 
-def _lines(course: Course, before: float) -> list[tuple[FloatArray, float, float]]:
-    """Return the straight legs: joint positions (S, J) along a line, and two lengths [m].
+@dataclass(frozen=True, slots=True, eq=False)
+class _Line:
+    """Joint positions (S, J) at even places of a straight motion, of which a part is made."""
 
-    The first length is that of the part that is moved, the second that of the whole line.
-    """
+    points: FloatArray
+    whole: float  # [m]
+    length: float  # of the part [m]
+
+
+def _lines(course: Course, before: float) -> list[_Line]:
+    """Return the straight legs of a course."""
     arm, probe = course.approach.arm, course.probe
     assert arm is not None
     end = max(course.travelled - (0.0 if course.touched is None else before), 0.0)
     approach = course.approach.distance
-    lines = [(arm.approach, approach if course.arrived else end, approach)]
+    lines = [_Line(arm.approach, approach, approach if course.arrived else end)]
     if course.arrived:
-        lines.append((arm.motion, end, probe.standoff + probe.overshoot))
+        lines.append(_Line(arm.motion, probe.standoff + probe.overshoot, end))
     return lines
 
 
 def _leg(
-    course: Course,
-    points: FloatArray,
-    length: float,
-    whole: float,
-    speed: float,
-    step: float,
-    *,
-    keeps_speed: bool = False,
+    arm: Arm, line: _Line, speed: float, step: float, *, keeps_speed: bool = False
 ) -> JointTrajectory:
-    """Return the motion along the first `length` [m] of a line at a palm speed [m/s], from rest."""
-    assert course.way is not None
-    names = course.way.joint_names
-    if length < _LEAST or len(points) < 2:
-        rest = np.zeros((1, points.shape[1]))
-        return JointTrajectory(names, np.zeros(1), points[:1], rest, rest)
-    along = CubicSpline(np.linspace(0.0, whole, len(points)), points, axis=0)
+    """Return the motion along a line at a palm speed [m/s], from rest, within the arm's limits."""
+    if line.length < _LEAST or len(line.points) < 2:
+        rest = np.zeros((1, line.points.shape[1]))
+        return JointTrajectory(arm.joint_names, np.zeros(1), line.points[:1], rest, rest)
+    made = _timed(arm, line, speed, step, 1.0, keeps_speed=keeps_speed)
+    speeds = np.abs(made.velocities) / arm.velocity_limits
+    pulls = np.abs(made.accelerations) / arm.acceleration_limits
+    slower = max(speeds.max() / arm.speed_share, np.sqrt(pulls.max() / arm.speed_share))
+    if slower <= 1.0:
+        return made
+    return _timed(arm, line, speed, step, float(slower), keeps_speed=keeps_speed)
+
+
+def _timed(
+    arm: Arm, line: _Line, speed: float, step: float, slower: float, *, keeps_speed: bool
+) -> JointTrajectory:
+    """Return the motion along a line that takes `slower` times as long as at a speed [m/s]."""
+    places = np.linspace(0.0, line.whole, len(line.points))
+    along, length = CubicSpline(places, line.points, axis=0), line.length
     speed = min(speed, float(np.sqrt((2.0 if keeps_speed else 1.0) * _ACCELERATION * length)))
     ramp = speed / _ACCELERATION  # [s]
     duration = length / speed + (0.5 if keeps_speed else 1.0) * ramp
     # The last point is at the end: the whole motion takes that little longer.
-    count = max(int(np.ceil(duration / step)), 1)
+    count = max(int(np.ceil(slower * duration / step)), 1)
     slower = count * step / duration
     times: FloatArray = step * np.arange(count + 1, dtype=np.float64)
     t: FloatArray = times / slower
@@ -91,4 +103,4 @@ def _leg(
     pull = _ACCELERATION * (begins.astype(np.float64) - ends) / slower**2
     first = along(s, 1)
     accelerations = along(s, 2) * rate[:, None] ** 2 + first * pull[:, None]
-    return JointTrajectory(names, times, along(s), first * rate[:, None], accelerations)
+    return JointTrajectory(arm.joint_names, times, along(s), first * rate[:, None], accelerations)

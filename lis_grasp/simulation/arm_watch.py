@@ -98,11 +98,12 @@ class ArmWatch:
         """Count a contact if it is unwanted; return whether it ends the motion."""
         arm = self._arm.link_of_geometry
         of_arm = first in arm or second in arm
-        names = sorted(map(self._name, (first, second)))
-        if not of_arm and OBJECT in names:
-            other = names[names[0] == OBJECT]
-            if other == TABLE or (other in self._wanted and not self.free):
-                return False
+        # The arm or the hand is named first.
+        names = sorted(map(self._name, (first, second)), key=lambda n: (n in (TABLE, OBJECT), n))
+        if not of_arm and names[1] == OBJECT and names[0] in self._wanted and not self.free:
+            return False
+        if names == [OBJECT, TABLE]:
+            return False
         together = " with ".join(names)
         self.use.contacts[together] = self.use.contacts.get(together, 0) + 1
         return of_arm or (self._object_ends and OBJECT in names)

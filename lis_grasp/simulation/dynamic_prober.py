@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.time_scaling import TIME_STEP
@@ -34,6 +35,9 @@ _BEFORE, _BEFORE_WITH_ARM = 0.0005, 0.002
 _BEYOND = 0.01
 # From a free object the hand retreats this late after the detection [s]: a sensor of 100 Hz.
 _LATENCY = 0.01
+
+# Arm, course, distance of its end from the contact [m], time step [s] -> the arm's path.
+_PathOf = Callable[[Arm, Course, float, float], JointTrajectory]
 
 ARM_STOPPED = "the arm stopped"
 GRAZED = "a link grazed the object below the force threshold"
@@ -146,11 +150,11 @@ class DynamicProber:
             self._go(course, path_back)
         return outcome
 
-    def _go(self, course: Course, path: Callable[..., JointTrajectory]) -> None:
+    def _go(self, course: Course, path: _PathOf) -> None:
         """Simulate the arm's way of a course in free space; without an arm, there is none."""
-        if self._ways is not None and course.way is not None:
+        if self._ways is not None and self._station is not None and course.way is not None:
             posture = course.approach.posture.joint_positions
-            way = path(course, _BEFORE, TIME_STEP)
+            way = path(self._station.arm, course, _BEFORE, TIME_STEP)
             self._ways.run(way, posture, self._in_world(self._X_EO))
 
     def _end_of(self, course: Course, missed: ProbeOutcome) -> ProbeOutcome:

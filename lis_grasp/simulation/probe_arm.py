@@ -18,6 +18,8 @@ from lis_grasp.typing import FloatArray
 
 # A reversal at a touch accelerates the palm by this [m/s^2]; more exceeds effort limits.
 _ACCELERATION = 4.0
+# Largest fraction of a joint's speed limit that is commanded.
+_LARGEST_SPEED = 0.9
 # Spacing of the postures by which the arm comes to where its simulation starts [m].
 _SPACING = 0.01
 
@@ -86,6 +88,10 @@ class ProbeArm:
         change = _ACCELERATION * step
         speed = float(np.clip(speed, self._speed - change, self._speed + change))
         speed = max(speed, -float(np.sqrt(2.0 * _ACCELERATION * max(self._travelled, 0.0))))
+        # Nearly stretched, a joint moves fast for a slow palm.
+        rates = np.abs(self._rates(self._q, 1.0)) / self._arm.arm.velocity_limits
+        fastest = _LARGEST_SPEED / float(rates.max())
+        speed = float(np.clip(speed, -fastest, fastest))
         self._travelled, self._speed = self._travelled + step * speed, speed
         self._q = self._posture(self._q, self._travelled)
         before, self._qd = self._qd, self._rates(self._q, speed)

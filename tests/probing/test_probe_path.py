@@ -1,5 +1,7 @@
 """Joint paths of an arm to a probe and back: continuous, straight, and at the speeds asked for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -31,7 +33,7 @@ def course(request: pytest.FixtureRequest) -> Course:
 
 
 def test_the_path_goes_from_home_to_the_contact_without_a_jump(course: Course) -> None:
-    path = path_out(course, BEFORE, STEP)
+    path = path_out(STATION.arm, course, BEFORE, STEP)
     assert course.way is not None
     np.testing.assert_array_equal(path.positions[0], course.way.positions[0])
     palm = STATION.palm_poses(path.positions[-1])
@@ -46,15 +48,29 @@ def test_the_path_goes_from_home_to_the_contact_without_a_jump(course: Course) -
 
 
 def test_the_palm_comes_to_a_contact_at_the_probes_speed(course: Course) -> None:
-    path = path_out(course, BEFORE, STEP)
+    path = path_out(STATION.arm, course, BEFORE, STEP)
     _, J = STATION.jacobians(path.positions)
     speeds = np.linalg.norm((J[:, :3] @ path.velocities[..., None])[..., 0], axis=1)
     expected = 0.0 if course.touched is None else ARM_PROBE_SPEED
     assert speeds[-1] == pytest.approx(expected, rel=0.03, abs=1e-9)
 
 
+def test_a_stretched_arm_is_slower(course: Course) -> None:
+    arm = replace(STATION.arm, velocity_limits=0.05 * STATION.arm.velocity_limits)
+    for path in (path_out, path_back):
+        fast, slow = path(STATION.arm, course, BEFORE, STEP), path(arm, course, BEFORE, STEP)
+        assert course.way is not None
+        count = len(course.way.times)  # the transit is planned before
+        legs = slow.velocities[count:] if path is path_out else slow.velocities[:-count]
+        # The fastest moment is between two points of the faster motion.
+        assert np.abs(legs / arm.velocity_limits).max() <= arm.speed_share * 1.05
+        assert slow.duration > fast.duration
+        np.testing.assert_allclose(slow.positions[-1], fast.positions[-1], atol=1e-12)
+
+
 def test_the_way_back_is_the_way_out_backwards(course: Course) -> None:
-    out, back = path_out(course, BEFORE, STEP), path_back(course, BEFORE, STEP)
+    out = path_out(STATION.arm, course, BEFORE, STEP)
+    back = path_back(STATION.arm, course, BEFORE, STEP)
     np.testing.assert_allclose(back.positions[0], out.positions[-1], atol=1e-9)
     np.testing.assert_allclose(back.positions[-1], out.positions[0], atol=1e-12)
     assert np.abs(back.velocities[[0, -1]]).max() < 1e-9
