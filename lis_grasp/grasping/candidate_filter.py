@@ -21,6 +21,7 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
 _CLEARANCE, _SPARE = 0.0004, 0.0003  # [m] of the hand from the support; more for the initial guess
+_ARM_CLEARANCE = 0.002  # [m] the same of a hand on an arm, which sags by up to 1 mm
 _NEARLY_CLOSED = 0.2  # fraction of the opening at which not even a pad touches the object
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
 _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
@@ -63,11 +64,12 @@ class CandidateFilter:
     ) -> None:
         self._reach = None if station is None else ReachFilter(station, mesh)
         self._hand = hand
+        clearance = _CLEARANCE if station is None else _ARM_CLEARANCE
         self._checker = HandCollisionChecker(
-            hand, mesh, support_height=support_height, clearance=_CLEARANCE
+            hand, mesh, support_height=support_height, clearance=clearance
         )
         self._filter = HandPoseFilter(hand, mesh)
-        floor = None if support_height is None else support_height + _CLEARANCE + _SPARE
+        floor = None if support_height is None else support_height + clearance + _SPARE
         self._fingertips = FingertipContacts(hand, self._checker, floor=floor)
         self.rejected: Counter[str] = Counter()
 
