@@ -74,3 +74,17 @@ def test_the_way_back_is_the_way_out_backwards(course: Course) -> None:
     np.testing.assert_allclose(back.positions[0], out.positions[-1], atol=1e-9)
     np.testing.assert_allclose(back.positions[-1], out.positions[0], atol=1e-12)
     assert np.abs(back.velocities[[0, -1]]).max() < 1e-9
+
+
+def test_an_arm_keeps_the_hand_off_the_table() -> None:
+    hand = STATION.hand
+    probe = Probe(np.array([0.06, 0.0, 0.0]), np.array([0.0, 0.0, -1.0]), 0.03, 0.02)
+    course = GuardedMotion(hand, BOX, STATION).run(probe, SPACE)
+    assert isinstance(course, Course)
+    assert course.at_table
+    links = hand.forward_kinematics(course.X_OH_end, course.approach.posture.joint_positions)
+    lowest = min(
+        trimesh.transform_points(g.mesh.vertices, links[g.link] @ g.X_LG)[:, 2].min()
+        for g in hand.link_geometries
+    )
+    assert lowest == pytest.approx(0.003, abs=5e-4)  # meshes of balls are facetted
