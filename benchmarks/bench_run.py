@@ -16,6 +16,8 @@ import json
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -33,14 +35,19 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
 
 
 def run(name: str, seed: int, options: list[str], output: Path) -> dict | str:
-    """Return the report of a run, or the sentence with which it failed."""
-    command = [sys.executable, "-m", "lis_grasp.cli.main", "run", name, "--seed", str(seed)]
-    done = subprocess.run(
-        [*command, *options, "--output", str(output)], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        return done.stderr.strip().splitlines()[-1]
-    return json.loads((output / "report.json").read_text())
+    """Return the report of a run, done before or now, or the sentence with which it failed."""
+    report = output / "report.json"
+    if not report.exists():
+        command = [sys.executable, "-m", "lis_grasp.cli.main", "run", name, "--seed", str(seed)]
+        done = subprocess.run(
+            [*command, *options, "--output", str(output)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            return done.stderr.strip().splitlines()[-1]
+    return json.loads(report.read_text())
 
 
 def objects_of(names: list[str], folder: Path) -> list[str]:
@@ -61,24 +68,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("objects", nargs="+")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--jobs", type=int, default=1, help="runs at once")
+    parser.add_argument("--output", type=Path, help="keeps the results, and continues from them")
     arguments, options = parser.parse_known_args()
-    print("object                seed  touches  motion [s]  rmsd [mm]  slip [mm]  time [s]  lift")
-    reports = []
-    trials = held = 0
-    with tempfile.TemporaryDirectory() as meshes:
-        for name in objects_of(arguments.objects, Path(meshes)):
-            for seed in range(arguments.seeds):
-                with tempfile.TemporaryDirectory() as folder:
-                    report = run(name, seed, options, Path(folder))
-                trials += 1
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = arguments.output or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        trials = list(product(objects_of(arguments.objects, folder), range(arguments.seeds)))
+
+        def one(trial: tuple[str, int]) -> dict | str:
+            name, seed = trial
+            return run(name, seed, options, folder / f"{Path(name).stem}-seed{seed}")
+
+        reports = []
+        print(
+            "object                seed  touches  motion [s]  rmsd [mm]  slip [mm]  time [s]  lift"
+        )
+        with ThreadPoolExecutor(arguments.jobs) as pool:
+            for (name, seed), report in zip(trials, pool.map(one, trials), strict=True):
                 if isinstance(report, str):
                     print(f"{Path(name).stem:22s}{seed:4d}  {report}", flush=True)
-                    continue
-                reports.append(report)
-                held += report["lift"]["held"]
-                print(line(report), flush=True)
-    low, high = wilson(held, trials)
-    print(f"held {held} of {trials} (95 % interval {100 * low:.0f} to {100 * high:.0f} %)")
+                else:
+                    reports.append(report)
+                    print(line(report), flush=True)
+    held = sum(report["lift"]["held"] for report in reports)
+    low, high = wilson(held, len(trials))
+    print(f"held {held} of {len(trials)} (95 % interval {100 * low:.0f} to {100 * high:.0f} %)")
     for title, unit, factor, value in (
         ("touches", "", 1.0, lambda r: r["exploration"]["contacts"]),
         ("hand motion", " s", 1.0, lambda r: r["exploration"]["seconds"]),
