@@ -9,8 +9,9 @@ masses at each of three frictions; the others, and the last of ten, with two of 
 
 Prints the held rate of each load, the expected calibration error of the success probability that
 is predicted for the load (ten equal bins), the area under the ROC curve, and a fit of the model
-to these lifts. The constants in use and the lifts that they were fitted to are in
-`lis_grasp/grasping/success_model.json`: evaluate with other seeds, and on other objects.
+to these lifts, with the calibration error of each object by a fit to the others. The constants in
+use and the lifts that they were fitted to are in `lis_grasp/grasping/success_model.json`: evaluate
+with other seeds, and on other objects.
 
 Continues where it stopped when run again with the same folder.
 """
@@ -24,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import expit
 from scipy.stats import rankdata
 
 from lis_grasp import Hand, pipeline, shapes
@@ -134,11 +136,13 @@ def report(rows: list[Row]) -> None:
         print(f"area under the ROC curve: {_area(predicted, held):.3f}")
     parameters = fit(rows)
     print("fit of the success model:", {k: round(v, 2) for k, v in parameters.items()})
+    probability = predicted_for_new_objects(rows)
     for hand in dict.fromkeys(row["hand"] for row in rows):
-        mine = [row for row in rows if row["hand"] == hand]
-        held = np.array([row["held"] for row in mine])
-        print(f"{hand}, with the fit:")
-        print_calibration(predict(mine, parameters), held)
+        mine = np.array([row["hand"] == hand for row in rows])
+        held = np.array([row["held"] for row in rows])
+        print(f"{hand}, each object predicted by a fit to the others:")
+        print_calibration(probability[mine], held[mine])
+        print(f"area under the ROC curve: {_area(probability[mine], held[mine]):.3f}")
 
 
 def print_rates(rows: list[Row]) -> None:
@@ -167,27 +171,55 @@ def _area(values: np.ndarray, held: np.ndarray) -> float:
 
 def predict(rows: list[Row], parameters: dict[str, float]) -> np.ndarray:
     """Return the success probability of lifts by the success model with other parameters."""
-    offsets = SUCCESS_MODEL["offsets"]
-    logit = np.where([row["jaw"] for row in rows], parameters["soft_finger"], parameters["coulomb"])
-    for name, offset in offsets.items():
+    jaw = np.array([row["jaw"] for row in rows])
+
+    def by_kind(name: str) -> np.ndarray:
+        return np.where(jaw, parameters[f"soft_finger {name}"], parameters[f"coulomb {name}"])
+
+    logit = by_kind("intercept")
+    for name, offset in SUCCESS_MODEL["offsets"].items():
         logit = logit + parameters[name] * np.log([row[name] + offset for row in rows])
-    relative = np.log([max(row["acceleration"], 1e-6) for row in rows])
-    load = parameters["load_slope"] * (relative - parameters["log_load"])
-    return 1.0 / (1.0 + np.exp(-logit)) / (1.0 + np.exp(-load))
+    friction = np.array([row["friction"] for row in rows]) / SUCCESS_MODEL["load"]["friction"]
+    relative = np.log([max(row["acceleration"], 1e-6) for row in rows]) - by_kind("log load")
+    relative -= parameters["friction exponent"] * np.log(friction)
+    load = parameters["load slope"] * relative
+    return expit(logit) * expit(load)
 
 
 def fit(rows: list[Row]) -> dict[str, float]:
-    """Return the most probable parameters of the success model, with a weak prior about 0."""
+    """Return the most probable parameters of the success model, with a weak prior about a start."""
     held = np.array([row["held"] for row in rows])
-    names = ["coulomb", "soft_finger", *SUCCESS_MODEL["offsets"], "load_slope", "log_load"]
+    start = {
+        "coulomb intercept": 6.0,
+        "soft_finger intercept": 7.0,
+        **dict.fromkeys(SUCCESS_MODEL["offsets"], 0.8),
+        "coulomb log load": 2.6,
+        "soft_finger log load": 2.0,
+        "load slope": 3.5,
+        "friction exponent": 0.0,
+    }
+    first = np.array(list(start.values()))
 
     def loss(values: np.ndarray) -> float:
-        p = np.clip(predict(rows, dict(zip(names, values, strict=True))), 1e-9, 1.0 - 1e-9)
-        return float(-np.log(np.where(held, p, 1.0 - p)).sum() + 0.05 * (values[2:5] ** 2).sum())
+        p = np.clip(predict(rows, dict(zip(start, values, strict=True))), 1e-9, 1.0 - 1e-9)
+        return float(
+            -np.log(np.where(held, p, 1.0 - p)).sum() + 0.02 * ((values - first) ** 2).sum()
+        )
 
-    start = np.array([7.0, 8.0, 1.0, 1.0, 4.0, np.log(12.0)])
-    best = minimize(loss, start, method="Nelder-Mead", options={"maxiter": 4000, "xatol": 1e-3})
-    return dict(zip(names, best.x.tolist(), strict=True))
+    best = minimize(loss, first, method="BFGS")
+    return dict(zip(start, best.x.tolist(), strict=True))
+
+
+def predicted_for_new_objects(rows: list[Row]) -> np.ndarray:
+    """Return the probabilities of all lifts, those of an object by a fit to the other objects."""
+    objects = np.array([Path(row["object"]).stem for row in rows])
+    probability = np.empty(len(rows))
+    for name in np.unique(objects):
+        parameters = fit([row for row, own in zip(rows, objects == name, strict=True) if not own])
+        probability[objects == name] = predict(
+            [row for row, own in zip(rows, objects == name, strict=True) if own], parameters
+        )
+    return probability
 
 
 if __name__ == "__main__":

@@ -66,11 +66,10 @@ class GraspScorer:
       and ``acceleration``: the largest acceleration, linear or angular, that the grip gives the
       object [m/s^2]; both in the metric of `inertial_metric`.
     - ``success_probability``: the predicted probability that the hand lifts and holds the object,
-      a logistic function of ``epsilon_expected`` and ``weight_robust``, times another one of
-      ``acceleration`` (`SUCCESS_MODEL`). Grasps are ranked by it. The weight is part of it because
-      epsilon alone prefers long levers, with which an object turns under its weight about the line
-      through the fingers; the acceleration because long objects have more inertia than the friction
-      of fingers close together can turn.
+      a logistic function of ``epsilon_expected``, times another one of ``acceleration``
+      (`SUCCESS_MODEL`). Grasps are ranked by it. The acceleration is part of it because heavy
+      objects have more weight, and long ones more inertia, than the friction of fingers close
+      together can carry.
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
     `score` computes them roughly, for ranking, at the median mass and friction of the prior:
@@ -125,7 +124,7 @@ class GraspScorer:
                 quality = {"epsilon": float(plain[i]), **qualities[k]}
                 quality["grip"] = -float(np.sum(forces * normals[i]))
                 quality["acceleration"] = quality["grip"] * quality["load_per_grip"] / mass
-                quality["success_probability"] = self._success_probability(quality)
+                quality["success_probability"] = _success_probability(quality, self._median)
                 quality["pad_error"] = float(postures.position_error[b])
                 found[b] = Grasp(
                     hand=self._hand.name,
@@ -166,11 +165,13 @@ class GraspScorer:
             for k, i in enumerate(alike):
                 quality = {**grasps[i].quality, "epsilon": float(plain[k]), **by_friction[0][0][k]}
                 success = 0.0
-                for qualities, friction_weight in by_friction:
+                for (qualities, friction_weight), (models, _) in zip(
+                    by_friction, self._models, strict=True
+                ):
                     load = quality["grip"] * qualities[k]["load_per_grip"]
                     for mass, weight in self._prior.masses():
                         at_load = {**qualities[k], "acceleration": load / mass}
-                        success += friction_weight * weight * self._success_probability(at_load)
+                        success += friction_weight * weight * _success_probability(at_load, models)
                 load = quality["grip"] * quality["load_per_grip"]
                 quality["acceleration"] = load / self._prior.mass
                 quality["success_probability"] = success
@@ -243,17 +244,6 @@ class GraspScorer:
         by_grasp = (count, samples)
         return closes.reshape(by_grasp).mean(axis=1), robust.reshape(by_grasp).mean(axis=1)
 
-    def _success_probability(self, quality: Mapping[str, float]) -> float:
-        logit = SUCCESS_MODEL["intercepts"][self._median.plain.contact_model]
-        terms = (
-            slope * np.log(quality[name] + SUCCESS_MODEL["offsets"][name])
-            for name, slope in SUCCESS_MODEL["slopes"].items()
-        )
-        load = SUCCESS_MODEL["load"]
-        relative = max(quality["acceleration"] / load["acceleration"], 1e-6)
-        carried = 1.0 / (1.0 + relative ** -load["slope"])
-        return float(carried / (1.0 + np.exp(-(logit + sum(terms)))))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FrictionModels:
@@ -274,6 +264,21 @@ class _FrictionModels:
                 torque_metric=inertial_metric(mesh),
             ),
         )
+
+
+def _success_probability(quality: Mapping[str, float], models: _FrictionModels) -> float:
+    contact_model, friction = models.plain.contact_model, models.plain.friction
+    logit = SUCCESS_MODEL["intercepts"][contact_model]
+    terms = (
+        slope * np.log(quality[name] + SUCCESS_MODEL["offsets"][name])
+        for name, slope in SUCCESS_MODEL["slopes"].items()
+    )
+    load = SUCCESS_MODEL["load"]
+    enough = load["accelerations"][contact_model]
+    enough *= (friction / load["friction"]) ** load["friction_exponent"]
+    relative = max(quality["acceleration"] / enough, 1e-6)
+    carried = 1.0 / (1.0 + relative ** -load["slope"])
+    return float(carried / (1.0 + np.exp(-(logit + sum(terms)))))
 
 
 def epsilon_on(

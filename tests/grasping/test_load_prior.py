@@ -56,7 +56,7 @@ def _best(**load: float) -> float:
 
 
 def test_heavy_objects_are_predicted_to_be_held_less_often() -> None:
-    found = [_best(mass=mass) for mass in (0.2, 5.0)]
+    found = [_best(mass=mass) for mass in (0.2, 10.0)]
     assert found[-1] < 0.1 * found[0]
 
 
