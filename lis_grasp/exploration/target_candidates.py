@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
-from lis_grasp.exploration.probe_motions import SAME_DIRECTION, above_table, retreats
+from lis_grasp.exploration.probe_motions import SAME_DIRECTION, above_table, is_low, retreats
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import BoolArray, FloatArray
@@ -30,6 +30,8 @@ _BESIDE = 0.2
 _MISSES = 0.1
 # A contact does not count for surface that faces away from it, as on the far side of a thin wall.
 _FACES_AWAY = -0.5
+# On a flat object the sides are near contacts on the top: these count only if they face alike.
+_FACES_ALIKE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +59,10 @@ class Targets:
     ) -> Targets:
         """Return the targets of an estimate, given before free space is carved off."""
         points, normals = space.sample(surface, near=contacts, rng=rng)
-        nearest, second = gaps(points, normals, contacts)
+        flat = bool(is_low(contacts.bounds[1], space))
+        nearest, second = gaps(
+            points, normals, contacts, least_cosine=_FACES_ALIKE if flat else _FACES_AWAY
+        )
         free_distance = _distance_to_misses(points, outcomes)
         eligible = free_distance > _FREE_RADIUS * space.step
         eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
@@ -85,11 +90,18 @@ def _meets_hull(
 
 
 def gaps(
-    points: FloatArray, normals: FloatArray, contacts: Contacts
+    points: FloatArray,
+    normals: FloatArray,
+    contacts: Contacts,
+    *,
+    least_cosine: float = _FACES_AWAY,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return each point's distance to the nearest and the second contact on its side, (P,) [m]."""
+    """Return each point's distance to the nearest and the second contact on its side, (P,) [m].
+
+    Contacts on its side have normals with at least this cosine to the point's.
+    """
     distances = np.linalg.norm(points[:, None] - contacts.points, axis=-1)  # (P, N)
-    distances[normals @ contacts.normals.T < _FACES_AWAY] = np.inf
+    distances[normals @ contacts.normals.T < least_cosine] = np.inf
     if len(contacts) == 1:
         return distances[:, 0], distances[:, 0]
     nearest = np.partition(distances, 1, axis=1)

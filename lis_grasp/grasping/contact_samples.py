@@ -28,8 +28,9 @@ SEARCH_RADIUS = 0.005
 """Largest distance of a contact from its nearest sample along the tangent plane [m]."""
 # A tangent plane's contact may be on a face whose normal has at least this cosine with the plane's.
 _SAME_SURFACE = np.cos(np.deg2rad(40.0))
-# Vertices whose uncertainty exceeds this many times the median are not supported by touches.
-_UNSUPPORTED = 3.0
+# Surface is not supported by touches if its uncertainty exceeds this many times the median, and
+# this much [m]: most of a flat object is its top, which is known far better than its low sides.
+_UNSUPPORTED, _UNCERTAIN = 3.0, 0.004
 
 
 class SurfaceSamples:
@@ -241,4 +242,4 @@ def _supported(mesh: trimesh.Trimesh) -> BoolArray:
     if uncertainty is None:
         return np.ones(len(mesh.faces), dtype=bool)
     of_face = np.asarray(uncertainty)[mesh.faces].mean(axis=1)  # (faces,)
-    return np.asarray(of_face <= _UNSUPPORTED * np.median(of_face) + 1e-12)
+    return np.asarray(of_face <= max(_UNSUPPORTED * np.median(of_face), _UNCERTAIN))
