@@ -47,7 +47,7 @@ class _Precision(NamedTuple):
 
 
 # Most candidates are only ranked; what is reported is precise.
-_RANKED, _REPORTED = _Precision(8, _COARSE), _Precision(32, 1e-6)
+_RANKED, _REPORTED = _Precision(4, _COARSE), _Precision(32, 1e-6)
 
 
 class GraspScorer:
@@ -73,7 +73,7 @@ class GraspScorer:
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
     `score` computes them roughly, for ranking, at the median mass and friction of the prior:
-    epsilon may be too small by 5 %, and eight surfaces are sampled. `predict_success` computes them
+    epsilon may be too small by 5 %, and four surfaces are sampled. `predict_success` computes them
     precisely, and averages the success probability over both distributions.
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest

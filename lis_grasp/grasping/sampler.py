@@ -24,10 +24,10 @@ from lis_grasp.typing import FloatArray, IndexArray
 
 _LOG = logging.getLogger(__name__)
 
-# Contact sets per batch.
-_BATCH = 100
 # Sampling ends after this many times `count` robust grasps; ranking gains little from more.
-_ENOUGH = 5
+_ENOUGH = 3
+# Contact sets per batch; the first one expects this many for each robust grasp.
+_SMALLEST_BATCH, _LARGEST_BATCH, _SETS_PER_GRASP = 50, 300, 4
 # Least height of a pad above the support [m].
 _LOWEST_PAD = 0.0006
 # Refinement: standard deviations of the steps [m]; perturbed grasps, of which the best are tried.
@@ -153,10 +153,13 @@ class _Search:
         """Sample until `candidates` are sampled, or enough grasps close at half the friction."""
         while self.drawn < candidates:
             robust = sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self.grasps)
-            if robust >= _ENOUGH * count:
+            missing = _ENOUGH * count - robust
+            if missing <= 0:
                 break
             _LOG.info("%d candidates, %d grasps so far", self.drawn, len(self.grasps))
-            self._draw(min(_BATCH, candidates - self.drawn))
+            each = max(self.drawn / max(robust, 1), _SETS_PER_GRASP)
+            batch = int(np.clip(each * missing, _SMALLEST_BATCH, _LARGEST_BATCH))
+            self._draw(min(batch, candidates - self.drawn))
 
     def _draw(self, count: int) -> None:
         self.drawn += count
