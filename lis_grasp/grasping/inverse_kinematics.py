@@ -13,10 +13,10 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.records import subset_of
 from lis_grasp.typing import FloatArray, IndexArray
 
-_ITERATIONS = 40
+_ITERATIONS = 20
 _DAMPING = 1e-3
 # Converged: a step lowers the cost by less than this fraction; stuck: more damping than this.
-_SETTLED, _STUCK = 1e-5, 1e3
+_SETTLED, _STUCK = 1e-4, 1e3
 # Units of the residuals: a pad off by 1 mm weighs as much as a contact outside its pad by 0.1 (in
 # the cosine), a joint 0.7 rad (or 7 cm) off its start, or a palm turned by 0.5 rad.
 _POSITION_UNIT = 1e-3
