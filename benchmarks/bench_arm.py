@@ -170,6 +170,7 @@ def summarise(station: str, rows: list[dict[str, Any]]) -> None:
         ("held", [row for row in rows if row["held"]]),
         ("held without a violation", [r for r in rows if r["held"] and not r["violations"]]),
         ("without a violation", [r for r in rows if not r.get("violations", ["failed"])]),
+        ("held; unwanted at most of hand and object", [r for r in rows if mild(r)]),
     ):
         low, high = wilson(len(chosen), len(rows))
         rate = len(chosen) / len(rows)
@@ -187,6 +188,16 @@ def summarise(station: str, rows: list[dict[str, Any]]) -> None:
         values = [row[key] for row in rows if row.get(key) is not None]
         if values:
             print(f"  {key}: median {statistics.median(values):.3g}, largest {max(values):.3g}")
+
+
+def mild(row: dict[str, Any]) -> bool:
+    """Return whether a row is held within all limits, without contact of the arm or the table.
+
+    A grasp's approach stops where the hand meets the object.
+    """
+    pairs = row.get("unwanted", {})
+    severe = [pair for pair in pairs if pair.startswith("arm's ") or pair.endswith("table")]
+    return row["held"] and not severe and len(row["violations"]) == len(pairs)
 
 
 def middle(values: list[float]) -> float | None:

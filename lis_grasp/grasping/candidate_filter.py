@@ -21,7 +21,9 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
 _CLEARANCE, _SPARE = 0.0004, 0.0003  # [m] of the hand from the support; more for the initial guess
-_ARM_CLEARANCE = 0.002  # [m] the same of a hand on an arm, which sags by up to 1 mm
+_ARM_CLEARANCE = 0.001  # [m] the same of a hand on an arm, which sags by up to 1 mm
+# An opened hand on an arm is free to go on by this [m]: the palm keeps off the object.
+_ARM_ERROR = 0.002
 _NEARLY_CLOSED = 0.2  # fraction of the opening at which not even a pad touches the object
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
 _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
@@ -64,12 +66,14 @@ class CandidateFilter:
     ) -> None:
         self._reach = None if station is None else ReachFilter(station, mesh)
         self._hand = hand
-        clearance = _CLEARANCE if station is None else _ARM_CLEARANCE
+        clearance, spare = _CLEARANCE, _SPARE
+        if station is not None:
+            clearance, spare = _ARM_CLEARANCE, _SPARE + _ARM_ERROR
         self._checker = HandCollisionChecker(
             hand, mesh, support_height=support_height, clearance=clearance
         )
         self._filter = HandPoseFilter(hand, mesh)
-        floor = None if support_height is None else support_height + clearance + _SPARE
+        floor = None if support_height is None else support_height + clearance + spare
         self._fingertips = FingertipContacts(hand, self._checker, floor=floor)
         self.rejected: Counter[str] = Counter()
 
@@ -120,6 +124,8 @@ class CandidateFilter:
     def _approaches(self, X_OH: FloatArray) -> FloatArray:
         """Return palm poses along the approach to each pose (B, 4, 4), shape (B, W, 4, 4)."""
         back = np.linspace(0.0, _STANDOFF, _APPROACH_STEPS)
+        if self._reach is not None:
+            back = np.append(-_ARM_ERROR, back)
         paths = np.repeat(X_OH[:, None], len(back), axis=1)
         paths[:, :, :3, 3] -= back[:, None] * (X_OH[:, :3, :3] @ self._hand.approach_H)[:, None]
         return paths
