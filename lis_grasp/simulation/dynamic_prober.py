@@ -155,7 +155,10 @@ class DynamicProber:
         if self._ways is not None and self._station is not None and course.way is not None:
             posture = course.approach.posture.joint_positions
             way = path(self._station.arm, course, _BEFORE, TIME_STEP)
-            self._ways.run(way, posture, self._in_world(self._X_EO))
+            touch: float | None = None
+            if course.touched is not None:
+                touch = way.duration if path is path_out else 0.0
+            self._ways.run(way, posture, self._in_world(self._X_EO), touch=touch)
 
     def _end_of(self, course: Course, missed: ProbeOutcome) -> ProbeOutcome:
         """Return the outcome of a course with a contact at its end."""

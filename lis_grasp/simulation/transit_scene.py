@@ -27,6 +27,9 @@ from lis_grasp.typing import FloatArray
 # Fingers do not move on the way: their joints are locked.
 _FINGER_STIFFNESS, _FINGER_DAMPING, _FRICTION = 5.0, 0.1, 0.8
 
+# Time before and after a touch in which the fingertip is within millimetres of the object [s].
+_GRAZING = 0.2
+
 
 class TransitScene:
     """A simulation of an arm that moves in free space with the hand in one posture.
@@ -105,8 +108,18 @@ class TransitScene:
             plant, self._context, self._arm, table=table, use=use, object_ends=True
         )
 
-    def run(self, way: JointTrajectory, q_hand: FloatArray, X_WO: FloatArray) -> None:
+    def run(
+        self,
+        way: JointTrajectory,
+        q_hand: FloatArray,
+        X_WO: FloatArray,
+        *,
+        touch: float | None = None,
+    ) -> None:
         """Simulate a motion of the arm, with the hand's joints (K,) fixed and the object at X_WO.
+
+        `touch` is the time of the touch that begins or ends it [s], beside which a fingertip may
+        graze the object; None for none.
 
         Raises
         ------
@@ -119,6 +132,7 @@ class TransitScene:
         self._place(path, q_hand, X_WO)
         for n in range(1, len(path.q)):
             self._command(path, n)
+            self._watch.free = touch is None or abs(n * TIME_STEP - touch) > _GRAZING
             advance(self._simulator, n * TIME_STEP, of="an arm's way")
             self._watch.check()
 

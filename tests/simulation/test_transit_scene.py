@@ -56,6 +56,21 @@ def test_a_way_into_the_object_ends_at_it(scene: TransitScene, use: ArmUse) -> N
     assert violations([{"contacts": use.contacts, "effort": 0.1, "speed": 0.1}])
 
 
+def test_a_fingertip_may_graze_the_object_beside_a_touch(scene: TransitScene, use: ArmUse) -> None:
+    use.contacts.clear()
+    posture = next(iter(HAND.probe_postures.values()))
+    tip = HAND.forward_kinematics(STATION.palm_poses(ARM.home), posture.joint_positions)
+    X_WO = np.eye(4)
+    X_WO[:3, 3] = trimesh.transform_points(posture.center_L[None], tip[posture.link])[0]
+    X_WO[2, 3] -= 0.2 + posture.radius - 0.0005  # the post's top is 0.5 mm inside of the tip
+    way = time_path(ARM, moved(1, -0.05))
+    scene.run(way, posture.joint_positions, X_WO, touch=0.0)
+    assert use.contacts == {}
+    with pytest.raises(ArmStoppedError):
+        scene.run(way, posture.joint_positions, X_WO)
+    assert list(use.contacts) == [f"{posture.link} with object"]
+
+
 def test_a_way_into_the_table_is_a_violation(scene: TransitScene, use: ArmUse) -> None:
     use.contacts.clear()
     far = np.eye(4)
