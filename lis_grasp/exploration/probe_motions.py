@@ -110,7 +110,7 @@ def surface_probe(
     if space.support_height is not None:
         if angle and is_low(target, space) and np.hypot(*away[:2]) > 0.0:
             retreat = away * [1.0, 1.0, 0.0]
-        retreat = retreats(target[None], retreat[None], space)[0]
+        retreat = retreats(target[None], retreat[None], space, surface)[0]
         target = above_table(target, retreat, space)
     hull = ContactHull.of(contacts)
     overshoot = _OVERSHOOT * space.step
@@ -125,19 +125,36 @@ def surface_probe(
     return Probe(target, -retreat, standoff, overshoot)
 
 
-def retreats(points: FloatArray, directions: FloatArray, space: Workspace) -> FloatArray:
-    """Return unit directions (P, 3) away from surface points, never out of a table.
+def retreats(
+    points: FloatArray, directions: FloatArray, space: Workspace, surface: ImplicitSurface
+) -> FloatArray:
+    """Return unit directions (P, 3) away from points of an estimate, never out of a table.
 
     Points (P, 3) [m] and directions (P, 3) are in O. Low above a table, directions are level if
-    they are nearly so; others are raised.
+    they are nearly so and lead outside; others are raised.
     """
     if space.support_height is None:
         return directions
     raised = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     above = (points[:, 2] - space.support_height) / space.step
     level = is_low(points, space) & (np.abs(raised[:, 2]) < _LEVEL)
+    level[level] = _leads_outside(points[level], raised[level], space, surface)
     raised[:, 2] = np.where(level, 0.0, np.maximum(raised[:, 2], _START_ABOVE_TABLE - above))
     return np.asarray(raised / np.linalg.norm(raised, axis=1, keepdims=True))
+
+
+def _leads_outside(
+    points: FloatArray, directions: FloatArray, space: Workspace, surface: ImplicitSurface
+) -> BoolArray:
+    """Return which level lines from points (P, 3) do not meet the estimate again, as in a hole."""
+    level = directions * [1.0, 1.0, 0.0]
+    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    starts = above_table(points, level, space)
+    distances = np.arange(1.0, space.size / space.step + 1.0) * space.step
+    lines = starts[:, None] + distances[:, None] * level[:, None]  # (P, D, 3)
+    return np.asarray(
+        (surface.evaluate(lines.reshape(-1, 3)) > 0.0).reshape(lines.shape[:2]).all(axis=1)
+    )
 
 
 def above_table(points: FloatArray, directions: FloatArray, space: Workspace) -> FloatArray:
