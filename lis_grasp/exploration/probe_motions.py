@@ -150,7 +150,7 @@ def _leads_outside(
     level = directions * [1.0, 1.0, 0.0]
     level /= np.linalg.norm(level, axis=1, keepdims=True)
     starts = above_table(points, level, space)
-    distances = np.arange(1.0, space.size / space.step + 1.0) * space.step
+    distances = np.arange(_SPACING * space.step, space.size, _SPACING * space.step)
     lines = starts[:, None] + distances[:, None] * level[:, None]  # (P, D, 3)
     return np.asarray(
         (surface.evaluate(lines.reshape(-1, 3)) > 0.0).reshape(lines.shape[:2]).all(axis=1)

@@ -277,3 +277,20 @@ def test_after_a_miss_a_flat_object_is_touched_level_from_beyond_its_edge() -> N
     missed = ProbeOutcome(surface_probe(target, up, space, contacts, Ball(0.03), []), "missed")
     again = surface_probe(target, up, space, contacts, Ball(0.03), [missed])
     np.testing.assert_allclose(again.direction, [-1.0, 0.0, 0.0], atol=1e-12)
+
+
+class Tube(Ball):
+    """An upright tube without ends, of inner radius 0.03 and outer radius 0.05."""
+
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        return np.abs(np.hypot(points[..., 0], points[..., 1]) - 0.04) - 0.01
+
+
+def test_the_wall_of_a_hole_is_not_touched_by_a_level_motion() -> None:
+    space = Workspace(0.02, np.array([0.0, 0.0, 0.02]), 0.1, support_height=0.0, tip_radius=0.006)
+    contacts = Contacts(np.array([[0.05, 0.0, 0.02]]), np.eye(3)[:1])
+    for radius, normal, level in ((0.05, 1.0, True), (0.03, -1.0, False)):
+        target, out = np.array([radius, 0.0, 0.003]), np.array([normal, 0.0, 0.0])
+        probe = surface_probe(target, out, space, contacts, Tube(0.05), [])
+        assert (probe.direction[2] == 0.0) == level
+        assert level or probe.direction[2] < -0.5
