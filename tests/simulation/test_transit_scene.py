@@ -73,8 +73,10 @@ def test_a_fingertip_may_graze_the_object_beside_a_touch(scene: TransitScene, us
 
 def test_a_way_into_the_table_is_a_violation(scene: TransitScene, use: ArmUse) -> None:
     use.contacts.clear()
+    stretched = moved(1, 2.0)
+    stretched[1, 3] += 0.5
     far = np.eye(4)
     far[:2, 3] = 0.4, 0.6
     with pytest.raises(ArmStoppedError):
-        scene.run(time_path(ARM, moved(1, 2.0)), OPEN, far)
+        scene.run(time_path(ARM, stretched), OPEN, far)
     assert any("table" in pair for pair in use.contacts)
