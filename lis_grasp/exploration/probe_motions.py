@@ -110,7 +110,7 @@ def surface_probe(
     if space.support_height is not None:
         if angle and is_low(target, space) and np.hypot(*away[:2]) > 0.0:
             retreat = away * [1.0, 1.0, 0.0]
-        retreat = retreats(target[None], retreat[None], space, surface)[0]
+        retreat = retreats(target[None], retreat[None], space, contacts, surface)[0]
         target = above_table(target, retreat, space)
     hull = ContactHull.of(contacts)
     overshoot = _OVERSHOOT * space.step
@@ -126,19 +126,25 @@ def surface_probe(
 
 
 def retreats(
-    points: FloatArray, directions: FloatArray, space: Workspace, surface: ImplicitSurface
+    points: FloatArray,
+    directions: FloatArray,
+    space: Workspace,
+    contacts: Contacts,
+    surface: ImplicitSurface,
 ) -> FloatArray:
     """Return unit directions (P, 3) away from points of an estimate, never out of a table.
 
     Points (P, 3) [m] and directions (P, 3) are in O. Low above a table, directions are level if
-    they are nearly so and lead outside; others are raised.
+    they are nearly so and lead outside; others are raised. Those of a flat object need not lead
+    outside: its estimate may extend too far.
     """
     if space.support_height is None:
         return directions
     raised = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     above = (points[:, 2] - space.support_height) / space.step
     level = is_low(points, space) & (np.abs(raised[:, 2]) < _LEVEL)
-    level[level] = _leads_outside(points[level], raised[level], space, surface)
+    if not is_low(contacts.bounds[1], space):
+        level[level] = _leads_outside(points[level], raised[level], space, surface)
     raised[:, 2] = np.where(level, 0.0, np.maximum(raised[:, 2], _START_ABOVE_TABLE - above))
     return np.asarray(raised / np.linalg.norm(raised, axis=1, keepdims=True))
 

@@ -67,7 +67,7 @@ class Targets:
         eligible = free_distance > _FREE_RADIUS * space.step
         eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
         eligible &= space.touchable(points, normals)
-        away = retreats(points, normals, space, surface)
+        away = retreats(points, normals, space, contacts, surface)
         targets = above_table(points, away, space)
         eligible &= ~_tried(targets, away, np.minimum(nearest, space.step), outcomes)
         eligible &= ~_starts_blocked(targets, away, space.step, outcomes)

@@ -28,7 +28,7 @@ SAME_SURFACE = 1e-3
 
 COMMANDS = """
 from lis_grasp.cli.main import main
-main(["explore", "mallet", "--prober", "kinematic", "--touches", "20", "--output", "contacts"])
+main(["explore", "box", "--prober", "kinematic", "--touches", "20", "--output", "contacts"])
 contacts = {contacts!r}
 for estimator in ("blend", "gpis", "lis"):
     main(["estimate", contacts, "--estimator", estimator, "--output", estimator])
