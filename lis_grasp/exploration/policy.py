@@ -15,7 +15,7 @@ from lis_grasp.exploration.probe_motions import (
     AXES,
     axis_probe,
     concavity_probe,
-    is_low,
+    is_flat,
     random_pass,
     surface_probe,
 )
@@ -177,7 +177,7 @@ class TargetPolicy:
         if sideways is not None:
             return sideways
         best = self._target(space, searched, contacts, outcomes, rng)
-        flat = bool(is_low(contacts.bounds[1], space))
+        flat = is_flat(contacts, space)
         if self.guess is not None and (flat or best is None or best[2] <= space.step):
             own = self._target(space, surface, contacts, outcomes, rng)
             if own is not None and (best is None or own[2] > best[2]):

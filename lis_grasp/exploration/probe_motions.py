@@ -111,7 +111,7 @@ def surface_probe(
         if angle and is_low(target, space) and np.hypot(*away[:2]) > 0.0:
             retreat = away * [1.0, 1.0, 0.0]
         retreat = retreats(target[None], retreat[None], space, contacts, surface)[0]
-        target = above_table(target, retreat, space)
+        target = level_targets(target, retreat, space)
     hull = ContactHull.of(contacts)
     overshoot = _OVERSHOOT * space.step
     if hull is not None:
@@ -143,7 +143,7 @@ def retreats(
     raised = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     above = (points[:, 2] - space.support_height) / space.step
     level = is_low(points, space) & (np.abs(raised[:, 2]) < _LEVEL)
-    if not is_low(contacts.bounds[1], space):
+    if not is_flat(contacts, space):
         level[level] = _leads_outside(points[level], raised[level], space, surface)
     raised[:, 2] = np.where(level, 0.0, np.maximum(raised[:, 2], _START_ABOVE_TABLE - above))
     return np.asarray(raised / np.linalg.norm(raised, axis=1, keepdims=True))
@@ -155,7 +155,7 @@ def _leads_outside(
     """Return which level lines from points (P, 3) do not meet the estimate again, as in a hole."""
     level = directions * [1.0, 1.0, 0.0]
     level /= np.linalg.norm(level, axis=1, keepdims=True)
-    starts = above_table(points, level, space)
+    starts = level_targets(points, level, space)
     distances = np.arange(_SPACING * space.step, space.size, _SPACING * space.step)
     lines = starts[:, None] + distances[:, None] * level[:, None]  # (P, D, 3)
     return np.asarray(
@@ -163,7 +163,7 @@ def _leads_outside(
     )
 
 
-def above_table(points: FloatArray, directions: FloatArray, space: Workspace) -> FloatArray:
+def level_targets(points: FloatArray, directions: FloatArray, space: Workspace) -> FloatArray:
     """Return targets (..., 3) as low as a fingertip gets in level motions from directions."""
     if space.support_height is None:
         return points
@@ -178,6 +178,11 @@ def is_low(points: FloatArray, space: Workspace) -> BoolArray:
     if space.support_height is None:
         return np.zeros(points.shape[:-1], dtype=np.bool_)
     return np.asarray(points[..., 2] < space.level_height + space.tip_radius)
+
+
+def is_flat(contacts: Contacts, space: Workspace) -> bool:
+    """Return whether all contacts of an object on a table are low; see `is_low`."""
+    return bool(is_low(contacts.bounds[1], space))
 
 
 def _bridged_points(

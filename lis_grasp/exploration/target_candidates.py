@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
-from lis_grasp.exploration.probe_motions import SAME_DIRECTION, above_table, is_low, retreats
+from lis_grasp.exploration.probe_motions import SAME_DIRECTION, is_flat, level_targets, retreats
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import BoolArray, FloatArray
@@ -59,16 +59,14 @@ class Targets:
     ) -> Targets:
         """Return the targets of an estimate, given before free space is carved off."""
         points, normals = space.sample(surface, near=contacts, rng=rng)
-        flat = bool(is_low(contacts.bounds[1], space))
-        nearest, second = gaps(
-            points, normals, contacts, least_cosine=_FACES_ALIKE if flat else _FACES_AWAY
-        )
+        least_cosine = _FACES_ALIKE if is_flat(contacts, space) else _FACES_AWAY
+        nearest, second = gaps(points, normals, contacts, least_cosine=least_cosine)
         free_distance = _distance_to_misses(points, outcomes)
         eligible = free_distance > _FREE_RADIUS * space.step
         eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
         eligible &= space.touchable(points, normals)
         away = retreats(points, normals, space, contacts, surface)
-        targets = above_table(points, away, space)
+        targets = level_targets(points, away, space)
         eligible &= ~_tried(targets, away, np.minimum(nearest, space.step), outcomes)
         eligible &= ~_starts_blocked(targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
