@@ -73,8 +73,9 @@ class GraspScorer:
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
     `score` computes them roughly, for ranking, at the median mass and friction of the prior:
-    epsilon may be too small by 5 %, and four surfaces are sampled. `predict_success` computes them
-    precisely, and averages the success probability over both distributions.
+    epsilon may be too small by 5 %, four surfaces are sampled, and ``weight_robust``, which does
+    not count, is left out. `predict_success` computes them precisely, and averages the success
+    probability over both distributions.
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest
     distance of a vertex from it.
@@ -157,21 +158,20 @@ class GraspScorer:
             plain = epsilon_by_expanding_polytope(
                 points, normals, self._median.plain, tolerance=_REPORTED.tolerance
             )
-            # The medians come first.
-            by_friction = [
-                (self._qualities(points, normals, models, _RANKED if k else _REPORTED), weight)
-                for k, (models, weight) in enumerate(self._models)
+            weights = resisted_forces(points, normals, (0.0, 0.0, 1.0), self._median.robust)
+            medians = self._qualities(points, normals, self._median, _REPORTED)
+            by_friction = [medians] + [
+                self._qualities(points, normals, models, _RANKED) for models, _ in self._models[1:]
             ]
             for k, i in enumerate(alike):
-                quality = {**grasps[i].quality, "epsilon": float(plain[k]), **by_friction[0][0][k]}
+                quality = {**grasps[i].quality, "epsilon": float(plain[k]), **medians[k]}
+                quality["weight_robust"] = float(weights[k])
                 success = 0.0
-                for (qualities, friction_weight), (models, _) in zip(
-                    by_friction, self._models, strict=True
-                ):
+                for qualities, (models, of_friction) in zip(by_friction, self._models, strict=True):
                     load = quality["grip"] * qualities[k]["load_per_grip"]
-                    for mass, weight in self._prior.masses():
+                    for mass, of_mass in self._prior.masses():
                         at_load = {**qualities[k], "acceleration": load / mass}
-                        success += friction_weight * weight * _success_probability(at_load, models)
+                        success += of_friction * of_mass * _success_probability(at_load, models)
                 load = quality["grip"] * quality["load_per_grip"]
                 quality["acceleration"] = load / self._prior.mass
                 quality["success_probability"] = success
@@ -187,14 +187,6 @@ class GraspScorer:
             )
         return found
 
-    def _epsilon(
-        self, points: FloatArray, normals: FloatArray, precision: _Precision
-    ) -> FloatArray:
-        """Return ``epsilon`` of contacts (B, C, 3), shape (B,)."""
-        return epsilon_by_expanding_polytope(
-            points, normals, self._median.plain, tolerance=precision.tolerance
-        )
-
     def _qualities(
         self,
         points: FloatArray,
@@ -208,7 +200,6 @@ class GraspScorer:
         closure, expected = self._over_surfaces(points, normals, robust, models, precision.surfaces)
         values = {
             "epsilon_robust": robust,
-            "weight_robust": resisted_forces(points, normals, (0.0, 0.0, 1.0), models.robust),
             "closure_probability": closure,
             "epsilon_expected": expected,
             "load_per_grip": epsilon_by_expanding_polytope(
