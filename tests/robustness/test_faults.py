@@ -40,7 +40,7 @@ FAULTS = {
         3,
         ESTIMATED,
     ),
-    "a linear programme": ("lis_grasp.grasping.force_closure.linprog", 2, ESTIMATED),
+    "a linear programme": ("lis_grasp.grasping.force_closure.linprog", 0, ESTIMATED),
     "inverse kinematics": ("lis_grasp.grasping.candidate_filter.solve_ik", 1, ESTIMATED),
     "Drake's plant": ("lis_grasp.simulation.lift_scene.add_object", 0, ESTIMATED),
 }
