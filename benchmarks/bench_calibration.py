@@ -33,8 +33,9 @@ from lis_grasp.evaluation.calibration import calibration_bins, expected_calibrat
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
-from lis_grasp.grasping.grasp_ranking import SUCCESS_MODEL, GraspScorer
+from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
+from lis_grasp.grasping.success_model import SUCCESS_MODEL
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.regrasp import lift_options

@@ -74,7 +74,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "until_success": _number(
         "PROBABILITY",
-        "stop when a grasp is predicted to succeed with this probability, such as 0.95",
+        "stop when the surface allows a grasp that holds with this probability, such as 0.95",
     ),
     "until_coverage": _number(
         "FRACTION", "stop when this fraction of the estimate is within a step of a contact"

@@ -80,10 +80,10 @@ def stop_when_certain(deviation: float, space: Workspace | Region) -> StopRule:
 def stop_when_graspable(
     probability: float, predict: Callable[[ImplicitSurface], float]
 ) -> StopRule:
-    """Stop when a grasp on the estimate is predicted to succeed with a probability, from 0 to 1.
+    """Stop when a grasp on the estimate is predicted to hold with a probability, from 0 to 1.
 
-    `predict` plans a grasp and returns its predicted success; it is called from 4 contacts on, for
-    every second contact.
+    `predict` plans a grasp and returns its `shape_probability`; it is called from 4 contacts on,
+    for every second contact.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def stop_when_graspable(
         found = predict(surface)
         if found < probability:
             return None
-        return f"a grasp is predicted to succeed with a probability of {found:.2f}"
+        return f"with a probability of {found:.2f} the surface allows a grasp that holds"
 
     return rule
 

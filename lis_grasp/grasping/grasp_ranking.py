@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +18,7 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import grip_fraction
 from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.grasping.load_prior import LoadPrior
+from lis_grasp.grasping.success_model import shape_probability, success_probability
 from lis_grasp.grasping.surface_uncertainty import UncertainSurface
 from lis_grasp.hands.hand import Hand
 from lis_grasp.typing import FloatArray
@@ -34,9 +33,6 @@ _LOADED_FRACTION = 0.75
 _TURN_ARM, _LEAST_GYRATION = 0.65, 0.017
 # Torsional lever of a flat pad [m]: 2/3 of a contact radius of 9 mm (Howe and Cutkosky 1996).
 _FLAT_PAD_LEVER = 0.006
-
-SUCCESS_MODEL = json.loads(Path(__file__).with_name("success_model.json").read_text("utf-8"))
-"""Constants of the logistic success model, and what they were fitted to."""
 
 
 class _Precision(NamedTuple):
@@ -67,9 +63,10 @@ class GraspScorer:
       object [m/s^2]; both in the metric of `inertial_metric`.
     - ``success_probability``: the predicted probability that the hand lifts and holds the object,
       a logistic function of ``epsilon_expected``, times another one of ``acceleration``
-      (`SUCCESS_MODEL`). Grasps are ranked by it. The acceleration is part of it because heavy
+      (`success_model`). Grasps are ranked by it. The acceleration is part of it because heavy
       objects have more weight, and long ones more inertia, than the friction of fingers close
       together can carry.
+    - ``shape_probability``: the first of these two factors, which knowing the surface raises.
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
     `score` computes them roughly, for ranking, at the median mass and friction of the prior:
@@ -125,7 +122,8 @@ class GraspScorer:
                 quality = {"epsilon": float(plain[i]), **qualities[k]}
                 quality["grip"] = -float(np.sum(forces * normals[i]))
                 quality["acceleration"] = quality["grip"] * quality["load_per_grip"] / mass
-                quality["success_probability"] = _success_probability(quality, self._median)
+                quality["shape_probability"] = shape_probability(quality, self._median.plain)
+                quality["success_probability"] = success_probability(quality, self._median.plain)
                 quality["pad_error"] = float(postures.position_error[b])
                 found[b] = Grasp(
                     hand=self._hand.name,
@@ -171,9 +169,12 @@ class GraspScorer:
                     load = quality["grip"] * qualities[k]["load_per_grip"]
                     for mass, of_mass in self._prior.masses():
                         at_load = {**qualities[k], "acceleration": load / mass}
-                        success += of_friction * of_mass * _success_probability(at_load, models)
+                        success += (
+                            of_friction * of_mass * success_probability(at_load, models.plain)
+                        )
                 load = quality["grip"] * quality["load_per_grip"]
                 quality["acceleration"] = load / self._prior.mass
+                quality["shape_probability"] = shape_probability(quality, self._median.plain)
                 quality["success_probability"] = success
                 predicted[i] = replace(grasps[i], quality=quality)
         return predicted
@@ -255,21 +256,6 @@ class _FrictionModels:
                 torque_metric=inertial_metric(mesh),
             ),
         )
-
-
-def _success_probability(quality: Mapping[str, float], models: _FrictionModels) -> float:
-    contact_model, friction = models.plain.contact_model, models.plain.friction
-    logit = SUCCESS_MODEL["intercepts"][contact_model]
-    terms = (
-        slope * np.log(quality[name] + SUCCESS_MODEL["offsets"][name])
-        for name, slope in SUCCESS_MODEL["slopes"].items()
-    )
-    load = SUCCESS_MODEL["load"]
-    enough = load["accelerations"][contact_model]
-    enough *= (friction / load["friction"]) ** load["friction_exponent"]
-    relative = max(quality["acceleration"] / enough, 1e-6)
-    carried = 1.0 / (1.0 + relative ** -load["slope"])
-    return float(carried / (1.0 + np.exp(-(logit + sum(terms)))))
 
 
 def epsilon_on(

@@ -75,8 +75,8 @@ class RunConfig:
     policy
         Policy of the next touch, a key of `lis_grasp.exploration.POLICIES`, or a plug-in.
     until_success, until_coverage, until_uncertainty, max_seconds
-        Stop early: when a grasp is predicted to succeed with this probability, given the median
-        mass and friction; when this fraction of the estimate is within a step of a contact; when
+        Stop early: when a grasp is predicted to succeed with this probability, as far as the
+        surface decides it; when this fraction of the estimate is within a step of a contact; when
         nearly all of the estimate has at most this standard deviation [m]; after this robot
         time [s].
     position_noise, normal_noise

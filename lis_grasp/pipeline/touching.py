@@ -126,7 +126,8 @@ def touch(
 def _grasp_rule(shape: Shape, hand: Hand, config: RunConfig) -> list[StopRule]:
     """Return the rule that stops once a good grasp is found on the estimate, if configured.
 
-    Of the shape it uses the support only.
+    Good is what succeeds as far as the surface decides it: touching does not show how much weight
+    a grasp must carry. Of the shape the rule uses the support only.
     """
     if config.until_success is None:
         return []
@@ -148,7 +149,7 @@ def _grasp_rule(shape: Shape, hand: Hand, config: RunConfig) -> list[StopRule]:
             seed=config.seed,
             candidates=_FEW_SETS,
         )
-        return search.grasps[0].quality["success_probability"] if search.grasps else 0.0
+        return search.grasps[0].quality["shape_probability"] if search.grasps else 0.0
 
     return [stop_when_graspable(config.until_success, predict)]
 
