@@ -19,7 +19,7 @@ StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | 
 """Returns the reason to stop, or None to continue, from contacts, estimate and outcomes."""
 
 # Contacts from which a grasp is planned, and after how many more another one.
-_FEW, _EVERY = 4, 2
+_FEW, _EVERY = 6, 2
 # Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
 _CERTAIN_QUANTILE = 0.95
 
@@ -82,8 +82,9 @@ def stop_when_graspable(
 ) -> StopRule:
     """Stop when a grasp on the estimate is predicted to hold with a probability, from 0 to 1.
 
-    `predict` plans a grasp and returns its `shape_probability`; it is called from 4 contacts on,
-    for every second contact.
+    `predict` plans a grasp and returns its `shape_probability`; it is called from 6 contacts on,
+    for every second contact. Two predictions in succession must reach the probability, because the
+    uncertainty of an estimate from few contacts is often too small.
 
     Raises
     ------
@@ -92,19 +93,19 @@ def stop_when_graspable(
     """
     if not 0.0 < probability < 1.0:
         raise InvalidOptionError.out_of_range("success", probability, "above 0 and below 1")
-    planned = _FEW - _EVERY  # contacts at the last prediction
+    planned, before = _FEW - _EVERY, 0.0  # contacts at the last prediction, and its result
 
     def rule(
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        nonlocal planned
+        nonlocal planned, before
         if len(contacts) < planned:  # the object was lost, and touching began again
-            planned = _FEW - _EVERY
+            planned, before = _FEW - _EVERY, 0.0
         if len(contacts) < planned + _EVERY:
             return None
-        planned = len(contacts)
-        found = predict(surface)
-        if found < probability:
+        planned, last = len(contacts), before
+        found = before = predict(surface)
+        if min(found, last) < probability:
             return None
         return f"with a probability of {found:.2f} the surface allows a grasp that holds"
 

@@ -86,18 +86,12 @@ def test_invalid_rules_are_refused(options: dict, word: str) -> None:
         RunConfig(**options)
 
 
-def test_a_good_grasp_ends_the_exploration_and_is_planned_for_every_second_contact() -> None:
-    asked = []
-
-    def predict(surface: object) -> float:
-        asked.append(surface)
-        return 0.5 if len(asked) < 3 else 0.9
-
-    rule = stop_when_graspable(0.8, predict)
-    reasons = [rule(cap(0.5, count), Ball(), ()) for count in range(1, 9)]
-    # Asked at 4, 6 and 8 contacts.
-    assert len(asked) == 3
-    assert [reason is not None for reason in reasons] == 7 * [False] + [True]
+def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> None:
+    predictions = iter([0.9, 0.5, 0.9, 0.85])  # with 6, 8, 10 and 12 contacts
+    rule = stop_when_graspable(0.8, lambda surface: next(predictions))
+    reasons = [rule(cap(0.5, count), Ball(), ()) for count in range(1, 13)]
+    assert [reason is not None for reason in reasons] == 11 * [False] + [True]
+    assert not list(predictions)
 
 
 @pytest.mark.parametrize("probability", [0.0, 1.0, np.nan])
