@@ -15,9 +15,8 @@ from lis_grasp.arms.arm_file import read_arm_file
 from lis_grasp.arms.arm_ik import ArmIK
 from lis_grasp.arms.arm_kinematics import ArmKinematics
 from lis_grasp.arms.find_arm_posture import joints_before
-from lis_grasp.hands.hand_parts import joints_to
 from lis_grasp.hands.kinematics import Kinematics
-from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.hands.link_tree import HandModel, links_fixed_to
 from lis_grasp.records import reduce_record
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -146,17 +145,3 @@ class Arm(HandModel):
         """Return whether joint positions (..., J) are within the limits, shape (...)."""
         positions = np.asarray(q, np.float64)
         return np.asarray(((positions >= self.lower) & (positions <= self.upper)).all(axis=-1))
-
-
-def links_fixed_to(model: HandModel, link: str) -> frozenset[str]:
-    """Return a link, and all links that no movable joint separates from it."""
-    root = link
-    for joint in reversed(joints_to(model.joints, link)):
-        if joint.kind != "fixed":
-            break
-        root = joint.parent
-    group = {root}
-    for joint in model.joints:  # parents come before their children
-        if joint.kind == "fixed" and joint.parent in group:
-            group.add(joint.child)
-    return frozenset(group)

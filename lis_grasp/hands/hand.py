@@ -14,7 +14,7 @@ import numpy.typing as npt
 from lis_grasp.hands.hand_file import read_hand_file
 from lis_grasp.hands.hand_parts import HandKind, Pad, ProbePosture, joints_to
 from lis_grasp.hands.kinematics import Kinematics
-from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.hands.link_tree import HandModel, links_fixed_to
 from lis_grasp.records import reduce_record
 from lis_grasp.typing import FloatArray
 
@@ -104,6 +104,13 @@ class Hand(HandModel):
             if joint.kind == "fixed" and joint.parent in links:
                 links.add(joint.child)
         return frozenset(links)
+
+    @property
+    def fingertip_links(self) -> frozenset[str]:
+        """The links that carry a pad or lead in a probe posture, and those fixed to them."""
+        tips = {pad.link for pad in self.pads}
+        tips |= {posture.link for posture in self.probe_postures.values()}
+        return frozenset().union(*(links_fixed_to(self, tip) for tip in tips))
 
     @property
     def base_link(self) -> str:

@@ -28,6 +28,7 @@ from lis_grasp.hands.hand_parts import (
     JointKind,
     LinkGeometry,
     LinkVisual,
+    joints_to,
 )
 from lis_grasp.hands.inertias import (
     LEAST_MASS,
@@ -279,3 +280,17 @@ def rpy_pose(translation: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
     pose = trimesh.transformations.euler_matrix(*np.asarray(rpy, np.float64), axes="sxyz")
     pose[:3, 3] = translation
     return np.asarray(pose, np.float64)
+
+
+def links_fixed_to(model: HandModel, link: str) -> frozenset[str]:
+    """Return a link, and all links that no movable joint separates from it."""
+    root = link
+    for joint in reversed(joints_to(model.joints, link)):
+        if joint.kind != "fixed":
+            break
+        root = joint.parent
+    group = {root}
+    for joint in model.joints:  # parents come before their children
+        if joint.kind == "fixed" and joint.parent in group:
+            group.add(joint.child)
+    return frozenset(group)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,8 @@ from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import ProbePosture
+from lis_grasp.hands.hand_parts import LinkGeometry, ProbePosture
+from lis_grasp.probing.keep_out import INSIDE, KeepOut
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Rotations about the finger, +x, shape (8, 3, 3).
@@ -39,6 +40,14 @@ _TILTED = np.array(
         for around in _AROUND
     ]
 )
+
+# Low on an object's side the hand stays above a fingertip that points obliquely down.
+_DOWN = np.deg2rad([45.0, 60.0, 75.0])
+
+# Of a motion beyond its target, inner links keep off the estimate so far [m].
+_FARTHER = 0.005
+# Axes that are tried before those.
+_FIRST = 1 + len(_TILTED)
 
 # An arm on a table does not bring the hand below a fingertip that points up more than this.
 _UPWARDS = 0.15
@@ -75,7 +84,9 @@ class ApproachPlanner:
     to the motion, and touches with its side. Without a probe posture, raises InvalidHandError.
 
     With a `station`, the approach and the probe's motion have to be within its arm's reach. Then
-    fingers tilted by 15 and 30 degrees are tried before oblique ones. Probes are in its frame W.
+    fingers tilted by 15 and 30 degrees, and those turned down, are tried before oblique ones. Only
+    fingertips are to touch: other links keep out of the estimated object, and off it where the arm
+    can (`KeepOut`). Probes are in its frame W.
     """
 
     def __init__(self, hand: Hand, station: Station | None = None) -> None:
@@ -89,6 +100,9 @@ class ApproachPlanner:
         self._bodies = [
             (posture, *_in_palm(hand, posture)) for posture in hand.probe_postures.values()
         ]
+        self._inner = {
+            posture.finger: _inner_points(hand, posture) for posture in hand.probe_postures.values()
+        }
 
     def place_station(self, station: Station) -> None:
         """Place the station in the frame of the probes."""
@@ -100,10 +114,15 @@ class ApproachPlanner:
         if obstacles.occupies(np.array(centers)).all():
             return None
         axes = np.vstack([probe.direction, self._axes @ rotation_to_x(probe.direction)])
+        keep_out: KeepOut | None = None
         if self._reach is not None:
+            keep_out = KeepOut(obstacles)
+            axes = np.vstack([axes[:_FIRST], _turned_down(probe.direction), axes[_FIRST:]])
             axes = axes[axes[:, 2] < _UPWARDS]
+        spare: list[list[Approach]] = []
         for axis in axes:
             free: list[Approach] = []
+            near: list[Approach] = []
             for posture, center_H, points_H in self._bodies:
                 center = probe.start - posture.radius * probe.direction
                 distance = float(obstacles.space.approach_distance(center, axis))
@@ -114,18 +133,34 @@ class ApproachPlanner:
                     back = np.arange(_POSE_SPACING, distance + _POSE_SPACING, _POSE_SPACING)
                     offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
                     if not _collides(points[k] - offsets, obstacles).any():
-                        if self._reach is None:
+                        if keep_out is None:
                             return rolled[k]
-                        free.append(rolled[k])
-            if free and (reached := self._reached(free, probe, obstacles)) is not None:
+                        level = self._nearness(rolled[k], probe, keep_out)
+                        if level < INSIDE:
+                            (near if level else free).append(rolled[k])
+            spare.append(near)
+            if (reached := self._reached(free, probe, obstacles)) is not None:
+                return reached
+        for near in spare:
+            if (reached := self._reached(near, probe, obstacles)) is not None:
                 return reached
         return None
+
+    def _nearness(self, approach: Approach, probe: Probe, keep_out: KeepOut) -> int:
+        """Return how near the links that are no fingertips come to the estimate on the motion."""
+        points = self._inner[approach.posture.finger]
+        points = points @ approach.X_OH[:3, :3].T + approach.X_OH[:3, 3]  # (P, 3)
+        length = probe.standoff + min(probe.overshoot, _FARTHER)
+        ahead = np.append(np.arange(0.0, length, _POSE_SPACING), length)[:, None] * probe.direction
+        back = np.arange(_POSE_SPACING, approach.distance, _POSE_SPACING)[:, None] * approach.axis
+        return keep_out.nearness(points + np.vstack([ahead, -back])[:, None])
 
     def _reached(
         self, approaches: list[Approach], probe: Probe, obstacles: ObstacleModel
     ) -> Approach | None:
         """Return the first of the approaches that the arm can follow."""
-        assert self._reach is not None
+        if self._reach is None or not approaches:
+            return None
         found = self._reach.first(
             np.array([approach.X_OH for approach in approaches]),
             np.array([approach.posture.joint_positions for approach in approaches]),
@@ -160,19 +195,44 @@ def _rolled(
         yield Approach(posture, X_OH, axis, distance)
 
 
+def _turned_down(direction: FloatArray) -> FloatArray:
+    """Return directions (A, 3) between one of a motion, (3,), and straight down."""
+    down = np.array([0.0, 0.0, -1.0])
+    across = down - (down @ direction) * direction
+    length = float(np.linalg.norm(across))
+    if length < 1e-6:
+        return np.empty((0, 3))
+    angles = _DOWN[np.cos(_DOWN) > down @ direction, None]
+    return np.asarray(np.cos(angles) * direction + np.sin(angles) * (across / length))
+
+
 def _in_palm(hand: Hand, posture: ProbePosture) -> tuple[FloatArray, FloatArray]:
     """Return the leading sphere's centre (3,) and points all over the hand (P, 3), in H [m]."""
+    X_HL = hand.forward_kinematics(np.eye(4), posture.joint_positions)[posture.link]
+    every = _points_on(hand, posture, hand.link_geometries)
+    # One point in each cell of the spacing is enough.
+    _, first = np.unique(np.round(2.0 * every / _POINT_SPACING), axis=0, return_index=True)
+    return X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3], every[np.sort(first)]
+
+
+def _inner_points(hand: Hand, posture: ProbePosture) -> FloatArray:
+    """Return points all over the links that are no fingertips, (P, 3), in H [m]."""
+    tips = hand.fingertip_links
+    inner = [geometry for geometry in hand.link_geometries if geometry.link not in tips]
+    every = _points_on(hand, posture, inner)
+    _, first = np.unique(np.round(2.0 * every / _POINT_SPACING), axis=0, return_index=True)
+    return every[np.sort(first)]
+
+
+def _points_on(hand: Hand, posture: ProbePosture, geometries: Sequence[LinkGeometry]) -> FloatArray:
+    """Return points on bodies of a hand in a posture, (P, 3), in H [m]."""
     links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
-    X_HL = links[posture.link]
-    points = []
-    for geometry in hand.link_geometries:
+    points = [np.empty((0, 3))]
+    for geometry in geometries:
         X_HG = links[geometry.link] @ geometry.X_LG
         fine = geometry.mesh.subdivide_to_size(_POINT_SPACING)
         points.append(np.asarray(fine.vertices) @ X_HG[:3, :3].T + X_HG[:3, 3])
-    # One point in each cell of the spacing is enough.
-    every = np.concatenate(points)
-    _, first = np.unique(np.round(2.0 * every / _POINT_SPACING), axis=0, return_index=True)
-    return X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3], every[np.sort(first)]
+    return np.concatenate(points)
 
 
 def rotation_to_x(direction: FloatArray) -> FloatArray:

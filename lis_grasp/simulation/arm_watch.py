@@ -7,7 +7,6 @@ from pydrake.geometry import GeometryId
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.systems.framework import Context
 
-from lis_grasp.arms.arm import links_fixed_to
 from lis_grasp.lifting.arm_use import EFFORT_LIMIT, TABLE, ArmUse
 from lis_grasp.lifting.lift_outcome import Reason
 from lis_grasp.motion import OBJECT
@@ -48,9 +47,7 @@ class ArmWatch:
         self.use = ArmUse() if use is None else use
         self.free = object_ends
         hand = arm.hand.hand
-        tips = {pad.link for pad in hand.pads}
-        tips |= {posture.link for posture in hand.probe_postures.values()}
-        self._wanted = {link for tip in tips for link in links_fixed_to(hand, tip)}
+        self._wanted = hand.fingertip_links
         self._plant, self._context, self._arm = plant, plant_context, arm
         self._table, self._object_ends = table, object_ends
         self._longest = round(_SATURATED / plant.time_step())
