@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from lis_grasp.exceptions import InvalidFileError, shown
 
 _LISTS = ("LIS_GRASP_MODELS", "ROS_PACKAGE_PATH")
 _DEPTH = 4  # folders above a file in which the root of its package may be
+_BELOW = 3  # folders below a listed one in which a package may be
 
 
 def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
@@ -20,6 +22,7 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
     which says where the file was searched.
     """
     scheme, separator, rest = uri.partition("://")
+    here = folder.resolve()
     if not separator:
         candidates = [folder / uri]
     elif scheme == "file":
@@ -28,7 +31,6 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
         package, _, inside = rest.partition("/")
         if ".." in Path(inside).parts:
             raise InvalidFileError(f"{named_in}: {uri} must not lead out of its package")
-        here = folder.resolve()
         above = [parent / inside for parent in (here, *here.parents) if parent.name == package]
         listed = [root / inside for root in package_folders(package)]
         # Where a package's folder was renamed, its files are still at the same place in it.
@@ -44,6 +46,14 @@ def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
                 return candidate
         except (OSError, ValueError) as error:  # no name that a file can have
             raise InvalidFileError(f"{named_in}: {shown(uri)} is no file: {error}") from None
+    if scheme == "package" and not (
+        above or any(root.is_dir() for root in package_folders(package))
+    ):
+        raise InvalidFileError(
+            f"{named_in}: {shown(uri)} was not found, since no folder '{package}' is above"
+            f" {here} or in a listed one: list the folder that holds '{package}' in"
+            f" {' or '.join(_LISTS)}"
+        )
     tried = ", ".join(str(candidate) for candidate in candidates)
     raise InvalidFileError(
         f"{named_in}: {uri} was not found; tried {tried}: folders that hold packages are listed in"
@@ -70,13 +80,16 @@ def package_folders(package: str) -> list[Path]:
     """Return the folders in which a package of models may be.
 
     They are, in this order: folders in or of ``LIS_GRASP_MODELS`` and ``ROS_PACKAGE_PATH``,
-    lists of folders as in ``PATH``; the shares of ROS 2 workspaces (``AMENT_PREFIX_PATH``); an
+    lists of folders as in ``PATH``, at most three folders deep, since a repository may hold several
+    packages; the shares of ROS 2 workspaces (``AMENT_PREFIX_PATH``); an
     installed Python package of that name, or the data of one in ``share/NAME``; and the models that
     Drake downloaded.
     """
     roots = [Path(root) for name in _LISTS for root in _listed(name)]
     folders = [root / package for root in roots]
     folders += [root for root in roots if root.name == package]
+    below = ["*/" * depth + glob.escape(package) for depth in range(1, _BELOW)]
+    folders += sorted(found for root in roots for at in below for found in root.glob(at))
     folders += [Path(root) / "share" / package for root in _listed("AMENT_PREFIX_PATH")]
     places = [Path(place) for place in sys.path if place]
     folders += [place / package for place in places]

@@ -187,3 +187,9 @@ def test_models_are_found_in_a_folder_given_once(
     (package / "claw.urdf").write_text(BARRETT.read_text())
     monkeypatch.setenv("LIS_GRASP_MODELS", str(tmp_path / "models"))
     assert Hand.load(path).joint_names == Hand.load("barrett").joint_names
+    # A repository may hold the package, and hold it in a folder of packages.
+    for deeper in ("repository", "of_more"):
+        (tmp_path / "models").rename(tmp_path / deeper)
+        (tmp_path / "models").mkdir()
+        (tmp_path / deeper).rename(tmp_path / "models" / deeper)
+        assert Hand.load(path).joint_names == Hand.load("barrett").joint_names
