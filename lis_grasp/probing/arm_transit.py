@@ -17,9 +17,9 @@ from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.typing import FloatArray
 
 # The leading fingertip of an approach begins at the ball that contains the object: transits keep
-# off a ball that is smaller by this [m], and where the hand begins inside, off smaller ones.
-_INSIDE = 0.03
-_FRACTIONS = (1.0, 0.6, 0.3)
+# off a ball that is smaller by these [m], and where the hand begins inside, by fractions of it.
+_INSIDE = (0.015, 0.03)
+_FRACTIONS = (0.6, 0.3)
 # The same transit is planned for the same probe.
 _SEED = 0
 
@@ -42,8 +42,9 @@ class ArmTransits:
 
         `q_hand` (K,) are the hand's joint positions.
         """
-        for fraction in _FRACTIONS:
-            planner = self._planner(space, fraction * (space.radius - _INSIDE))
+        radii = [space.radius - inside for inside in _INSIDE]
+        for radius in [*radii, *(fraction * radii[-1] for fraction in _FRACTIONS)]:
+            planner = self._planner(space, radius)
             rng = np.random.default_rng(_SEED)
             corners = planner.plan(self._home, goal, q_hand, rng=rng)
             if corners is not None:
@@ -58,7 +59,7 @@ class ArmTransits:
         in_air = space.support_height is None
         key = (*space.center, radius, in_air)
         if key not in self._planners:
-            if len(self._planners) >= len(_FRACTIONS):
+            if len(self._planners) >= len(_INSIDE) + len(_FRACTIONS):
                 self._planners.clear()
             ball = None
             if radius > 0.0:
