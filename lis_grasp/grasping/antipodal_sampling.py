@@ -20,6 +20,9 @@ _STEEPEST = np.sin(np.deg2rad(40.0))
 _CENTRAL = 0.5
 _APPROACH_ANGLES = np.deg2rad([0.0, 0.0, -20.0, 20.0, -40.0, 40.0, -65.0, 65.0])
 _SPREADS = (0.55, 0.75, 1.0)
+# Rounded pads may touch beside their middle, so the palm may lean towards the thumb's side: a thumb
+# that lies low under the palm then points down, and clears the support beside a low object.
+_LEANS = np.deg2rad([0.0, 0.0, 10.0, 20.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,13 +74,14 @@ def sample_contact_sets(
         angle = float(rng.choice(_APPROACH_ANGLES)) + float(rng.normal(0.0, 0.05))
         chosen = _choose_fingers(opposition, rng)
         spread = float(rng.choice(_SPREADS))
+        lean = 0.0 if hand.kind == "jaw" else float(rng.choice(_LEANS))
         p, n = samples.points[i], samples.normals[i]
         closing = -n if rng.random() < 0.5 else -_horizontal(n)
         across = _opposing_point(samples, p, closing)
         if across is None:
             rejected["no_opposing_surface"] += 1
             continue
-        R_OH = _orientation(closing, angle) @ opposition.frame_H.T
+        R_OH = _orientation(closing, angle, lean) @ opposition.frame_H.T
         lateral_O = R_OH @ opposition.frame_H[:, 1]
         offsets = spread * (opposition.lateral[chosen] - opposition.lateral[chosen].mean())
         fingers = _finger_contacts(samples, across + offsets[:, None] * lateral_O, closing)
@@ -158,13 +162,18 @@ def _choose_fingers(opposition: _Opposition, rng: np.random.Generator) -> list[i
     return others[start : start + 2]
 
 
-def _orientation(closing: FloatArray, angle: float) -> FloatArray:
-    """Return columns (approach, lateral, closing) in O: downwards, turned by `angle`."""
+def _orientation(closing: FloatArray, angle: float, lean: float) -> FloatArray:
+    """Return columns (approach, lateral, closing) in O: downwards, turned by `angle`.
+
+    The hand closes along `closing`, or `lean` off it about the lateral axis.
+    """
     down = np.array([0.0, 0.0, -1.0])
     approach = down - closing * (down @ closing)
     approach /= np.linalg.norm(approach)
     approach = np.cos(angle) * approach + np.sin(angle) * np.cross(closing, approach)
-    return np.column_stack([approach, np.cross(closing, approach), closing])
+    lateral = np.cross(closing, approach)
+    leaning = np.cos(lean) * approach - np.sin(lean) * closing
+    return np.column_stack([leaning, lateral, np.cross(leaning, lateral)])
 
 
 def _horizontal(normal: FloatArray) -> FloatArray:

@@ -28,6 +28,8 @@ _LOG = logging.getLogger(__name__)
 _ENOUGH = 3
 # Contact sets per batch; the first one expects this many for each robust grasp.
 _SMALLEST_BATCH, _LARGEST_BATCH, _SETS_PER_GRASP = 50, 300, 4
+# Bends are sampled too where no grasp is as likely to succeed as this.
+_LIKELY = 0.5
 # Least height of a pad above the support [m].
 _LOWEST_PAD = 0.0006
 # Refinement: standard deviations of the steps [m]; perturbed grasps, of which the best are tried.
@@ -40,8 +42,8 @@ class ForceClosureSampler:
     """Plans grasps in force closure that the hand can reach without collision.
 
     1. Contact sets are drawn where the surface is flat enough for a pad and supported by touches
-       (`sample_contact_sets`). If few grasps result, convex bends and narrow faces are used too:
-       edges, thin rods, small balls and low plates.
+       (`sample_contact_sets`). If few grasps result, or none is likely to succeed, convex bends and
+       narrow faces are used too: edges, thin rods, small balls and low plates.
     2. Inverse kinematics gives the palm's pose and the joints, and candidates that collide are
        rejected (`CandidateFilter`).
     3. `GraspScorer` rejects what is not in force closure, and predicts the success of the rest.
@@ -126,7 +128,7 @@ class ForceClosureSampler:
         scorer = GraspScorer(self.hand, mesh, prior=self.load_prior(), rng=rng)
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)
         search.draw_enough(self.candidates, count)
-        if len(search.grasps) < count:
+        if len(search.grasps) < count or search.likeliest() < _LIKELY:
             search.samples = SurfaceSamples(
                 mesh, lowest=lowest, rng=rng, bends=True, pad_radius=radius
             )
@@ -150,9 +152,10 @@ class _Search:
     drawn: int = 0
 
     def draw_enough(self, candidates: int, count: int) -> None:
-        """Sample until `candidates` are sampled, or enough grasps close at half the friction."""
+        """Sample until `candidates` are sampled, or enough more close at half the friction."""
+        known = len(self.grasps)
         while self.drawn < candidates:
-            robust = sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self.grasps)
+            robust = sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self.grasps[known:])
             missing = _ENOUGH * count - robust
             if missing <= 0:
                 break
@@ -170,6 +173,10 @@ class _Search:
         self.rejected.update(failed)
         found = self._grasps_at(sets, *initial_postures(self.hand, sets, R_OH))
         self.grasps += found.values()
+
+    def likeliest(self) -> float:
+        """Return the largest success probability of the grasps found so far, 0 without any."""
+        return max(map(_success, self.grasps), default=0.0)
 
     def refine(self, count: int) -> None:
         """Replace the best `count` grasps by better ones near them, if there are any."""
