@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -35,6 +36,7 @@ from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.shipped_models import model_path
 from lis_grasp.simulation.simulate_lift import LiftOptions, simulate_lift
 
 OURS, THEIRS, FIXED = "lis_grasp", "FRoGGeR", "FRoGGeR, fixed"
@@ -62,7 +64,7 @@ def main() -> None:
     options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):  # one core, for FRoGGeR's process too
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    hand = Hand.load("allegro")
+    hand = round_tipped_allegro()
     if options.frogger is None:
         print("FRoGGeR is left out: give a clone of it with --frogger FOLDER", file=sys.stderr)
     for name in options.objects:
@@ -142,6 +144,26 @@ def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -
                 row |= evaluate(hand, mesh, grasp, scene, options)
             rows.append(row)
     return rows
+
+
+def round_tipped_allegro() -> Hand:
+    """Return our Allegro-sized hand with the published fingertips, balls of 12 mm radius."""
+    shipped = model_path("hands/allegro/allegro.yaml")
+    urdf = shipped.with_suffix(".urdf").read_text("utf-8")
+    nail = r"    <(visual|collision)>\s*<origin xyz=\"0.006 0 0.009\"/>.*?</\1>\n"
+    urdf, nails = re.subn(nail, "", urdf, flags=re.DOTALL)
+    urdf = urdf.replace('<sphere radius="0.006"/>', '<sphere radius="0.012"/>')
+    urdf = urdf.replace('<cylinder radius="0.006"', '<cylinder radius="0.0105"')
+    text = shipped.read_text("utf-8")
+    pad = "center: [0.006, 0, 0.009], radius: 0.003"
+    if nails != 8 or pad not in text:
+        sys.exit("the fingertips of the shipped Allegro-sized hand must have nails of 3 mm radius")
+    text = text.replace(pad, "center: [0, 0, 0], radius: 0.012")
+    text = text.replace("axis: [0.7071, 0, 0.7071]", "axis: [0.894, 0, 0.447]")
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "allegro.urdf").write_text(urdf, "utf-8")
+        Path(folder, "allegro.yaml").write_text(text, "utf-8")
+        return Hand.load(Path(folder, "allegro.yaml"))
 
 
 def their_grasp(hand: Hand, mesh: trimesh.Trimesh, plan: dict, friction: float) -> Grasp:

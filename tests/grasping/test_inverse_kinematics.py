@@ -31,8 +31,8 @@ def _reachable(rng: np.random.Generator, count: int) -> tuple[ContactSets, np.nd
 def test_contacts_of_a_known_posture_are_reached() -> None:
     targets, X, q = _reachable(np.random.default_rng(0), 40)
     solved = solve_ik(HAND, targets, X, q)
-    # The preference for the start leaves less than a tenth of the unit of position, 1 mm.
-    assert np.quantile(solved.position_error, 0.9) < 1e-4
+    # The preference for the start leaves less than a fifth of the unit of position, 1 mm.
+    assert np.quantile(solved.position_error, 0.9) < 2e-4
     assert np.quantile(solved.axis_error, 0.9) < 1e-3
 
 

@@ -14,6 +14,7 @@ from lis_grasp.grasping.grasp_ranking import (
     inertial_metric,
     wrench_model,
 )
+from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.pad_offsets import fingertip_offsets
@@ -42,6 +43,15 @@ def _assert_clear(hand: Hand, mesh: trimesh.Trimesh, search: GraspSearch) -> Non
         np.testing.assert_array_less(0.0, grasp.contact_points[:, 2])
 
 
+def _assert_held_by_sides(grasp: Grasp, half_widths: list[float]) -> None:
+    """Assert that contacts oppose each other on the sides of a box about the z axis."""
+    on_side = np.isclose(np.abs(grasp.contact_points[:, :2]), half_widths, atol=1e-9).any(axis=1)
+    normals = grasp.contact_normals[on_side]
+    # Pads on upper edges push sideways rather than down.
+    np.testing.assert_array_less(normals[:, 2], 0.5)
+    assert (normals @ normals.T).min() < -0.7
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("hand", [ALLEGRO, JAW], ids=lambda hand: hand.name)
 def test_a_plate_of_12_mm_is_grasped_from_its_sides(hand: Hand) -> None:
@@ -50,8 +60,18 @@ def test_a_plate_of_12_mm_is_grasped_from_its_sides(hand: Hand) -> None:
     assert search.grasps
     _assert_clear(hand, plate, search)
     for grasp in search.grasps:
-        on_side = np.isclose(np.abs(grasp.contact_points[:, :2]), [0.1, 0.05], atol=1e-9)
-        np.testing.assert_array_equal(on_side.sum(axis=1), 1)
+        _assert_held_by_sides(grasp, [0.1, 0.05])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hand", [ALLEGRO, JAW], ids=lambda hand: hand.name)
+def test_a_ruler_of_4_mm_is_grasped_by_its_sides(hand: Hand) -> None:
+    ruler = _on_table(trimesh.creation.box((0.2, 0.03, 0.004)))
+    search = _plan(hand, ruler, candidates=1000)
+    assert search.grasps
+    _assert_clear(hand, ruler, search)
+    for grasp in search.grasps:
+        _assert_held_by_sides(grasp, [0.1, 0.015])
 
 
 @pytest.mark.slow

@@ -157,11 +157,12 @@ def test_the_pose_of_a_hand_is_that_of_its_palm_frame(hand: Hand) -> None:
 def test_allegro_has_the_published_dimensions() -> None:
     hand = Hand.load("allegro")
     tips = hand.pad_centers(hand.X_LH, np.zeros(16))  # in the base link's frame
-    reach = 0.0164 + 0.054 + 0.0384 + 0.0267
-    np.testing.assert_allclose(tips[1], [0.0, 0.0, 0.0007 + reach], atol=1e-12)
+    # A fingertip's nail is 6 mm in front of its finger and ends 12 mm beyond the last link.
+    front, reach = 0.006, 0.0164 + 0.054 + 0.0384 + 0.0267 + 0.012 - 0.003
+    np.testing.assert_allclose(tips[1], [front, 0.0, 0.0007 + reach], atol=1e-12)
     # The index finger leans outwards by 0.0873 rad from its root.
     lean = np.array([0.0, np.sin(0.0873), np.cos(0.0873)])
-    np.testing.assert_allclose(tips[0], [0.0, 0.0435, -0.001542] + reach * lean, atol=1e-12)
+    np.testing.assert_allclose(tips[0], [front, 0.0435, -0.001542] + reach * lean, atol=1e-12)
     np.testing.assert_allclose(hand.effort_limits, 0.7)
     assert hand.mass == pytest.approx(1.08, abs=0.005)
     assert hand.fingers == ("index", "middle", "ring", "thumb")
@@ -182,7 +183,7 @@ def test_the_jaw_opens_by_110_mm_between_flat_pads_that_face_each_other() -> Non
 
 
 @pytest.mark.parametrize(
-    ("pregrasp", "gap"), [("wide", 0.135), ("medium", 0.09), ("narrow", 0.055)]
+    ("pregrasp", "gap"), [("wide", 0.14), ("medium", 0.095), ("narrow", 0.055)]
 )
 def test_allegro_thumb_opposes_the_fingers_before_a_grasp(pregrasp: str, gap: float) -> None:
     hand = Hand.load("allegro")
@@ -190,7 +191,7 @@ def test_allegro_thumb_opposes_the_fingers_before_a_grasp(pregrasp: str, gap: fl
     centers, axes = hand.pad_centers(np.eye(4), q), hand.pad_axes(np.eye(4), q)
     between = centers[1] - centers[3]  # thumb to middle finger
     # The names promise the gap to half a centimetre.
-    assert np.linalg.norm(between) - 2 * 0.012 == pytest.approx(gap, abs=0.005)
+    assert np.linalg.norm(between) - 2 * hand.pads[0].radius == pytest.approx(gap, abs=0.005)
     between /= np.linalg.norm(between)
     half_angle = hand.pads[0].half_angle
     assert axes[3] @ between > np.cos(half_angle)
