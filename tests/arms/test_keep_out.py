@@ -1,6 +1,7 @@
 """Inner links of a hand on an arm keep off the estimated object while a fingertip touches it."""
 
 import numpy as np
+import pytest
 from stations import station_with
 
 from lis_grasp.arms.station import Station
@@ -48,6 +49,7 @@ def test_places_are_near_within_two_deviations() -> None:
     assert KeepOut(_obstacles(4)).nearness(beside - cell * off) == FREE
 
 
+@pytest.mark.slow
 def test_a_probe_is_blocked_if_inner_links_would_pass_through_the_estimate() -> None:
     station = station_with("allegro")
     planner = ApproachPlanner(station.hand, station)
