@@ -1,4 +1,4 @@
-"""Mesh simplification of flat parts, for faster hydroelastic contact."""
+"""Merging and splitting of triangles on flat parts, for faster hydroelastic contact."""
 
 from __future__ import annotations
 
@@ -28,3 +28,21 @@ def merge_flat_faces(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
         np.asarray(simple.vert_properties[:, :3], dtype=np.float64), simple.tri_verts, process=False
     )
     return merged if merged.is_watertight and merged.volume > 0.0 else mesh
+
+
+def split_large_faces(mesh: trimesh.Trimesh, *, longest: float, widest: float) -> trimesh.Trimesh:
+    """Return a mesh of the same surface whose large triangles are split.
+
+    A triangle is large if its longest edge and its least altitude are longer than `longest` and
+    `widest` [m]: slivers stay as they are. Parts of a large one have edges up to `longest`. Its
+    neighbours keep their edges, so that the surface is closed but not the mesh's topology.
+    """
+    sides = np.roll(mesh.triangles, -1, axis=1) - mesh.triangles  # (F, 3, 3)
+    length = np.linalg.norm(sides, axis=2).max(axis=1)
+    large = (length > longest) & (2.0 * mesh.area_faces > widest * length)
+    if not large.any():
+        return mesh
+    parts = trimesh.Trimesh(mesh.vertices, mesh.faces[large], process=False)
+    rest = trimesh.Trimesh(mesh.vertices, mesh.faces[~large], process=False)
+    joined: trimesh.Trimesh = trimesh.util.concatenate([rest, parts.subdivide_to_size(longest)])
+    return joined

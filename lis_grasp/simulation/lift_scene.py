@@ -17,7 +17,7 @@ from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lifting_scene import CarrierMotion
 from lis_grasp.lifting.wrist_trajectory import WristPath
 from lis_grasp.motion import OBJECT
-from lis_grasp.shapes.simplification import merge_flat_faces
+from lis_grasp.shapes.simplification import merge_flat_faces, split_large_faces
 from lis_grasp.simulation.advance_simulation import advance
 from lis_grasp.simulation.arm_carrier import ArmCarrier
 from lis_grasp.simulation.carrier import Carrier
@@ -33,6 +33,10 @@ from lis_grasp.typing import FloatArray
 
 # An object farther than this from the origin gets a body frame of its own [m].
 _FAR = 0.25
+# Length and width of the object's largest triangles [m]. Drake bounds up to three triangles by one
+# box: around larger ones of several faces, it contains nearly all of a fingertip, which is then
+# clipped by each of them.
+_LONGEST, _WIDEST = 0.1, 0.03
 
 
 class LiftScene:
@@ -75,7 +79,7 @@ class LiftScene:
         body_mesh, self._p_OB = _near_its_frame(mesh)
         self._object, self._object_geometry = add_object(
             plant,
-            merge_flat_faces(body_mesh),
+            split_large_faces(merge_flat_faces(body_mesh), longest=_LONGEST, widest=_WIDEST),
             mass=setup.mass,
             friction=friction,
             instance=instance,

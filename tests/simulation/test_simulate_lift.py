@@ -24,7 +24,7 @@ from lis_grasp.lifting.wrist_trajectory import line, shake_about
 from lis_grasp.pipeline import lift_each
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.shapes.simplification import merge_flat_faces
+from lis_grasp.shapes.simplification import merge_flat_faces, split_large_faces
 from lis_grasp.simulation.simulate_lift import (
     LiftOptions,
     LiftOutcome,
@@ -337,6 +337,18 @@ def test_merging_flat_faces_keeps_the_solid() -> None:
     assert merged.is_watertight
     # manifold3d may hold coordinates in single precision: 6e-8 of them.
     assert merged.volume == pytest.approx(fine.volume, rel=1e-6)
+
+
+def test_splitting_large_faces_keeps_surface_and_inertia() -> None:
+    whole = box_mesh()
+    split = split_large_faces(whole, longest=0.04, widest=0.01)
+    assert len(split.faces) > len(whole.faces)
+    sides = np.diff(split.triangles[:, [0, 1, 2, 0]], axis=1)
+    assert np.linalg.norm(sides, axis=2).max() <= 0.04
+    # Closed form up to rounding: the integrals over the same planes.
+    assert split.area == pytest.approx(whole.area, rel=1e-12)
+    assert split.volume == pytest.approx(whole.volume, rel=1e-12)
+    np.testing.assert_allclose(split.moment_inertia, whole.moment_inertia, rtol=1e-9, atol=1e-15)
 
 
 @pytest.mark.slow
