@@ -72,4 +72,7 @@ def _opening_probe(space: Workspace, since: Sequence[ProbeOutcome]) -> Probe | N
     if len(since) > len(_OPENING) or not left.any():
         return None
     direction = _OPENING[int(np.argmin(nearest))]
-    return Probe(space.center, direction, 0.6 * space.size + 0.5 * space.step, 0.25 * space.size)
+    target = space.center.copy()
+    if any(outcome.status == "missed" for outcome in since):
+        target[2] = min(target[2], space.level_height)  # a thin tip passed over a low object
+    return Probe(target, direction, 0.6 * space.size + 0.5 * space.step, 0.25 * space.size)
