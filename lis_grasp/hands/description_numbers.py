@@ -43,7 +43,7 @@ def joint_limits(joint: Any) -> tuple[float, float, float]:
     if lower is None or upper is None or not -LARGEST <= lower < upper <= LARGEST:
         raise InvalidHandError(
             f"joint '{joint.name}' must have a lower limit below its upper limit; they are"
-            f" {lower} and {upper}"
+            f" {lower} and {upper}: correct them in the file, or give the joint type 'fixed'"
         )
     return float(lower), float(upper), float(effort)
 

@@ -1,16 +1,20 @@
 """Drafts of small grippers and robots written here, each with a trait of vendors' files."""
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.hands.collision import checker_of
 from lis_grasp.hands.draft.draft_hand import draft_hand
+from lis_grasp.hands.draft.find_exclusions import find_exclusions
 from lis_grasp.hands.draft.find_fingers import find_fingers
 from lis_grasp.hands.draft.find_hand_bases import find_hand_bases
+from lis_grasp.hands.draft.find_probe_postures import find_probe_postures
 from lis_grasp.hands.draft.fit_pads import fit_pads
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_urdf import read_urdf
@@ -38,14 +42,16 @@ def joint(
     axis: tuple,
     *,
     at: tuple = (0, 0, 0),
+    rpy: tuple = (0, 0, 0),
     kind: str = "prismatic",
     limits: tuple = (0.0, 0.04),
     mimic: str = "",
 ) -> str:
     follow = f"<mimic {mimic}/>" if mimic else ""
+    xyz, turned, along = (" ".join(map(str, row)) for row in (at, rpy, axis))
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{" ".join(map(str, at))}"/><axis xyz="{" ".join(map(str, axis))}"/>'
+        f'<origin xyz="{xyz}" rpy="{turned}"/><axis xyz="{along}"/>'
         f'<limit lower="{limits[0]}" upper="{limits[1]}" effort="20" velocity="1"/>{follow}</joint>'
     )
 
@@ -225,3 +231,104 @@ def test_efforts_of_the_shipped_hands_are_all_useful_and_absurd_ones_are_not(nam
     levers = np.array([0.2 if j in turning else 1.0 for j in range(len(capped))])
     assert (capped <= 3.0 * hand.max_contact_force * levers).all()
     assert (capped > 0.0).all()
+
+
+def test_a_horn_that_turns_in_place_is_no_finger(tmp_path: Path) -> None:
+    horn = [
+        link("horn", [((0.03, 0.006, 0.006), (0.0, 0.0, 0.0))]),
+        joint("turn", "base", "horn", (0, 0, 1), at=(0.05, 0, 0), kind="continuous"),
+    ]
+    model = read_urdf(written(tmp_path, link(*BASE), *jaw(), *horn))
+    assert {finger.name for finger in find_fingers(model)} == {"left", "right"}
+
+
+def claw(
+    name: str, side: int, at: float, bend: float, *, lean: float = 0.0, mimic: str = ""
+) -> list[str]:
+    """Return a finger of one bar at (at, 0.01 side), leaning outwards, that bends inwards."""
+    return [
+        link(name, [((0.012, 0.012, 0.07), (0.0, 0.0, 0.05))]),
+        joint(
+            f"{name}_bend",
+            "base",
+            name,
+            (side, 0, 0),
+            at=(at, 0.01 * side, 0.0),
+            rpy=(-side * lean, 0.0, 0.0),
+            kind="revolute",
+            limits=(0.0, bend),
+            mimic=mimic,
+        ),
+    ]
+
+
+@pytest.mark.slow
+def test_pads_are_less_tilted_where_fingers_cannot_face_each_other_otherwise(
+    tmp_path: Path,
+) -> None:
+    # Bars that lean outwards by 0.6 rad at least: axes tilted by 0.45 rad to the tips do not face.
+    claws = [
+        *claw("first", 1, 0.0, 0.1, lean=0.7),
+        *claw("second", -1, -0.015, 0.1, lean=0.7, mimic='joint="first_bend"'),
+        *claw("last", -1, 0.015, 0.1, lean=0.7, mimic='joint="first_bend"'),
+    ]
+    path = written(tmp_path, link(*BASE), *claws)
+    hand = draft_hand(path, name="claws", rng=np.random.default_rng(0)).hand
+    assert max(abs(pad.axis_L[2]) for pad in hand.pads) < np.sin(0.3)
+
+
+def test_links_two_joints_apart_may_overlap_near_the_ends_of_their_ranges(tmp_path: Path) -> None:
+    # A thumb's tip gets into the hull of the base at the end of the first joint's range only.
+    thumb = [
+        link("root", [((0.004, 0.004, 0.004), (0.0, 0.0, 0.0))]),
+        joint(
+            "turn", "base", "root", (0, 0, 1), at=(0, 0.08, 0), kind="revolute", limits=(0, 3.14)
+        ),
+        link("thumb", [((0.004, 0.025, 0.01), (0.0, 0.0178, 0.0))]),
+        joint("bend", "root", "thumb", (0, 1, 0), kind="revolute", limits=(-0.2, 0.2)),
+    ]
+    path = written(tmp_path, link(*BASE), *thumb, *claw("a", -1, -0.02, 1), *claw("b", -1, 0.02, 1))
+    pads = {
+        name: {"link": name, "center": [0, 0, 0], "radius": 0.003, "axis": [0, 0, 1]}
+        for name in ("thumb", "a", "b")
+    }
+    document = {
+        "name": "claws",
+        "kind": "multi_finger",
+        "urdf": path.name,
+        "joints": ["turn", "bend", "a_bend", "b_bend"],
+        "palm_frame": {"translation": [0, 0, 0], "rpy": [0, 0, 0]},
+        "approach": [0, 0, 1],
+        "max_contact_force": 5,
+        "pads": {name: pad | {"half_angle": 1.0} for name, pad in pads.items()},
+        "pregrasps": {"only": [0, 0, 0.1, 0.1]},
+        "self_collision_exclusions": [],
+    }
+    (tmp_path / "claws.yaml").write_text(yaml.safe_dump(document))
+    hand = Hand.load(tmp_path / "claws.yaml")
+    checker = checker_of(hand)
+    assert checker.self_collisions(np.array([3.14, 0.0, 0.1, 0.1])) == {("base", "thumb")}
+    turns = np.linspace(0.0, 2.6, 7)
+    assert not any(checker.self_collisions(np.array([t, 0.0, 0.1, 0.1])) for t in turns)
+    assert ("base", "thumb") in find_exclusions(hand, checker, rng=np.random.default_rng(0))
+
+
+@pytest.mark.slow
+def test_a_finger_leads_where_the_others_cannot_all_fold() -> None:
+    hand = Hand.load("allegro")
+    rest = np.clip(0.0, hand.lower, hand.upper)
+    joints = [list(hand.finger_joints(pad.finger)) for pad in hand.pads]
+
+    class CrowdedPalm:
+        """Lets one finger alone be far from its joint positions 0."""
+
+        def self_collisions(self, q: np.ndarray) -> set[tuple[str, str]]:
+            folded = [f for f, own in enumerate(joints) if np.abs(q - rest)[own].max() > 0.8]
+            links = [hand.pads[f].link for f in folded]
+            return {tuple(sorted(pair)) for pair in combinations(links, 2)}
+
+    palm = CrowdedPalm()
+    found = find_probe_postures(hand, palm, rng=np.random.default_rng(0))  # type: ignore[arg-type]
+    assert len(found) == len(hand.pads)
+    for posture in found.values():
+        assert not palm.self_collisions(posture.joint_positions)

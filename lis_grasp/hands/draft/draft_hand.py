@@ -15,9 +15,14 @@ from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.collision import checker_of
 from lis_grasp.hands.description_edits import DescriptionEdits, apply_edits
 from lis_grasp.hands.draft.find_exclusions import find_exclusions
-from lis_grasp.hands.draft.find_fingers import find_fingers, rigid_groups, shared_joints
+from lis_grasp.hands.draft.find_fingers import (
+    Finger,
+    find_fingers,
+    rigid_groups,
+    shared_joints,
+)
 from lis_grasp.hands.draft.find_hand_bases import find_hand_bases
-from lis_grasp.hands.draft.find_pregrasps import Opening, find_pregrasps
+from lis_grasp.hands.draft.find_pregrasps import MOST_TURNED, Opening, find_pregrasps
 from lis_grasp.hands.draft.find_probe_postures import find_probe_postures
 from lis_grasp.hands.draft.fit_pads import fit_pads
 from lis_grasp.hands.draft.palm_frame import find_palm_frame
@@ -33,6 +38,8 @@ from lis_grasp.records import fields_of, read_only
 # Joints before all fingers that are locked, as of a wrist; more are an arm, which is left out.
 _WRIST = 2
 _PREGRASPS = ("wide", "medium", "narrow", "tight")
+_OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
+_TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
 _USED = 0.9  # fraction of an effort that a finger's force may need
 # Of one finger [N]: files often give more than a robot uses.
 _LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "jaw": 40.0}
@@ -105,14 +112,7 @@ def draft_hand(
     edits = replace(edits, repair=_needs_repair(robot, path, edits))
     if edits.repair:
         notes.append("impossible inertias or missing masses are replaced, by repair")
-    hand = _without_postures(model, name, fit_pads(model, fingers))
-    checker = checker_of(hand)
-    hand = replace(
-        hand,
-        self_collision_exclusions=hand.self_collision_exclusions
-        | find_exclusions(hand, checker, rng=rng),
-    )
-    openings = find_pregrasps(hand, checker_of(hand), rng=rng)
+    hand, openings = _with_openings(model, name, fingers, rng)
     if not openings:
         raise InvalidHandError(
             f"{path.name}: no posture was found in which the pads of {', '.join(hand.fingers)} face"
@@ -141,6 +141,31 @@ def draft_hand(
         max_contact_force=float(f"{force:.2g}"),
     )
     return HandDraft(hand, edits, tuple(notes))
+
+
+def _with_openings(
+    model: HandModel, name: str, fingers: Sequence[Finger], rng: np.random.Generator
+) -> tuple[Hand, list[Opening]]:
+    """Return a hand with pads, and its openings, the widest first.
+
+    If pads cannot face each other where they fit the fingertips best, others are tried, and at last
+    pads that are turned by more: a hand with one motor cannot turn them as it closes.
+    """
+    hand = _without_postures(model, name, fit_pads(model, fingers))
+    checker = checker_of(hand)
+    exclusions = hand.self_collision_exclusions | find_exclusions(hand, checker, rng=rng)
+    hand = replace(hand, self_collision_exclusions=exclusions)
+    checker = checker_of(hand)
+    openings = find_pregrasps(hand, checker, rng=rng)
+    if openings or hand.kind == "jaw":
+        return hand, openings
+    for most_turned in (MOST_TURNED, _TURNED):
+        for tilts in _OTHER_TILTS:
+            hand = replace(hand, pads=fit_pads(model, fingers, tilts))
+            openings = find_pregrasps(hand, checker, most_turned=most_turned, rng=rng)
+            if openings:
+                return hand, openings
+    return hand, []
 
 
 def _edits(robot: yourdfpy.Robot, base_link: str | None, notes: list[str]) -> DescriptionEdits:

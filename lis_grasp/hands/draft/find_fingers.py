@@ -18,6 +18,8 @@ MOST_FINGERS = 6
 # Of leaf links that one motor moves, those that reach less far than this fraction of the farthest
 # are parts of a linkage.
 _LINKAGE = 0.85
+_LEAST_MOTION = 0.006  # of a fingertip's middle over the ranges of its joints [m]
+_STEPS = 9  # positions of a joint at which that is measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +62,7 @@ def find_fingers(model: HandModel, tips: Sequence[str] = ()) -> tuple[Finger, ..
     leaves = [groups[tip] for tip in tips] if tips else leaf_groups(model)
     fingers = [_finger(model, groups, leaf) for leaf in leaves]
     if not tips:
-        fingers = _without_linkages(model, fingers)
+        fingers = _without_linkages(model, _without_knobs(model, fingers))
     if not fingers:
         moving = ", ".join(joint.child for joint in model.joints if joint.kind != "fixed")
         raise InvalidHandError(
@@ -142,6 +144,26 @@ def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
         axis_L=X_LG[:3, :3] @ last.axis_J,
         motors=motors,
     )
+
+
+def _without_knobs(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
+    """Leave out what turns in place, as a wheel, a knob or a motor's horn; all stay if all do."""
+    kinematics = Kinematics(
+        model.links, model.joints, (), X_LH=np.eye(4), actuated=len(model.joint_names)
+    )
+    shared = {joint.index for joint in shared_joints(model, fingers)} if fingers else set()
+    kept = []
+    for finger in fingers:
+        middle_L = 0.5 * (finger.points_L.min(axis=0) + finger.points_L.max(axis=0))
+        moved = 0.0
+        for motor in set(finger.motors) - shared:
+            q = np.tile(np.clip(0.0, model.lower, model.upper), (_STEPS, 1))
+            q[:, motor] = np.linspace(model.lower[motor], model.upper[motor], _STEPS)
+            X = kinematics.poses(np.broadcast_to(np.eye(4), (_STEPS, 4, 4)), q)[finger.link]
+            moved += float(np.linalg.norm(np.ptp(X[:, :3, :3] @ middle_L + X[:, :3, 3], axis=0)))
+        if moved > _LEAST_MOTION:
+            kept.append(finger)
+    return kept or list(fingers)
 
 
 def _without_linkages(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:

@@ -26,7 +26,7 @@ _RANGE = 3.0  # fractions of a joint's range off its relaxed position
 _CLEARANCE = 0.004  # of the ball from links without pads [m]
 # A posture is accepted within these errors: pads off the ball [m], axes off its centre (chord of
 # the angle), and the unbalanced fraction of the pads' forces.
-_MOST_OFF, _MOST_TURNED, _MOST_UNBALANCED = 0.006, 0.75, 0.35
+_MOST_OFF, MOST_TURNED, _MOST_UNBALANCED = 0.006, 0.75, 0.35
 _LEAST_WEIGHT = 0.2
 _SIDE_BY_SIDE = 0.022  # of pads, beyond which fingers do not hinder each other [m]
 _MANY = 4  # of so many fingers one may be off, as a little finger is
@@ -44,7 +44,11 @@ class Opening:
 
 
 def find_pregrasps(
-    hand: Hand, checker: HandCollisionChecker, *, rng: np.random.Generator
+    hand: Hand,
+    checker: HandCollisionChecker,
+    *,
+    most_turned: float = MOST_TURNED,
+    rng: np.random.Generator,
 ) -> list[Opening]:
     """Return openings of several sizes, the widest first; none if no opposed posture was found.
 
@@ -52,9 +56,10 @@ def find_pregrasps(
     neighbour, so that the fingers stay arranged alike. Minimises, by trust-region least squares
     (Branch, Coleman and Li, 1999), over joint positions, the ball's centre and the pads' fractions
     of the force: pads off the ball, axes off its centre, forces that do not balance, links in the
-    ball, joints off a relaxed posture.
+    ball, joints off a relaxed posture. `most_turned` is the largest error of a pad's axis that is
+    accepted, as the length of a unit circle's chord.
     """
-    problem = _Problem(hand, checker)
+    problem = _Problem(hand, checker, most_turned)
     good: list[Opening] = []
     for _ in range(_ROUNDS):
         found = [problem.solve(radius, problem.random_start(rng)) for radius in _FIRST]
@@ -92,8 +97,8 @@ def _widest(problem: _Problem, last: Opening, failed: float, rng: np.random.Gene
 class _Problem:
     """Residuals over x = joint positions (J), the ball's centre (3), pads' weights (F)."""
 
-    def __init__(self, hand: Hand, checker: HandCollisionChecker) -> None:
-        self._hand, self._checker = hand, checker
+    def __init__(self, hand: Hand, checker: HandCollisionChecker, most_turned: float) -> None:
+        self._hand, self._checker, self._most_turned = hand, checker, most_turned
         self._count, self._fingers = len(hand.joint_names), len(hand.pads)
         self._radii = np.array([pad.radius for pad in hand.pads])
         points = link_points(hand)
@@ -161,7 +166,7 @@ class _Problem:
     def _fits(self, x: FloatArray, radius: float) -> bool:
         off, turned, balance, inside, _ = self._errors(x[None], radius)
         on = np.abs(off[0]) <= _MOST_OFF
-        facing = np.linalg.norm(turned[0], axis=1) <= _MOST_TURNED
+        facing = np.linalg.norm(turned[0], axis=1) <= self._most_turned
         idle = int(self._fingers >= _MANY)
         return bool(
             np.count_nonzero(on & facing) >= self._fingers - idle

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 
@@ -22,6 +23,8 @@ _LEAST_LEAD, _ENOUGH_LEAD = 0.021, 0.06  # of the tip over all else [m]
 _TIP_RADII = (0.003, 0.008)  # [m]
 _BEHIND = 0.002  # least distance of the finger's other links behind its tip [m]
 _LEVEL = 0.002  # of the foremost points of a tip [m]
+# Directions whose collisions are resolved, steps for each, and postures that are tried in a step.
+_PARTED, _PARTINGS, _CHOICES = 8, 15, 6
 
 
 def find_probe_postures(
@@ -31,7 +34,9 @@ def find_probe_postures(
 
     For each direction, a finger takes the sampled posture in which its tip is foremost and the rest
     of it behind, and every other finger the one in which it is farthest back. Of the directions
-    with the largest lead the first without a collision is chosen.
+    with the largest lead the first without a collision is chosen. If all have one, fingers that
+    collide take other sampled postures at random, one after the other, until none does (the
+    min-conflicts heuristic; Minton et al., 1992).
     """
     search = _Search(hand, rng)
     found = {}
@@ -40,6 +45,10 @@ def find_probe_postures(
             if not checker.self_collisions(posture.joint_positions):
                 found[hand.pads[finger].finger] = posture
                 break
+        else:
+            parted = search.parted(finger, checker, rng)
+            if parted is not None:
+                found[hand.pads[finger].finger] = parted
     return found
 
 
@@ -92,7 +101,7 @@ class _Search:
         rivals -= set().union(*(self._owned[other] for other in folded))
         extents = [*self._along(self._samples[finger], rivals).values()]
         extents += [
-            np.broadcast_to(self._folded(other, rows), ahead.shape)
+            np.broadcast_to(self._folded(other, rows, np.arange(_DIRECTIONS)), ahead.shape)
             for other, rows in folded.items()
         ]
         lead = np.where(fine, ahead - np.max(extents, axis=0), -np.inf)  # (S, D)
@@ -107,9 +116,38 @@ class _Search:
             if self._lead(q, self._directions[d], tips) >= _LEAST_LEAD:
                 yield self._posture(finger, q, self._directions[d])
 
-    def _folded(self, finger: int, rows: np.ndarray) -> FloatArray:
+    def parted(
+        self, finger: int, checker: HandCollisionChecker, rng: np.random.Generator
+    ) -> ProbePosture | None:
+        """Return a posture of a finger that leads, found by parting fingers that collide."""
+        tips = self._group(self._hand.pads[finger].link)
+        for posture in islice(self.candidates(finger), _PARTED):
+            q, direction = posture.joint_positions.copy(), posture.direction_H
+            d = int(np.argmax(self._directions @ direction))
+            front = max(e[0, d] for e in self._along(q[None], tips).values())
+            for _ in range(_PARTINGS):
+                colliding = {link for pair in checker.self_collisions(q) for link in pair}
+                if not colliding:
+                    return self._posture(finger, q, direction)
+                others = [
+                    f for f, owned in enumerate(self._owned) if f != finger and owned & colliding
+                ]
+                if not others:
+                    break
+                other = int(rng.choice(others))
+                joints = sorted(set(self._joints[other]) - set(self._joints[finger]))
+                behind = self._folded(other, np.arange(_SAMPLES), d) < front - _LEAST_LEAD
+                tried = [q]
+                for row in rng.permutation(np.flatnonzero(behind))[:_CHOICES]:
+                    tried.append(q.copy())
+                    tried[-1][joints] = self._samples[other][row, joints]
+                q = min(tried, key=lambda each: len(checker.self_collisions(each)))
+        return None
+
+    def _folded(self, finger: int, rows: np.ndarray, directions: np.ndarray | int) -> FloatArray:
+        """Return the extents of a finger in sampled postures along directions [m]."""
         extent = np.max(list(self._extents[finger].values()), axis=0)
-        return np.asarray(extent[rows, np.arange(len(rows))])
+        return np.asarray(extent[rows, directions])
 
     def _posture(self, finger: int, q: FloatArray, direction: FloatArray) -> ProbePosture:
         """Return the posture with the sphere that fits the foremost part of the tip."""

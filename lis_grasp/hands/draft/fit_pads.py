@@ -16,8 +16,9 @@ from lis_grasp.hands.link_tree import HandModel
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
-# Angles of a pad's axis from the closing direction towards the end of the finger [rad].
-_TILTS = (0.45, 0.25, 0.7, 0.0)
+TILTS = (0.45, 0.25, 0.7, 0.0)
+"""Angles of a pad's axis from the closing direction towards the end of the finger [rad]."""
+
 _CONE = np.cos(0.9)  # directions to which the sphere is fitted
 _TIP_LENGTH = 0.03  # part of a finger, from its end, to which the sphere is fitted [m]
 _RADII = (0.004, 0.02)  # [m]
@@ -26,11 +27,14 @@ _HALF_ANGLES = (0.5, 1.2)  # [rad]
 _SYMMETRIC = 0.3  # a range of motion is one-sided if one end is farther from 0 by this fraction
 
 
-def fit_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
+def fit_pads(
+    model: HandModel, fingers: Sequence[Finger], tilts: Sequence[float] = TILTS
+) -> tuple[Pad, ...]:
     """Return one pad for each finger; the flat faces of a jaw's two, else spheres.
 
     A finger closes in the direction in which its last joint bends farther from 0; if both are
-    alike, towards the other fingertips in the middle of all joints' ranges.
+    alike, towards the other fingertips in the middle of all joints' ranges. `tilts` are angles of a
+    pad's axis from that direction towards the end of the finger [rad], of which the best is taken.
     """
     if len(fingers) == 2:
         return fit_flat_pads(model, fingers)
@@ -45,7 +49,7 @@ def fit_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
         others = np.delete(middles_B, i, axis=0).mean(axis=0)
         towards_L = poses[finger.link][:3, :3].T @ (others - middles_B[i])
         towards_L /= np.linalg.norm(towards_L)
-        pads.append(round_pad(finger, *_closing(model, finger, towards_L)))
+        pads.append(round_pad(finger, *_closing(model, finger, towards_L), tilts))
     return tuple(pads)
 
 
@@ -81,7 +85,9 @@ def _perpendicular(axis: FloatArray) -> FloatArray:
     return np.asarray(across / np.linalg.norm(across))
 
 
-def round_pad(finger: Finger, closing_L: FloatArray, outward_L: FloatArray) -> Pad:
+def round_pad(
+    finger: Finger, closing_L: FloatArray, outward_L: FloatArray, tilts: Sequence[float] = TILTS
+) -> Pad:
     """Return the sphere whose support function fits that of the finger's end best.
 
     A sphere has the support function ``u @ center + radius``, so that the fit over directions u in
@@ -95,7 +101,7 @@ def round_pad(finger: Finger, closing_L: FloatArray, outward_L: FloatArray) -> P
     width = float(np.ptp(end @ np.cross(closing_L, outward_L)))
     largest = float(np.clip(0.5 * width, *_RADII))
     fits = []
-    for tilt in _TILTS:
+    for tilt in tilts:
         axis = np.cos(tilt) * closing_L + np.sin(tilt) * outward_L
         cone = lattice[lattice @ axis >= _CONE]
         support = (end @ cone.T).max(axis=0)
