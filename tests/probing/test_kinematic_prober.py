@@ -206,7 +206,7 @@ def test_the_wall_of_a_bore_is_touched_by_a_finger_along_the_bore() -> None:
     shape = shapes.build("hollow_cylinder", 0.2)
     prober = KinematicProber(Hand.load("allegro"), shape.mesh)
     direction = np.array([1.0, 0.0, 0.0])
-    probe = Probe([0.1, 0.0, 0.05], direction, 0.1, 0.0)
+    probe = Probe([0.1, 0.0, 0.08], direction, 0.1, 0.0)  # 20 mm below the rim
     # All of the outside is known, so that the hand cannot approach through the other wall.
     points, faces = trimesh.sample.sample_surface(shape.mesh, 150, seed=0)
     contacts = Contacts(points, shape.mesh.face_normals[faces])
