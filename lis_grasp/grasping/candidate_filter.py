@@ -36,6 +36,7 @@ class GraspCandidates:
     contacts: ContactSets
     postures: Postures
     opened: FloatArray  # (B, J): joint positions with every used pad off its contact
+    clearance: FloatArray  # (B,): distance of links other than fingertips from the object [m]
 
     def __len__(self) -> int:
         return len(self.contacts)
@@ -109,8 +110,11 @@ class CandidateFilter:
         paths = self._approaches(postures.X_OH)
         free = np.flatnonzero(self._free("approach", postures.X_OH, opened, paths))
         free = free[self._within_reach(postures.subset(free), opened[free])]
-        candidates = GraspCandidates(contacts.subset(free), postures.subset(free), opened[free])
-        return kept[free], candidates
+        contacts, postures = contacts.subset(free), postures.subset(free)
+        clearances = [
+            self._checker.clearance(X, q) for X, q in zip(postures.X_OH, postures.q, strict=True)
+        ]
+        return kept[free], GraspCandidates(contacts, postures, opened[free], np.array(clearances))
 
     def _within_reach(self, postures: Postures, opened: FloatArray) -> BoolArray:
         """Return which grasps the station's arm can carry out, (B,); all without a station."""

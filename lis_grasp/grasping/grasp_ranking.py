@@ -63,10 +63,11 @@ class GraspScorer:
       object [m/s^2]; both in the metric of `inertial_metric`.
     - ``success_probability``: the predicted probability that the hand lifts and holds the object,
       a logistic function of ``epsilon_expected``, times another one of ``acceleration``
-      (`success_model`). Grasps are ranked by it. The acceleration is part of it because heavy
+      (`success_model`). The acceleration is part of it because heavy
       objects have more weight, and long ones more inertia, than the friction of fingers close
       together can carry.
     - ``shape_probability``: the first of these two factors, which knowing the surface raises.
+    - ``clearance``: the distance of the links that are no fingertips from the surface [m].
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
     `score` computes them roughly, for ranking, at the median mass and friction of the prior:
@@ -124,6 +125,7 @@ class GraspScorer:
                 quality["acceleration"] = quality["grip"] * quality["load_per_grip"] / mass
                 quality["shape_probability"] = shape_probability(quality, self._median.plain)
                 quality["success_probability"] = success_probability(quality, self._median.plain)
+                quality["clearance"] = float(candidates.clearance[b])
                 quality["pad_error"] = float(postures.position_error[b])
                 found[b] = Grasp(
                     hand=self._hand.name,

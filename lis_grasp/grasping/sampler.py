@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import trimesh
+from scipy.special import ndtr
 
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError, require_at_least
@@ -32,6 +33,8 @@ _SMALLEST_BATCH, _LARGEST_BATCH, _SETS_PER_GRASP = 50, 300, 4
 _LIKELY = 0.5
 # Least height of a pad above the support [m].
 _LOWEST_PAD = 0.0006
+# Standard deviation of the distance between a link and the surface where both are planned [m].
+_LINK_ERROR = 0.002
 # Refinement: standard deviations of the steps [m]; perturbed grasps, of which the best are tried.
 _STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
 _PERTURBATIONS, _TRIED = 16, 2
@@ -180,7 +183,7 @@ class _Search:
 
     def refine(self, count: int) -> None:
         """Replace the best `count` grasps by better ones near them, if there are any."""
-        self.grasps.sort(key=_success, reverse=True)
+        self.grasps.sort(key=_rank, reverse=True)
         best = self.grasps[:count]
         for distance in _STEPS if best else ():
             _LOG.info("improving %d grasps by steps of %.2g mm", len(best), 1e3 * distance)
@@ -192,16 +195,16 @@ class _Search:
             found = self._grasps_at(sets.subset(chosen), X_OH[chosen], q[chosen])
             for i, grasp in found.items():
                 parent = parents[chosen[i]]
-                if _success(grasp) > _success(best[parent]):
+                if _rank(grasp) > _rank(best[parent]):
                     best[parent] = grasp
             self.rejected["outranked"] += len(found)
         self.grasps[:count] = best
-        self.grasps.sort(key=_success, reverse=True)
+        self.grasps.sort(key=_rank, reverse=True)
 
     def predict_success(self, count: int) -> None:
         """Rank the best `count` grasps by precise qualities, over the prior of the load."""
         best = self.scorer.predict_success(self.grasps[:count])
-        self.grasps[:count] = sorted(best, key=_success, reverse=True)
+        self.grasps[:count] = sorted(best, key=_rank, reverse=True)
 
     def result(self, count: int) -> GraspSearch:
         """Return the best `count` grasps."""
@@ -223,6 +226,11 @@ class _Search:
 
 def _success(grasp: Grasp) -> float:
     return grasp.quality["success_probability"]
+
+
+def _rank(grasp: Grasp) -> float:
+    """Return the predicted success, times the probability that only fingertips touch."""
+    return _success(grasp) * float(ndtr(grasp.quality["clearance"] / _LINK_ERROR))
 
 
 def _best_of_each(parents: IndexArray, accelerations: FloatArray) -> IndexArray:

@@ -63,6 +63,15 @@ class HandCollisionChecker:
         self._manager = fcl.DynamicAABBTreeCollisionManager()
         self._manager.registerObjects(self._bodies)
         self._manager.setup()
+        self._inner = fcl.DynamicAABBTreeCollisionManager()
+        self._inner.registerObjects(
+            [
+                body
+                for body, geometry in zip(self._bodies, hand.link_geometries, strict=True)
+                if geometry.link not in hand.fingertip_links
+            ]
+        )
+        self._inner.setup()
         # A contact names the two shapes that meet, by identity.
         self._shapes = shapes
         self._index = {id(shape): i for i, shape in enumerate(shapes)}
@@ -93,6 +102,14 @@ class HandCollisionChecker:
         """Return whether any link touches the object or is inside it."""
         in_hand = self._pose(self.poses_in_hand(q))
         return self._touches_object(X_OH, in_hand, pads_may_touch=False)
+
+    def clearance(self, X_OH: FloatArray, q: FloatArray) -> float:
+        """Return how far links other than fingertips are off the object's surface [m], or 0."""
+        self._pose(X_OH @ self.poses_in_hand(q))
+        self._inner.update()
+        data = fcl.DistanceData()
+        self._inner.distance(self._object, data, fcl.defaultDistanceCallback)
+        return max(float(data.result.min_distance), 0.0)
 
     def poses_in_hand(self, q: FloatArray) -> FloatArray:
         """Return the poses X_HG (..., G, 4, 4) of all bodies at joint positions q, (..., J)."""

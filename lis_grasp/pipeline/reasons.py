@@ -48,7 +48,7 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "no_surface_for_a_finger": "the opposite surface is too small for all fingers: the object"
         " is small for this hand",
         "no_flat_supported_surface": "no touched and flat part of the estimate is large and high"
-        " enough for a pad: turn the object so that more of it is 15 mm above the table, or make"
+        " enough for a pad: turn the object so that more of it stands above the table, or make"
         " more touches (--touches)",
         "no_force_closure": "the contacts could not resist every force: raise --friction, or make"
         " more touches (--touches)",
