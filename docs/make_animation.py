@@ -38,7 +38,7 @@ def main() -> None:
     with Browser() as browser:
         for k in range(_FRAMES):
             time = float(found[1]) * (k + 0.5) / _FRAMES
-            view = f"azimuth={-50 + 40 * k / _FRAMES:.1f}&zoom=1.15"
+            view = f"azimuth={110 + 40 * k / _FRAMES:.1f}&zoom=1.15"
             browser.open(f"{scene.as_uri()}#panel=0&t={time:.3f}&{view}", _SIZE)
             png = browser.send("Page.captureScreenshot", format="png")["data"]
             image = Image.open(io.BytesIO(base64.b64decode(png))).convert("RGB")
