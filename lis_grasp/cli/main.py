@@ -81,8 +81,9 @@ def _import_uncollected(name: str) -> ModuleType:
     try:
         return import_module(name)
     finally:
-        gc.freeze()
-        gc.set_threshold(*_GARBAGE_THRESHOLDS)
+        if not gc.get_freeze_count():  # once a process: garbage that is frozen stays for ever
+            gc.freeze()
+            gc.set_threshold(*_GARBAGE_THRESHOLDS)
         gc.enable()
 
 

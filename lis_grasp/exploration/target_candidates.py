@@ -18,6 +18,8 @@ from lis_grasp.typing import BoolArray, FloatArray
 
 # A target equals an earlier one within this fraction of its gap, if their directions agree.
 _SAME_TARGET = 0.4
+# So many failed probes of a target are enough.
+_OFTEN = 3
 # A start equals that of a blocked probe within this distance, in steps.
 _SAME_START = 0.5
 # Free space around the path of a tip that missed: no surface is this near, in steps.
@@ -26,6 +28,8 @@ _FREE_RADIUS = 0.2
 _IN_FREE_SPACE = 0.05
 # A line to a target passes the contacts' hull at most so far beside it, in steps.
 _BESIDE = 0.2
+# The same on a flat object, whose top is seldom seen from the side.
+_BESIDE_FLAT = 1.0
 # So many probes for every contact may miss: they show where the estimate extends too far.
 _MISSES = 0.1
 # A contact does not count for surface that faces away from it, as on the far side of a thin wall.
@@ -59,7 +63,8 @@ class Targets:
     ) -> Targets:
         """Return the targets of an estimate, given before free space is carved off."""
         points, normals = space.sample(surface, near=contacts, rng=rng)
-        least_cosine = _FACES_ALIKE if is_flat(contacts, space) else _FACES_AWAY
+        flat = is_flat(contacts, space)
+        least_cosine = _FACES_ALIKE if flat else _FACES_AWAY
         nearest, second = gaps(points, normals, contacts, least_cosine=least_cosine)
         free_distance = _distance_to_misses(points, outcomes)
         eligible = free_distance > _FREE_RADIUS * space.step
@@ -71,7 +76,8 @@ class Targets:
         eligible &= ~_starts_blocked(targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
         if misses >= _MISSES * len(contacts):  # most surface beside the hull is extrapolated
-            eligible &= _meets_hull(points, normals, contacts, _BESIDE * space.step)
+            beside = _BESIDE_FLAT if flat else _BESIDE
+            eligible &= _meets_hull(points, normals, contacts, beside * space.step)
         seconds = seconds_to_touch(points, normals, space, outcomes)
         return cls(points, normals, nearest, second, free_distance, eligible, space.step, seconds)
 
@@ -109,11 +115,16 @@ def gaps(
 def _tried(
     points: FloatArray, away: FloatArray, gap: FloatArray, outcomes: Sequence[ProbeOutcome]
 ) -> BoolArray:
-    """Return which points, shape (P,), were a target before, from about the same side."""
+    """Return which points, shape (P,), were a target before, from about the same side.
+
+    Where probes failed often, from whatever side, is tried as well.
+    """
+    failed = np.array([outcome.status != "touched" for outcome in outcomes], dtype=np.bool_)
     targets = np.array([outcome.probe.target for outcome in outcomes]).reshape(-1, 3)
     directions = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
     near = np.linalg.norm(points[:, None] - targets, axis=-1) < _SAME_TARGET * gap[:, None]
-    return np.asarray(np.any(near & (-away @ directions.T > SAME_DIRECTION), axis=1))
+    same = near & (-away @ directions.T > SAME_DIRECTION)
+    return np.asarray(same.any(axis=1) | ((near & failed).sum(axis=1) >= _OFTEN))
 
 
 def _starts_blocked(

@@ -23,7 +23,7 @@ from lis_grasp.exploration import (
     Workspace,
     explore,
 )
-from lis_grasp.exploration.target_candidates import Targets
+from lis_grasp.exploration.target_candidates import Targets, _tried
 from lis_grasp.exploration.workspace import sample_zero_level_set
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
@@ -469,6 +469,16 @@ def test_a_target_is_not_tried_twice_from_the_same_side() -> None:
 def test_an_exploration_without_touches_is_a_result() -> None:
     exploration = Exploration(Contacts.empty(), ())
     assert exploration.summary() == "0 contacts from 0 probes (0 touched, 0 missed, 0 blocked)"
+
+
+def test_a_target_is_given_up_after_three_failed_probes_from_other_sides() -> None:
+    place, up = np.array([[0.1, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]])
+    sides = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]
+    failed = [ProbeOutcome(Probe([0.101, 0.0, 0.0], side, 0.1, 0.0), "missed") for side in sides]
+    gap = np.array([0.01])
+    assert not _tried(place, up, gap, failed[:2])[0]
+    assert _tried(place, up, gap, failed)[0]
+    assert not _tried(place + 0.01, up, gap, failed)[0]
 
 
 def test_no_target_is_in_free_space() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
@@ -82,6 +83,17 @@ def test_the_estimate_is_closed_at_the_table() -> None:
     _, mesh = estimate(honest().contacts, "blend", CONFIG.sensor(), table=table_of(CONFIG, None))
     assert mesh.is_watertight
     assert mesh.bounds[0, 2] > -0.001
+
+
+@pytest.mark.slow
+def test_a_ruler_of_4_mm_is_touched_along_its_whole_length() -> None:
+    ruler = Shape("ruler", trimesh.creation.box([0.22, 0.03, 0.004]), np.empty((0, 2, 3)))
+    config = RunConfig(**UNKNOWN, object="ruler", touches=30, seed=0)
+    X_WO = pose_of(ruler, config)
+    assert X_WO is not None
+    contacts = touch(placed(ruler, X_WO), Hand.load("allegro"), config).contacts
+    along = contacts.points @ X_WO[:3, 0]
+    assert np.ptp(along) > 0.17  # of 0.22 m; tips of 3 mm touch the ends rarely
 
 
 @pytest.mark.slow
