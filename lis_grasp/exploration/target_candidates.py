@@ -28,8 +28,8 @@ _FREE_RADIUS = 0.2
 _IN_FREE_SPACE = 0.05
 # A line to a target passes the contacts' hull at most so far beside it, in steps.
 _BESIDE = 0.2
-# The same on a flat object, whose top is seldom seen from the side.
-_BESIDE_FLAT = 1.0
+# The same along a flat object that is so many times as long as wide: its top may go on.
+_BESIDE_LONG, _LONG = 1.0, 2.0
 # So many probes for every contact may miss: they show where the estimate extends too far.
 _MISSES = 0.1
 # A contact does not count for surface that faces away from it, as on the far side of a thin wall.
@@ -76,10 +76,17 @@ class Targets:
         eligible &= ~_starts_blocked(targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
         if misses >= _MISSES * len(contacts):  # most surface beside the hull is extrapolated
-            beside = _BESIDE_FLAT if flat else _BESIDE
+            beside = _BESIDE_LONG if flat and _is_long(contacts) else _BESIDE
             eligible &= _meets_hull(points, normals, contacts, beside * space.step)
         seconds = seconds_to_touch(points, normals, space, outcomes)
         return cls(points, normals, nearest, second, free_distance, eligible, space.step, seconds)
+
+
+def _is_long(contacts: Contacts) -> bool:
+    """Return whether the contacts' box along their principal axes is far longer than wide."""
+    offsets = contacts.points - contacts.points.mean(axis=0)
+    lengths = np.ptp(offsets @ np.linalg.svd(offsets, full_matrices=False)[2].T, axis=0)
+    return bool(lengths[0] > _LONG * lengths[1])
 
 
 def _meets_hull(
