@@ -107,7 +107,7 @@ class ProbeArm:
         X_WH = self._X_WH.copy()
         X_WH[:3, 3] += travelled * self._direction
         found = posture_near(self._dynamics, q, X_WH)
-        if found is None:
+        if found is None or not self._arm.arm.within_limits(found):
             raise ArmStoppedError("out_of_arm_reach")
         return found
 
