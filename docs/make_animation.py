@@ -1,7 +1,9 @@
-"""Make images/run.gif, an animation of the scene of a run, with Chromium.
+"""Make images/run.gif or another animation of the scene of a run, with Chromium.
 
 lis-grasp run mallet --known --seed 3 --output results/mallet
 python docs/make_animation.py results/mallet
+lis-grasp run box --known --seed 3 --arm iiwa14 --touches 20 --output results/arm
+python docs/make_animation.py results/arm --name arm --from-azimuth 20
 """
 
 from __future__ import annotations
@@ -30,7 +32,10 @@ def main() -> None:
     """Picture the scene at evenly spread times, from a camera that goes round it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="folder of results")
-    scene = parser.parse_args().folder.resolve() / "scene.html"
+    parser.add_argument("--name", default="run", help="of the picture (default: run)")
+    parser.add_argument("--from-azimuth", type=float, default=110.0, help="degrees")
+    options = parser.parse_args()
+    scene = options.folder.resolve() / "scene.html"
     found = re.search(r'"duration": ?([\d.]+)', scene.read_text(encoding="utf-8"))
     if found is None:
         sys.exit(f"{scene} has no story")
@@ -38,13 +43,13 @@ def main() -> None:
     with Browser() as browser:
         for k in range(_FRAMES):
             time = float(found[1]) * (k + 0.5) / _FRAMES
-            view = f"azimuth={110 + 40 * k / _FRAMES:.1f}&zoom=1.15"
+            view = f"azimuth={options.from_azimuth + 40 * k / _FRAMES:.1f}&zoom=1.15"
             browser.open(f"{scene.as_uri()}#panel=0&t={time:.3f}&{view}", _SIZE)
             png = browser.send("Page.captureScreenshot", format="png")["data"]
             image = Image.open(io.BytesIO(base64.b64decode(png))).convert("RGB")
             frames.append(image.quantize(_COLOURS, dither=Image.Dither.NONE))
     frames[0].save(
-        _HERE / "images" / "run.gif",
+        _HERE / "images" / f"{options.name}.gif",
         save_all=True,
         append_images=frames[1:],
         duration=[_FRAME_TIME] * (_FRAMES - 1) + [_LAST_FRAME_TIME],
