@@ -210,18 +210,14 @@ def _in_palm(hand: Hand, posture: ProbePosture) -> tuple[FloatArray, FloatArray]
     """Return the leading sphere's centre (3,) and points all over the hand (P, 3), in H [m]."""
     X_HL = hand.forward_kinematics(np.eye(4), posture.joint_positions)[posture.link]
     every = _points_on(hand, posture, hand.link_geometries)
-    # One point in each cell of the spacing is enough.
-    _, first = np.unique(np.round(2.0 * every / _POINT_SPACING), axis=0, return_index=True)
-    return X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3], every[np.sort(first)]
+    return X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3], every
 
 
 def _inner_points(hand: Hand, posture: ProbePosture) -> FloatArray:
     """Return points all over the links that are no fingertips, (P, 3), in H [m]."""
     tips = hand.fingertip_links
     inner = [geometry for geometry in hand.link_geometries if geometry.link not in tips]
-    every = _points_on(hand, posture, inner)
-    _, first = np.unique(np.round(2.0 * every / _POINT_SPACING), axis=0, return_index=True)
-    return every[np.sort(first)]
+    return _points_on(hand, posture, inner)
 
 
 def _points_on(hand: Hand, posture: ProbePosture, geometries: Sequence[LinkGeometry]) -> FloatArray:
@@ -232,7 +228,10 @@ def _points_on(hand: Hand, posture: ProbePosture, geometries: Sequence[LinkGeome
         X_HG = links[geometry.link] @ geometry.X_LG
         fine = geometry.mesh.subdivide_to_size(_POINT_SPACING)
         points.append(np.asarray(fine.vertices) @ X_HG[:3, :3].T + X_HG[:3, 3])
-    return np.concatenate(points)
+    # One point in each cell of the spacing is enough.
+    every = np.concatenate(points)
+    _, first = np.unique(np.round(2.0 * every / _POINT_SPACING), axis=0, return_index=True)
+    return every[np.sort(first)]
 
 
 def rotation_to_x(direction: FloatArray) -> FloatArray:
