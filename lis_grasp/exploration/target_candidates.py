@@ -14,6 +14,7 @@ from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
 from lis_grasp.exploration.probe_motions import SAME_DIRECTION, is_flat, level_targets, retreats
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
+from lis_grasp.surfaces.contact_places import box_lengths
 from lis_grasp.typing import BoolArray, FloatArray
 
 # A target equals an earlier one within this fraction of its gap, if their directions agree.
@@ -84,9 +85,8 @@ class Targets:
 
 def _is_long(contacts: Contacts) -> bool:
     """Return whether the contacts' box along their principal axes is far longer than wide."""
-    offsets = contacts.points - contacts.points.mean(axis=0)
-    lengths = np.ptp(offsets @ np.linalg.svd(offsets, full_matrices=False)[2].T, axis=0)
-    return bool(lengths[0] > _LONG * lengths[1])
+    _, width, length = box_lengths(contacts.points)
+    return bool(length > _LONG * width)
 
 
 def _meets_hull(

@@ -54,10 +54,15 @@ class ContactPlaces:
 
 def box_area(points: FloatArray) -> float:
     """Return the area of the box along the principal axes of points (N, 3) [m^2]."""
+    a, b, c = box_lengths(points)
+    return float(2.0 * (a * b + b * c + c * a))
+
+
+def box_lengths(points: FloatArray) -> FloatArray:
+    """Return the lengths (3,) [m] of that box, in the order of the points' variances."""
     centered = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(centered.T @ centered)
-    a, b, c = np.ptp(centered @ axes, axis=0)
-    return float(2.0 * (a * b + b * c + c * a))
+    return np.asarray(np.ptp(centered @ axes, axis=0))
 
 
 def farthest_point_order(points: FloatArray, most: int) -> tuple[IndexArray, FloatArray]:
