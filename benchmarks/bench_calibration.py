@@ -35,7 +35,7 @@ from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.grasping.success_model import SUCCESS_MODEL
+from lis_grasp.grasping.success_model import LEAST_ACCELERATION, SUCCESS_MODEL
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.regrasp import lift_options
@@ -120,7 +120,7 @@ def lifts(job: Job) -> list[Row]:
                     first
                     | {"touches": touches, "best": best, "jaw": hand.kind == "jaw"}
                     | {"mass": mass, "friction": friction}
-                    | dict(scorer.predict_success(grasp).quality)
+                    | dict(scorer.predict_success([grasp])[0].quality)
                     | {"held": outcome.held, "reason": outcome.reason, "slip": outcome.slip}
                 )
     return rows
@@ -180,10 +180,8 @@ def predict(rows: list[Row], parameters: dict[str, float]) -> np.ndarray:
     logit = by_kind("intercept")
     for name, offset in SUCCESS_MODEL["offsets"].items():
         logit = logit + parameters[name] * np.log([row[name] + offset for row in rows])
-    friction = np.array([row["friction"] for row in rows]) / SUCCESS_MODEL["load"]["friction"]
-    relative = np.log([max(row["acceleration"], 1e-6) for row in rows]) - by_kind("log load")
-    relative -= parameters["friction exponent"] * np.log(friction)
-    load = parameters["load slope"] * relative
+    accelerations = [max(row["acceleration"], LEAST_ACCELERATION) for row in rows]
+    load = by_kind("load slope") * (np.log(accelerations) - by_kind("log load"))
     return expit(logit) * expit(load)
 
 
@@ -194,10 +192,10 @@ def fit(rows: list[Row]) -> dict[str, float]:
         "coulomb intercept": 6.0,
         "soft_finger intercept": 7.0,
         **dict.fromkeys(SUCCESS_MODEL["offsets"], 0.8),
-        "coulomb log load": 2.6,
-        "soft_finger log load": 2.0,
-        "load slope": 3.5,
-        "friction exponent": 0.0,
+        "coulomb log load": 1.3,
+        "soft_finger log load": 1.3,
+        "coulomb load slope": 3.0,
+        "soft_finger load slope": 3.0,
     }
     first = np.array(list(start.values()))
 

@@ -17,11 +17,12 @@ from lis_grasp.grasping.force_closure import resisted_forces
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import grip_fraction
 from lis_grasp.grasping.grip_forces import balanced_grip
+from lis_grasp.grasping.load_capacity import largest_wrenches, spare_accelerations
 from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.grasping.success_model import shape_probability, success_probability
+from lis_grasp.grasping.success_model import load_probability, shape_probability
 from lis_grasp.grasping.surface_uncertainty import UncertainSurface
 from lis_grasp.hands.hand import Hand
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, IndexArray
 
 # Normals are known to a few degrees only: robust qualities use this fraction of the friction.
 _ROBUST_FRACTION = 0.5
@@ -58,22 +59,22 @@ class GraspScorer:
       ``epsilon_robust``.
     - ``grip``: the sum of the largest normal forces in balance that the hand exerts in this
       posture, within its joint efforts and its largest contact force [N].
-    - ``load_per_grip``: the largest load, in any direction, that contacts carry per unit of grip,
-      and ``acceleration``: the largest acceleration, linear or angular, that the grip gives the
-      object [m/s^2]; both in the metric of `inertial_metric`.
+    - ``load_per_grip``: the largest load, in any direction, that contacts carry per unit of grip.
+    - ``acceleration``: the largest acceleration, linear or angular in any direction, that the
+      fingers can add to holding the weight, within their joint efforts (`spare_accelerations`)
+      [m/s^2]. Both are in the metric of `inertial_metric`.
     - ``success_probability``: the predicted probability that the hand lifts and holds the object,
       a logistic function of ``epsilon_expected``, times another one of ``acceleration``
-      (`success_model`). The acceleration is part of it because heavy
-      objects have more weight, and long ones more inertia, than the friction of fingers close
-      together can carry.
+      (`success_model`). The acceleration is part of it because heavy objects have more weight,
+      and long ones more inertia, than the motors or the friction of fingers close together carry.
     - ``shape_probability``: the first of these two factors, which knowing the surface raises.
     - ``clearance``: the distance of the links that are no fingertips from the surface [m].
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
-    `score` computes them roughly, for ranking, at the median mass and friction of the prior:
-    epsilon may be too small by 5 %, four surfaces are sampled, and ``weight_robust``, which does
-    not count, is left out. `predict_success` computes them precisely, and averages the success
-    probability over both distributions.
+    `score` computes them roughly, for ranking, at the median friction of the prior: epsilon and
+    accelerations may be too small by 5 %, four surfaces are sampled, and ``weight_robust`` and
+    ``load_per_grip``, which do not count, are left out. `predict_success` computes them precisely,
+    and averages the success probability over the distributions of mass and friction.
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest
     distance of a vertex from it.
@@ -99,50 +100,56 @@ class GraspScorer:
     def score(self, candidates: GraspCandidates) -> dict[int, Grasp]:
         """Return the grasps in force closure among candidates, by their index; see the class."""
         found: dict[int, Grasp] = {}
-        postures, mass = candidates.postures, self._prior.mass
-        for alike, points, normals in candidates.contacts.by_count():
+        postures, contacts = candidates.postures, candidates.contacts
+        for alike, points, normals in contacts.by_count():
             plain = epsilon_by_expanding_polytope(
                 points, normals, self._median.plain, tolerance=_RANKED.tolerance
             )
             closing = np.flatnonzero(plain > 0.0)
             if not len(closing):
                 continue
-            qualities = self._qualities(points[closing], normals[closing], self._median, _RANKED)
-            for k, i in enumerate(closing):
-                b = int(alike[i])
-                used = candidates.contacts.used[b]
-                fingers = tuple(f for f, on in zip(self._hand.fingers, used, strict=True) if on)
-                forces = balanced_grip(
-                    points[i],
-                    normals[i],
-                    friction=self._prior.friction,
-                    total=2.0 * self._hand.max_contact_force,
-                )
-                X_OH, q = postures.X_OH[b], postures.q[b]
-                forces = grip_fraction(self._hand, X_OH, q, fingers, forces) * forces
-                quality = {"epsilon": float(plain[i]), **qualities[k]}
-                quality["grip"] = -float(np.sum(forces * normals[i]))
-                quality["acceleration"] = quality["grip"] * quality["load_per_grip"] / mass
-                quality["shape_probability"] = shape_probability(quality, self._median.plain)
-                quality["success_probability"] = success_probability(quality, self._median.plain)
-                quality["clearance"] = float(candidates.clearance[b])
-                quality["pad_error"] = float(postures.position_error[b])
-                found[b] = Grasp(
-                    hand=self._hand.name,
-                    X_OH=X_OH,
-                    joint_names=self._hand.joint_names,
-                    joint_positions=q,
-                    pregrasp_positions=candidates.opened[b],
-                    approach_O=X_OH[:3, :3] @ self._hand.approach_H,
-                    contact_points=points[i],
-                    contact_normals=normals[i],
-                    contact_fingers=fingers,
-                    contact_forces=forces,
-                    quality=quality,
-                    accepted=f"force closure at friction {self._prior.friction:g}, reached, free of"
-                    " collision",
-                )
+            rows = alike[closing]
+            pads = np.nonzero(contacts.used[rows])[1].reshape(len(rows), -1)
+            batch = _Batch(
+                points[closing], normals[closing], pads, postures.X_OH[rows], postures.q[rows]
+            )
+            values = {
+                "epsilon": plain[closing],
+                **self._qualities(batch, self._median, _RANKED),
+                "clearance": candidates.clearance[rows],
+                "pad_error": postures.position_error[rows],
+            }
+            for k, b in enumerate(rows.tolist()):
+                quality = {name: float(value[k]) for name, value in values.items()}
+                found[b] = self._grasp(batch, k, candidates.opened[b], quality)
         return dict(sorted(found.items()))
+
+    def _grasp(self, batch: _Batch, k: int, opened: FloatArray, quality: dict[str, float]) -> Grasp:
+        """Return a grasp of a batch, with the largest forces in balance."""
+        X_OH, q, normals = batch.X_OH[k], batch.q[k], batch.normals[k]
+        fingers = tuple(self._hand.fingers[pad] for pad in batch.pads[k])
+        forces = balanced_grip(
+            batch.points[k],
+            normals,
+            friction=self._prior.friction,
+            total=2.0 * self._hand.max_contact_force,
+        )
+        forces = grip_fraction(self._hand, X_OH, q, fingers, forces) * forces
+        return Grasp(
+            hand=self._hand.name,
+            X_OH=X_OH,
+            joint_names=self._hand.joint_names,
+            joint_positions=q,
+            pregrasp_positions=opened,
+            approach_O=X_OH[:3, :3] @ self._hand.approach_H,
+            contact_points=batch.points[k],
+            contact_normals=normals,
+            contact_fingers=fingers,
+            contact_forces=forces,
+            quality={**quality, "grip": -float(np.sum(forces * normals))},
+            accepted=f"force closure at friction {self._prior.friction:g}, reached, free of"
+            " collision",
+        )
 
     def predict_success(self, grasps: Sequence[Grasp]) -> list[Grasp]:
         """Return grasps with precise qualities and the success probability over the whole prior.
@@ -153,36 +160,30 @@ class GraspScorer:
         predicted = list(grasps)
         for count in np.unique(counts):
             alike = np.flatnonzero(counts == count).tolist()
-            points = np.array([grasps[i].contact_points for i in alike])
-            normals = np.array([grasps[i].contact_normals for i in alike])
-            plain = epsilon_by_expanding_polytope(
-                points, normals, self._median.plain, tolerance=_REPORTED.tolerance
-            )
-            weights = resisted_forces(points, normals, (0.0, 0.0, 1.0), self._median.robust)
-            medians = self._qualities(points, normals, self._median, _REPORTED)
-            by_friction = [medians] + [
-                self._qualities(points, normals, models, _RANKED) for models, _ in self._models[1:]
-            ]
+            batch = _Batch.of([grasps[i] for i in alike], self._hand)
+            at, tolerance = (batch.points, batch.normals), _REPORTED.tolerance
+            median = self._median
+            values = {
+                **self._qualities(batch, median, _REPORTED),
+                "epsilon": epsilon_by_expanding_polytope(*at, median.plain, tolerance=tolerance),
+                "load_per_grip": epsilon_by_expanding_polytope(
+                    *at, median.loaded, tolerance=tolerance
+                ),
+                "weight_robust": resisted_forces(*at, (0.0, 0.0, 1.0), median.robust),
+            }
+            (_, weight), *others = self._models
+            success = weight * values["success_probability"]
+            for models, weight in others:
+                qualities = self._qualities(batch, models, _RANKED)
+                success = success + weight * qualities["success_probability"]
+            values["success_probability"] = success
             for k, i in enumerate(alike):
-                quality = {**grasps[i].quality, "epsilon": float(plain[k]), **medians[k]}
-                quality["weight_robust"] = float(weights[k])
-                success = 0.0
-                for qualities, (models, of_friction) in zip(by_friction, self._models, strict=True):
-                    load = quality["grip"] * qualities[k]["load_per_grip"]
-                    for mass, of_mass in self._prior.masses():
-                        at_load = {**qualities[k], "acceleration": load / mass}
-                        success += (
-                            of_friction * of_mass * success_probability(at_load, models.plain)
-                        )
-                load = quality["grip"] * quality["load_per_grip"]
-                quality["acceleration"] = load / self._prior.mass
-                quality["shape_probability"] = shape_probability(quality, self._median.plain)
-                quality["success_probability"] = success
-                predicted[i] = replace(grasps[i], quality=quality)
+                quality = {name: float(value[k]) for name, value in values.items()}
+                predicted[i] = replace(grasps[i], quality={**grasps[i].quality, **quality})
         return predicted
 
-    def accelerations(self, sets: ContactSets) -> FloatArray:
-        """Return ``acceleration`` of B contact sets per unit of grip and mass; shape (B,)."""
+    def loads_per_grip(self, sets: ContactSets) -> FloatArray:
+        """Return ``load_per_grip`` of B contact sets, shape (B,)."""
         found = np.zeros(len(sets))
         for alike, points, normals in sets.by_count():
             found[alike] = epsilon_by_expanding_polytope(
@@ -191,27 +192,42 @@ class GraspScorer:
         return found
 
     def _qualities(
-        self,
-        points: FloatArray,
-        normals: FloatArray,
-        models: _FrictionModels,
-        precision: _Precision,
-    ) -> list[dict[str, float]]:
-        """Return the qualities of each grasp's contacts, (B, C, 3), that depend on the friction."""
-        tolerance = precision.tolerance
-        robust = epsilon_by_expanding_polytope(points, normals, models.robust, tolerance=tolerance)
-        closure, expected = self._over_surfaces(points, normals, robust, models, precision.surfaces)
-        values = {
+        self, batch: _Batch, models: _FrictionModels, precision: _Precision
+    ) -> dict[str, FloatArray]:
+        """Return the qualities of grasps, each (B,), that depend on the friction of `models`.
+
+        The success probability is averaged over the masses of the prior.
+        """
+        at = batch.points, batch.normals
+        robust = epsilon_by_expanding_polytope(*at, models.robust, tolerance=precision.tolerance)
+        closure, expected = self._over_surfaces(*at, robust, models, precision.surfaces)
+        accelerations, carried = self._carry(batch, models)
+        shape = shape_probability(expected, models.plain)
+        return {
             "epsilon_robust": robust,
             "closure_probability": closure,
             "epsilon_expected": expected,
-            "load_per_grip": epsilon_by_expanding_polytope(
-                points, normals, models.loaded, tolerance=tolerance
-            ),
+            "acceleration": accelerations,
+            "shape_probability": shape,
+            "success_probability": shape * carried,
         }
-        return [
-            {name: float(value[b]) for name, value in values.items()} for b in range(len(points))
-        ]
+
+    def _carry(self, batch: _Batch, models: _FrictionModels) -> tuple[FloatArray, FloatArray]:
+        """Return ``acceleration`` at the median mass, and the probability to carry the object."""
+        wrenches = largest_wrenches(
+            self._hand,
+            models.carrying,
+            batch.X_OH,
+            batch.q,
+            batch.pads,
+            batch.points,
+            batch.normals,
+        )
+        masses, weights = np.array(list(self._prior.masses())).T
+        accelerations = spare_accelerations(
+            wrenches, masses, scale=self._hand.max_contact_force, tolerance=_COARSE
+        )
+        return accelerations[0], weights @ load_probability(accelerations, models.plain)
 
     def _over_surfaces(
         self,
@@ -240,23 +256,46 @@ class GraspScorer:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Batch:
+    """B grasps of equally many contacts."""
+
+    points: FloatArray  # (B, C, 3) [m], in O
+    normals: FloatArray  # (B, C, 3), unit, outward
+    pads: IndexArray  # (B, C): number of the pad at each contact
+    X_OH: FloatArray  # (B, 4, 4)
+    q: FloatArray  # (B, J) [rad or m]
+
+    @classmethod
+    def of(cls, grasps: Sequence[Grasp], hand: Hand) -> _Batch:
+        """Return grasps of equally many contacts as a batch."""
+        return cls(
+            np.array([grasp.contact_points for grasp in grasps]),
+            np.array([grasp.contact_normals for grasp in grasps]),
+            np.array([[hand.fingers.index(f) for f in grasp.contact_fingers] for grasp in grasps]),
+            np.array([grasp.X_OH for grasp in grasps]),
+            np.array([grasp.joint_positions for grasp in grasps]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _FrictionModels:
-    """Wrench models at one friction: of closure, of robust qualities, and of accelerations."""
+    """Wrench models at one friction: of closure, of robust qualities, and of loads."""
 
     plain: WrenchModel
     robust: WrenchModel
     loaded: WrenchModel
+    carrying: WrenchModel
 
     @classmethod
     def of(cls, mesh: trimesh.Trimesh, hand: Hand, friction: float) -> _FrictionModels:
         """Return the models of a hand's contacts on a mesh."""
+        plain, metric = wrench_model(mesh, hand, friction), inertial_metric(mesh)
+        loaded = wrench_model(mesh, hand, _LOADED_FRACTION * friction)
         return cls(
-            wrench_model(mesh, hand, friction),
+            plain,
             wrench_model(mesh, hand, _ROBUST_FRACTION * friction),
-            replace(
-                wrench_model(mesh, hand, _LOADED_FRACTION * friction),
-                torque_metric=inertial_metric(mesh),
-            ),
+            replace(loaded, torque_metric=metric),
+            replace(plain, torque_metric=metric),
         )
 
 

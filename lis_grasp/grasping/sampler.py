@@ -190,7 +190,7 @@ class _Search:
             parents, sets, X_OH, q = perturb_grasps(
                 self.hand, best, self.samples, each=_PERTURBATIONS, distance=distance, rng=self.rng
             )
-            chosen = _best_of_each(parents, self.scorer.accelerations(sets))
+            chosen = _best_of_each(parents, self.scorer.loads_per_grip(sets))
             self.drawn += len(chosen)
             found = self._grasps_at(sets.subset(chosen), X_OH[chosen], q[chosen])
             for i, grasp in found.items():
@@ -233,11 +233,11 @@ def _rank(grasp: Grasp) -> float:
     return _success(grasp) * float(ndtr(grasp.quality["clearance"] / _LINK_ERROR))
 
 
-def _best_of_each(parents: IndexArray, accelerations: FloatArray) -> IndexArray:
-    """Return the few perturbations of each parent with the largest acceleration above 0."""
-    order = np.lexsort((-accelerations, parents))
+def _best_of_each(parents: IndexArray, loads: FloatArray) -> IndexArray:
+    """Return the few perturbations of each parent with the largest load above 0."""
+    order = np.lexsort((-loads, parents))
     ranks = np.arange(len(order)) - np.searchsorted(parents[order], parents[order])
-    return np.sort(order[(ranks < _TRIED) & (accelerations[order] > 0.0)])
+    return np.sort(order[(ranks < _TRIED) & (loads[order] > 0.0)])
 
 
 def perturb_grasps(

@@ -137,18 +137,18 @@ def test_the_inertial_metric_gives_the_accelerations_of_a_unit_mass() -> None:
     np.testing.assert_allclose(metric, np.diag(0.65 / by_mass), rtol=1e-9, atol=1e-9)
 
 
-def _acceleration_at(x: float, bar: trimesh.Trimesh) -> float:
-    """Return the acceleration by a pinch of a bar across y, at a place x along it."""
+def _load_at(x: float, bar: trimesh.Trimesh) -> float:
+    """Return the load per grip of a pinch of a bar across y, at a place x along it."""
     scorer = GraspScorer(JAW, bar, prior=LoadPrior(0.8), rng=np.random.default_rng(0))
     points = np.array([[[x, -0.0125, 0.0125], [x, 0.0125, 0.0125]]])
     normals = np.array([[[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]])
     sets = ContactSets(points, normals, np.ones((1, 2), dtype=bool))
-    return float(scorer.accelerations(sets)[0])
+    return float(scorer.loads_per_grip(sets)[0])
 
 
-def test_a_lever_to_the_centre_of_mass_lowers_the_acceleration() -> None:
+def test_a_lever_to_the_centre_of_mass_lowers_the_load() -> None:
     bar = _on_table(trimesh.creation.box((0.3, 0.025, 0.025)))
-    found = [_acceleration_at(x, bar) for x in (0.0, 0.03, 0.06, 0.12)]
+    found = [_load_at(x, bar) for x in (0.0, 0.03, 0.06, 0.12)]
     assert found == sorted(found, reverse=True)
     assert found[-1] < 0.7 * found[0]
 
@@ -164,9 +164,9 @@ def test_a_hammer_is_grasped_near_its_centre_of_mass() -> None:
     assert abs(lever) < 0.06
 
 
-def test_a_long_object_is_accelerated_less_than_a_short_one_of_the_same_mass() -> None:
+def test_a_long_object_carries_less_load_than_a_short_one() -> None:
     bars = [_on_table(trimesh.creation.box((length, 0.025, 0.025))) for length in (0.1, 0.3)]
-    short, long = (_acceleration_at(0.0, bar) for bar in bars)
+    short, long = (_load_at(0.0, bar) for bar in bars)
     assert long < 0.7 * short
 
 
