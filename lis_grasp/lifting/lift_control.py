@@ -11,6 +11,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.grasping.grip_forces import balanced_grip
+from lis_grasp.grasping.load_capacity import GRAVITY
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lifting_scene import HandContact, LiftingScene
@@ -28,6 +29,8 @@ _ENOUGH = 0.9  # fraction of the wanted grip that a narrower cone must give
 _YIELD = 0.1
 # Weights of a searching pad's sideways motion [1] and of joint motion [m] against its progress.
 _SIDEWAYS_WEIGHT, _STEP_WEIGHT = 0.3, 3e-3
+# Plans of grip forces until one is within the efforts.
+_TRIES = 6
 _ROOM = 1e-6  # least distance between the bounds of a least-squares problem
 
 
@@ -46,7 +49,8 @@ class FingerControl:
     Guarded closing: every finger moves from the pregrasp to its planned posture, then along the
     planned contact normal, until it touches. Then all touching fingers push with forces that
     balance each other at the measured points and normals (`balanced_grip`): joint torques
-    ``tau = J^T f`` on top of soft springs that hold the posture.
+    ``tau = J^T f`` on top of soft springs that hold the posture. Once the object is weighed, they
+    balance its weight too, so that the springs do not yield to it.
     """
 
     def __init__(self, scene: LiftingScene, setup: LiftSetup) -> None:
@@ -63,6 +67,7 @@ class FingerControl:
         self._grip = setup.grip_force(setup.options.assumed_mass or setup.mass)  # [N]
         self._contacts: dict[str, _FingerContact] = {}
         self._forces: dict[str, FloatArray] = {}  # on the object, in the palm's frame H
+        self._weight: FloatArray | None = None  # (3,) [N], once the hand has weighed the object
         travel = hand.pad_centers(np.eye(4), np.stack([self._start, self._goal]))  # (2, F, 3)
         longest = float(np.linalg.norm(travel[1] - travel[0], axis=-1).max())
         self._closing_time = max(longest / _CLOSING_SPEED, 0.1)
@@ -118,11 +123,15 @@ class FingerControl:
             self._posture += _YIELD * (self._scene.joint_positions - self._posture)
         self._scene.command_fingers(self._posture, fraction * self._efforts(self._forces))
 
-    def adapt_grip(self, *, mass: float | None = None, factor: float = 1.0) -> None:
-        """Plan the forces again, for a measured mass [kg] or with a larger grip force."""
+    def carry(self, mass: float) -> None:
+        """Plan the forces again for a weighed mass [kg], so that they balance its weight."""
+        self._grip = max(self._grip, self._setup.grip_force(mass))
+        self._weight = np.array([0.0, 0.0, -GRAVITY * mass])
+        self._plan_forces()
+
+    def grip_harder(self, factor: float) -> None:
+        """Plan the forces again with a grip force that is larger by a factor."""
         self._grip *= factor
-        if mass is not None:
-            self._grip = max(self._grip, self._setup.grip_force(mass))
         self._plan_forces()
 
     def pad_points(self) -> dict[str, FloatArray]:
@@ -185,25 +194,42 @@ class FingerControl:
         contacts = [self._contacts[finger] for finger in fingers]
         points = np.array([self._point(contact) for contact in contacts])
         normals = np.array([contact.normal for contact in contacts])
-        forces = self._balanced_forces(points, normals)
         R_WH = self._scene.X_WH[:3, :3]
-        self._forces = dict(zip(fingers, forces @ R_WH, strict=True))
-        # Scaled together, to stay in balance, so that no finger pushes harder than it can.
+        wanted = self._grip
+        for _ in range(_TRIES):
+            forces = self._balanced_forces(points, normals, wanted)
+            self._forces = dict(zip(fingers, forces @ R_WH, strict=True))
+            exerted = self._exerted(forces, normals)
+            if exerted <= 1.0:
+                return
+            wanted /= exerted
+        # Scaled together so that no finger pushes harder than it can.
+        self._forces = {finger: force / exerted for finger, force in self._forces.items()}
+
+    def _exerted(self, forces: FloatArray, normals: FloatArray) -> float:
+        """Return the planned forces (C, 3) as a fraction of what the fingers can exert."""
         strongest = float(np.abs(np.sum(forces * normals, axis=1)).max())
         efforts = self._efforts(self._forces)
-        load = max(
+        return max(
             strongest / self._hand.max_contact_force,
             float(np.max(np.abs(efforts) / (EFFORT_FRACTION * self._hand.effort_limits))),
         )
-        if load > 1.0:
-            self._forces = {finger: force / load for finger, force in self._forces.items()}
 
-    def _balanced_forces(self, points: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return forces (C, 3) on the object, inside the narrowest cones in which they balance."""
-        wanted = self._grip
+    def _balanced_forces(
+        self, points: FloatArray, normals: FloatArray, wanted: float
+    ) -> FloatArray:
+        """Return forces (C, 3) on the object, inside the narrowest cones in which they balance.
+
+        Their normal parts add up to `wanted` [N].
+        """
+        load = None if self._weight is None else (self._weight, self._scene.object_center)
         for fraction in _CONE_FRACTIONS:
             forces = balanced_grip(
-                points, normals, friction=fraction * self._setup.grip_friction, total=wanted
+                points,
+                normals,
+                friction=fraction * self._setup.grip_friction,
+                total=wanted,
+                load=load,
             )
             total = -float(np.sum(forces * normals))
             if total >= _ENOUGH * wanted:

@@ -8,12 +8,11 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_positive
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.load_capacity import GRAVITY
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_lift import ArmLift
 from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.typing import FloatArray
-
-_GRAVITY = 9.81  # [m/s^2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +49,7 @@ class LiftSetup:
     def grip_force(self, mass: float) -> float:
         """Return the wanted sum of normal forces [N] for a mass [kg]; see `LiftOptions`."""
         options = self.options
-        load = mass * (_GRAVITY + max(options.shake_accelerations, default=0.0))
+        load = mass * (GRAVITY + max(options.shake_accelerations, default=0.0))
         return max(
             options.grip_margin * load / self.grip_friction,
             self._force_to_accelerate(load),

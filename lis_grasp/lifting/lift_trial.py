@@ -160,10 +160,10 @@ class LiftTrial:
             if not weighed:
                 weighed = self._scene.X_WH[2, 3] - self._goal[2] >= _WATCHED_RISE
                 given_up = self._accept_grasp is not None and watch.total > _SLIP_LIMIT
-                if weighed and self._options.assumed_mass is not None:
-                    self._control.adapt_grip(mass=self._setup.mass)
+                if weighed:
+                    self._control.carry(self._setup.mass)
                 elif watch.has_slipped():
-                    self._control.adapt_grip(factor=_GRIP_FACTOR)
+                    self._control.grip_harder(_GRIP_FACTOR)
             return self._hold_grip(time) or given_up
 
         self._advance(duration, line(np.zeros(6), self._rise, duration), hold)

@@ -217,6 +217,20 @@ def test_a_grip_is_balanced_though_equal_forces_would_not_be() -> None:
     np.testing.assert_allclose(normal_part.sum(), 10.0, rtol=0.02)
 
 
+def test_a_grip_balances_a_load_inside_the_cones() -> None:
+    points, friction = _ring(3, 0.03), 0.6
+    weight, center = np.array([0.0, 0.0, -3.0]), np.array([0.004, -0.002, 0.02])
+    normals = points / 0.03
+    forces = balanced_grip(points, normals, friction=friction, total=12.0, load=(weight, center))
+    np.testing.assert_allclose(forces.sum(axis=0), -weight, atol=1e-3)
+    torque = np.cross(points, forces).sum(axis=0) + np.cross(center, weight)
+    np.testing.assert_allclose(torque, 0.0, atol=1e-4)
+    normal_part = -(forces * normals).sum(axis=1)
+    assert normal_part.sum() == pytest.approx(12.0, rel=1e-2)
+    tangential = np.linalg.norm(forces + normal_part[:, None] * normals, axis=1)
+    assert np.all(tangential <= friction * normal_part + 1e-9)
+
+
 def test_a_grasp_of_high_symmetry_has_its_epsilon() -> None:
     # The facets of its hull have many coplanar points, which Qhull cannot always merge; a grasp
     # that differs by a hair does not have them, and epsilon is continuous.

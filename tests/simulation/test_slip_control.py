@@ -7,6 +7,7 @@ import pytest
 
 from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
 from lis_grasp.simulation.simulate_lift import simulate_lift
 
@@ -60,3 +61,15 @@ def test_a_known_load_needs_no_reaction() -> None:
     outcome = _lift(mass=0.2, friction=0.8, careful=True, assumed=False)
     assert outcome.held
     assert outcome.slip < 0.002
+
+
+@pytest.mark.slow
+def test_fingers_carry_the_weight_and_do_not_sag() -> None:
+    hand, mass = Hand.load("allegro"), 0.5
+    search = pipeline.plan(
+        BOX.mesh, hand, support=SUPPORT, prior=LoadPrior(mass=mass), count=3, seed=0
+    )
+    outcome = simulate_lift(BOX.mesh, hand, search.grasps[0], support_height=SUPPORT, mass=mass)
+    assert outcome.held
+    # The springs of the fingers alone would yield by about 10 mm.
+    assert outcome.slip < 0.004
