@@ -76,7 +76,10 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
 
 
 def _import_uncollected(name: str) -> ModuleType:
-    """Import a module without garbage collection: what modules create stays."""
+    """Import a module without garbage collection, which is seldom from then on.
+
+    What modules create stays.
+    """
     gc.disable()
     try:
         return import_module(name)

@@ -98,7 +98,8 @@ def resisted_forces(
     """Return `resisted_force` of many grasps, contacts (B, C, 3), by one linear programme; (B,).
 
     Each grasp is a block of it, with ``sum a <= 1``, which allows ``s = 0``. A largest ``s > 0``
-    has ``sum a = 1``, as it grows with the weights. Zero if the solver fails.
+    has ``sum a = 1``, as it grows with the weights. Where the solver fails grasps are solved one by
+    one, and those on which it fails again resist zero.
     """
     wrenches = replace(model, length_scale=None).wrenches(points, normals)  # (B, C, K, 6)
     count = len(wrenches)
@@ -121,9 +122,12 @@ def resisted_forces(
         bounds=(0.0, None),
         method="highs",
     )
-    if solution.status != 0:
-        return np.zeros(count)
-    return np.asarray(solution.x[is_force])
+    if solution.status == 0:
+        return np.asarray(solution.x[is_force])
+    if count == 1:
+        return np.zeros(1)
+    each = zip(np.asarray(points), np.asarray(normals), strict=True)
+    return np.concatenate([resisted_forces(p[None], n[None], direction, model) for p, n in each])
 
 
 def _cancelling_weights(W: FloatArray) -> FloatArray | None:

@@ -1,9 +1,11 @@
 """Grasp quality against closed forms, laws, and a second method."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from random_directions import random_directions
-from scipy.optimize import linprog
+from scipy.optimize import OptimizeResult, linprog
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -321,3 +323,25 @@ def test_the_resisted_force_in_any_direction_is_at_least_epsilon(seed: int) -> N
     epsilon = epsilon_quality(points, normals, friction=0.6)
     force = resisted_force(points, normals, direction, WrenchModel(0.6, origin=center))
     assert force >= epsilon - 1e-9
+
+
+def test_forces_of_the_other_grasps_survive_a_failure_of_the_solver(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(8)
+    grasps = [_random_grasp(rng, 4) for _ in range(3)]
+    points, normals = (np.array(arrays) for arrays in zip(*grasps, strict=True))
+    up, model = (0.0, 0.0, 1.0), WrenchModel(0.8)
+    expected = resisted_forces(points, normals, up, model)
+    calls = 0
+
+    def failing(*arguments: Any, **options: Any) -> OptimizeResult:
+        nonlocal calls
+        calls += 1
+        # The programme of all grasps, and that of the second one.
+        return OptimizeResult(status=4) if calls in (1, 3) else linprog(*arguments, **options)
+
+    monkeypatch.setattr("lis_grasp.grasping.force_closure.linprog", failing)
+    found = resisted_forces(points, normals, up, model)
+    np.testing.assert_allclose(found[[0, 2]], expected[[0, 2]], rtol=1e-6)
+    assert found[1] == 0.0
