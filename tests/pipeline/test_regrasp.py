@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scenes
 import trimesh
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.exceptions import InvalidOptionError
@@ -25,9 +25,13 @@ LEFT, RIGHT = np.array([[-0.03, 0.0, 0.0]]), np.array([[0.03, 0.0, 0.0]])
 
 
 def _outcome(reason: str, fingers: tuple[str, ...] = (), closed: bool = True) -> LiftOutcome:
-    """Return an outcome with one measured contact per finger, the object pushed by 1 mm."""
-    points = np.arange(3.0 * len(fingers)).reshape(-1, 3)
-    normals = np.tile([1.0, 0.0, 0.0], (len(fingers), 1))
+    """Return an outcome with one measured contact per finger, the object pushed by 1 mm.
+
+    The contacts are on top of the box, where they show no motion of it.
+    """
+    top = BOX.mesh.bounds[1, 2]
+    points = np.array([[0.01 * k, 0.0, top] for k in range(len(fingers))]).reshape(-1, 3)
+    normals = np.tile([0.0, 0.0, 1.0], (len(fingers), 1))
     measured = Contacts(points, normals, fingers=fingers)
     held = reason == "held"
     pushed = scenes.pose(0.001, 0.0, 0.0)
@@ -67,8 +71,9 @@ def test_an_aborted_grasp_adds_its_contacts_and_starts_at_the_pushed_object() ->
     made, calls = _scripted(outcomes, (scenes.grasp(),), 3)
     assert [attempt.outcome for attempt in made] == outcomes
     assert [len(attempt.contacts) for attempt in made] == [6, 7]
-    assert_array_equal(made[1].contacts.points[6], outcomes[0].measured_contacts.points[0])
-    assert_array_equal(calls[1]["X_WO"], outcomes[0].X_WO)
+    measured = outcomes[0].measured_contacts.points[0]
+    assert_allclose(made[1].contacts.points[6], measured, rtol=0.0, atol=1e-12)
+    assert_allclose(calls[1]["X_WO"], outcomes[0].X_WO, rtol=0.0, atol=1e-12)
 
 
 def test_the_last_attempt_has_no_tactile_check() -> None:
