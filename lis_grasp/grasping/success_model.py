@@ -14,7 +14,7 @@ from lis_grasp.typing import FloatArray
 SUCCESS_MODEL = json.loads(Path(__file__).with_name("success_model.json").read_text("utf-8"))
 """Constants of the model, and what they were fitted to."""
 
-LEAST_ACCELERATION = 0.1
+LEAST_ACCELERATION = 0.02
 """A smaller acceleration counts as this one [m/s^2]."""
 
 
