@@ -332,3 +332,51 @@ def test_a_finger_leads_where_the_others_cannot_all_fold() -> None:
     assert len(found) == len(hand.pads)
     for posture in found.values():
         assert not palm.self_collisions(posture.joint_positions)
+
+
+def parallel_finger(name: str, side: int, at: float, mimic: str = "") -> list[str]:
+    """Return a bar that turns inwards, with a flat tip that turns back as much."""
+    back = 'joint="one_bar" multiplier="-1"'
+    return [
+        link(f"{name}_rod", [((0.006, 0.006, 0.05), (0.0, 0.0, 0.03))]),
+        joint(
+            f"{name}_bar",
+            "base",
+            f"{name}_rod",
+            (side, 0, 0),
+            at=(at, 0.03 * side, 0.02),
+            kind="revolute",
+            limits=(-0.5, 0.5),
+            mimic=mimic,
+        ),
+        link(name, [((0.02, 0.01, 0.05), (0.0, 0.0, 0.0))]),
+        joint(
+            f"{name}_back",
+            f"{name}_rod",
+            name,
+            (side, 0, 0),
+            at=(0, 0, 0.06),
+            kind="revolute",
+            limits=(-0.5, 0.5),
+            mimic=back,
+        ),
+    ]
+
+
+def test_pads_of_tips_that_are_kept_parallel_face_each_other_straight(tmp_path: Path) -> None:
+    follow = 'joint="one_bar"'
+    claws = [
+        *parallel_finger("one", 1, 0.0),
+        *parallel_finger("two", -1, -0.03, follow),
+        *parallel_finger("three", -1, 0.03, follow),
+    ]
+    model = read_urdf(written(tmp_path, link(*BASE), *claws))
+    fingers = find_fingers(model)
+    assert [finger.name for finger in fingers] == ["one", "two", "three"]
+    for pad, side in zip(fit_pads(model, fingers), (1, -1, -1), strict=True):
+        np.testing.assert_allclose(pad.axis_L, [0, -side, 0], atol=1e-9)
+        # On the inner face and its middle line (but for the lattice of directions), near the end.
+        np.testing.assert_allclose(
+            (pad.center_L + pad.radius * pad.axis_L)[:2], [0, -0.005 * side], atol=1e-4
+        )
+        assert pad.center_L[2] > 0.0

@@ -24,6 +24,8 @@ _TIP_LENGTH = 0.03  # part of a finger, from its end, to which the sphere is fit
 _RADII = (0.004, 0.02)  # [m]
 _PROTRUSION = 0.004  # by which the link may reach beyond the pad's sphere [m]
 _HALF_ANGLES = (0.5, 1.2)  # [rad]
+# A tip does not turn if its rotation matrix changes by less, and moves if its path is longer [m].
+_PARALLEL, _LEAST_PATH = 0.05, 0.005
 _SYMMETRIC = 0.3  # a range of motion is one-sided if one end is farther from 0 by this fraction
 
 
@@ -33,7 +35,8 @@ def fit_pads(
     """Return one pad for each finger; the flat faces of a jaw's two, else spheres.
 
     A finger closes in the direction in which its last joint bends farther from 0; if both are
-    alike, towards the other fingertips in the middle of all joints' ranges. `tilts` are angles of a
+    alike, towards the other fingertips in the middle of all joints' ranges; a tip that is kept
+    parallel, along its motion relative to the others. `tilts` are angles of a
     pad's axis from that direction towards the end of the finger [rad], of which the best is taken.
     """
     if len(fingers) == 2:
@@ -44,13 +47,58 @@ def fit_pads(
     middles_B = np.array(
         [poses[f.link][:3, :3] @ f.points_L.mean(axis=0) + poses[f.link][:3, 3] for f in fingers]
     )
+    slides_B = _slides(model, fingers, kinematics)
     pads = []
     for i, finger in enumerate(fingers):
-        others = np.delete(middles_B, i, axis=0).mean(axis=0)
-        towards_L = poses[finger.link][:3, :3].T @ (others - middles_B[i])
+        R_LB = poses[finger.link][:3, :3].T
+        towards_L = R_LB @ (np.delete(middles_B, i, axis=0).mean(axis=0) - middles_B[i])
         towards_L /= np.linalg.norm(towards_L)
-        pads.append(round_pad(finger, *_closing(model, finger, towards_L), tilts))
+        slide_B = slides_B.get(i)
+        if slide_B is None:
+            pads.append(round_pad(finger, *_closing(model, finger, towards_L), tilts))
+        else:
+            arm_L = R_LB @ (middles_B[i] - poses[model.links[0]][:3, 3])
+            pads.append(round_pad(finger, *_sliding(R_LB @ slide_B, towards_L, arm_L), (0.0,)))
     return tuple(pads)
+
+
+def _slides(
+    model: HandModel, fingers: Sequence[Finger], kinematics: Kinematics
+) -> dict[int, FloatArray]:
+    """Return by finger the direction (3,) in which tips move without turning, relative to others.
+
+    Bars and joints that follow a motor keep such tips parallel, so that the last joint's axis does
+    not say how they close.
+    """
+    paths = {}  # displacements of tips that do not turn
+    for i, finger in enumerate(fingers):
+        if not finger.joint.follows or len(finger.motors) != 1:
+            continue
+        q = np.tile(0.5 * (model.lower + model.upper), (2, 1))
+        (motor,) = finger.motors
+        q[:, motor] = model.lower[motor], model.upper[motor]
+        X = kinematics.poses(np.broadcast_to(np.eye(4), (2, 4, 4)), q)[finger.link]
+        turned = np.linalg.norm(X[1, :3, :3] - X[0, :3, :3])
+        if turned <= _PARALLEL:
+            middle_L = finger.points_L.mean(axis=0)
+            paths[i] = (X[1] - X[0])[:3, :3] @ middle_L + (X[1] - X[0])[:3, 3]
+    slides = {}
+    for i, path in paths.items():
+        rivals = [other for j, other in paths.items() if j != i]
+        relative = path - np.mean(rivals, axis=0) if rivals else path
+        if np.linalg.norm(relative) > _LEAST_PATH:
+            slides[i] = relative / np.linalg.norm(relative)
+    return slides
+
+
+def _sliding(
+    slide_L: FloatArray, towards_L: FloatArray, arm_L: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return unit vectors in the link frame, as of `_closing`: the slide, and across it the arm."""
+    closing = slide_L * (np.sign(slide_L @ towards_L) or 1.0)
+    outward = arm_L - (arm_L @ closing) * closing
+    length = float(np.linalg.norm(outward))
+    return closing, outward / length if length > 1e-4 else _perpendicular(closing)
 
 
 def _closing(
