@@ -380,3 +380,23 @@ def test_pads_of_tips_that_are_kept_parallel_face_each_other_straight(tmp_path: 
             (pad.center_L + pad.radius * pad.axis_L)[:2], [0, -0.005 * side], atol=1e-4
         )
         assert pad.center_L[2] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("thdistal", "thumb"),
+        ("rh_thtip", "thumb"),
+        ("th", "thumb"),
+        ("ff_link_3", "index"),
+        ("three", "three"),
+        ("off_side", "off_side"),
+        ("right_index_tip", "index"),
+    ],
+)
+def test_a_short_name_of_a_finger_is_a_word_of_its_own(
+    tmp_path: Path, name: str, expected: str
+) -> None:
+    parts = [part.replace('"left', f'"{name}') for part in jaw()]
+    fingers = find_fingers(read_urdf(written(tmp_path, link(*BASE), *parts)))
+    assert expected in {finger.name for finger in fingers}

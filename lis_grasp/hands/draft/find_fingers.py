@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,8 @@ MOST_FINGERS = 6
 # are parts of a linkage.
 _LINKAGE = 0.85
 _LEAST_MOTION = 0.006  # of a fingertip's middle over the ranges of its joints [m]
+# What may follow the short name of a finger, as of "thdistal" or "rh_ff3"; not "three".
+_PHALANX = "[^a-z]|$|tip|distal|middle|proximal|link|joint"
 _STEPS = 9  # positions of a joint at which that is measured
 
 
@@ -197,7 +200,7 @@ def _renamed(fingers: Sequence[Finger]) -> list[Finger]:
     for finger in fingers:
         low = finger.link.lower()
         found = [word for word in words if word in low] or [
-            word for key, word in short.items() if low.startswith(key)
+            word for key, word in short.items() if re.match(rf"(.*[^a-z])?{key}({_PHALANX})", low)
         ]
         names.append(found[0] if found else finger.link)
     if len(set(names)) < len(names):
