@@ -400,3 +400,20 @@ def test_a_short_name_of_a_finger_is_a_word_of_its_own(
     parts = [part.replace('"left', f'"{name}') for part in jaw()]
     fingers = find_fingers(read_urdf(written(tmp_path, link(*BASE), *parts)))
     assert expected in {finger.name for finger in fingers}
+
+
+def test_no_point_of_a_tip_is_ahead_of_its_probing_sphere() -> None:
+    hand = Hand.load("barrett")
+    found = find_probe_postures(hand, checker_of(hand), rng=np.random.default_rng(0))
+    assert found
+    for posture in found.values():
+        poses = hand.forward_kinematics(np.eye(4), posture.joint_positions)
+        center = poses[posture.link][:3, :3] @ posture.center_L + poses[posture.link][:3, 3]
+        bodies = [b for b in hand.link_geometries if b.link == posture.link]
+        ahead = max(
+            float((points @ posture.direction_H).max())
+            for body in bodies
+            for X in [poses[body.link] @ body.X_LG]
+            for points in [np.asarray(body.mesh.vertices) @ X[:3, :3].T + X[:3, 3]]
+        )
+        assert ahead <= center @ posture.direction_H + posture.radius + 1e-9

@@ -9,7 +9,7 @@ import numpy as np
 
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.draft.find_fingers import rigid_groups
-from lis_grasp.hands.draft.hand_points import link_points
+from lis_grasp.hands.draft.hand_points import link_points, points_of_bodies
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import ProbePosture, joints_to
 from lis_grasp.hands.link_bodies import fibonacci_directions
@@ -58,6 +58,10 @@ class _Search:
     def __init__(self, hand: Hand, rng: np.random.Generator) -> None:
         self._hand = hand
         self._points = link_points(hand)
+        self._vertices = {
+            link: points_of_bodies([g for g in hand.link_geometries if g.link == link])
+            for link in self._points
+        }
         self._groups = rigid_groups(hand)
         self._directions = fibonacci_directions(_DIRECTIONS)
         self._joints = [list(hand.finger_joints(pad.finger)) for pad in hand.pads]
@@ -154,7 +158,7 @@ class _Search:
         hand, pad = self._hand, self._hand.pads[finger]
         poses = hand.forward_kinematics(np.eye(4), q)
         placed = {
-            link: self._points[link] @ poses[link][:3, :3].T + poses[link][:3, 3]
+            link: self._vertices[link] @ poses[link][:3, :3].T + poses[link][:3, 3]
             for link in sorted(self._group(pad.link))
         }
         foremost = max(placed, key=lambda link: float((placed[link] @ direction).max()))
