@@ -10,8 +10,8 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.grasp import load_mesh
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.io import provenance
-from lis_grasp.pipeline.convex_parts import convex_parts
 from lis_grasp.pipeline.object_models import FORMATS, ObjectModel
+from lis_grasp.shapes.convex_parts import convex_parts
 
 _MOST_PARTS = 32
 

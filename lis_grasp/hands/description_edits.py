@@ -27,11 +27,14 @@ class DescriptionEdits:
     """Largest effort of a joint [N m or N], by its name."""
     repair: bool = False
     """Whether impossible inertias and missing masses are replaced; see `repaired_inertial`."""
+    convex_parts: tuple[str, ...] = ()
+    """Links whose meshes collide as several convex parts, not as one convex hull."""
 
     @classmethod
     def of(cls, entry: Any) -> DescriptionEdits:
         """Return the edits of a checked YAML file, a hand's or an arm's."""
-        return cls(entry.base_link, entry.locked_joints, entry.effort_limits, entry.repair)
+        parts = tuple(getattr(entry, "convex_parts", ()))  # an arm has none
+        return cls(entry.base_link, entry.locked_joints, entry.effort_limits, entry.repair, parts)
 
 
 def apply_edits(robot: yourdfpy.Robot, edits: DescriptionEdits) -> yourdfpy.Robot:

@@ -11,13 +11,14 @@ import numpy as np
 from lis_grasp.hands.collision import checker_of
 from lis_grasp.hands.efforts import is_plausible_effort
 from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import Inertial, Pad, ProbePosture
+from lis_grasp.hands.hand_parts import Inertial, LinkGeometry, Pad, ProbePosture
 from lis_grasp.hands.hand_yaml import exclusion_lines
 from lis_grasp.hands.inertias import impossible_inertias
 from lis_grasp.typing import FloatArray
 
 # A pad counts as covered by its link where the link is further out by more than this [m].
 _PAD_COVERED = 0.002
+_PARALLEL = 1e-9  # cosine between a line and a face's normal
 _ROUNDING = 1e-4  # of a position that is written with few digits [m]
 # Smallest useful lead of a probing tip over the rest of the hand [m].
 _LEAD = 0.02
@@ -111,6 +112,8 @@ def _pads(hand: Hand) -> Iterator[Finding]:
         axis = X_HL[:3, :3] @ pad.axis_L
         face = float((X_HL[:3, :3] @ pad.center_L + X_HL[:3, 3]) @ axis) + pad.radius
         depth = 1e3 * (_extent_along(hand, links, axis, _body_link(hand, pad)) - face)  # [mm]
+        if depth > 1e3 * _PAD_COVERED:
+            depth = 1e3 * (_height_over(hand, links, pad, axis) - face)
         fine = -2e3 * _PAD_COVERED <= depth <= 1e3 * _PAD_COVERED
         if fine:
             place = f"on the surface of {pad.link}"
@@ -213,13 +216,43 @@ def _lead(hand: Hand, posture: ProbePosture) -> tuple[float, str]:
 
 def _extent_along(hand: Hand, links: dict[str, FloatArray], axis: FloatArray, link: str) -> float:
     """Return the largest coordinate of a link's bodies along an axis of H [m]."""
-    extent = -np.inf
-    for geometry in hand.link_geometries:
-        if geometry.link == link:
-            X_HG = links[link] @ geometry.X_LG
-            points = np.asarray(geometry.mesh.vertices) @ X_HG[:3, :3].T + X_HG[:3, 3]
-            extent = max(extent, float((points @ axis).max()))
-    return extent
+    return max(
+        (_support(g, links, axis) for g in hand.link_geometries if g.link == link), default=-np.inf
+    )
+
+
+def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: FloatArray) -> float:
+    """Return the largest coordinate along a pad's axis of the bodies that the axis crosses [m].
+
+    Other bodies of the link, as the foot of an angular finger, may be further out beside the pad.
+    """
+    link = _body_link(hand, pad)
+    middle = links[pad.link][:3, :3] @ pad.center_L + links[pad.link][:3, 3]
+    bodies = [g for g in hand.link_geometries if g.link == link]
+    crossed = [g for g in bodies if _is_crossed(g, links, middle, axis)]
+    return max((_support(g, links, axis) for g in crossed or bodies), default=-np.inf)
+
+
+def _support(geometry: LinkGeometry, links: dict[str, FloatArray], axis: FloatArray) -> float:
+    """Return the largest coordinate of a body along an axis of H [m]."""
+    X_HG = links[geometry.link] @ geometry.X_LG
+    points = np.asarray(geometry.mesh.vertices) @ X_HG[:3, :3].T + X_HG[:3, 3]
+    return float((points @ axis).max())
+
+
+def _is_crossed(
+    geometry: LinkGeometry, links: dict[str, FloatArray], point: FloatArray, axis: FloatArray
+) -> bool:
+    """Return whether the line through a point along an axis of H crosses a convex body."""
+    X_GH = np.linalg.inv(links[geometry.link] @ geometry.X_LG)
+    origin, direction = X_GH[:3, :3] @ point + X_GH[:3, 3], X_GH[:3, :3] @ axis
+    normals, corners = geometry.mesh.face_normals, geometry.mesh.triangles[:, 0]
+    heights = ((corners - origin) * normals).sum(axis=1)  # inside: slope * t <= height
+    slopes = normals @ direction
+    out, into = slopes > _PARALLEL, slopes < -_PARALLEL
+    leaves = float((heights[out] / slopes[out]).min(initial=np.inf))
+    enters = float((heights[into] / slopes[into]).max(initial=-np.inf))
+    return bool((heights[~out & ~into] >= 0.0).all() and enters <= leaves)
 
 
 def _body_link(hand: Hand, pad: Pad) -> str:

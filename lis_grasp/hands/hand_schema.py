@@ -94,6 +94,10 @@ class HandEntry(_Record):
         default=False,
         description="Replace impossible inertias and missing masses by those of the link's bodies.",
     )
+    convex_parts: list[Name] = Field(
+        default_factory=list,
+        description="Links whose meshes collide as several convex parts, not as one convex hull.",
+    )
     joints: list[Name] = Field(
         description="Movable joints that mimic no other, in the URDF's order."
     )

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand_urdf import parse_xml
-from lis_grasp.hands.link_bodies import LARGEST
-from lis_grasp.hands.link_tree import Capsule, HandModel, build_hand_model, rpy_pose
+from lis_grasp.hands.link_bodies import LARGEST, Capsule
+from lis_grasp.hands.link_tree import HandModel, build_hand_model, rpy_pose
 from lis_grasp.typing import FloatArray
 
 _DRAKE = "{http://drake.mit.edu}"

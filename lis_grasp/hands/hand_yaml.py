@@ -36,6 +36,9 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
         yield from (f"  {_word(name)}: {v:g}" for name, v in edits.effort_limits.items())
     if edits.repair:
         yield "repair: true  # impossible inertias and missing masses are replaced"
+    if edits.convex_parts:
+        links = ", ".join(map(_word, edits.convex_parts))
+        yield f"convex_parts: [{links}]  # concave links: several bodies, not one hull"
     yield "# Movable joints in the file's order; a posture has one number for each."
     yield f"joints: [{', '.join(map(_word, hand.joint_names))}]"
     yield "# Palm frame H in the base link: z is the approach, x is from the thumb to the fingers."

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
+import yourdfpy
 from scipy.spatial import QhullError
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspError, shown
@@ -27,6 +29,27 @@ _LEAST_HEIGHT = 2e-5  # of a triangle of a hull [m]
 _FROM_GLTF = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 _FORMATS = (".obj", ".stl", ".dae", ".ply", ".gltf", ".glb", ".off")
 _SMALLEST = 1e-6  # size of a body [m]
+
+
+class Capsule(yourdfpy.Cylinder):
+    """A cylinder with round ends, which SDF has and URDF lacks."""
+
+
+def shape_and_sizes(geometry: Any) -> tuple[GeometryKind | None, list[float]]:
+    """Return the kind and sizes of a simple shape; None for no shape."""
+    if geometry is None:
+        return None, []
+    if geometry.box is not None:
+        return "box", np.ravel(geometry.box.size).tolist()
+    if geometry.sphere is not None:
+        return "sphere", [geometry.sphere.radius]
+    if (cylinder := geometry.cylinder) is not None:
+        kind: GeometryKind = "capsule" if isinstance(cylinder, Capsule) else "cylinder"
+        # A capsule without a straight part is a sphere.
+        if kind == "capsule" and not cylinder.length:
+            return "sphere", [cylinder.radius]
+        return kind, [cylinder.radius, cylinder.length]
+    return None, []
 
 
 def primitive(

@@ -22,7 +22,6 @@ from lis_grasp.hands.description_numbers import (
     unit_axis,
 )
 from lis_grasp.hands.hand_parts import (
-    GeometryKind,
     Inertial,
     Joint,
     JointKind,
@@ -35,9 +34,16 @@ from lis_grasp.hands.inertias import (
     impossible_inertias,
     repaired_inertial,
 )
-from lis_grasp.hands.link_bodies import convex_body, load_mesh, load_visual, primitive
+from lis_grasp.hands.link_bodies import (
+    convex_body,
+    load_mesh,
+    load_visual,
+    primitive,
+    shape_and_sizes,
+)
 from lis_grasp.hands.model_uri import resolve_uri
 from lis_grasp.records import read_only
+from lis_grasp.shapes.convex_parts import convex_parts
 from lis_grasp.typing import FloatArray
 
 _JOINT_KINDS: Mapping[str, JointKind] = {
@@ -48,8 +54,8 @@ _JOINT_KINDS: Mapping[str, JointKind] = {
 }
 
 
-class Capsule(yourdfpy.Cylinder):
-    """A cylinder with round ends, which SDF has and URDF lacks."""
+# Of a concave mesh: its convex parts, and the voxels of their search.
+_MOST_PARTS, _VOXELS = 6, 50_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +80,7 @@ def build_hand_model(
     """Return links, joints, inertias and collision bodies of the robot that a file describes.
 
     The edits are applied to the robot first. A link that has visual meshes and no collision bodies
-    gets the meshes' convex hulls.
+    gets the meshes' convex hulls. Meshes of links in `edits.convex_parts` become several bodies.
 
     Links and joints have the meaning of a URDF's. Raises `InvalidFileError` if a mesh file is
     missing or unreadable, `InvalidHandError` if the tree cannot be used: a loop, several roots,
@@ -82,7 +88,7 @@ def build_hand_model(
     """
     try:
         edits = edits or DescriptionEdits()
-        return _Builder(apply_edits(robot, edits), path, repair=edits.repair).model()
+        return _Builder(apply_edits(robot, edits), path, edits).model()
     except InvalidHandError as error:
         raise InvalidHandError(f"{path.name}: {error}", file=path.name, key=error.key) from None
 
@@ -90,9 +96,16 @@ def build_hand_model(
 class _Builder:
     """Checks the links and joints of one robot description and converts them to a hand's."""
 
-    def __init__(self, robot: yourdfpy.Robot, path: Path, *, repair: bool) -> None:
+    def __init__(self, robot: yourdfpy.Robot, path: Path, edits: DescriptionEdits) -> None:
         self._links = {link.name: link for link in robot.links}
-        self._joints, self._path, self._repair = robot.joints, path, repair
+        self._joints, self._path, self._repair = robot.joints, path, edits.repair
+        self._split = frozenset(edits.convex_parts)
+        unknown = sorted(self._split - set(self._links))
+        if unknown:
+            raise InvalidHandError(
+                f"convex_parts must name links of the hand; it has no link '{unknown[0]}'",
+                key="convex_parts",
+            )
         self._actuated = [j for j in robot.joints if j.type != "fixed" and j.mimic is None]
         self._names = [joint.name for joint in self._actuated]
 
@@ -103,7 +116,7 @@ class _Builder:
         visuals = tuple(v for name in names for v in self._visuals(name))
         bodies = [body for name in names for body in self._bodies(name)]
         bare = {v.link for v in visuals} - {body.link for body in bodies}
-        hulls = [hull for v in visuals if v.link in bare for hull in _hull(v)]
+        hulls = [body for v in visuals if v.link in bare for body in self._hulls(v)]
         bodies += hulls
         inertials = self._inertials(names, joints, bodies)
         lower, upper, effort = (read_only(column.copy()) for column in limits.T)
@@ -157,9 +170,30 @@ class _Builder:
 
     def _bodies(self, link: str) -> Iterator[LinkGeometry]:
         for collision in self._links[link].collisions:
-            body = self._geometry(link, collision)
-            if body is not None:
-                yield body
+            geometry = collision.geometry
+            if geometry is None or geometry.mesh is None:
+                body = self._geometry(link, collision)
+                if body is not None:
+                    yield body
+            else:
+                file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
+                mesh = load_mesh(file, geometry.mesh.scale)
+                yield from self._convex(link, pose_matrix(collision.origin), mesh)
+
+    def _hulls(self, visual: LinkVisual) -> Iterator[LinkGeometry]:
+        mesh = load_visual(visual)
+        if mesh is not None:
+            yield from self._convex(visual.link, visual.X_LG, mesh)
+
+    def _convex(self, link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> Iterator[LinkGeometry]:
+        """Yield a mesh's convex hull, or its convex parts; nothing for a flat mesh."""
+        hull = convex_body(link, X_LG, mesh)
+        if hull is None or link not in self._split:
+            parts = [hull]
+        else:
+            found = convex_parts(mesh, most=_MOST_PARTS, voxels=_VOXELS)
+            parts = [convex_body(link, X_LG, part) for part in found]
+        yield from (part for part in parts if part is not None)
 
     def _ordered_joints(self) -> tuple[Joint, ...]:
         """Return the joints, a parent before its children, otherwise in the file's order."""
@@ -221,35 +255,16 @@ class _Builder:
         )
 
     def _geometry(self, link: str, collision: Any) -> LinkGeometry | None:
-        """Return a body; None for one without extent, as frames that only carry a name have."""
-        geometry, X_LG = collision.geometry, pose_matrix(collision.origin)
-        if geometry is not None and geometry.mesh is not None:
-            file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
-            return convex_body(link, X_LG, load_mesh(file, geometry.mesh.scale))
-        shape, sizes = _shape_and_sizes(geometry)
+        """Return a simple body; None without extent, as frames that only carry a name have."""
+        shape, sizes = shape_and_sizes(collision.geometry)
         if shape is None:
             raise InvalidHandError(
                 f"a collision body of link '{link}' must be a box, sphere, cylinder, capsule or"
                 " mesh"
             )
-        return None if 0.0 in sizes else primitive(link, X_LG, shape, sizes)
-
-
-def _shape_and_sizes(geometry: Any) -> tuple[GeometryKind | None, list[float]]:
-    """Return the kind and sizes of a simple shape; None for no shape."""
-    if geometry is None:
-        return None, []
-    if geometry.box is not None:
-        return "box", np.ravel(geometry.box.size).tolist()
-    if geometry.sphere is not None:
-        return "sphere", [geometry.sphere.radius]
-    if (cylinder := geometry.cylinder) is not None:
-        kind: GeometryKind = "capsule" if isinstance(cylinder, Capsule) else "cylinder"
-        # A capsule without a straight part is a sphere.
-        if kind == "capsule" and not cylinder.length:
-            return "sphere", [cylinder.radius]
-        return kind, [cylinder.radius, cylinder.length]
-    return None, []
+        if 0.0 in sizes:
+            return None
+        return primitive(link, pose_matrix(collision.origin), shape, sizes)
 
 
 def _massless(inertials: Mapping[str, Inertial], joints: Sequence[Joint]) -> list[Joint]:
@@ -262,13 +277,6 @@ def _massless(inertials: Mapping[str, Inertial], joints: Sequence[Joint]) -> lis
         elif masses[joint.child] <= 0.0:
             found.append(joint)
     return found
-
-
-def _hull(visual: LinkVisual) -> Iterator[LinkGeometry]:
-    mesh = load_visual(visual)
-    body = None if mesh is None else convex_body(visual.link, visual.X_LG, mesh)
-    if body is not None:
-        yield body
 
 
 def _in_link(body: LinkGeometry) -> trimesh.Trimesh:

@@ -24,6 +24,7 @@ from lis_grasp.hands.draft.find_fingers import (
 from lis_grasp.hands.draft.find_hand_bases import find_hand_bases
 from lis_grasp.hands.draft.find_pregrasps import MOST_TURNED, Opening, find_pregrasps
 from lis_grasp.hands.draft.find_probe_postures import find_probe_postures
+from lis_grasp.hands.draft.fit_flat_pads import face_areas
 from lis_grasp.hands.draft.fit_pads import fit_pads
 from lis_grasp.hands.draft.palm_frame import find_palm_frame
 from lis_grasp.hands.efforts import is_plausible_effort, usual_effort
@@ -40,6 +41,8 @@ _WRIST = 2
 _PREGRASPS = ("wide", "medium", "narrow", "tight")
 _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
+# Parts replace a jaw's hulls if their faces are larger than so many times the hulls', and [m^2].
+_HIDDEN, _LEAST_FACE = 2.0, 3e-5
 _USED = 0.9  # fraction of an effort that a finger's force may need
 # Of one finger [N]: files often give more than a robot uses.
 _LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "jaw": 40.0}
@@ -109,6 +112,13 @@ def draft_hand(
         edits = _pruned(edits, apply_edits(deepcopy(robot), edits))
         model = build_hand_model(deepcopy(robot), path, edits)
         fingers = find_fingers(model, tips)
+    if len(fingers) == 2:
+        split = _split_fingers(model, fingers, edits)
+        parts = build_hand_model(deepcopy(robot), path, split)
+        fingers_of_parts = find_fingers(parts, tips)
+        if _hulls_hide_faces(model, fingers, parts, fingers_of_parts):
+            edits, model, fingers = split, parts, fingers_of_parts
+            notes.append("the fingers are concave and collide as several bodies, by convex_parts")
     edits = replace(edits, repair=_needs_repair(robot, path, edits))
     if edits.repair:
         notes.append("impossible inertias or missing masses are replaced, by repair")
@@ -166,6 +176,25 @@ def _with_openings(
             if openings:
                 return hand, openings
     return hand, []
+
+
+def _split_fingers(
+    model: HandModel, fingers: Sequence[Finger], edits: DescriptionEdits
+) -> DescriptionEdits:
+    """Return edits by which the fingers' tips collide as several convex parts."""
+    links = {body.link for finger in fingers for body in finger.bodies}
+    return replace(edits, convex_parts=tuple(link for link in model.links if link in links))
+
+
+def _hulls_hide_faces(
+    model: HandModel, fingers: Sequence[Finger], parts: HandModel, of_parts: Sequence[Finger]
+) -> bool:
+    """Return whether the flat faces of a jaw are inside the hulls of its fingers.
+
+    An angular finger has its face behind the hull over its foot and its tip.
+    """
+    hidden = np.maximum(_HIDDEN * face_areas(model, fingers), _LEAST_FACE)
+    return bool((face_areas(parts, of_parts) > hidden).all())
 
 
 def _edits(robot: yourdfpy.Robot, base_link: str | None, notes: list[str]) -> DescriptionEdits:

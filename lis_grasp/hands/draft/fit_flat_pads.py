@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from lis_grasp.hands.draft.find_fingers import Finger
+from lis_grasp.hands.draft.find_fingers import Finger, FingerBody
 from lis_grasp.hands.draft.hand_points import link_points
 from lis_grasp.hands.hand_parts import Pad
 from lis_grasp.hands.kinematics import Kinematics
@@ -36,15 +36,21 @@ def fit_flat_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...
     largest flat face that looks about along it when the gap is usual for an object.
     """
     jaw = _Jaw(model, fingers)
-    q = jaw.opened()
-    poses, closing = jaw.poses(q), jaw.closing_direction(q)
-    pads = [
-        flat_pad(finger, sign * poses[finger.link][:3, :3].T @ closing)
-        for finger, sign in zip(fingers, (1.0, -1.0), strict=True)
-    ]
+    poses, towards = jaw.towards()
+    pads = [flat_pad(finger, d_L) for finger, d_L in zip(fingers, towards, strict=True)]
     pads = _opposed(pads, poses)
     half_angle = _TURNING_HALF_ANGLE if jaw.turns(pads) else _HALF_ANGLE
     return tuple(replace(pad, half_angle=half_angle) for pad in pads)
+
+
+def face_areas(model: HandModel, fingers: Sequence[Finger]) -> FloatArray:
+    """Return the area of the flat face that each of a jaw's fingers closes with, (2,) [m^2].
+
+    An area counts less the more its face is oblique to the closing direction; 0 without a face.
+    """
+    _, towards = _Jaw(model, fingers).towards()
+    faces = [_largest_face(finger, d_L) for finger, d_L in zip(fingers, towards, strict=True)]
+    return np.array([0.0 if face is None else face[0] for face in faces])
 
 
 class _Jaw:
@@ -69,6 +75,15 @@ class _Jaw:
     def poses(self, q: FloatArray) -> dict[str, FloatArray]:
         """Return the poses of all links in the base link, for joint positions (..., J)."""
         return self._kinematics.poses(np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4)), q)
+
+    def towards(self) -> tuple[dict[str, FloatArray], list[FloatArray]]:
+        """Return the links' poses at a usual gap, and the way of each tip in its link's frame."""
+        q = self.opened()
+        poses, closing = self.poses(q), self.closing_direction(q)
+        return poses, [
+            sign * poses[finger.link][:3, :3].T @ closing
+            for finger, sign in zip(self._fingers, (1.0, -1.0), strict=True)
+        ]
 
     def gap_vector(self, q: FloatArray) -> FloatArray:
         """Return the vector (3,) [m] from the first tip's middle to the second's."""
@@ -155,13 +170,10 @@ def flat_pad(finger: Finger, towards_L: FloatArray) -> Pad:
 
     It is a face of one body that no other body of the finger covers.
     """
-    best, found = 0.0, None
-    for body in finger.bodies:
-        others = [ConvexHull(other.points_L) for other in finger.bodies if other is not body]
-        for area, axis, center in _faces(body.points_L, towards_L):
-            if area > best and not any(_is_covered(hull, axis, center) for hull in others):
-                best, found = area, (body, axis, center)
-    body, axis, center = found or (finger.bodies[0], towards_L, finger.points_L.mean(axis=0))
+    found = _largest_face(finger, towards_L)
+    body, axis, center = (
+        found[1:] if found else (finger.bodies[0], towards_L, finger.points_L.mean(axis=0))
+    )
     p_L = body.points_L if found else finger.points_L
     center = center + ((p_L @ axis).max() - center @ axis) * axis
     R = body.X_LB[:3, :3]
@@ -173,6 +185,20 @@ def flat_pad(finger: Finger, towards_L: FloatArray) -> Pad:
         read_only(R.T @ axis),
         _HALF_ANGLE,
     )
+
+
+def _largest_face(
+    finger: Finger, towards_L: FloatArray
+) -> tuple[float, FingerBody, FloatArray, FloatArray] | None:
+    """Return the weighted area, body, normal and middle of a finger's largest uncovered face."""
+    best: tuple[float, FingerBody, FloatArray, FloatArray] | None = None
+    for body in finger.bodies:
+        others = [ConvexHull(other.points_L) for other in finger.bodies if other is not body]
+        for area, axis, center in _faces(body.points_L, towards_L):
+            larger = best is None or area > best[0]
+            if larger and not any(_is_covered(hull, axis, center) for hull in others):
+                best = (area, body, axis, center)
+    return best
 
 
 def _faces(

@@ -1,4 +1,4 @@
-"""Convex decomposition of an object's mesh, for simulators that collide convex bodies."""
+"""Convex decomposition of a mesh, for collisions of convex bodies."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import trimesh
 
 from lis_grasp.exceptions import require_at_least
 
-# Voxels of the search, and the volume that parts may add to the object [%].
-_VOXELS, _ADDED_VOLUME = 200_000, 1.0
+_ADDED_VOLUME = 1.0  # by which parts may differ [%]
 
 
-def convex_parts(mesh: trimesh.Trimesh, *, most: int = 32) -> tuple[trimesh.Trimesh, ...]:
+def convex_parts(
+    mesh: trimesh.Trimesh, *, most: int = 32, voxels: int = 200_000
+) -> tuple[trimesh.Trimesh, ...]:
     """Return convex meshes whose union approximates a watertight mesh [m].
 
     Volumetric hierarchical approximate convex decomposition (V-HACD; Mamou and Ghorbel 2009). A
@@ -23,6 +24,8 @@ def convex_parts(mesh: trimesh.Trimesh, *, most: int = 32) -> tuple[trimesh.Trim
         Watertight, in metres.
     most
         Largest number of parts.
+    voxels
+        Of the search: fewer are faster and coarser.
 
     Raises
     ------
@@ -39,7 +42,7 @@ def convex_parts(mesh: trimesh.Trimesh, *, most: int = 32) -> tuple[trimesh.Trim
     found = trimesh.decomposition.convex_decomposition(
         unit,
         maxConvexHulls=most,
-        resolution=_VOXELS,
+        resolution=voxels,
         minimumVolumePercentErrorAllowed=_ADDED_VOLUME,
     )
     parts = [trimesh.convex.convex_hull(center + size * np.array(p["vertices"])) for p in found]
