@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,8 @@ _STEEPEST = np.sin(np.deg2rad(40.0))
 # Fraction of the draws that prefer thumbs near the centre of mass: short fingers do not get there.
 _CENTRAL = 0.5
 _APPROACH_ANGLES = np.deg2rad([0.0, 0.0, -20.0, 20.0, -40.0, 40.0, -65.0, 65.0])
-_SPREADS = (0.55, 0.75, 1.0)
+# Distances of the fingers beside each other, as fractions of those in the widest pregrasp.
+SPREADS, NARROW_SPREADS = (0.55, 0.75, 1.0), (0.15, 0.25, 0.4)
 # Rounded pads may touch beside their middle, so the palm may lean towards the thumb's side: a thumb
 # that lies low under the palm then points down, and clears the support beside a low object.
 _LEANS = np.deg2rad([0.0, 0.0, 10.0, 20.0])
@@ -36,7 +38,12 @@ class _Opposition:
 
 
 def sample_contact_sets(
-    hand: Hand, samples: SurfaceSamples, *, count: int, rng: np.random.Generator
+    hand: Hand,
+    samples: SurfaceSamples,
+    *,
+    count: int,
+    spreads: Sequence[float] = SPREADS,
+    rng: np.random.Generator,
 ) -> tuple[ContactSets, FloatArray, dict[str, int]]:
     """Sample sets of contacts: one pad, the thumb, opposite to the other pads.
 
@@ -44,7 +51,8 @@ def sample_contact_sets(
        is nearer to the centre of mass, where the object's weight turns it less.
     2. A line from it, along the inward normal or its horizontal part, leaves the object at the
        opposite point. Both contacts on a low object have normals that tilt upwards.
-    3. The fingers' contacts are beside the opposite point, as far apart as the fingers are.
+    3. The fingers' contacts are beside the opposite point, as far apart as the fingers are, times
+       one of `spreads`.
 
     A set is kept if the normals of thumb and fingers are opposed along the line, which makes force
     closure possible (Nguyen 1988). Force closure itself is checked later.
@@ -73,7 +81,7 @@ def sample_contact_sets(
         i = int(pair[np.argmin(from_center[pair])])
         angle = float(rng.choice(_APPROACH_ANGLES)) + float(rng.normal(0.0, 0.05))
         chosen = _choose_fingers(opposition, rng)
-        spread = float(rng.choice(_SPREADS))
+        spread = float(rng.choice(spreads))
         lean = 0.0 if hand.kind == "jaw" else float(rng.choice(_LEANS))
         p, n = samples.points[i], samples.normals[i]
         closing = -n if rng.random() < 0.5 else -_horizontal(n)

@@ -13,7 +13,12 @@ from scipy.special import ndtr
 
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError, require_at_least
-from lis_grasp.grasping.antipodal_sampling import initial_postures, sample_contact_sets
+from lis_grasp.grasping.antipodal_sampling import (
+    NARROW_SPREADS,
+    SPREADS,
+    initial_postures,
+    sample_contact_sets,
+)
 from lis_grasp.grasping.candidate_filter import CandidateFilter
 from lis_grasp.grasping.contact_samples import SurfaceSamples
 from lis_grasp.grasping.contact_sets import ContactSets
@@ -46,7 +51,8 @@ class ForceClosureSampler:
 
     1. Contact sets are drawn where the surface is flat enough for a pad and supported by touches
        (`sample_contact_sets`). If few grasps result, or none is likely to succeed, convex bends and
-       narrow faces are used too: edges, thin rods, small balls and low plates.
+       narrow faces are used too: edges, thin rods, small balls and low plates. If none results,
+       mostly for want of surface beside the first finger's contact, fingers come closer together.
     2. Inverse kinematics gives the palm's pose and the joints, and candidates that collide are
        rejected (`CandidateFilter`).
     3. `GraspScorer` rejects what is not in force closure, and predicts the success of the rest.
@@ -64,8 +70,9 @@ class ForceClosureSampler:
         Standard deviations of the logarithms of friction and mass, whose medians are then the
         values above; 0 where they are known. See `LoadPrior`.
     candidates
-        Largest number of sampled contact sets, and as many again with bends. Sampling ends early
-        when enough grasps are robust. Refinement tries up to ten more sets for each grasp.
+        Largest number of sampled contact sets, as many again with bends, and with closer fingers.
+        Sampling ends early when enough grasps are robust. Refinement tries up to ten more sets for
+        each grasp.
     station
         The arm that carries the hand, in whose reach grasps have to be; None for a free hand.
     """
@@ -136,6 +143,9 @@ class ForceClosureSampler:
                 mesh, lowest=lowest, rng=rng, bends=True, pad_radius=radius
             )
             search.draw_enough(2 * self.candidates, count)
+        if search.fingers_are_too_far_apart():
+            search.spreads = NARROW_SPREADS
+            search.draw_enough(3 * self.candidates, count)
         search.refine(count)
         search.predict_success(count)
         return search.result(count)
@@ -153,6 +163,7 @@ class _Search:
     grasps: list[Grasp] = field(default_factory=list)
     rejected: Counter[str] = field(default_factory=Counter)
     drawn: int = 0
+    spreads: Sequence[float] = SPREADS
 
     def draw_enough(self, candidates: int, count: int) -> None:
         """Sample until `candidates` are sampled, or enough more close at half the friction."""
@@ -172,10 +183,18 @@ class _Search:
         if not len(self.samples):
             self.rejected["no_flat_supported_surface"] += count
             return
-        sets, R_OH, failed = sample_contact_sets(self.hand, self.samples, count=count, rng=self.rng)
+        sets, R_OH, failed = sample_contact_sets(
+            self.hand, self.samples, count=count, spreads=self.spreads, rng=self.rng
+        )
         self.rejected.update(failed)
         found = self._grasps_at(sets, *initial_postures(self.hand, sets, R_OH))
         self.grasps += found.values()
+
+    def fingers_are_too_far_apart(self) -> bool:
+        """Return whether no grasp was found, mostly as a finger had no surface beside another's."""
+        rejected = self.rejected + self.candidate_filter.rejected
+        beside = rejected["no_surface_for_a_finger"]
+        return not self.grasps and beside > 0.5 * rejected.total()
 
     def likeliest(self) -> float:
         """Return the largest success probability of the grasps found so far, 0 without any."""

@@ -45,8 +45,9 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " higher",
         "no_opposing_surface": "there is no surface opposite the thumb's contact that faces the"
         " other way: the object tapers, or is open there",
-        "no_surface_for_a_finger": "the opposite surface is too small for all fingers: the object"
-        " is small for this hand",
+        "no_surface_for_a_finger": "opposite the thumb's contact, the surface is narrower than the"
+        " other fingers are apart: take a larger object, or bring these fingers closer together in"
+        " the pregrasps of the hand's YAML",
         "no_flat_supported_surface": "no touched and flat part of the estimate is large and high"
         " enough for a pad: turn the object so that more of it stands above the table, or make"
         " more touches (--touches)",
@@ -55,7 +56,8 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "out_of_reach": "a finger does not get to its contact: the object is too wide or too narrow"
         " for this hand",
         "pad_does_not_face_the_surface": "a fingertip would touch with its edge, not its pad",
-        "grasp_hits_object": "a link of the closed hand would be inside the object",
+        "grasp_hits_object": "a link of the closed hand would be inside the object: check the pads"
+        " (lis-grasp hand view), and name concave links under convex_parts in the hand's YAML",
         "grasp_hits_support": "a link of the closed hand would be inside the table: the object is"
         " low for this hand",
         "grasp_hits_self": "two links of the closed hand would collide",

@@ -1,5 +1,7 @@
 """The grasp sampler: its grasps are in force closure, reachable, and free of collision."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -235,6 +237,30 @@ def test_an_object_too_wide_for_the_hand_gives_reasons_instead_of_grasps() -> No
     assert search.grasps == ()
     # Twenty where it is flat, and twenty across bends, too.
     assert sum(search.rejections.values()) == search.candidates == 40
+
+
+def test_fingers_come_closer_together_where_an_object_is_narrower_than_they_are_apart() -> None:
+    index, _, ring, thumb = ALLEGRO.pads
+    posture = next(iter(ALLEGRO.pregrasps.values())).copy()
+    for pad, limits in ((index, ALLEGRO.upper), (ring, ALLEGRO.lower)):
+        joint = min(ALLEGRO.finger_joints(pad.finger))
+        posture[joint] = limits[joint]
+    hand = replace(
+        ALLEGRO, pads=(index, ring, thumb), pregrasps={"spread": posture, **ALLEGRO.pregrasps}
+    )
+    apart = np.ptp(hand.pad_centers(np.eye(4), posture)[:2], axis=0)
+    side = 0.04
+    assert 0.55 * np.linalg.norm(apart) > 2.0 * side  # the least of the usual spreads
+    search = ForceClosureSampler(hand, candidates=50).sample(
+        trimesh.creation.box((side, side, side)), rng=np.random.default_rng(0), count=1
+    )
+    assert search.candidates > 2 * 50
+    assert search.grasps
+    for grasp in search.grasps:
+        first, second = (
+            grasp.contact_points[grasp.contact_fingers.index(pad.finger)] for pad in (index, ring)
+        )
+        assert np.linalg.norm(first - second) < 0.55 * np.linalg.norm(apart)
 
 
 @pytest.mark.slow
