@@ -417,3 +417,21 @@ def test_no_point_of_a_tip_is_ahead_of_its_probing_sphere() -> None:
             for points in [np.asarray(body.mesh.vertices) @ X[:3, :3].T + X[:3, 3]]
         )
         assert ahead <= center @ posture.direction_H + posture.radius + 1e-9
+
+
+def test_a_mark_at_the_end_of_a_finger_carries_no_pad(tmp_path: Path) -> None:
+    marks = []
+    for side, sign in (("left", 1), ("right", -1)):
+        marks += [
+            link(f"{side}_mark", [((0.002, 0.002, 0.002), (0.0, 0.0, 0.0))]),
+            joint(
+                f"{side}_fixed",
+                side,
+                f"{side}_mark",
+                (0, 0, 1),
+                at=(0, sign * 0.015, 0.085),
+                kind="fixed",
+            ),
+        ]
+    model = read_urdf(written(tmp_path, link(*BASE), *jaw(), *marks))
+    assert {finger.link for finger in find_fingers(model)} == {"left", "right"}

@@ -22,6 +22,7 @@ _LINKAGE = 0.85
 _LEAST_MOTION = 0.006  # of a fingertip's middle over the ranges of its joints [m]
 # What may follow the short name of a finger, as of "thdistal" or "rh_ff3"; not "three".
 _PHALANX = "[^a-z]|$|tip|distal|middle|proximal|link|joint"
+_MARK = 0.004  # size of a body up to which it marks a place, and is no fingertip [m]
 _STEPS = 9  # positions of a joint at which that is measured
 
 
@@ -39,7 +40,7 @@ class Finger:
     """A chain of joints from the palm to a fingertip."""
 
     name: str
-    link: str  # the link of the tip whose body reaches farthest
+    link: str  # the link of the tip whose body, if not a mark, reaches farthest
     bodies: tuple[FingerBody, ...]  # of the tip's rigid group
     joint: Joint  # the last one that moves the tip
     origin_L: FloatArray  # (3,) [m]: of that joint, in the link frame
@@ -127,9 +128,11 @@ def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
     ]
     if not parts:
         raise InvalidHandError(f"the fingertip '{leaf}' must have a body; it has none")
+    large = [np.ptp(p, axis=0).max() > _MARK for _, p in parts]
     arms = [
         float(np.linalg.norm(p @ X_GL[k][:3, :3].T + X_GL[k][:3, 3], axis=1).max())
-        for k, p in parts
+        * (is_large or not any(large))
+        for (k, p), is_large in zip(parts, large, strict=True)
     ]
     link = parts[int(np.argmax(arms))][0]
     X_LG = np.linalg.inv(X_GL[link])
