@@ -222,15 +222,27 @@ def _extent_along(hand: Hand, links: dict[str, FloatArray], axis: FloatArray, li
 
 
 def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: FloatArray) -> float:
-    """Return the largest coordinate along a pad's axis of the bodies that the axis crosses [m].
+    """Return the largest coordinate of a pad's link along its axis [m], but for what is behind.
 
-    Other bodies of the link, as the foot of an angular finger, may be further out beside the pad.
+    Counted are bodies that the axis crosses, and bodies mainly ahead of the pad: a foot behind the
+    pad, as of an angular finger, may be further out.
     """
     link = _body_link(hand, pad)
     middle = links[pad.link][:3, :3] @ pad.center_L + links[pad.link][:3, 3]
     bodies = [g for g in hand.link_geometries if g.link == link]
-    crossed = [g for g in bodies if _is_crossed(g, links, middle, axis)]
-    return max((_support(g, links, axis) for g in crossed or bodies), default=-np.inf)
+    counted = [
+        g
+        for g in bodies
+        if (_middle(g, links) - middle) @ hand.approach_H > 0.0
+        or _is_crossed(g, links, middle, axis)
+    ]
+    return max((_support(g, links, axis) for g in counted or bodies), default=-np.inf)
+
+
+def _middle(geometry: LinkGeometry, links: dict[str, FloatArray]) -> FloatArray:
+    """Return the mean vertex of a body, in H (3,) [m]."""
+    X_HG = links[geometry.link] @ geometry.X_LG
+    return np.asarray(X_HG[:3, :3] @ geometry.mesh.vertices.mean(axis=0) + X_HG[:3, 3])
 
 
 def _support(geometry: LinkGeometry, links: dict[str, FloatArray], axis: FloatArray) -> float:

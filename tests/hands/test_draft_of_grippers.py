@@ -17,6 +17,7 @@ from lis_grasp.hands.draft.find_hand_bases import find_hand_bases
 from lis_grasp.hands.draft.find_probe_postures import find_probe_postures
 from lis_grasp.hands.draft.fit_pads import fit_pads
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.hand_check import check_hand
 from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_bodies import load_mesh
 from lis_grasp.hands.shipped_models import HAND_NAMES
@@ -435,3 +436,24 @@ def test_a_mark_at_the_end_of_a_finger_carries_no_pad(tmp_path: Path) -> None:
         ]
     model = read_urdf(written(tmp_path, link(*BASE), *jaw(), *marks))
     assert {finger.link for finger in find_fingers(model)} == {"left", "right"}
+
+
+def test_a_face_behind_a_protruding_fingertip_is_no_pad(tmp_path: Path) -> None:
+    parts = jaw()
+    for i, (side, sign) in ((0, ("left", 1)), (2, ("right", -1))):
+        block = ((0.03, 0.01, 0.03), (0.0, sign * 0.025, 0.035))  # the larger face, at y = 20 mm
+        tip = ((0.016, 0.016, 0.02), (0.0, sign * 0.013, 0.06))  # 15 mm in front of it
+        parts[i] = link(side, [block, tip])
+    path = written(tmp_path, link(*BASE), *parts)
+    draft = draft_hand(path, name="stepped", rng=np.random.default_rng(0))
+    for pad, sign in zip(draft.hand.pads, (1, -1), strict=True):
+        np.testing.assert_allclose(pad.center_L, [0, sign * 0.005, 0.06], atol=1e-6)
+    # On the block they would be no good pads, and doctor says so.
+    behind = tuple(
+        replace(pad, center_L=np.array([0.0, sign * 0.020, 0.035]))
+        for pad, sign in zip(draft.hand.pads, (1, -1), strict=True)
+    )
+    for pads, fine in ((draft.hand.pads, True), (behind, False)):
+        found = check_hand(replace(draft.hand, pads=pads))
+        of_pads = [finding for finding in found if finding.text.startswith("pad ")]
+        assert [finding.fine for finding in of_pads] == [fine, fine]

@@ -26,6 +26,7 @@ _USUAL_GAP, _STEPS = 0.05, 21  # [m] at which faces are chosen, and postures tha
 _ALONG_GAP = 0.5  # cosine of the angle from the gap to the motion that closes it
 _OFFSET = 0.03  # by which two opposite faces may be displaced along themselves [m]
 _COVERED = 0.0003  # by which another body may be in front of a face [m]
+_RECESSED = 0.002  # by which a body nearer to the finger's end may be in front of a face [m]
 _TIP_LENGTH = 0.04  # part of a finger, from its end, that counts as its tip [m]
 
 
@@ -36,8 +37,8 @@ def fit_flat_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...
     largest flat face that looks about along it when the gap is usual for an object.
     """
     jaw = _Jaw(model, fingers)
-    poses, towards = jaw.towards()
-    pads = [flat_pad(finger, d_L) for finger, d_L in zip(fingers, towards, strict=True)]
+    poses, towards, outwards = jaw.towards()
+    pads = [flat_pad(*each) for each in zip(fingers, towards, outwards, strict=True)]
     pads = _opposed(pads, poses)
     half_angle = _TURNING_HALF_ANGLE if jaw.turns(pads) else _HALF_ANGLE
     return tuple(replace(pad, half_angle=half_angle) for pad in pads)
@@ -48,8 +49,8 @@ def face_areas(model: HandModel, fingers: Sequence[Finger]) -> FloatArray:
 
     An area counts less the more its face is oblique to the closing direction; 0 without a face.
     """
-    _, towards = _Jaw(model, fingers).towards()
-    faces = [_largest_face(finger, d_L) for finger, d_L in zip(fingers, towards, strict=True)]
+    _, towards, outwards = _Jaw(model, fingers).towards()
+    faces = [_largest_face(*each) for each in zip(fingers, towards, outwards, strict=True)]
     return np.array([0.0 if face is None else face[0] for face in faces])
 
 
@@ -66,7 +67,8 @@ class _Jaw:
         p_B = [_placed(f.points_L, poses[f.link]) for f in fingers]
         palm = link_points(model).get(model.links[0], np.zeros((1, 3)))
         outward = np.mean([p.mean(axis=0) for p in p_B], axis=0) - palm.mean(axis=0)
-        ends = [p @ outward / max(float(np.linalg.norm(outward)), 1e-9) for p in p_B]
+        self._outward_B = outward / max(float(np.linalg.norm(outward)), 1e-9)
+        ends = [p @ self._outward_B for p in p_B]
         self._tips = [
             finger.points_L[end > end.max() - _TIP_LENGTH]
             for finger, end in zip(fingers, ends, strict=True)
@@ -76,14 +78,16 @@ class _Jaw:
         """Return the poses of all links in the base link, for joint positions (..., J)."""
         return self._kinematics.poses(np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4)), q)
 
-    def towards(self) -> tuple[dict[str, FloatArray], list[FloatArray]]:
-        """Return the links' poses at a usual gap, and the way of each tip in its link's frame."""
+    def towards(self) -> tuple[dict[str, FloatArray], list[FloatArray], list[FloatArray]]:
+        """Return the links' poses at a usual gap; each tip's ways to the other one and outwards.
+
+        The ways are unit vectors (3,) in the frames of the tips' links.
+        """
         q = self.opened()
         poses, closing = self.poses(q), self.closing_direction(q)
-        return poses, [
-            sign * poses[finger.link][:3, :3].T @ closing
-            for finger, sign in zip(self._fingers, (1.0, -1.0), strict=True)
-        ]
+        turns = [poses[finger.link][:3, :3].T for finger in self._fingers]
+        towards = [sign * R_LB @ closing for R_LB, sign in zip(turns, (1.0, -1.0), strict=True)]
+        return poses, towards, [R_LB @ self._outward_B for R_LB in turns]
 
     def gap_vector(self, q: FloatArray) -> FloatArray:
         """Return the vector (3,) [m] from the first tip's middle to the second's."""
@@ -165,12 +169,13 @@ def _opposed(pads: Sequence[Pad], poses: Mapping[str, FloatArray]) -> list[Pad]:
     return moved
 
 
-def flat_pad(finger: Finger, towards_L: FloatArray) -> Pad:
+def flat_pad(finger: Finger, towards_L: FloatArray, outward_L: FloatArray) -> Pad:
     """Return the largest flat face of a jaw's finger that looks about along the closing direction.
 
-    It is a face of one body that no other body of the finger covers.
+    It is a face of one body that no other body of the finger covers, nor protrudes over towards the
+    finger's end, if there is one: what is held meets the foremost face at the end first.
     """
-    found = _largest_face(finger, towards_L)
+    found = _largest_face(finger, towards_L, outward_L)
     body, axis, center = (
         found[1:] if found else (finger.bodies[0], towards_L, finger.points_L.mean(axis=0))
     )
@@ -188,17 +193,31 @@ def flat_pad(finger: Finger, towards_L: FloatArray) -> Pad:
 
 
 def _largest_face(
-    finger: Finger, towards_L: FloatArray
+    finger: Finger, towards_L: FloatArray, outward_L: FloatArray
 ) -> tuple[float, FingerBody, FloatArray, FloatArray] | None:
     """Return the weighted area, body, normal and middle of a finger's largest uncovered face."""
     best: tuple[float, FingerBody, FloatArray, FloatArray] | None = None
+    clear: tuple[float, FingerBody, FloatArray, FloatArray] | None = None
     for body in finger.bodies:
-        others = [ConvexHull(other.points_L) for other in finger.bodies if other is not body]
+        others = [other.points_L for other in finger.bodies if other is not body]
+        hulls = [ConvexHull(p_L) for p_L in others]
         for area, axis, center in _faces(body.points_L, towards_L):
-            larger = best is None or area > best[0]
-            if larger and not any(_is_covered(hull, axis, center) for hull in others):
+            if any(_is_covered(hull, axis, center) for hull in hulls):
+                continue
+            if best is None or area > best[0]:
                 best = (area, body, axis, center)
-    return best
+            recessed = any(_protrudes(p_L, axis, center, outward_L) for p_L in others)
+            if not recessed and (clear is None or area > clear[0]):
+                clear = (area, body, axis, center)
+    return clear or best
+
+
+def _protrudes(
+    p_L: FloatArray, axis: FloatArray, center: FloatArray, outward_L: FloatArray
+) -> bool:
+    """Return whether a body is mainly beyond a face's middle outwards, and in front of the face."""
+    beyond = (p_L.mean(axis=0) - center) @ outward_L > 0.0
+    return bool(beyond and ((p_L - center) @ axis).max() > _RECESSED)
 
 
 def _faces(
