@@ -26,8 +26,9 @@ from lis_grasp.typing import FloatArray, IndexArray
 
 # Normals are known to a few degrees only: robust qualities use this fraction of the friction.
 _ROBUST_FRACTION = 0.5
-# On sampled surfaces, epsilon may be too small by this fraction.
-_COARSE = 0.05
+# On sampled surfaces, epsilon may be too small by the first fraction; accelerations, by which many
+# grasps are told apart, by the second one.
+_COARSE, _FINE = 0.05, 0.01
 # Loads are carried at this fraction of the friction. A rotation counts as the acceleration at the
 # first distance [m] from its axis, as in a lift's shake; radii of gyration are at least the second.
 _LOADED_FRACTION = 0.75
@@ -71,10 +72,10 @@ class GraspScorer:
     - ``clearance``: the distance of the links that are no fingertips from the surface [m].
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
-    `score` computes them roughly, for ranking, at the median friction of the prior: epsilon and
-    accelerations may be too small by 5 %, four surfaces are sampled, and ``weight_robust`` and
-    ``load_per_grip``, which do not count, are left out. `predict_success` computes them precisely,
-    and averages the success probability over the distributions of mass and friction.
+    `score` computes them roughly, for ranking, at the median friction of the prior: epsilon may be
+    too small by 5 %, four surfaces are sampled, and ``weight_robust`` and ``load_per_grip``, which
+    do not count, are left out. `predict_success` computes them precisely, and averages the success
+    probability over the distributions of mass and friction.
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest
     distance of a vertex from it.
@@ -225,7 +226,7 @@ class GraspScorer:
         )
         masses, weights = np.array(list(self._prior.masses())).T
         accelerations = spare_accelerations(
-            wrenches, masses, scale=self._hand.max_contact_force, tolerance=_COARSE
+            wrenches, masses, scale=self._hand.max_contact_force, tolerance=_FINE
         )
         return accelerations[0], weights @ load_probability(accelerations, models.plain)
 
