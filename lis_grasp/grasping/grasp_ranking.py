@@ -26,9 +26,8 @@ from lis_grasp.typing import FloatArray, IndexArray
 
 # Normals are known to a few degrees only: robust qualities use this fraction of the friction.
 _ROBUST_FRACTION = 0.5
-# On sampled surfaces, epsilon may be too small by the first fraction; accelerations, by which many
-# grasps are told apart, by the second one.
-_COARSE, _FINE = 0.05, 0.01
+# On sampled surfaces, epsilon may be too small by this fraction.
+_COARSE = 0.05
 # Loads are carried at this fraction of the friction. A rotation counts as the acceleration at the
 # first distance [m] from its axis, as in a lift's shake; radii of gyration are at least the second.
 _LOADED_FRACTION = 0.75
@@ -38,14 +37,15 @@ _FLAT_PAD_LEVER = 0.006
 
 
 class _Precision(NamedTuple):
-    """Precision of qualities: sampled surfaces, and by what fraction epsilon may be too small."""
+    """Precision of qualities: sampled surfaces, and by what fraction values may be too small."""
 
     surfaces: int
-    tolerance: float
+    epsilon: float
+    acceleration: float
 
 
 # Most candidates are only ranked; what is reported is precise.
-_RANKED, _REPORTED = _Precision(4, _COARSE), _Precision(32, 1e-6)
+_RANKED, _REPORTED = _Precision(4, _COARSE, 0.01), _Precision(32, 1e-6, 1e-4)
 
 
 class GraspScorer:
@@ -104,7 +104,7 @@ class GraspScorer:
         postures, contacts = candidates.postures, candidates.contacts
         for alike, points, normals in contacts.by_count():
             plain = epsilon_by_expanding_polytope(
-                points, normals, self._median.plain, tolerance=_RANKED.tolerance
+                points, normals, self._median.plain, tolerance=_RANKED.epsilon
             )
             closing = np.flatnonzero(plain > 0.0)
             if not len(closing):
@@ -162,7 +162,7 @@ class GraspScorer:
         for count in np.unique(counts):
             alike = np.flatnonzero(counts == count).tolist()
             batch = _Batch.of([grasps[i] for i in alike], self._hand)
-            at, tolerance = (batch.points, batch.normals), _REPORTED.tolerance
+            at, tolerance = (batch.points, batch.normals), _REPORTED.epsilon
             median = self._median
             values = {
                 **self._qualities(batch, median, _REPORTED),
@@ -200,9 +200,9 @@ class GraspScorer:
         The success probability is averaged over the masses of the prior.
         """
         at = batch.points, batch.normals
-        robust = epsilon_by_expanding_polytope(*at, models.robust, tolerance=precision.tolerance)
+        robust = epsilon_by_expanding_polytope(*at, models.robust, tolerance=precision.epsilon)
         closure, expected = self._over_surfaces(*at, robust, models, precision.surfaces)
-        accelerations, carried = self._carry(batch, models)
+        accelerations, carried = self._carry(batch, models, precision.acceleration)
         shape = shape_probability(expected, models.plain)
         return {
             "epsilon_robust": robust,
@@ -213,7 +213,9 @@ class GraspScorer:
             "success_probability": shape * carried,
         }
 
-    def _carry(self, batch: _Batch, models: _FrictionModels) -> tuple[FloatArray, FloatArray]:
+    def _carry(
+        self, batch: _Batch, models: _FrictionModels, tolerance: float
+    ) -> tuple[FloatArray, FloatArray]:
         """Return ``acceleration`` at the median mass, and the probability to carry the object."""
         wrenches = largest_wrenches(
             self._hand,
@@ -226,7 +228,7 @@ class GraspScorer:
         )
         masses, weights = np.array(list(self._prior.masses())).T
         accelerations = spare_accelerations(
-            wrenches, masses, scale=self._hand.max_contact_force, tolerance=_FINE
+            wrenches, masses, scale=self._hand.max_contact_force, tolerance=tolerance
         )
         return accelerations[0], weights @ load_probability(accelerations, models.plain)
 
