@@ -52,8 +52,6 @@ _JOINT_KINDS: Mapping[str, JointKind] = {
     "prismatic": "prismatic",
     "fixed": "fixed",
 }
-
-
 # Of a concave mesh: its convex parts, and the voxels of their search.
 _MOST_PARTS, _VOXELS = 6, 50_000
 
