@@ -93,13 +93,13 @@ class ArmWatch:
 
     def _count(self, first: GeometryId, second: GeometryId) -> bool:
         """Count a contact if it is unwanted; return whether it ends the motion."""
-        arm = self._arm.link_of_geometry
+        arm, hand = self._arm.link_of_geometry, self._arm.hand.link_of_geometry
         of_arm = first in arm or second in arm
+        if not of_arm and first not in hand and second not in hand:
+            return False
         # The arm or the hand is named first.
         names = sorted(map(self._name, (first, second)), key=lambda n: (n in (TABLE, OBJECT), n))
         if not of_arm and names[1] == OBJECT and names[0] in self._wanted and not self.free:
-            return False
-        if names == [OBJECT, TABLE]:
             return False
         together = " with ".join(names)
         self.use.contacts[together] = self.use.contacts.get(together, 0) + 1

@@ -28,7 +28,7 @@ from lis_grasp.simulation.hand_plant import (
     add_hand,
     ignore_self_collision,
 )
-from lis_grasp.simulation.object_plant import add_object, add_table
+from lis_grasp.simulation.object_plant import add_object, add_support, add_table, let_rest
 from lis_grasp.typing import FloatArray
 
 # An object farther than this from the origin gets a body frame of its own [m].
@@ -86,9 +86,12 @@ class LiftScene:
         )
         self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
         self._center = np.asarray(mesh.center_mass)
-        self._table = add_table(plant, setup.support_height, friction, under=mesh)
+        height = setup.support_height
+        table = add_table(plant, height, friction, under=mesh)
+        self._support = add_support(plant, height, friction, under=mesh, mass=setup.mass)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
+        let_rest(scene_graph, self._object_geometry, self._support, table)
         # Drake gives a body without a joint this one: six degrees of freedom.
         (joint,) = plant.GetJointIndices(instance)
         self._object_joint = plant.get_joint(joint)
@@ -105,7 +108,7 @@ class LiftScene:
         self._steps = 0
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._efforts_port = plant.get_actuation_input_port(self._hand.instance)
-        self.carrier.connect(self._context, self._filters, self._object, self._table)
+        self.carrier.connect(self._context, self._filters, self._object, table)
         self._carries_weight = setup.arm is not None
         self._velocity_columns = [joint.velocity_start() for joint in self._hand.joints]
 
@@ -139,13 +142,13 @@ class LiftScene:
     def rest_object(self) -> None:
         """Lock the object until the hand touches it.
 
-        It does not move by itself, and its contact with the table, the costliest one, need not be
+        It does not move by itself, and its contact with the support, the costliest one, need not be
         computed until then.
         """
         # Drake 1.51 crashes on contact between a locked body and the world: exclude it.
         self._resting = self._filters.ApplyTransient(
             CollisionFilterDeclaration().ExcludeBetween(
-                GeometrySet([self._object_geometry]), GeometrySet([self._table])
+                GeometrySet([self._object_geometry]), GeometrySet([self._support])
             )
         )
         self._object_joint.Lock(self._context)

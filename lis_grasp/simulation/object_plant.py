@@ -10,10 +10,14 @@ from pydrake.geometry import (
     AddContactMaterial,
     AddRigidHydroelasticProperties,
     Box,
+    CollisionFilterDeclaration,
     GeometryId,
+    GeometrySet,
     InMemoryMesh,
     Mesh,
     ProximityProperties,
+    Role,
+    SceneGraph,
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
@@ -23,6 +27,7 @@ from pydrake.multibody.tree import (
     RotationalInertia,
     SpatialInertia,
 )
+from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.typing import FloatArray
 
@@ -30,7 +35,11 @@ _OBJECT = "object"
 _TABLE_SIZE, _TABLE_THICKNESS = 1.5, 0.1  # [m]
 _TABLE_MARGIN = 0.3  # [m] of table beyond the object
 # A ball of 10 cm and 0.5 kg sinks in by 0.2 mm: F = pi E R d^2 / (half the thickness).
-_TABLE_MODULUS = 5e7  # [Pa]
+_TABLE_MODULUS = 5e7  # [Pa], at most
+# A flat face on the table is a spring of stiffness k. From k (time step)^2 of about 40 masses on,
+# light plates bounce by themselves, at times by centimetres; this is half of it.
+_STIFFNESS_LIMIT = 20.0
+_ON_TABLE = 5e-4  # [m] above an object's lowest point, as good as on the table
 _TABLE_DISSIPATION = 20.0  # [s/m], a thud, not a bounce
 
 
@@ -78,6 +87,59 @@ def add_table(
     It is 1.5 m wide about W's origin, or wider to be under the mesh, given in W. It is a box:
     Drake 1.51 fails on a compliant half space against a rigid mesh.
     """
+    return _add_slab(plant, height, friction, under, "table", _TABLE_MODULUS)
+
+
+def add_support(
+    plant: MultibodyPlant, height: float, friction: float, *, under: trimesh.Trimesh, mass: float
+) -> GeometryId:
+    """Add the table as a free object of a mass [kg] feels it, and return its geometry.
+
+    Contact with a table of any stiffness is not stable: a flat object that is light for its face
+    would bounce by itself. This one is as soft as the plant's time step asks for: such an object
+    sinks in by 12 um at steps of 5 ms. For the hand there is another table; see `let_rest`.
+    """
+    modulus = min(_TABLE_MODULUS, _stable_modulus(under, mass, plant.time_step()))
+    return _add_slab(plant, height, friction, under, "support", modulus)
+
+
+def let_rest(
+    scene_graph: SceneGraph, obj: GeometryId, support: GeometryId, table: GeometryId | None = None
+) -> None:
+    """Make the object's geometry rest on its support, and all others on the table, if any."""
+    all_others = [
+        geometry
+        for geometry in scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity)
+        if geometry not in (obj, support)
+    ]
+    declaration = CollisionFilterDeclaration().ExcludeBetween(
+        GeometrySet(support), GeometrySet(all_others)
+    )
+    if table is not None:
+        declaration.ExcludeBetween(GeometrySet(obj), GeometrySet(table))
+    scene_graph.collision_filter_manager().Apply(declaration)
+
+
+def _stable_modulus(mesh: trimesh.Trimesh, mass: float, time_step: float) -> float:
+    """Return the largest modulus [Pa] of a table on which an object, given in W, rests stably."""
+    heights = mesh.vertices[:, 2]
+    lowest = mesh.vertices[heights < heights.min() + _ON_TABLE, :2]
+    try:
+        area = ConvexHull(lowest).volume  # what Qhull calls the area of a polygon is its border
+    except (QhullError, ValueError):  # the object stands on a point or a line
+        return np.inf
+    gradient = _STIFFNESS_LIMIT * mass / (area * time_step**2)  # of the pressure [Pa/m]
+    return 0.5 * _TABLE_THICKNESS * gradient
+
+
+def _add_slab(
+    plant: MultibodyPlant,
+    height: float,
+    friction: float,
+    under: trimesh.Trimesh,
+    name: str,
+    modulus: float,
+) -> GeometryId:
     size = max(_TABLE_SIZE, 2.0 * (float(np.abs(under.bounds[:, :2]).max()) + _TABLE_MARGIN))
     properties = ProximityProperties()
     AddContactMaterial(
@@ -86,9 +148,9 @@ def add_table(
         properties=properties,
     )
     AddCompliantHydroelasticProperties(
-        resolution_hint=0.1, hydroelastic_modulus=_TABLE_MODULUS, properties=properties
+        resolution_hint=0.1, hydroelastic_modulus=modulus, properties=properties
     )
     X_WT = RigidTransform([0.0, 0.0, height - 0.5 * _TABLE_THICKNESS])
     return plant.RegisterCollisionGeometry(
-        plant.world_body(), X_WT, Box(size, size, _TABLE_THICKNESS), "table", properties
+        plant.world_body(), X_WT, Box(size, size, _TABLE_THICKNESS), name, properties
     )

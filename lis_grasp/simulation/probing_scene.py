@@ -21,7 +21,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import require_positive
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
@@ -34,7 +34,7 @@ from lis_grasp.simulation.hand_plant import (
     by_joint_kind,
     ignore_self_collision,
 )
-from lis_grasp.simulation.object_plant import add_object, add_table
+from lis_grasp.simulation.object_plant import add_object, add_support, add_table, let_rest
 from lis_grasp.simulation.probe_arm import ProbeArm
 from lis_grasp.simulation.probe_rail import ProbeCarrier, ProbeRail
 from lis_grasp.typing import FloatArray
@@ -116,18 +116,23 @@ class ProbingScene:
             if station is None
             else ProbeArm(plant, self._hand, station, arm_use)
         )
-        self._add_object(mesh, free, None if station is None else station.table)
+        self._add_object(mesh, free)
+        # Without an arm, the planned motion avoids the table.
+        table: GeometryId | None = None
+        if station is not None and station.table is not None:
+            table = add_table(plant, station.table.height, _FRICTION, under=mesh)
+        support: GeometryId | None = None
+        if free is not None:
+            height = free.support_height
+            support = add_support(plant, height, free.friction, under=mesh, mass=free.mass)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
-        if self._table is not None:
-            apart: list[GeometryId] = []
-            if station is None:  # the planned motion avoids the table
-                apart += self._hand.link_of_geometry
-            if free is None:  # Drake 1.51 crashes on contact between a locked body and the world
-                apart.append(self._object_geometry)
+        if support is not None:
+            let_rest(scene_graph, self._object_geometry, support, table)
+        elif table is not None:  # Drake 1.51 crashes on contact of a locked body with the world
             scene_graph.collision_filter_manager().Apply(
                 CollisionFilterDeclaration().ExcludeBetween(
-                    GeometrySet(apart), GeometrySet(self._table)
+                    GeometrySet(self._object_geometry), GeometrySet(table)
                 )
             )
         self._simulator = Simulator(builder.Build())
@@ -136,7 +141,7 @@ class ProbingScene:
         filters = scene_graph.collision_filter_manager(
             scene_graph.GetMyMutableContextFromRoot(self._root_context)
         )
-        self.carrier.connect(self._context, filters, self._table)
+        self.carrier.connect(self._context, filters, table)
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._forces_port = plant.get_applied_spatial_force_input_port()
         self._results_port = plant.get_contact_results_output_port()
@@ -153,9 +158,7 @@ class ProbingScene:
             hydroelastic_modulus=PROBING_SKIN,
         )
 
-    def _add_object(
-        self, mesh: trimesh.Trimesh, free: FreeObject | None, table: Table | None
-    ) -> None:
+    def _add_object(self, mesh: trimesh.Trimesh, free: FreeObject | None) -> None:
         plant = self._plant
         instance = plant.AddModelInstance("object")
         body, self._object_geometry = add_object(
@@ -169,14 +172,10 @@ class ProbingScene:
         self._fixture = plant.AddJoint(
             QuaternionFloatingJoint("fixture", plant.world_frame(), body.body_frame())
         )
-        self._table: GeometryId | None = None
         if free is None:
             plant.set_gravity_enabled(instance, False)
-            if table is not None:
-                self._table = add_table(plant, table.height, _FRICTION, under=mesh)
         else:
             self._body = body
-            self._table = add_table(plant, free.support_height, free.friction, under=mesh)
 
     @property
     def X_WO(self) -> FloatArray:
