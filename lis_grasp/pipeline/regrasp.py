@@ -162,9 +162,22 @@ def _tactile_check(
         if len(measured) < 2:
             return False
         points, normals = measured.points, measured.normals
+        if hand.kind == "jaw":
+            points = _pushed_along_one_line(points, normals)
         return robust_epsilon_on(mesh, hand, points, normals, friction=friction) > 0.0
 
     return accept_grasp
+
+
+def _pushed_along_one_line(points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return where two flat pads will push an object (2, 3), felt first at ends of its faces.
+
+    Closing pads turn the object until its faces lie on them (Brost 1988).
+    """
+    axis = normals[1] - normals[0]
+    axis /= max(float(np.linalg.norm(axis)), 1e-9)
+    half_width = 0.5 * float((points[1] - points[0]) @ axis) * axis
+    return np.asarray(points.mean(axis=0) + np.stack([-half_width, half_width]))
 
 
 def _missed(grasp: Grasp, outcome: LiftOutcome) -> FloatArray:

@@ -16,6 +16,7 @@ from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.lift_outcome import LiftOutcome
+from lis_grasp.pipeline import regrasp
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.run_config import RunConfig
 
@@ -122,6 +123,18 @@ def test_the_tactile_check_needs_force_closure() -> None:
     assert not accept_grasp(opposite.subset([0]))
     aligned = Contacts(opposite.points, np.array([[0, 0, 1.0], [0, 0, 1.0]]))
     assert not accept_grasp(aligned)
+
+
+def test_flat_pads_may_touch_parallel_faces_at_opposite_ends() -> None:
+    gripper = Hand.load("wsg50")
+    accept_grasp = regrasp._tactile_check(BOX.mesh, gripper, 0.8)
+    points = np.array([[-0.02, -0.01, 0.0], [0.02, 0.01, 0.0]])  # 27 deg, outside half the cone
+    faces = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    assert accept_grasp(Contacts(points, faces))
+    wedge = np.array([[-1.0, 0.0, 0.6], [1.0, 0.0, 0.6]]) / np.hypot(1.0, 0.6)
+    assert not accept_grasp(Contacts(points, wedge))
+    # Fingertips do not turn the object.
+    assert not regrasp._tactile_check(BOX.mesh, ALLEGRO, 0.8)(Contacts(points, faces))
 
 
 @pytest.mark.parametrize("attempts", [0, -1])
