@@ -31,8 +31,9 @@ _FOUND, _LOST_AFTER = 0.003, 6
 _UNCERTAIN, _WORTHWHILE = 0.0008, 2.0
 # A contact whose position is more uncertain is not used [m].
 _UNUSABLE = 0.004
-# Fewer contacts are too few to recognise a motion.
-_FEW = 5
+# Fewer contacts are too few to recognise a motion; then so many probes in a row without a contact
+# show that the object is somewhere else.
+_FEW, _NOTHING_LEFT = 5, 12
 # A contact so near an earlier one [m] measures the distance from its tangent plane, which the
 # surface leaves by this fraction of the distance in it.
 _NEAR, _BEND = 0.003, 0.1
@@ -61,7 +62,8 @@ class PoseTracker:
 
     A repeated probe far off its first contact, or free space where contacts were, shows a large
     motion: the pose becomes uncertain, and the next touches register it. If they contradict the
-    estimate too, the object has toppled or rolled away: its contacts are dropped.
+    estimate too, the object has toppled or rolled away: its contacts are dropped. They also are if
+    they are few and a dozen probes in a row touch nothing.
 
     Parameters
     ----------
@@ -158,7 +160,7 @@ class PoseTracker:
             belief,
             repeated=repeated,
             suspicious=suspicious and not repeated,
-            lost=belief.doubts > _LOST_AFTER,
+            lost=belief.doubts > _LOST_AFTER or _nothing_left([*outcomes, outcome], known),
         )
         if belief.lost:
             belief = replace(PoseBelief.start(), X_WE=belief.X_WE, lost=True)
@@ -250,6 +252,13 @@ def since_loss(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
         if belief is not None and belief.lost:
             return outcomes[i:]
     return outcomes
+
+
+def _nothing_left(outcomes: Sequence[ProbeOutcome], known: Contacts) -> bool:
+    """Return whether an object of a few known contacts is no longer met by any probe."""
+    last = outcomes[-_NOTHING_LEFT:]
+    touched = any(outcome.status == "touched" for outcome in last)
+    return 0 < len(known) < _FEW and len(last) == _NOTHING_LEFT and not touched
 
 
 def _sideways(touches: Sequence[ProbeOutcome], last: ProbeOutcome) -> ProbeOutcome:

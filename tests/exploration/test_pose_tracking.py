@@ -116,6 +116,22 @@ def test_contacts_before_a_loss_are_dropped() -> None:
     assert [touch.contacts.points[0, 0] for touch in exploration.touches] == [0.1, -0.03]
 
 
+def test_an_object_that_a_dozen_probes_miss_is_searched_again() -> None:
+    tracker = PoseTracker(lambda X_EF: None)
+    made = [tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)]
+    missed = ProbeOutcome(PROBE, "missed")
+    known = Exploration.replay(made).contacts
+    while not made[-1].tracked.lost:
+        assert len(made) < 13
+        made.append(tracker.track(missed, made, known, None, repeated=False))
+    assert len(made) == 13
+    assert not len(Exploration.replay(made).contacts)
+    # Of five contacts, some would be in free space: that shows a motion.
+    five = Contacts(np.tile(known.points, (5, 1)), np.tile(known.normals, (5, 1)))
+    again = tracker.track(missed, made[:12], five, None, repeated=False)
+    assert not again.tracked.lost
+
+
 def test_repeated_probes_add_no_contacts() -> None:
     repeated = replace(touched_at(-0.05), tracked=replace(PoseBelief.start(), repeated=True))
     assert len(Exploration.replay([touched_at(-0.03), repeated]).contacts) == 1
