@@ -19,7 +19,7 @@ StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | 
 """Returns the reason to stop, or None to continue, from contacts, estimate and outcomes."""
 
 # Contacts from which a grasp is planned, and after how many more another one.
-_FEW, _EVERY = 6, 2
+_FEW, _EVERY = 10, 2
 # Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
 _CERTAIN_QUANTILE = 0.95
 
@@ -82,7 +82,7 @@ def stop_when_graspable(
 ) -> StopRule:
     """Stop when a grasp on the estimate is predicted to hold with a probability, from 0 to 1.
 
-    `predict` plans a grasp and returns its `shape_probability`; it is called from 6 contacts on,
+    `predict` plans a grasp and returns its `shape_probability`; it is called from 10 contacts on,
     for every second contact. Two predictions in succession must reach the probability, because the
     uncertainty of an estimate from few contacts is often too small.
 

@@ -87,10 +87,10 @@ def test_invalid_rules_are_refused(options: dict, word: str) -> None:
 
 
 def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> None:
-    predictions = iter([0.9, 0.5, 0.9, 0.85])  # with 6, 8, 10 and 12 contacts
+    predictions = iter([0.9, 0.5, 0.9, 0.85])  # with 10, 12, 14 and 16 contacts
     rule = stop_when_graspable(0.8, lambda surface: next(predictions))
-    reasons = [rule(cap(0.5, count), Ball(), ()) for count in range(1, 13)]
-    assert [reason is not None for reason in reasons] == 11 * [False] + [True]
+    reasons = [rule(cap(0.5, count), Ball(), ()) for count in range(1, 17)]
+    assert [reason is not None for reason in reasons] == 15 * [False] + [True]
     assert not list(predictions)
 
 
