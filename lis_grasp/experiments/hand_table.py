@@ -25,7 +25,7 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import NAMES
 
-FURTHER_OBJECTS = ("lumpy", "bean", "vase", "rounded_box", "dumbbell", "l_bracket")
+FURTHER_OBJECTS = ("bottle", "bean", "vase", "rounded_box", "dumbbell", "l_bracket")
 """Test objects beside the built-in shapes."""
 
 _FURTHER_SIZE = 0.1  # largest extent of the further objects [m]
@@ -70,7 +70,8 @@ def hand_table(
     """Return the table in Markdown, after running the trials that are missing in `output`.
 
     A hand whose model is not installed has a line that says how to get it. Each trial explores an
-    object in the dynamic simulation, estimates it by `blend`, and lifts the best grasp.
+    object with the kinematic prober and an ideal sensor, estimates it by `blend`, and lifts the best
+    grasp once.
     """
     found: dict[str, Hand] = {}
     lines = ["| hand | doctor | planning, median | held |", "|---|---|---|---|"]
