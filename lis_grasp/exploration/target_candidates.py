@@ -12,7 +12,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
 from lis_grasp.exploration.probe_motions import SAME_DIRECTION, is_flat, level_targets, retreats
-from lis_grasp.exploration.workspace import FLAT_REACH, REACH, Workspace
+from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.surfaces.contact_places import box_lengths
 from lis_grasp.typing import BoolArray, FloatArray
@@ -37,8 +37,6 @@ _MISSES = 0.1
 _FACES_AWAY = -0.5
 # On a flat object the sides are near contacts on the top: these count only if they face alike.
 _FACES_ALIKE = 0.5
-# The outline of a flat object says more than its top, where distances count by this factor.
-_FACES_UP, _TOP_WEIGHT = 0.7, 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +45,7 @@ class Targets:
 
     points: FloatArray  # (P, 3) [m]: samples of the estimate
     normals: FloatArray  # (P, 3), unit, outward
-    nearest: FloatArray  # (P,) [m]: distance to the nearest contact on the point's side, weighted
+    nearest: FloatArray  # (P,) [m]: distance to the nearest contact on the point's side
     second: FloatArray  # (P,) [m]: distance to the second contact on the point's side
     free_distance: FloatArray  # (P,) [m]: distance to the path of a tip that missed
     eligible: BoolArray  # (P,): no earlier target, not in free space, and can be approached
@@ -65,12 +63,10 @@ class Targets:
         rng: np.random.Generator,
     ) -> Targets:
         """Return the targets of an estimate, given before free space is carved off."""
+        points, normals = space.sample(surface, near=contacts, rng=rng)
         flat = is_flat(contacts, space)
-        reach, least_cosine = (FLAT_REACH, _FACES_ALIKE) if flat else (REACH, _FACES_AWAY)
-        points, normals = space.sample(surface, near=contacts, reach=reach, rng=rng)
+        least_cosine = _FACES_ALIKE if flat else _FACES_AWAY
         nearest, second = gaps(points, normals, contacts, least_cosine=least_cosine)
-        if flat:
-            nearest = np.where(normals[:, 2] > _FACES_UP, _TOP_WEIGHT * nearest, nearest)
         free_distance = _distance_to_misses(points, outcomes)
         eligible = free_distance > _FREE_RADIUS * space.step
         eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step

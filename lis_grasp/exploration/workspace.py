@@ -24,8 +24,8 @@ TIP_RADIUS = 0.012
 _ROUNDS = 2
 # Grid that samples an estimate: cells a step, and margin of its box in sizes of the object.
 _CELLS_PER_STEP, _MARGIN = 4.0, 0.05
-# An estimate is sampled within so many sizes of the contacts' box; that of a flat object farther.
-REACH, FLAT_REACH = 0.25, 0.5
+# An estimate is sampled within so many sizes of the contacts' box.
+_REACH = 0.25
 # Surface within so many steps above a table is at the table.
 _AT_TABLE = 0.2
 # Above a table, surface that faces down more than this (45 degrees) cannot be touched.
@@ -129,13 +129,12 @@ class Workspace:
         surface: ImplicitSurface,
         *,
         near: Contacts | None = None,
-        reach: float = REACH,
         rng: np.random.Generator | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return points and unit outward normals of an estimate here, shapes (P, 3).
 
-        The points are a quarter of a step apart; those `near` contacts are within `reach` sizes of
-        the contacts' box. With `rng`, the grid is shifted at random, which keeps its
+        The points are a quarter of a step apart; those `near` contacts are within a quarter of the
+        size of the contacts' box. With `rng`, the grid is shifted at random, which keeps its
         pattern out of the touches.
         """
         cell = self.step / _CELLS_PER_STEP
@@ -143,9 +142,10 @@ class Workspace:
         shift = 0.0 if rng is None else cell * rng.random(3)
         low, high = self.center - half, self.center + half
         if near is not None:
+            reach = _REACH * self.size
             low, high = (
-                np.maximum(low, near.bounds[0] - reach * self.size),
-                np.minimum(high, near.bounds[1] + reach * self.size),
+                np.maximum(low, near.bounds[0] - reach),
+                np.minimum(high, near.bounds[1] + reach),
             )
         low = low - shift
         return sample_zero_level_set(surface, np.array([low, high]), cell)
