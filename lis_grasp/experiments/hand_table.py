@@ -70,8 +70,8 @@ def hand_table(
     """Return the table in Markdown, after running the trials that are missing in `output`.
 
     A hand whose model is not installed has a line that says how to get it. Each trial explores an
-    object with the kinematic prober and an ideal sensor, estimates it by `blend`, and lifts the best
-    grasp once.
+    object with the kinematic prober and an ideal sensor, estimates it by `blend`, and lifts the
+    best grasp once.
     """
     found: dict[str, Hand] = {}
     lines = ["| hand | doctor | planning, median | held |", "|---|---|---|---|"]

@@ -29,6 +29,8 @@ _FOUND, _LOST_AFTER = 0.003, 6
 # A place is touched again when its position is so uncertain [m], and so many times more than a
 # touch makes it.
 _UNCERTAIN, _WORTHWHILE = 0.0008, 2.0
+# What was repeated within so many probes is not repeated again.
+_JUST_NOW = 8
 # A contact whose position is more uncertain is not used [m].
 _UNUSABLE = 0.004
 # Fewer contacts are too few to recognise a motion; then so many probes in a row without a contact
@@ -95,11 +97,15 @@ class PoseTracker:
             return None
         if belief.repeated and belief.doubts <= 0:
             return None
-        # Blocked ones again are blocked; while in doubt, every probe comes once.
+        # Blocked ones again are blocked; while in doubt, every probe comes once. What was repeated
+        # just now, and is still uncertain, lies so that it says little.
+        count, doubts = len(outcomes), max(belief.doubts, 0)
         tried = [
             outcome.probe.target
             for i, outcome in enumerate(outcomes)
-            if outcome.status == "blocked" or i >= len(outcomes) - max(belief.doubts, 0)
+            if outcome.status == "blocked"
+            or i >= count - doubts
+            or (i >= count - _JUST_NOW and _is_repeated(outcome))
         ]
         if tried:
             near = cdist([touch.probe.target for touch in touches], tried).min(axis=1)
@@ -259,6 +265,10 @@ def _nothing_left(outcomes: Sequence[ProbeOutcome], known: Contacts) -> bool:
     last = outcomes[-_NOTHING_LEFT:]
     touched = any(outcome.status == "touched" for outcome in last)
     return 0 < len(known) < _FEW and len(last) == _NOTHING_LEFT and not touched
+
+
+def _is_repeated(outcome: ProbeOutcome) -> bool:
+    return outcome.tracked is not None and outcome.tracked.repeated
 
 
 def _sideways(touches: Sequence[ProbeOutcome], last: ProbeOutcome) -> ProbeOutcome:

@@ -107,6 +107,20 @@ def test_an_uncertain_place_is_probed_again_at_once() -> None:
     assert again.overshoot > PROBE.overshoot
 
 
+def test_a_place_that_a_repetition_left_uncertain_is_not_repeated_at_once() -> None:
+    tracker = PoseTracker(lambda X_EF: None)
+    uncertain = PoseBelief.start().loosened(np.array([0.01, 0.01, 0.1]))
+    first, other = (replace(touched_at(x), tracked=uncertain) for x in (-0.03, -0.05))
+    other = replace(other, probe=replace(PROBE, target=np.array([-0.05, 0.0, 0.02])))
+    repeated = replace(first, tracked=replace(uncertain, repeated=True))
+    again = tracker.probe_again([first, repeated, other])
+    assert again is not None
+    np.testing.assert_array_equal(again.target, other.probe.target)
+    much_later = tracker.probe_again([first, repeated, *8 * [first]])
+    assert much_later is not None
+    np.testing.assert_array_equal(much_later.target, PROBE.target)
+
+
 def test_contacts_before_a_loss_are_dropped() -> None:
     start = PoseBelief.start()
     before = [replace(touched_at(x), tracked=start) for x in (-0.03, -0.05, -0.07)]
