@@ -71,7 +71,8 @@ def grasp_with_tactile_check(
     """Grasp and lift; after a failed tactile check, estimate and plan again with the new contacts.
 
     After the fingers close and before they squeeze, the measured contacts must be in force closure
-    at half the friction. If they are not, or if the hand hits the object during the approach, the
+    at half the friction; points at opposite ends of parallel faces count as opposite each other
+    under flat pads. If they are not, or if the hand hits the object during the approach, the
     attempt is aborted: the hand opens and retreats, and its contacts are added to the known ones.
     An object that slips at the start of the lift is set down. The next grasp avoids places where a
     finger closed on nothing or slipped. The last of `RunConfig.attempts` is executed without the
