@@ -58,8 +58,7 @@ class Exploration:
         touches: list[ProbeOutcome] = []
         accumulated = _accumulated(self.outcomes, len(self.contacts))
         for outcome, contacts in zip(self.outcomes, accumulated, strict=True):
-            lost = outcome.tracked is not None and outcome.tracked.lost
-            touches = [] if lost else touches
+            touches = [] if outcome.lost else touches
             touches += [outcome] * (len(contacts) - len(touches))
         return tuple(touches)
 
@@ -230,10 +229,10 @@ def _with_outcome(
 
     An outcome that shows that the object is lost ends the contacts before it.
     """
-    if outcome.tracked is not None and outcome.tracked.lost:
+    if outcome.lost:
         contacts = Contacts.empty()
     room = None if touches is None else touches - len(contacts)
-    if outcome.tracked is not None and outcome.tracked.repeated:
+    if outcome.repeated:
         room = 0  # it measures the pose, and nothing new of the surface
     new = outcome.contacts.subset(_new_contacts(contacts, outcome)[:room])
     # The outcome's free space counts; a prober may repeat it in its contacts.

@@ -105,7 +105,7 @@ class PoseTracker:
             for i, outcome in enumerate(outcomes)
             if outcome.status == "blocked"
             or i >= count - doubts
-            or (i >= count - _JUST_NOW and _is_repeated(outcome))
+            or (i >= count - _JUST_NOW and outcome.repeated)
         ]
         if tried:
             near = cdist([touch.probe.target for touch in touches], tried).min(axis=1)
@@ -254,8 +254,7 @@ def _to_surface(
 def since_loss(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
     """Return the outcomes since the object was lost, the one that showed it included."""
     for i in range(len(outcomes) - 1, -1, -1):
-        belief = outcomes[i].tracked
-        if belief is not None and belief.lost:
+        if outcomes[i].lost:
             return outcomes[i:]
     return outcomes
 
@@ -265,10 +264,6 @@ def _nothing_left(outcomes: Sequence[ProbeOutcome], known: Contacts) -> bool:
     last = outcomes[-_NOTHING_LEFT:]
     touched = any(outcome.status == "touched" for outcome in last)
     return 0 < len(known) < _FEW and len(last) == _NOTHING_LEFT and not touched
-
-
-def _is_repeated(outcome: ProbeOutcome) -> bool:
-    return outcome.tracked is not None and outcome.tracked.repeated
 
 
 def _sideways(touches: Sequence[ProbeOutcome], last: ProbeOutcome) -> ProbeOutcome:

@@ -200,6 +200,16 @@ class ProbeOutcome:
             simulated_pose=None if pose is None else X_FE @ pose,
         )
 
+    @property
+    def repeated(self) -> bool:
+        """Whether the probe repeated an earlier one, to track the object's pose."""
+        return self.tracked is not None and self.tracked.repeated
+
+    @property
+    def lost(self) -> bool:
+        """Whether the probe showed that the tracked object is somewhere else."""
+        return self.tracked is not None and self.tracked.lost
+
     def object_moved(self, X_EF: FloatArray) -> ProbeOutcome:
         """Return the outcome after a believed motion of the object that its contacts precede."""
         pose = self.simulated_pose

@@ -91,7 +91,7 @@ class LiftScene:
         self._support = add_support(plant, height, friction, under=mesh, mass=setup.mass)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
-        let_rest(scene_graph, self._object_geometry, self._support, table)
+        let_rest(scene_graph, self._object_geometry, support=self._support, table=table)
         # Drake gives a body without a joint this one: six degrees of freedom.
         (joint,) = plant.GetJointIndices(instance)
         self._object_joint = plant.get_joint(joint)

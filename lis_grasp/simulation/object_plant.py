@@ -104,17 +104,25 @@ def add_support(
 
 
 def let_rest(
-    scene_graph: SceneGraph, obj: GeometryId, support: GeometryId, table: GeometryId | None = None
+    scene_graph: SceneGraph,
+    obj: GeometryId,
+    *,
+    support: GeometryId | None,
+    table: GeometryId | None,
 ) -> None:
-    """Make the object's geometry rest on its support, and all others on the table, if any."""
-    all_others = [
-        geometry
-        for geometry in scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity)
-        if geometry not in (obj, support)
-    ]
-    declaration = CollisionFilterDeclaration().ExcludeBetween(
-        GeometrySet(support), GeometrySet(all_others)
-    )
+    """Make the object's geometry rest on its support, and all others on the table.
+
+    An object that does not move has no support: Drake 1.51 crashes on contact between a locked body
+    and the world.
+    """
+    declaration = CollisionFilterDeclaration()
+    if support is not None:
+        all_others = [
+            geometry
+            for geometry in scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity)
+            if geometry not in (obj, support)
+        ]
+        declaration.ExcludeBetween(GeometrySet(support), GeometrySet(all_others))
     if table is not None:
         declaration.ExcludeBetween(GeometrySet(obj), GeometrySet(table))
     scene_graph.collision_filter_manager().Apply(declaration)
@@ -126,7 +134,7 @@ def _stable_modulus(mesh: trimesh.Trimesh, mass: float, time_step: float) -> flo
     lowest = mesh.vertices[heights < heights.min() + _ON_TABLE, :2]
     try:
         area = ConvexHull(lowest).volume  # what Qhull calls the area of a polygon is its border
-    except (QhullError, ValueError):  # the object stands on a point or a line
+    except QhullError:  # the object stands on a point or a line
         return np.inf
     gradient = _STIFFNESS_LIMIT * mass / (area * time_step**2)  # of the pressure [Pa/m]
     return 0.5 * _TABLE_THICKNESS * gradient

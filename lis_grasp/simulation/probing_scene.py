@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet
+from pydrake.geometry import GeometryId
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import (
@@ -127,14 +127,7 @@ class ProbingScene:
             support = add_support(plant, height, free.friction, under=mesh, mass=free.mass)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
-        if support is not None:
-            let_rest(scene_graph, self._object_geometry, support, table)
-        elif table is not None:  # Drake 1.51 crashes on contact of a locked body with the world
-            scene_graph.collision_filter_manager().Apply(
-                CollisionFilterDeclaration().ExcludeBetween(
-                    GeometrySet(self._object_geometry), GeometrySet(table)
-                )
-            )
+        let_rest(scene_graph, self._object_geometry, support=support, table=table)
         self._simulator = Simulator(builder.Build())
         self._root_context = self._simulator.get_mutable_context()
         self._context = plant.GetMyMutableContextFromRoot(self._root_context)

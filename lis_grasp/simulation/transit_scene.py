@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet
+from pydrake.geometry import GeometryId
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import QuaternionFloatingJoint
@@ -21,7 +21,7 @@ from lis_grasp.simulation.arm_dynamics import ArmDynamics
 from lis_grasp.simulation.arm_plant import add_arm, ignore_mounting
 from lis_grasp.simulation.arm_watch import ArmWatch
 from lis_grasp.simulation.hand_plant import LIFTING_SKIN, add_hand, ignore_self_collision
-from lis_grasp.simulation.object_plant import add_object, add_table
+from lis_grasp.simulation.object_plant import add_object, add_table, let_rest
 from lis_grasp.typing import FloatArray
 
 # Fingers do not move on the way: their joints are locked.
@@ -86,12 +86,7 @@ class TransitScene:
             table = add_table(plant, station.table.height, _FRICTION, under=mesh)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)
-        if table is not None:
-            scene_graph.collision_filter_manager().Apply(
-                CollisionFilterDeclaration().ExcludeBetween(
-                    GeometrySet([geometry]), GeometrySet([table])
-                )
-            )
+        let_rest(scene_graph, geometry, support=None, table=table)
         self._simulator = Simulator(builder.Build())
         self._root_context = self._simulator.get_mutable_context()
         self._context = plant.GetMyMutableContextFromRoot(self._root_context)

@@ -140,7 +140,7 @@ def test_an_object_that_a_dozen_probes_miss_is_searched_again() -> None:
         made.append(tracker.track(missed, made, known, None, repeated=False))
     assert len(made) == 13
     assert not len(Exploration.replay(made).contacts)
-    # Of five contacts, some would be in free space: that shows a motion.
+    # With five contacts, only free space and repetitions show a motion.
     five = Contacts(np.tile(known.points, (5, 1)), np.tile(known.normals, (5, 1)))
     again = tracker.track(missed, made[:12], five, None, repeated=False)
     assert not again.tracked.lost

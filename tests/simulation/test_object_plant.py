@@ -28,7 +28,7 @@ def heights_after_a_fall(
     support = add_support(plant, height, 0.8, under=mesh, mass=mass)
     table = add_table(plant, height + 0.01, 0.8, under=mesh) if with_table else None
     plant.Finalize()
-    let_rest(scene_graph, geometry, support, table)
+    let_rest(scene_graph, geometry, support=support, table=table)
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     tilted = trimesh.transformations.euler_matrix(tilt, 0.3 * tilt, 0.0)
@@ -47,7 +47,7 @@ def heights_after_a_fall(
     [([0.2, 0.03, 0.004], 0.065), ([0.1, 0.1, 0.02], 0.05), ([0.06, 0.06, 0.06], 0.2)],
 )
 def test_flat_objects_come_to_rest(size: list[float], mass: float, time_step: float) -> None:
-    # On a table of the same stiffness for all, some of them bounce by centimetres for ever.
+    # On a table of the same stiffness for all, some of them never come to rest.
     mesh = trimesh.creation.box(size)
     for tilt in (0.01, 0.03, 0.06):
         heights = heights_after_a_fall(mesh, mass, time_step, tilt=tilt)
