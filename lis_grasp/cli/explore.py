@@ -46,8 +46,8 @@ TOUCH_OPTIONS = (
 """The options of an exploration, beside its object."""
 
 # Intermediate estimates that are kept, and the cells along the bounds of their meshes.
-_STEPS, _CELLS = 12, 26
-# The first of them; with fewer contacts the surface is nearly a guess.
+_STEPS, _CELLS = 7, 26
+# Contacts of the first of them; with fewer the surface is nearly a guess.
 _FIRST = 3
 
 # Plain names of facts in the header of a log.
@@ -90,8 +90,11 @@ def execute(options: argparse.Namespace) -> None:
 
 def warn_if_too_wide(shape: Shape, hand: Hand) -> None:
     """Print a warning if the object is everywhere wider than the hand opens."""
-    width, opening = narrowest_width(shape.mesh), largest_opening(hand)
-    if width > opening > 0.0:
+    opening = largest_opening(hand)
+    if not 0.0 < opening < float(shape.mesh.extents.min()):  # the box bounds the width
+        return
+    width = narrowest_width(shape.mesh)
+    if width > opening:
         say(
             f"warning: {shape.name} is {1e3 * width:.0f} mm wide where it is narrowest, and"
             f" {hand.name} opens {1e3 * opening:.0f} mm: only a rim or a handle can be grasped;"
@@ -185,6 +188,12 @@ def explore_with_log(
 
 
 def growth_counts(contacts: int) -> list[int]:
-    """Return the numbers of contacts whose estimates are kept, all below `contacts`."""
-    counts = {_FIRST, *(round(k * contacts / _STEPS) for k in range(1, _STEPS))}
-    return sorted(count for count in counts if 2 <= count < contacts)
+    """Return the numbers of contacts whose estimates are kept, all below `contacts`.
+
+    Their ratios are about equal: the first contacts change the surface most.
+    """
+    if contacts <= 2:
+        return []
+    first = min(_FIRST, contacts - 1)
+    counts = {round(first * (contacts / first) ** (k / _STEPS)) for k in range(_STEPS)}
+    return sorted(count for count in counts if count < contacts)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import get_args
 
 import numpy as np
@@ -20,6 +21,7 @@ from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces import ImplicitSurface, carved
+from lis_grasp.surfaces.deferred_surface import DeferredSurface
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Contacts closer than this are duplicates [m].
@@ -164,8 +166,11 @@ def explore(
             estimated, estimated_from = None, 0
         is_new = len(known) > estimated_from
         if is_new:
-            estimated, estimated_from = estimate(known), len(known)
-        surface = None if estimated is None else carved(estimated, known, margin=margin)
+            estimated = DeferredSurface(partial(estimate, known))
+            estimated_from = len(known)
+        surface = None
+        if estimated is not None:
+            surface = DeferredSurface(partial(carved, estimated, known, margin=margin))
         if observe is not None and is_new and surface is not None:
             observe(len(contacts), surface)
         ended = _reason_to_end(len(contacts), known, surface, outcomes, touches, stop)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,14 +14,15 @@ from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import LinkGeometry, ProbePosture
+from lis_grasp.hands.hand_parts import ProbePosture
 from lis_grasp.probing.keep_out import INSIDE, KeepOut
+from lis_grasp.probing.points_on_hand import PointsOnHand
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Rotations about the finger, +x, shape (8, 3, 3).
 _ROLLS = Rotation.from_rotvec(np.pi / 4.0 * np.arange(8)[:, None] * np.eye(3)[0]).as_matrix()
-# Spacing of the hand's points, and of its poses along the approach; links are thicker [m].
-_POINT_SPACING, _POSE_SPACING = 0.015, 0.01
+# Spacing of the hand's poses along the approach; links are thicker [m].
+_POSE_SPACING = 0.01
 # Finger directions oblique and perpendicular to the motion, +x: 45 and 90 degrees, all around.
 _AROUND = np.pi / 3.0 * np.arange(6)
 _OBLIQUE = np.array(
@@ -97,12 +98,15 @@ class ApproachPlanner:
                 f"touching needs a probe posture; hand '{hand.name}' has none: add one to its YAML",
                 key="probe_postures",
             )
+        bodies = PointsOnHand(hand)
         self._bodies = [
-            (posture, *_in_palm(hand, posture)) for posture in hand.probe_postures.values()
+            (posture, _leading_center(hand, posture), bodies.on_all_links(posture))
+            for posture in hand.probe_postures.values()
         ]
-        self._inner = {
-            posture.finger: _inner_points(hand, posture) for posture in hand.probe_postures.values()
-        }
+        self._inner: dict[str, FloatArray] = {}  # by finger: only an arm needs them
+        if station is not None:
+            for posture in hand.probe_postures.values():
+                self._inner[posture.finger] = bodies.on_inner_links(posture)
 
     def place_station(self, station: Station) -> None:
         """Place the station in the frame of the probes."""
@@ -206,32 +210,10 @@ def _turned_down(direction: FloatArray) -> FloatArray:
     return np.asarray(np.cos(angles) * direction + np.sin(angles) * (across / length))
 
 
-def _in_palm(hand: Hand, posture: ProbePosture) -> tuple[FloatArray, FloatArray]:
-    """Return the leading sphere's centre (3,) and points all over the hand (P, 3), in H [m]."""
+def _leading_center(hand: Hand, posture: ProbePosture) -> FloatArray:
+    """Return the leading sphere's centre, (3,), in H [m]."""
     X_HL = hand.forward_kinematics(np.eye(4), posture.joint_positions)[posture.link]
-    every = _points_on(hand, posture, hand.link_geometries)
-    return X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3], every
-
-
-def _inner_points(hand: Hand, posture: ProbePosture) -> FloatArray:
-    """Return points all over the links that are no fingertips, (P, 3), in H [m]."""
-    tips = hand.fingertip_links
-    inner = [geometry for geometry in hand.link_geometries if geometry.link not in tips]
-    return _points_on(hand, posture, inner)
-
-
-def _points_on(hand: Hand, posture: ProbePosture, geometries: Sequence[LinkGeometry]) -> FloatArray:
-    """Return points on bodies of a hand in a posture, (P, 3), in H [m]."""
-    links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
-    points = [np.empty((0, 3))]
-    for geometry in geometries:
-        X_HG = links[geometry.link] @ geometry.X_LG
-        fine = geometry.mesh.subdivide_to_size(_POINT_SPACING)
-        points.append(np.asarray(fine.vertices) @ X_HG[:3, :3].T + X_HG[:3, 3])
-    # One point in each cell of the spacing is enough.
-    every = np.concatenate(points)
-    _, first = np.unique(np.round(2.0 * every / _POINT_SPACING), axis=0, return_index=True)
-    return every[np.sort(first)]
+    return np.asarray(X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3])
 
 
 def rotation_to_x(direction: FloatArray) -> FloatArray:

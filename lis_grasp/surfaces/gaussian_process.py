@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -53,7 +54,7 @@ _MOST_CONTACTS = 400
 _MOST_FOR_AMPLITUDE = 150
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class GaussianProcessImplicitSurface:
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.
 
@@ -75,7 +76,6 @@ class GaussianProcessImplicitSurface:
     center: FloatArray  #: (3,) [m], origin of the scaled coordinates
     scale: float  #: their unit [m]: the largest distance between two contacts
     mean: float  #: prior mean, scaled
-    amplitude: float  #: standard deviation of the prior, scaled, see `variance`
     bounds: FloatArray  #: (2, 3) [m], the contacts' box grown by one spacing
     _process: GradientRegression
 
@@ -168,8 +168,6 @@ class GaussianProcessImplicitSurface:
             )
             noise = noise * np.exp(-2.0 * log_amplitude)
         process = GradientRegression.fit(prior, nodes, targets, of_misfit + noise)
-        # Contacts of one place predict each other, however wrong the surface between places.
-        places = ContactPlaces.of(contacts.points)
         return cls(
             points=contacts.points,
             normals=contacts.normals,
@@ -177,10 +175,16 @@ class GaussianProcessImplicitSurface:
             center=center,
             scale=scale,
             mean=prior_mean / scale,
-            amplitude=process.leave_groups_out_amplitude(places.place, places.nodes),
             bounds=padded_bounds(contacts, spacing),
             _process=process,
         )
+
+    @cached_property
+    def amplitude(self) -> float:
+        """Standard deviation of the prior, scaled, see `variance`."""
+        # Contacts of one place predict each other, however wrong the surface between places.
+        places = ContactPlaces.of(self.points)
+        return self._process.leave_groups_out_amplitude(places.place, places.nodes)
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return the posterior mean of f at points of shape (..., 3) [m], shape (...) [m]."""

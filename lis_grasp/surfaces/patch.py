@@ -6,8 +6,7 @@ section III), which takes planes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -45,49 +44,102 @@ _SAMPLE = 100
 # Less noise than this (in spacings and rad) makes the equations ill-conditioned.
 _LEAST_NOISE = 1e-4
 
+_LOG_2_PI = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchContacts:
+    """Contacts that are divided into patches, and what the equations of all patches share."""
+
+    spacing: float  # of the contacts [m], the unit of length
+    noise: tuple[FloatArray, FloatArray]  # (N,) of positions [m] and normals [rad]
+    points: FloatArray  # (N, 3) in spacings
+    normals: FloatArray  # (N, 3)
+    variances: FloatArray  # (N, 4) of value and gradient, in spacings and rad
+    residual: FloatArray  # (4N, 4N) prior covariance of g, see `PatchEquations`
+
+    @classmethod
+    def of(
+        cls,
+        points: FloatArray,
+        normals: FloatArray,
+        spacing: float,
+        noise: tuple[FloatArray, FloatArray],
+    ) -> PatchContacts:
+        """Prepare contacts at points (N, 3) [m] with unit normals (N, 3)."""
+        scaled = points / spacing
+        residual = gradient_covariance(_KERNEL, scaled)
+        return cls(spacing, noise, scaled, normals, _variances(noise, spacing), residual)
+
+    def with_noise(self, noise: tuple[FloatArray, FloatArray]) -> PatchContacts:
+        """Return the same contacts with other noise."""
+        return replace(self, noise=noise, variances=_variances(noise, self.spacing))
+
+    def equations(self, members: IndexArray) -> PatchEquations:
+        """Return the equations of one patch through some contacts."""
+        rows = (ROWS * members[:, None] + np.arange(ROWS)).ravel()
+        nodes = self.points[members]
+        nodes = nodes - nodes.mean(axis=0)
+        design = design_rows(nodes).reshape(-1, COEFFICIENTS)
+        targets = np.zeros((len(nodes), ROWS))
+        targets[:, 1:] = self.normals[members]
+        return PatchEquations(
+            nodes=nodes,
+            design=design,
+            trend=(design * _TREND) @ design.T,
+            residual=self.residual[rows[:, None], rows],
+            targets=targets.ravel(),
+            variances=self.variances[members].ravel(),
+        )
+
+    def central(self, members: IndexArray) -> IndexArray:
+        """Return the members nearest to their centroid, at most 100, ascending.
+
+        Amplitude and noise are those of the patch about them: the equations of all take too long.
+        """
+        if len(members) <= _SAMPLE:
+            return members
+        points = self.points[members]
+        distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
+        return np.sort(members[np.argsort(distances, kind="stable")[:_SAMPLE]])
+
+
+def _variances(noise: tuple[FloatArray, FloatArray], spacing: float) -> FloatArray:
+    """Return the variances of targets, (N, 4), in spacings and rad."""
+    positions, normals = noise
+    deviations = np.column_stack([positions / spacing, normals, normals, normals])
+    return np.maximum(deviations, _LEAST_NOISE) ** 2
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchEquations:
-    """The equations of one smooth patch through some contacts, before amplitude and noise.
+    """The equations of one smooth patch through some contacts, before its amplitude.
 
     f = quadric + a g, with a normal prior on the quadric's coefficients and a Gaussian process g:
     regression with explicit basis functions (O'Hagan 1978; Rasmussen and Williams 2006, section
     2.7). f is 0 at contacts, and its gradient their normals. Lengths in spacings of the contacts.
     """
 
-    nodes: FloatArray  # (N, 3), relative to their centroid
-    design: FloatArray  # (4N, 10), maps the trend's coefficients to values and slopes at nodes
-    trend: FloatArray  # (4N, 4N) prior covariance of the trend
-    residual: FloatArray  # (4N, 4N) prior covariance of g
-    targets: FloatArray  # (4N,)
+    nodes: FloatArray  # (M, 3), relative to their centroid
+    design: FloatArray  # (4M, 10), maps the trend's coefficients to values and slopes at nodes
+    trend: FloatArray  # (4M, 4M) prior covariance of the trend
+    residual: FloatArray  # (4M, 4M) prior covariance of g
+    targets: FloatArray  # (4M,)
+    variances: FloatArray  # (4M,) of the targets' noise
 
-    @classmethod
-    def of(cls, points: FloatArray, normals: FloatArray) -> PatchEquations:
-        """Prepare the equations of contacts, shapes (N, 3) in spacings and (N, 3)."""
-        nodes = points - points.mean(axis=0)
-        design = design_rows(nodes).reshape(-1, COEFFICIENTS)
-        targets = np.hstack([np.zeros((len(nodes), 1)), normals])
-        trend = (design * _TREND) @ design.T
-        return cls(nodes, design, trend, gradient_covariance(_KERNEL, nodes), targets.ravel())
-
-    def log_evidence(
-        self, variances: FloatArray, amplitudes: Sequence[float] = AMPLITUDES
-    ) -> float:
-        """Return the logarithm of the marginal likelihood, averaged over amplitudes.
-
-        `variances` (4N,) are those of noise, in spacings^2 and rad^2, see `noise_variances`.
-        """
-        logs = [self._log_likelihood(a, variances) for a in amplitudes]
+    def log_evidence(self) -> float:
+        """Return the logarithm of the marginal likelihood, averaged over amplitudes."""
+        logs = [self._log_likelihood(a) for a in AMPLITUDES]
         return float(np.logaddexp.reduce(logs) - np.log(len(logs)))
 
-    def likeliest_amplitude(self, variances: FloatArray) -> float:
+    def likeliest_amplitude(self) -> float:
         """Return the amplitude of largest marginal likelihood."""
-        return max(AMPLITUDES, key=lambda a: self._log_likelihood(a, variances))
+        return max(AMPLITUDES, key=self._log_likelihood)
 
-    def factor(self, amplitude: float, variances: FloatArray) -> FloatArray:
-        """Return the lower Cholesky factor of the covariance of targets, (4N, 4N)."""
+    def factor(self, amplitude: float) -> FloatArray:
+        """Return the lower Cholesky factor of the covariance of targets, (4M, 4M)."""
         covariance = self.trend + amplitude**2 * self.residual
-        covariance.ravel()[:: len(covariance) + 1] += variances  # the diagonal
+        covariance.ravel()[:: len(covariance) + 1] += self.variances  # the diagonal
         factor, info = dpotrf(covariance, lower=1, clean=1, overwrite_a=1)
         if info:
             raise EstimationError(
@@ -95,29 +147,12 @@ class PatchEquations:
             )
         return np.asarray(factor)
 
-    def _log_likelihood(self, amplitude: float, variances: FloatArray) -> float:
-        factor = self.factor(amplitude, variances)
+    def _log_likelihood(self, amplitude: float) -> float:
+        factor = self.factor(amplitude)
         whitened, _ = dtrtrs(factor, self.targets, lower=1)
-        count = len(self.targets)
-        log_determinant = 2.0 * float(np.log(np.diag(factor)).sum())
-        return -0.5 * (float(whitened @ whitened) + log_determinant + count * np.log(2.0 * np.pi))
-
-
-def central(points: FloatArray) -> IndexArray:
-    """Return the points (N, 3) nearest to their centroid, at most 100, ascending.
-
-    Amplitude and noise are those of the patch about them: the equations of all take too long.
-    """
-    if len(points) <= _SAMPLE:
-        return np.arange(len(points))
-    distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
-    return np.sort(np.argsort(distances, kind="stable")[:_SAMPLE])
-
-
-def noise_variances(position_noise: FloatArray, normal_noise: FloatArray) -> FloatArray:
-    """Return the variances of targets of N contacts, (4N,), from their noise in spacings, rad."""
-    deviations = np.column_stack([position_noise, normal_noise, normal_noise, normal_noise])
-    return np.maximum(deviations, _LEAST_NOISE).ravel() ** 2
+        log_determinant = 2.0 * float(np.log(factor.diagonal()).sum())
+        constant = len(self.targets) * _LOG_2_PI
+        return -0.5 * (float(whitened @ whitened) + log_determinant + constant)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,32 +170,23 @@ class Patch:
 
     @classmethod
     def fit(
-        cls,
-        members: IndexArray,
-        points: FloatArray,
-        normals: FloatArray,
-        spacing: float,
-        variances: FloatArray,
-        amplitude: float | None = None,
+        cls, contacts: PatchContacts, members: IndexArray, amplitude: float | None = None
     ) -> Patch:
-        """Condition a patch on its contacts, points (M, 3) [m] and normals (M, 3).
-
-        `variances` (4M,) are those of `noise_variances`. The amplitude defaults to the likeliest.
-        """
-        equations = PatchEquations.of(points / spacing, normals)
+        """Condition a patch on some contacts, (M,). The amplitude defaults to the likeliest."""
+        equations = contacts.equations(members)
         if amplitude is None:
-            some = central(points)
-            subset = PatchEquations.of(points[some] / spacing, normals[some])
-            amplitude = subset.likeliest_amplitude(variances.reshape(-1, ROWS)[some].ravel())
-        factor = equations.factor(amplitude, variances)
+            some = contacts.central(members)
+            subset = equations if some is members else contacts.equations(some)
+            amplitude = subset.likeliest_amplitude()
+        factor = equations.factor(amplitude)
         weights, _ = dpotrs(factor, equations.targets, lower=1)
         expansion = KernelExpansion(
             _KERNEL, equations.nodes, amplitude**2 * weights.reshape(-1, ROWS)
         )
         return cls(
             members=members,
-            spacing=spacing,
-            center=points.mean(axis=0),
+            spacing=contacts.spacing,
+            center=contacts.spacing * contacts.points[members].mean(axis=0),
             amplitude=amplitude,
             coefficients=_TREND * (equations.design.T @ weights),
             residual=expansion,

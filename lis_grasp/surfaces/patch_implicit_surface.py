@@ -20,7 +20,7 @@ from lis_grasp.surfaces.csg_values import active_patches, solid_values
 from lis_grasp.surfaces.joined_patches import JoinedPatches
 from lis_grasp.surfaces.kernel_mean import LEAST_WEIGHT, KernelMean, density_weights
 from lis_grasp.surfaces.noise_estimation import noise_or_estimate
-from lis_grasp.surfaces.patch import Patch, noise_variances
+from lis_grasp.surfaces.patch import Patch, PatchContacts
 from lis_grasp.surfaces.patch_csg import EdgePairs, Expression, build_expressions
 from lis_grasp.surfaces.patch_segmentation import segment
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points
@@ -111,11 +111,13 @@ class PatchImplicitSurface(BlockwiseSurface):
         )
         # Contacts too sparse for a shape with edges look noisy until they are divided into patches.
         noise = np.maximum(estimated, least)
-        patch_of, evidence = segment(points, normals, pairs, spacing, *noise)
+        known = PatchContacts.of(points, normals, spacing, (noise[0], noise[1]))
+        patch_of, evidence = segment(known, pairs)
         if not np.array_equal(noise, least):
-            other, other_evidence = segment(points, normals, pairs, spacing, *least)
+            smooth = known.with_noise(least)
+            other, other_evidence = segment(smooth, pairs)
             if other_evidence > evidence:
-                noise, patch_of = np.array(least), other
+                known, patch_of = smooth, other
         separate = int(patch_of.max()) + 1
         if separate > _MOST_PATCHES:
             raise EstimationError(
@@ -123,10 +125,7 @@ class PatchImplicitSurface(BlockwiseSurface):
                 " check whether each normal belongs to its point, and give the noise"
             )
         bounds = padded_bounds(merged, spacing_of(merged))
-        amplitudes = [None] * separate
-        return cls._join(
-            points, normals, patch_of, (noise[0], noise[1]), pairs, amplitudes, spacing, bounds
-        )
+        return cls._join(points, known, patch_of, pairs, [None] * separate, bounds)
 
     def without(self, left_out: BoolArray) -> PatchImplicitSurface:
         """Return the estimate without some contacts, (N,), with the same segmentation and noise.
@@ -134,35 +133,31 @@ class PatchImplicitSurface(BlockwiseSurface):
         Each contact keeps its patch, each patch its amplitude, and lengths stay in proportion to
         the spacing of all contacts.
         """
-        points, normals = self.points[~left_out], self.normals[~left_out]
-        left, patch_of = np.unique(self.patch_of[~left_out], return_inverse=True)
-        noise = self.position_noise[~left_out], self.normal_noise[~left_out]
+        kept = np.flatnonzero(~left_out)
+        left, patch_of = np.unique(self.patch_of[kept], return_inverse=True)
+        points, normals = self.points[kept], self.normals[kept]
+        noise = self.position_noise[kept], self.normal_noise[kept]
+        known = PatchContacts.of(points, normals, self.spacing, noise)
         pairs = ContactPairs.within(points, normals, self.spacing)
         amplitudes = [self.patches[p].amplitude for p in left]
-        return self._join(
-            points, normals, patch_of, noise, pairs, amplitudes, self.spacing, self.bounds
-        )
+        return self._join(points, known, patch_of, pairs, amplitudes, self.bounds)
 
     @classmethod
     def _join(
         cls,
         points: FloatArray,
-        normals: FloatArray,
+        contacts: PatchContacts,
         patch_of: IndexArray,
-        noise: tuple[FloatArray, FloatArray],
         pairs: ContactPairs,
         amplitudes: list[float] | list[None],
-        spacing: float,
         bounds: FloatArray,
     ) -> PatchImplicitSurface:
-        """Fit the patches and join them by CSG expressions."""
-        variances = noise_variances(noise[0] / spacing, noise[1]).reshape(len(points), -1)
-        patches = []
-        for number, amplitude in enumerate(amplitudes):
-            members = np.flatnonzero(patch_of == number)
-            chosen = points[members], normals[members]
-            of_noise = variances[members].ravel()
-            patches.append(Patch.fit(members, *chosen, spacing, of_noise, amplitude))
+        """Fit the patches and join them by CSG expressions; the contacts are at points [m]."""
+        spacing = contacts.spacing
+        patches = [
+            Patch.fit(contacts, np.flatnonzero(patch_of == number), amplitude)
+            for number, amplitude in enumerate(amplitudes)
+        ]
         edges = EdgePairs.of(pairs, patch_of, spacing)
         joined = JoinedPatches.of(patches)
         expressions = build_expressions(pairs, edges, joined.values(points).T, spacing)
@@ -171,10 +166,10 @@ class PatchImplicitSurface(BlockwiseSurface):
         sigma = _SIGMA * spacing
         return cls(
             points=points,
-            normals=normals,
+            normals=contacts.normals,
             patch_of=patch_of,
-            position_noise=noise[0],
-            normal_noise=noise[1],
+            position_noise=contacts.noise[0],
+            normal_noise=contacts.noise[1],
             patches=tuple(patches),
             joined=joined,
             expressions=tuple(distinct),

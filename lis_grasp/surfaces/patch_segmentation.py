@@ -14,49 +14,36 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.surfaces.pair_clustering import cluster_pairs
-from lis_grasp.surfaces.patch import PatchEquations, central, noise_variances
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.surfaces.patch import PatchContacts
+from lis_grasp.typing import IndexArray
 
 # Contacts of a patch that are compared across a border, those nearest to the other patch.
 _COMPARED = 24
 
 
-def segment(
-    points: FloatArray,
-    normals: FloatArray,
-    pairs: ContactPairs,
-    spacing: float,
-    position_noise: FloatArray,
-    normal_noise: FloatArray,
-) -> tuple[IndexArray, float]:
+def segment(contacts: PatchContacts, pairs: ContactPairs) -> tuple[IndexArray, float]:
     """Return the patch of each contact, (N,), and the log marginal likelihood of all patches.
 
-    Patches are numbered by their first contacts. Contacts are points (N, 3) [m] and normals (N, 3),
-    with noise (N,) [m] and [rad].
+    Patches are numbered by their first contacts.
     """
-    variances = noise_variances(position_noise / spacing, normal_noise)
-    evidence = _Evidence(points / spacing, normals, variances)
-    patch_of = _merge(cluster_pairs(pairs, position_noise, normal_noise), pairs, evidence)
+    evidence = _Evidence(contacts)
+    patch_of = _merge(cluster_pairs(pairs, *contacts.noise), pairs, evidence)
     members = (np.flatnonzero(patch_of == p) for p in range(int(patch_of.max()) + 1))
-    return patch_of, sum(evidence.of(each[central(points[each])]) for each in members)
+    return patch_of, sum(evidence.of(contacts.central(each)) for each in members)
 
 
 @dataclass(slots=True, eq=False)
 class _Evidence:
     """Log marginal likelihoods of sets of contacts as one patch each, remembered."""
 
-    points: FloatArray  # (N, 3) in spacings
-    normals: FloatArray  # (N, 3)
-    variances: FloatArray  # (4N,)
+    contacts: PatchContacts
     _known: dict[bytes, float] = field(default_factory=dict)
 
     def of(self, members: IndexArray) -> float:
         """Return the log marginal likelihood of contacts on one patch; `members` ascend."""
         key = members.tobytes()
         if key not in self._known:
-            equations = PatchEquations.of(self.points[members], self.normals[members])
-            variances = self.variances.reshape(-1, 4)[members].ravel()
-            self._known[key] = equations.log_evidence(variances)
+            self._known[key] = self.contacts.equations(members).log_evidence()
         return self._known[key]
 
     def of_union(self, first: IndexArray, second: IndexArray) -> float:
@@ -69,7 +56,7 @@ class _Evidence:
         """Return the members nearest to the others, ascending."""
         if len(members) <= _COMPARED:
             return members
-        distances, _ = cKDTree(self.points[others]).query(self.points[members])
+        distances, _ = cKDTree(self.contacts.points[others]).query(self.contacts.points[members])
         return np.sort(members[np.argsort(distances, kind="stable")[:_COMPARED]])
 
 

@@ -186,7 +186,7 @@ class Scene:
         if self.station is not None and (touches or postures or lift_seconds > 0.0):
             standing = standing_points(self.station)
             hands.append(touching_points(touches))
-        around = np.vstack([_NOTHING, *hands, standing])
+        around = outermost(np.vstack([_NOTHING, *hands, standing]))
         story = Story.of(
             contacts=len(self.contacts),
             surfaces=[count for count, mesh in surfaces if len(mesh.faces)],
@@ -197,6 +197,7 @@ class Scene:
         drawn = object_points
         if self.estimate is not None:
             drawn = np.vstack([object_points, self.estimate.vertices])
+        drawn = outermost(drawn)
         outline = outermost(np.vstack([drawn, around]))
         lowest = float(object_points[:, 2].min())
         support = lowest if self.support_height is None else self.support_height
@@ -214,8 +215,8 @@ class Scene:
             "camera": {
                 "azimuth": round(float(np.rad2deg(azimuth)), 3),
                 "elevation": round(float(np.rad2deg(ELEVATION)), 3),
-                "object": _rounded(outermost(drawn)),
-                "hand": _rounded(outermost(around)),
+                "object": _rounded(drawn),
+                "hand": _rounded(around),
                 "moved": _rounded(moved),
                 "arm": bool(len(standing)),
             },
