@@ -115,7 +115,8 @@ def explore(
     policy
         Chooses probes.
     estimate
-        Estimates the surface from at least one contact; called after every new contact.
+        Estimates the surface from at least one contact; called at most once for the contacts so
+        far, when the estimate is first used. What it raises, that use raises.
     touches
         Wanted number of contacts.
     rng

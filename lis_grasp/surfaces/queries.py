@@ -26,7 +26,7 @@ _BITS = 10
 _SPREAD = np.array([int(f"{number:b}", base=8) for number in range(1 << _BITS)])
 
 # Points evaluated at once: so many, in a box no larger than this many spacings.
-_BLOCK, _BLOCK_EXTENT = 1024, 8.0
+_BLOCK, _BLOCK_EXTENT = 2048, 8.0
 
 
 class BlockwiseSurface:

@@ -137,13 +137,25 @@ def column_major(X: FloatArray) -> list[float]:
 
 def hand_points(hand: Hand, posture: Sequence[FloatArray]) -> FloatArray:
     """Return points on the hand's surface in O, shape (N, 3) [m], for given link poses."""
+    return _placed(hand, [surface_points(g.mesh, 150) for g in hand.link_geometries], posture)
+
+
+def outlines(hand: Hand, postures: Sequence[Sequence[FloatArray]]) -> FloatArray:
+    """Return the outermost points of the hand's bodies in O, (N, 3) [m], for several postures."""
+    points_G = [outermost(surface_points(g.mesh, 150)) for g in hand.link_geometries]
+    return np.vstack([np.empty((0, 3)), *(_placed(hand, points_G, each) for each in postures)])
+
+
+def _placed(
+    hand: Hand, points_G: Sequence[FloatArray], posture: Sequence[FloatArray]
+) -> FloatArray:
+    """Return the points of all bodies, each (P, 3) in its frame G, in O for given link poses."""
     number = {link: k for k, link in enumerate(hand.links)}
-    points = []
-    for geometry in hand.link_geometries:
+    points = [np.empty((0, 3))]
+    for geometry, p_G in zip(hand.link_geometries, points_G, strict=True):
         X_OG = posture[number[geometry.link]] @ geometry.X_LG
-        p_G = surface_points(geometry.mesh, 150)
         points.append(p_G @ X_OG[:3, :3].T + X_OG[:3, 3])
-    return np.vstack(points) if points else np.empty((0, 3))
+    return np.vstack(points)
 
 
 def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> FloatArray:

@@ -27,6 +27,7 @@ from lis_grasp.visualization.hand_layers import (
     hand_points,
     link_poses,
     moved_points,
+    outlines,
     touch_facts,
     touching_points,
 )
@@ -179,14 +180,15 @@ class Scene:
             draw_search(canvas, self.region, self.search)
         draw_pose_track(canvas, self.moved, object_points.mean(axis=0))
         lift_seconds, postures, moved = self._draw_hand(canvas, object_points)
-        hands = [hand_points(self.hand, p) for p in postures] if self.hand is not None else []
-        best = hands[0] if hands else _NOTHING
+        best, around = _NOTHING, [_NOTHING]
+        if self.hand is not None and postures:
+            best, around = hand_points(self.hand, postures[0]), [outlines(self.hand, postures)]
         touches = touch_facts(self.hand, self.touches, self.station) if self.hand else []
         standing = _NOTHING
         if self.station is not None and (touches or postures or lift_seconds > 0.0):
             standing = standing_points(self.station)
-            hands.append(touching_points(touches))
-        around = outermost(np.vstack([_NOTHING, *hands, standing]))
+            around += [touching_points(touches), standing]
+        hands = outermost(np.vstack(around))
         story = Story.of(
             contacts=len(self.contacts),
             surfaces=[count for count, mesh in surfaces if len(mesh.faces)],
@@ -198,7 +200,7 @@ class Scene:
         if self.estimate is not None:
             drawn = np.vstack([object_points, self.estimate.vertices])
         drawn = outermost(drawn)
-        outline = outermost(np.vstack([drawn, around]))
+        outline = outermost(np.vstack([drawn, hands]))
         lowest = float(object_points[:, 2].min())
         support = lowest if self.support_height is None else self.support_height
         on_table = outline if self.region is None else np.vstack([outline, self.region.bounds])
@@ -216,7 +218,7 @@ class Scene:
                 "azimuth": round(float(np.rad2deg(azimuth)), 3),
                 "elevation": round(float(np.rad2deg(ELEVATION)), 3),
                 "object": _rounded(drawn),
-                "hand": _rounded(around),
+                "hand": _rounded(hands),
                 "moved": _rounded(moved),
                 "arm": bool(len(standing)),
             },
