@@ -13,7 +13,8 @@ from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
 from lis_grasp.exploration.probe_motions import SAME_DIRECTION, is_flat, level_targets, retreats
 from lis_grasp.exploration.workspace import Workspace
-from lis_grasp.surfaces import ImplicitSurface, carved
+from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.surfaces.contact_places import box_lengths
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -69,7 +70,8 @@ class Targets:
         nearest, second = gaps(points, normals, contacts, least_cosine=least_cosine)
         free_distance = _distance_to_misses(points, outcomes)
         eligible = free_distance > _FREE_RADIUS * space.step
-        eligible &= carved(surface, contacts).evaluate(points) < _IN_FREE_SPACE * space.step
+        depths = depths_in_free_space(points, surface, contacts)
+        eligible &= depths < _IN_FREE_SPACE * space.step
         eligible &= space.touchable(points, normals)
         away = retreats(points, normals, space, contacts, surface)
         targets = level_targets(points, away, space)

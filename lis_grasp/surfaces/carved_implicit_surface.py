@@ -134,21 +134,63 @@ def carved(
     """
     require_range("margin", margin, unit="m")
     require_range("growth", growth)
-    centers, radii = contacts.free_points, contacts.free_radii - margin
-    low, high = surface.bounds
-    in_bounds = (radii > 0.0) & np.all((centers + radii[:, None] > low), axis=1)
-    in_bounds &= np.all(centers - radii[:, None] < high, axis=1)
-    centers, radii = centers[in_bounds], radii[in_bounds]
-    nearest = _nearest_contact_distances(contacts, centers)
-    radii = np.minimum(radii, nearest)
+    centers, radii, nearest = _free_balls(contacts, surface.bounds, margin)
     values = surface.evaluate(centers)
     near = np.flatnonzero(values < _FAR * radii)
     places = centers[near, None] + radii[near, None, None] * _PLACES  # (B, 15, 3)
     kept = near[(surface.evaluate(places) < 0.0).any(axis=1)]
     if not len(kept):
         return surface
-    grown = np.minimum(radii - growth * values, 0.5 * (radii + nearest))[kept]
-    return CarvedImplicitSurface(surface, centers[kept], np.maximum(grown, radii[kept]))
+    grown = _grown(radii, nearest, values, growth)
+    return CarvedImplicitSurface(surface, centers[kept], grown[kept])
+
+
+def depths_in_free_space(
+    points: FloatArray, surface: ImplicitSurface, contacts: Contacts
+) -> FloatArray:
+    """Return how deep points of an estimate's surface, (P, 3) [m], are in free space, (P,) [m].
+
+    The free space is that which `carved` removes from the estimate. Outside of it the depth is
+    negative, and -inf far from it.
+    """
+    depths = np.full(len(points), -np.inf)
+    if not len(points):
+        return depths
+    low, high = points.min(axis=0), points.max(axis=0)
+    centers, radii, nearest = _free_balls(contacts, np.array([low, high]), 0.0)
+    if not len(centers):
+        return depths
+    distances, _ = cKDTree(points).query(centers)
+    near = distances < np.maximum(radii, _largest(radii, nearest))
+    centers, radii, nearest = centers[near], radii[near], nearest[near]
+    grown = _grown(radii, nearest, surface.evaluate(centers), 1.0)
+    return np.asarray((grown - cdist(points, centers)).max(axis=1, initial=-np.inf))
+
+
+def _free_balls(
+    contacts: Contacts, bounds: FloatArray, margin: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return centres and radii of the free balls that overlap a box, and how near contacts are.
+
+    Shapes (K, 3), (K,) and (K,) [m]; no ball contains a contact.
+    """
+    centers, radii = contacts.free_points, contacts.free_radii - margin
+    low, high = bounds
+    overlaps = (radii > 0.0) & np.all(centers + radii[:, None] > low, axis=1)
+    overlaps &= np.all(centers - radii[:, None] < high, axis=1)
+    centers, radii = centers[overlaps], radii[overlaps]
+    nearest = _nearest_contact_distances(contacts, centers)
+    return centers, np.minimum(radii, nearest), nearest
+
+
+def _largest(radii: FloatArray, nearest: FloatArray) -> FloatArray:
+    """Return the radii up to which balls may grow: halfway to the nearest contact."""
+    return 0.5 * (radii + nearest)
+
+
+def _grown(radii: FloatArray, nearest: FloatArray, values: FloatArray, growth: float) -> FloatArray:
+    """Return the radii of balls that grow by the depth of their centres inside the estimate."""
+    return np.maximum(radii, np.minimum(radii - growth * values, _largest(radii, nearest)))
 
 
 def _nearest_contact_distances(contacts: Contacts, centers: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from random_directions import random_directions
 
 from lis_grasp import shapes
@@ -23,6 +24,7 @@ from lis_grasp.pipeline.touching import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS, CarvedImplicitSurface, ImplicitSurface, carved, uncarved
+from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.typing import FloatArray
 
 RADIUS = 0.04
@@ -105,6 +107,23 @@ def test_outside_stays_outside_and_beside_the_balls_nothing_changes() -> None:
     apart = np.linalg.norm(points[:, None] - contacts.free_points, axis=-1) - contacts.free_radii
     beside = apart.min(axis=1) > 0.0
     np.testing.assert_array_equal((after < 0.0)[beside], (before < 0.0)[beside])
+
+
+def test_the_depth_of_surface_points_in_free_space_is_what_carving_adds() -> None:
+    contacts, estimate = free_beside_the_ball(), BallWithLobe()
+    directions = some_directions(2000, seed=3)
+    points = np.vstack([RADIUS * directions, LOBE + LOBE_RADIUS * directions])
+    points = points[np.abs(estimate.evaluate(points)) < 1e-12]  # none inside the other ball
+    depths = depths_in_free_space(points, estimate, contacts)
+    values = carved(estimate, contacts).evaluate(points)
+    assert (values > 1e-3).sum() > 100
+    assert_allclose(np.maximum(depths, 0.0), values, atol=1e-12)
+
+
+def test_without_free_space_no_point_is_in_it() -> None:
+    points, contacts = RADIUS * some_directions(5), on_ball(some_directions(3))
+    assert (depths_in_free_space(points, BallWithLobe(), contacts) == -np.inf).all()
+    assert depths_in_free_space(np.empty((0, 3)), BallWithLobe(), contacts).shape == (0,)
 
 
 def test_the_gradient_is_that_of_the_value() -> None:
