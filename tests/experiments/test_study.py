@@ -85,6 +85,16 @@ def comparable(study: Study, folder: Path) -> list[Row]:
     return [without_times({name: row.get(name) for name in COLUMNS}) for row in rows]
 
 
+def test_objects_draw_different_random_numbers_with_one_seed() -> None:
+    names = ("box", "sphere", "scans/mug.stl")
+    seeds = {Trial(name, "allegro", 10, "none", s).random_seed for name in names for s in range(3)}
+    assert len(seeds) == 9
+    first, second = (
+        Trial(f"{f}/mug.stl", "allegro", t, "none", 0) for f, t in (("a", 5), ("b", 40))
+    )
+    assert first.random_seed == second.random_seed  # the folder and the budget do not matter
+
+
 def test_trials_are_a_full_factorial_ordered_by_seed() -> None:
     trials = SMALL.trials()
     assert len(trials) == len(set(trials)) == 2 * 2 * 1 * 1 * 2

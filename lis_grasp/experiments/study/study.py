@@ -142,9 +142,15 @@ class Trial:
     noise: str
     """Noise of the tactile sensor: "none", or standard deviations as "1mm/3deg"."""
     seed: int
-    """Seed of exploration, sensor and planning."""
+    """Seed of exploration, sensor and planning, together with the object's name."""
     setup: Setup = field(default_factory=Setup)
     """Settings that all trials of a study have in common."""
+
+    @property
+    def random_seed(self) -> int:
+        """Seed of the generators of this object's trials: objects draw independent numbers."""
+        entropy = [self.seed, *label(self.object).encode()]
+        return int(np.random.SeedSequence(entropy).generate_state(1)[0])
 
     def find_object(self) -> Shape:
         """Return the true object."""

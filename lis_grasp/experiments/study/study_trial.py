@@ -75,7 +75,7 @@ def plan(trial: Trial, mesh: trimesh.Trimesh, shape: Shape, hand: Hand) -> Grasp
         support=pipeline.support_height(shape),
         friction=trial.setup.friction,
         count=trial.setup.grasps,
-        seed=trial.seed,
+        seed=trial.random_seed,
     )
 
 
@@ -206,7 +206,7 @@ def contacts_of(trial: Trial, explorer: str) -> tuple[Contacts, float]:
         object=trial.object,
         estimator=explorer,
         touches=trial.touches,
-        seed=trial.seed,
+        seed=trial.random_seed,
         position_noise=noise.position,
         normal_noise=noise.normal,
     )
