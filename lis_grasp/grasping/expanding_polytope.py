@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -24,23 +23,24 @@ _TOGETHER, _SLOTS = 40, 128
 # Facets of polytopes that are finished are dropped when this fraction is left.
 _DENSE = 0.7
 _MOST_POINTS = 249 - _CORNERS
-# A point sees a facet if it is beyond it by more than this fraction of the facet's distance.
-_SEEN = 1e-9
 # Wrenches of one contact are coplanar: vertices move by this much, so that no facet is degenerate.
 _JOGGLE = 1e-6
+# Sums of these numbers identify sets of vertices of the polytopes that are worked on together.
+_VERTEX_KEYS, _OWNER_KEYS = np.random.default_rng(0).integers(2**63, size=(2, 256), dtype=np.uint64)
 
 
 @dataclass(slots=True)
 class _Facets:
     """Facets of B simplicial polytopes about the origin, each in one of F slots; others are empty.
 
-    A facet with its vertices as the rows of M is in the plane ``v x = 1``, ``v = M^-1 (1 ... 1)``.
-    Column j of ``M^-1`` is orthogonal to all vertices but the j-th. In an empty slot v is 0: its
-    plane is infinitely far, so that it is never the nearest one, and no point is beyond it.
+    A facet is in the plane ``v x = 1``. All planes through a ridge, which two facets share, are
+    ``v' + t (v - v')``: so the facet of a ridge and a new vertex follows from those two. Column j
+    of `neighbours` is the facet across the ridge without the j-th vertex. In an empty slot v is 0:
+    its plane is infinitely far, so that it is never the nearest one, and no point is beyond it.
     """
 
-    vertices: npt.NDArray[np.int64]  # (B, F, 6): numbers of the vertices
-    inverses: FloatArray  # (B, F, 6, 6): M^-1
+    vertices: IndexArray  # (B, F, 6): numbers of the vertices
+    neighbours: IndexArray  # (B, F, 6): slots
     planes: FloatArray  # (B, F, 6): v
     sizes: FloatArray  # (B, F): |v|^2
     used: IndexArray  # (B,): slots from here on have never been used
@@ -48,36 +48,46 @@ class _Facets:
     @classmethod
     def simplices(cls, count: int) -> _Facets:
         """Return the facets that every one of the polytopes starts with."""
-        vertices = np.array(list(combinations(range(_CORNERS), 6)))  # (7, 6)
-        inverses = np.linalg.inv(_simplex()[vertices])
+        # Facet i has all corners but the i-th, which is opposite to it.
+        corners = np.array([[j for j in range(_CORNERS) if j != i] for i in range(_CORNERS)])
+        planes = np.linalg.solve(_simplex()[corners], np.ones((_CORNERS, 6, 1)))[..., 0]
         facets = cls(
-            np.zeros((count, _SLOTS, 6), dtype=np.int64),
-            np.zeros((count, _SLOTS, 6, 6)),
+            np.zeros((count, _SLOTS, 6), dtype=np.intp),
+            np.zeros((count, _SLOTS, 6), dtype=np.intp),
             np.zeros((count, _SLOTS, 6)),
             np.zeros((count, _SLOTS)),
             np.full(count, _CORNERS),
         )
-        row, slot = np.indices((count, _CORNERS)).reshape(2, -1)
-        facets._put(row, slot, np.tile(vertices, (count, 1)), np.tile(inverses, (count, 1, 1)))
+        facets.vertices[:, :_CORNERS] = facets.neighbours[:, :_CORNERS] = corners
+        facets.planes[:, :_CORNERS], facets.sizes[:, :_CORNERS] = planes, (planes**2).sum(axis=1)
         return facets
 
-    def grow(self, rows: IndexArray, apexes: FloatArray, number: int) -> IndexArray:
-        """Add vertex `number` at (b, 6) to polytopes (b,): a cone replaces the facets that it sees.
+    def grow(self, apexes: FloatArray, number: int) -> None:
+        """Add vertex `number` at (B, 6) to each polytope: a cone replaces the facets that it sees.
 
-        Returns the polytopes that became degenerate.
+        Nothing is beyond any facet at the origin, so polytopes with an apex there stay as they are.
         """
-        beyond = (self.planes[rows] @ apexes[:, :, None])[..., 0]  # (b, F)
-        some, slot = np.nonzero(beyond > 1.0 + _SEEN)
-        row, apex_of = rows[some], np.zeros((len(self.used), 6))
-        apex_of[rows] = apexes
-        facet, place = _rim(row, self.vertices[row, slot])
-        owner, old = row[facet], slot[facet]
-        vertices, inverses = self.vertices[owner, old], self.inverses[owner, old]
-        vertices[np.arange(len(facet)), place] = number
-        inverses = _with_row(inverses, place, apex_of[owner])
+        filled = int(self.used.max())
+        beyond = (self.planes[:, :filled] @ apexes[:, :, None])[..., 0]  # (B, F)
+        seen = beyond > 1.0
+        row, slot = np.nonzero(seen)
+        around = self.neighbours[row, slot]
+        # The rim of the hole: ridges between a facet that is seen and one that is not.
+        facet, place = np.nonzero(~seen[row[:, None], around])
+        owner, old, other = row[facet], slot[facet], around[facet, place]
+        inner, outer = beyond[owner, other], beyond[owner, old]
+        fraction = ((1.0 - inner) / (outer - inner))[:, None]  # from 0 to 1
+        planes = (1.0 - fraction) * self.planes[owner, other] + fraction * self.planes[owner, old]
+        vertices, back = self.vertices[owner, old], self.neighbours[owner, other] == old[:, None]
         self.planes[row, slot], self.sizes[row, slot] = 0.0, 0.0
         free = self._free_slots(row, slot, owner)
-        return np.unique(owner[~self._put(owner, free, vertices, inverses)])
+        neighbours = _join(owner, vertices, place, free)
+        neighbours[np.arange(len(facet)), place] = other
+        vertices[np.arange(len(facet)), place] = number
+        self.neighbours[owner, other, back.argmax(axis=1)] = free
+        self.vertices[owner, free], self.neighbours[owner, free] = vertices, neighbours
+        self.planes[owner, free] = planes
+        self.sizes[owner, free] = np.einsum("nk,nk->n", planes, planes)
 
     def subset(self, index: IndexArray) -> _Facets:
         return subset_of(self, index)
@@ -97,24 +107,10 @@ class _Facets:
         return free
 
     def _extend(self, slots: int) -> None:
-        for name in ("vertices", "inverses", "planes", "sizes"):
+        for name in ("vertices", "neighbours", "planes", "sizes"):
             old = getattr(self, name)
             new = np.zeros((len(old), slots, *old.shape[2:]), dtype=old.dtype)
             setattr(self, name, np.concatenate([old, new], axis=1))
-
-    def _put(
-        self,
-        row: IndexArray,
-        slot: IndexArray,
-        vertices: npt.NDArray[np.int64],
-        inverses: FloatArray,
-    ) -> npt.NDArray[np.bool_]:
-        """Store facets; return which of them are finite."""
-        planes = inverses.sum(axis=2)
-        self.vertices[row, slot], self.inverses[row, slot] = vertices, inverses
-        self.planes[row, slot] = planes
-        self.sizes[row, slot] = np.einsum("nk,nk->n", planes, planes)
-        return np.asarray(np.isfinite(planes).all(axis=1))
 
 
 def inscribed_ball_radii(farthest: Farthest, count: int, *, tolerance: float = 1e-6) -> FloatArray:
@@ -146,39 +142,37 @@ def inscribed_ball_radii(farthest: Farthest, count: int, *, tolerance: float = 1
 
 def _expand(farthest: Farthest, count: int, tolerance: float) -> FloatArray:
     facets = _Facets.simplices(count)
-    bodies_of = np.arange(count)  # of the rows of `facets`
-    rows = np.arange(count)  # of bodies that still grow
+    bodies = np.arange(count)  # of the rows of `facets`
+    grows = np.ones(count, dtype=bool)
     radii = np.zeros(count)
     corners = np.full((_MOST_POINTS, count, 6), np.inf)
     degenerate: list[int] = []
     for step in range(_MOST_POINTS):
-        bodies, nearest = bodies_of[rows], facets.sizes[rows].argmax(axis=1)
+        rows = np.flatnonzero(grows)
+        these, nearest = bodies[rows], facets.sizes[rows].argmax(axis=1)
         v = facets.planes[rows, nearest]  # (b, 6)
         length = np.linalg.norm(v, axis=1)
-        points = farthest(v / length[:, None], bodies)
+        points = farthest(v / length[:, None], these)
         # The body need not contain the simplex: facets on its corners give no radius.
         confirmed = (facets.vertices[rows, nearest] >= _CORNERS).all(axis=1)
-        radii[bodies] = np.where(confirmed, 1.0 / length, 0.0)
+        radii[these] = np.where(confirmed, 1.0 / length, 0.0)
         beyond = _beyond(v, points, tolerance)
         # A vertex is never beyond its own polytope, except by rounding at degenerate facets.
-        again = (np.abs(corners[:step, bodies] - points).max(axis=-1) < _JOGGLE).any(axis=0)
-        degenerate += bodies[beyond & again].tolist()
-        corners[step, bodies] = points
+        again = (np.abs(corners[:step, these] - points).max(axis=-1) < _JOGGLE).any(axis=0)
+        degenerate += these[beyond & again].tolist()
+        corners[step, these] = points
         growing = beyond & ~again
-        rows, points = rows[growing], points[growing]
-        if not len(rows):
+        grows[rows[~growing]] = False
+        if not growing.any():
             break
-        if len(rows) < _DENSE * len(bodies_of):
-            facets, bodies_of = facets.subset(rows), bodies_of[rows]
-            rows = np.arange(len(rows))
         number = _CORNERS + step
+        apexes = np.zeros((len(grows), 6))
         joggle = _JOGGLE * np.sin(np.arange(6.0 * number, 6.0 * number + 6) ** 2)
-        failed = facets.grow(rows, points + joggle, number)
-        if len(failed):
-            degenerate += bodies_of[failed].tolist()
-            rows = np.setdiff1d(rows, failed)
-            if not len(rows):
-                break
+        apexes[rows[growing]] = points[growing] + joggle
+        if growing.sum() < _DENSE * len(bodies):
+            facets, bodies, apexes = facets.subset(grows), bodies[grows], apexes[grows]
+            grows = np.ones(len(bodies), dtype=bool)
+        facets.grow(apexes, number)
     for body in sorted(degenerate):
         radii[body] = _expand_hull(farthest, np.intp(body), corners[:, body], tolerance)
     return radii
@@ -216,37 +210,19 @@ def _simplex() -> FloatArray:
     return np.asarray(LEAST_RADIUS * (corners @ rotation) / np.linalg.norm(corners[0]))
 
 
-def _with_row(inverses: FloatArray, place: IndexArray, apexes: FloatArray) -> FloatArray:
-    """Return M^-1 of matrices, (n, 6, 6), whose row `place` becomes the apex (n, 6).
+def _join(
+    owner: IndexArray, vertices: IndexArray, place: IndexArray, slots: IndexArray
+) -> IndexArray:
+    """Return the neighbours (n, 6) among the facets of cones, one for each ridge of their rims.
 
-    By Sherman and Morrison's formula.
+    Ridges have the `vertices` (n, 6) but the one in `place` (n,); their facets are in `slots` (n,).
+    Two facets of a cone are neighbours if their ridges share four vertices.
     """
-    rows = np.arange(len(place))
-    heights = (apexes[:, None] @ inverses)[:, 0]  # (n, 6)
-    pivot = heights[rows, place].copy()
-    heights[rows, place] -= 1.0
-    column = inverses[rows, :, place]
-    with np.errstate(divide="ignore", invalid="ignore"):  # the caller drops what is not finite
-        return inverses - column[:, :, None] * (heights / pivot[:, None])[:, None, :]
-
-
-def _rim(owner: IndexArray, vertices: npt.NDArray[np.int64]) -> tuple[IndexArray, IndexArray]:
-    """Return ridges (five vertices) of only one facet: the facet, and the vertex they lack.
-
-    Facets (F, 6) are sorted by `owner` (F,), and so are the ridges.
-    """
-    order = np.argsort(vertices, axis=1)
-    ordered = np.take_along_axis(vertices, order, axis=1)
-    digits = 256 ** np.arange(5)
-    lower, upper = ordered[:, :-1] * digits, ordered[:, 1:] * digits
-    # Keys of ridges without the j-th vertex: later vertices move down by one digit.
-    before = np.concatenate([np.zeros((len(ordered), 1), np.int64), lower.cumsum(axis=1)], axis=1)
-    after = np.concatenate(
-        [upper[:, ::-1].cumsum(axis=1)[:, ::-1], np.zeros((len(ordered), 1), np.int64)], axis=1
-    )
-    keys = (before + after + 256**5 * owner[:, None]).ravel()  # (6 F,)
-    by_key = np.argsort(keys, kind="stable")
-    keys = keys[by_key]
-    changes = keys[1:] != keys[:-1]
-    alone = by_key[np.append(True, changes) & np.append(changes, True)]
-    return alone // 6, order[alone // 6, alone % 6]
+    keys = _VERTEX_KEYS[vertices]
+    ridges = keys.sum(axis=1) - keys[np.arange(len(place)), place] + _OWNER_KEYS[owner]
+    shared = np.arange(6) != place[:, None]
+    joints = np.flatnonzero(shared)
+    pairs = joints[np.argsort((ridges[:, None] - keys)[shared])].reshape(-1, 2)
+    neighbours = np.zeros(vertices.size, dtype=np.intp)
+    neighbours[pairs] = slots[pairs[:, ::-1] // 6]
+    return neighbours.reshape(vertices.shape)
