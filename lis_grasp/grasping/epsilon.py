@@ -105,14 +105,22 @@ def epsilon_by_expanding_polytope(
             f"grasps must be of shape (B, C, 3); it is {np.shape(points)}", field="points"
         )
 
-    def farthest(directions: FloatArray, grasps: IndexArray) -> FloatArray:
-        own = wrenches[grasps]  # (b, C, K, 6)
-        along = (own @ directions[:, None, :, None])[..., 0]
-        best = np.take_along_axis(own, along.argmax(axis=-1)[..., None, None], axis=2)[:, :, 0]
-        along = (best @ directions[:, :, None])[..., 0]  # (b, C)
-        return np.asarray(best[np.arange(len(best)), along.argmax(axis=1)])
+    return epsilon_of_wrenches(wrenches, tolerance=tolerance)
 
-    return inscribed_ball_radii(farthest, len(wrenches), tolerance=tolerance)
+
+def epsilon_of_wrenches(wrenches: FloatArray, *, tolerance: float = 0.0) -> FloatArray:
+    """Return epsilon (B,) of the primitive wrenches (B, C, K, 6) of grasps.
+
+    See `epsilon_by_expanding_polytope`.
+    """
+    hulls = wrenches.reshape(len(wrenches), wrenches.shape[1] * wrenches.shape[2], 6)
+
+    def farthest(directions: FloatArray, grasps: IndexArray) -> FloatArray:
+        own = hulls[grasps]  # (b, C K, 6)
+        chosen = (own @ directions[:, :, None])[..., 0].argmax(axis=1)
+        return own[np.arange(len(own)), chosen]
+
+    return inscribed_ball_radii(farthest, len(hulls), tolerance=tolerance)
 
 
 def span_all_dimensions(wrenches: FloatArray) -> bool:

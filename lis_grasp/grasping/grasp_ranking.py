@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -10,9 +11,13 @@ import numpy as np
 import trimesh
 
 from lis_grasp.grasping.candidate_filter import GraspCandidates
-from lis_grasp.grasping.contact_sets import ContactSets
+from lis_grasp.grasping.contact_sets import ContactSets, contacts_of, fill_unused
 from lis_grasp.grasping.contact_wrenches import WrenchModel
-from lis_grasp.grasping.epsilon import epsilon_by_convex_hull, epsilon_by_expanding_polytope
+from lis_grasp.grasping.epsilon import (
+    epsilon_by_convex_hull,
+    epsilon_by_expanding_polytope,
+    epsilon_of_wrenches,
+)
 from lis_grasp.grasping.force_closure import resisted_forces
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import grip_fraction
@@ -22,7 +27,8 @@ from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.success_model import load_probability, shape_probability
 from lis_grasp.grasping.surface_uncertainty import UncertainSurface
 from lis_grasp.hands.hand import Hand
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.records import subset_of
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Normals are known to a few degrees only: robust qualities use this fraction of the friction.
 _ROBUST_FRACTION = 0.5
@@ -72,17 +78,18 @@ class GraspScorer:
     - ``clearance``: the distance of the links that are no fingertips from the surface [m].
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
-    `score` computes them roughly, for ranking, at the median friction of the prior: epsilon may be
-    too small by 5 %, four surfaces are sampled, and ``weight_robust`` and ``load_per_grip``, which
-    do not count, are left out. `predict_success` computes them precisely, and averages the success
-    probability over the distributions of mass and friction.
+    `score` computes those that ranking depends on, at the median friction of the prior and roughly:
+    epsilon may be too small by 5 %, and four surfaces are sampled. `predict_success` computes all
+    but ``grip`` precisely, and averages the success probability over the distributions of mass and
+    friction. `plan_forces` adds ``grip``.
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest
     distance of a vertex from it.
 
     Rounded pads are hard fingers with Coulomb friction, the flat pads of a parallel-jaw gripper are
     soft fingers. The mesh is closed, in O [m], with a vertex attribute ``"uncertainty"`` [m] where
-    it is known.
+    it is known. `rejected` counts candidates that `score` rejected by reason: ``no_force_closure``,
+    and ``outranked``.
     """
 
     def __init__(
@@ -97,121 +104,133 @@ class GraspScorer:
         self._surface = UncertainSurface.from_mesh(mesh)
         # The same draws for every grasp, whenever its qualities are computed.
         self._seed = rng.integers(2**63)
+        self.rejected: Counter[str] = Counter()
 
-    def score(self, candidates: GraspCandidates) -> dict[int, Grasp]:
-        """Return the grasps in force closure among candidates, by their index; see the class."""
-        found: dict[int, Grasp] = {}
-        postures, contacts = candidates.postures, candidates.contacts
-        for alike, points, normals in contacts.by_count():
-            plain = epsilon_by_expanding_polytope(
-                points, normals, self._median.plain, tolerance=_RANKED.epsilon
-            )
-            closing = np.flatnonzero(plain > 0.0)
-            if not len(closing):
-                continue
-            rows = alike[closing]
-            pads = np.nonzero(contacts.used[rows])[1].reshape(len(rows), -1)
-            batch = _Batch(
-                points[closing], normals[closing], pads, postures.X_OH[rows], postures.q[rows]
-            )
-            values = {
-                "epsilon": plain[closing],
-                **self._qualities(batch, self._median, _RANKED),
-                "clearance": candidates.clearance[rows],
-                "pad_error": postures.position_error[rows],
-            }
-            for k, b in enumerate(rows.tolist()):
-                quality = {name: float(value[k]) for name, value in values.items()}
-                found[b] = self._grasp(batch, k, candidates.opened[b], quality)
-        return dict(sorted(found.items()))
+    def score(
+        self, candidates: GraspCandidates, least_success: FloatArray | None = None
+    ) -> dict[int, Grasp]:
+        """Return the grasps in force closure among candidates, by their index; see the class.
+
+        With `least_success` (B,), those of a smaller success probability may be rejected. Contact
+        forces are zero until `plan_forces`.
+        """
+        batch, median = _Batch.of_candidates(candidates), self._median
+        plain, robust = self._epsilons(batch, (median.plain, median.robust), _RANKED.epsilon)
+        kept = np.flatnonzero(plain > 0.0)
+        self.rejected["no_force_closure"] += len(batch) - len(kept)
+        accelerations, carried = self._carry(batch.subset(kept), median, _RANKED.acceleration)
+        if least_success is not None:
+            likely = carried >= least_success[kept]  # of which the success probability is a part
+            self.rejected["outranked"] += len(kept) - int(likely.sum())
+            kept, accelerations, carried = kept[likely], accelerations[likely], carried[likely]
+        batch, robust = batch.subset(kept), robust[kept]
+        expected, _ = self._over_surfaces(batch, robust, _RANKED.surfaces)
+        shape = shape_probability(expected, median.plain)
+        values = {
+            "epsilon": plain[kept],
+            "epsilon_robust": robust,
+            "epsilon_expected": expected,
+            "acceleration": accelerations,
+            "shape_probability": shape,
+            "success_probability": shape * carried,
+            "clearance": candidates.clearance[kept],
+            "pad_error": candidates.postures.position_error[kept],
+        }
+        return {
+            b: self._grasp(batch, k, candidates.opened[b], _each(values, k))
+            for k, b in enumerate(kept.tolist())
+        }
 
     def _grasp(self, batch: _Batch, k: int, opened: FloatArray, quality: dict[str, float]) -> Grasp:
-        """Return a grasp of a batch, with the largest forces in balance."""
-        X_OH, q, normals = batch.X_OH[k], batch.q[k], batch.normals[k]
-        fingers = tuple(self._hand.fingers[pad] for pad in batch.pads[k])
-        forces = balanced_grip(
-            batch.points[k],
-            normals,
-            friction=self._prior.friction,
-            total=2.0 * self._hand.max_contact_force,
-        )
-        forces = grip_fraction(self._hand, X_OH, q, fingers, forces) * forces
+        """Return a grasp of a batch, without contact forces."""
+        X_OH, pads = batch.X_OH[k], np.flatnonzero(batch.used[k])
         return Grasp(
             hand=self._hand.name,
             X_OH=X_OH,
             joint_names=self._hand.joint_names,
-            joint_positions=q,
+            joint_positions=batch.q[k],
             pregrasp_positions=opened,
             approach_O=X_OH[:3, :3] @ self._hand.approach_H,
-            contact_points=batch.points[k],
-            contact_normals=normals,
-            contact_fingers=fingers,
-            contact_forces=forces,
-            quality={**quality, "grip": -float(np.sum(forces * normals))},
+            contact_points=batch.points[k, pads],
+            contact_normals=batch.normals[k, pads],
+            contact_fingers=tuple(self._hand.fingers[pad] for pad in pads),
+            contact_forces=np.zeros((len(pads), 3)),
+            quality=quality,
             accepted=f"force closure at friction {self._prior.friction:g}, reached, free of"
             " collision",
         )
+
+    def plan_forces(self, grasp: Grasp) -> Grasp:
+        """Return a grasp with the largest contact forces in balance, and ``grip``."""
+        forces = balanced_grip(
+            grasp.contact_points,
+            grasp.contact_normals,
+            friction=self._prior.friction,
+            total=2.0 * self._hand.max_contact_force,
+        )
+        forces = forces * grip_fraction(
+            self._hand, grasp.X_OH, grasp.joint_positions, grasp.contact_fingers, forces
+        )
+        grip = -float(np.sum(forces * grasp.contact_normals))
+        return replace(grasp, contact_forces=forces, quality={**grasp.quality, "grip": grip})
 
     def predict_success(self, grasps: Sequence[Grasp]) -> list[Grasp]:
         """Return grasps with precise qualities and the success probability over the whole prior.
 
         Qualities other than the success probability are those at the medians.
         """
-        counts = np.array([len(grasp.contact_points) for grasp in grasps])
-        predicted = list(grasps)
-        for count in np.unique(counts):
-            alike = np.flatnonzero(counts == count).tolist()
-            batch = _Batch.of([grasps[i] for i in alike], self._hand)
-            at, tolerance = (batch.points, batch.normals), _REPORTED.epsilon
-            median = self._median
-            values = {
-                **self._qualities(batch, median, _REPORTED),
-                "epsilon": epsilon_by_expanding_polytope(*at, median.plain, tolerance=tolerance),
-                "load_per_grip": epsilon_by_expanding_polytope(
-                    *at, median.loaded, tolerance=tolerance
-                ),
-                "weight_robust": resisted_forces(*at, (0.0, 0.0, 1.0), median.robust),
-            }
-            (_, weight), *others = self._models
-            success = weight * values["success_probability"]
-            for models, weight in others:
-                qualities = self._qualities(batch, models, _RANKED)
-                success = success + weight * qualities["success_probability"]
-            values["success_probability"] = success
-            for k, i in enumerate(alike):
-                quality = {name: float(value[k]) for name, value in values.items()}
-                predicted[i] = replace(grasps[i], quality={**grasps[i].quality, **quality})
-        return predicted
-
-    def loads_per_grip(self, sets: ContactSets) -> FloatArray:
-        """Return ``load_per_grip`` of B contact sets, shape (B,)."""
-        found = np.zeros(len(sets))
-        for alike, points, normals in sets.by_count():
-            found[alike] = epsilon_by_expanding_polytope(
-                points, normals, self._median.loaded, tolerance=_COARSE
-            )
-        return found
-
-    def _qualities(
-        self, batch: _Batch, models: _FrictionModels, precision: _Precision
-    ) -> dict[str, FloatArray]:
-        """Return the qualities of grasps, each (B,), that depend on the friction of `models`.
-
-        The success probability is averaged over the masses of the prior.
-        """
-        at = batch.points, batch.normals
-        robust = epsilon_by_expanding_polytope(*at, models.robust, tolerance=precision.epsilon)
-        closure, expected = self._over_surfaces(*at, robust, models, precision.surfaces)
-        accelerations, carried = self._carry(batch, models, precision.acceleration)
-        shape = shape_probability(expected, models.plain)
-        return {
+        if not grasps:
+            return []
+        batch, median = _Batch.of(grasps, self._hand), self._median
+        robust, plain, loaded = self._epsilons(
+            batch, (median.robust, median.plain, median.loaded), _REPORTED.epsilon
+        )
+        expected, closure = self._over_surfaces(batch, robust, _REPORTED.surfaces)
+        accelerations, carried = self._carry(batch, median, _REPORTED.acceleration)
+        shape = shape_probability(expected, median.plain)
+        (_, weight), *others = self._models
+        success = weight * shape * carried
+        for models, weight in others:
+            success = success + weight * self._success(batch, models)
+        values = {
             "epsilon_robust": robust,
             "closure_probability": closure,
             "epsilon_expected": expected,
             "acceleration": accelerations,
             "shape_probability": shape,
-            "success_probability": shape * carried,
+            "success_probability": success,
+            "epsilon": plain,
+            "load_per_grip": loaded,
+            "weight_robust": resisted_forces(
+                batch.points, batch.normals, (0.0, 0.0, 1.0), median.robust
+            ),
         }
+        return [
+            replace(grasp, quality={**grasp.quality, **_each(values, k)})
+            for k, grasp in enumerate(grasps)
+        ]
+
+    def loads_per_grip(self, sets: ContactSets) -> FloatArray:
+        """Return ``load_per_grip`` of B contact sets, shape (B,)."""
+        points, normals = sets.filled()
+        return epsilon_by_expanding_polytope(
+            points, normals, self._median.loaded, tolerance=_COARSE
+        )
+
+    def _epsilons(
+        self, batch: _Batch, models: Sequence[WrenchModel], tolerance: float
+    ) -> FloatArray:
+        """Return epsilon of each grasp by each of M models, shape (M, B)."""
+        wrenches = [model.wrenches(batch.points, batch.normals) for model in models]
+        found = epsilon_of_wrenches(np.concatenate(wrenches), tolerance=tolerance)
+        return found.reshape(len(models), -1)
+
+    def _success(self, batch: _Batch, models: _FrictionModels) -> FloatArray:
+        """Return the success probability (B,) at the friction of `models`, over masses, roughly."""
+        (robust,) = self._epsilons(batch, (models.robust,), _RANKED.epsilon)
+        expected, _ = self._over_surfaces(batch, robust, _RANKED.surfaces, models)
+        _, carried = self._carry(batch, models, _RANKED.acceleration)
+        return shape_probability(expected, models.plain) * carried
 
     def _carry(
         self, batch: _Batch, models: _FrictionModels, tolerance: float
@@ -222,7 +241,7 @@ class GraspScorer:
             models.carrying,
             batch.X_OH,
             batch.q,
-            batch.pads,
+            batch.used,
             batch.points,
             batch.normals,
         )
@@ -234,20 +253,20 @@ class GraspScorer:
 
     def _over_surfaces(
         self,
-        points: FloatArray,
-        normals: FloatArray,
+        batch: _Batch,
         robust: FloatArray,
-        models: _FrictionModels,
         samples: int,
+        models: _FrictionModels | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the probability of closure and the expected robust epsilon, each of shape (B,)."""
-        count, contacts = points.shape[:2]
-        if not self._surface.deviations.any():
-            return np.ones(count), robust
+        """Return the expected robust epsilon and the probability of closure, each of shape (B,)."""
+        models, count = models or self._median, len(batch)
+        if not self._surface.deviations.any() or not count:
+            return robust, np.ones(count)
         sampled = self._surface.sample_contacts(
-            points, normals, samples=samples, rng=np.random.default_rng(self._seed)
+            batch.points, batch.normals, samples=samples, rng=np.random.default_rng(self._seed)
         )
-        p, n = (a.reshape(-1, contacts, 3) for a in sampled)
+        used = np.repeat(batch.used, samples, axis=0)
+        p, n = (fill_unused(a.reshape(*used.shape, 3), used) for a in sampled)
         robust = epsilon_by_expanding_polytope(p, n, models.robust, tolerance=_COARSE)
         closes = robust > 0.0  # which implies closure at the whole friction
         rest = np.flatnonzero(~closes)
@@ -255,29 +274,46 @@ class GraspScorer:
             plain = epsilon_by_expanding_polytope(p[rest], n[rest], models.plain, tolerance=_COARSE)
             closes[rest] = plain > 0.0
         by_grasp = (count, samples)
-        return closes.reshape(by_grasp).mean(axis=1), robust.reshape(by_grasp).mean(axis=1)
+        return robust.reshape(by_grasp).mean(axis=1), closes.reshape(by_grasp).mean(axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Batch:
-    """B grasps of equally many contacts."""
+    """B grasps by a hand of F pads. Pads without contact have another pad's contact, twice."""
 
-    points: FloatArray  # (B, C, 3) [m], in O
-    normals: FloatArray  # (B, C, 3), unit, outward
-    pads: IndexArray  # (B, C): number of the pad at each contact
+    points: FloatArray  # (B, F, 3) [m], in O
+    normals: FloatArray  # (B, F, 3), unit, outward
+    used: BoolArray  # (B, F): which pads have a contact
     X_OH: FloatArray  # (B, 4, 4)
     q: FloatArray  # (B, J) [rad or m]
 
     @classmethod
+    def of_candidates(cls, candidates: GraspCandidates) -> _Batch:
+        """Return candidates as a batch."""
+        contacts, postures = candidates.contacts, candidates.postures
+        return cls(*contacts.filled(), contacts.used, postures.X_OH, postures.q)
+
+    @classmethod
     def of(cls, grasps: Sequence[Grasp], hand: Hand) -> _Batch:
-        """Return grasps of equally many contacts as a batch."""
+        """Return grasps as a batch."""
+        sets = contacts_of(grasps, hand)
         return cls(
-            np.array([grasp.contact_points for grasp in grasps]),
-            np.array([grasp.contact_normals for grasp in grasps]),
-            np.array([[hand.fingers.index(f) for f in grasp.contact_fingers] for grasp in grasps]),
+            *sets.filled(),
+            sets.used,
             np.array([grasp.X_OH for grasp in grasps]),
             np.array([grasp.joint_positions for grasp in grasps]),
         )
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def subset(self, index: IndexArray) -> _Batch:
+        """Return some of the grasps."""
+        return subset_of(self, index)
+
+
+def _each(values: dict[str, FloatArray], k: int) -> dict[str, float]:
+    return {name: float(value[k]) for name, value in values.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,14 +9,14 @@ from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.expanding_polytope import inscribed_ball_radii
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.hands.hand import Hand
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s^2]."""
 
 
 def largest_forces(
-    hand: Hand, X_OH: FloatArray, q: FloatArray, pads: IndexArray, forces: FloatArray
+    hand: Hand, X_OH: FloatArray, q: FloatArray, used: BoolArray, forces: FloatArray
 ) -> FloatArray:
     """Return how many times each finger can exert each of several forces at its contact.
 
@@ -29,22 +29,21 @@ def largest_forces(
         The hand.
     X_OH, q
         Shapes (B, 4, 4) and (B, J): palm poses in O, and joint positions [rad or m].
-    pads
-        Shape (B, C): number of the pad at each contact.
+    used
+        Shape (B, F): which pads have a contact.
     forces
-        Shape (B, C, K, 3): forces in O, of unit normal part.
+        Shape (B, F, K, 3): forces in O, of unit normal part.
 
     Returns
     -------
     factors
-        Shape (B, C, K) [N].
+        Shape (B, F, K) [N], 0 without a contact.
     """
-    jacobian = hand.pad_jacobians(X_OH, q)[2][..., 6:]  # (B, F, 3, J)
-    jacobian = np.take_along_axis(jacobian, pads[:, :, None, None], axis=1)  # (B, C, 3, J)
+    jacobian = hand.pad_jacobians(X_OH, q)[2][..., 6:] * used[..., None, None]  # (B, F, 3, J)
     sharing = np.maximum((np.abs(jacobian).max(axis=2) > 0.0).sum(axis=1), 1)  # (B, J)
     limits = EFFORT_FRACTION * hand.effort_limits / sharing
-    used = np.abs(forces @ jacobian) / limits[:, None, None]  # (B, C, K, J)
-    return np.asarray(1.0 / np.maximum(used.max(axis=-1), 1.0 / hand.max_contact_force))
+    efforts = np.abs(forces @ jacobian) / limits[:, None, None]  # (B, F, K, J)
+    return used[..., None] / np.maximum(efforts.max(axis=-1), 1.0 / hand.max_contact_force)
 
 
 def spare_accelerations(
@@ -97,17 +96,17 @@ def largest_wrenches(
     model: WrenchModel,
     X_OH: FloatArray,
     q: FloatArray,
-    pads: IndexArray,
+    used: BoolArray,
     points: FloatArray,
     normals: FloatArray,
 ) -> FloatArray:
-    """Return the largest wrenches that fingers exert at contacts (B, C, 3), shape (B, C, K, 6).
+    """Return the largest wrenches that fingers exert at contacts (B, F, 3), shape (B, F, K, 6).
 
     They are the model's primitive wrenches and those of the normal forces, times `largest_forces`;
-    X_OH, q and pads are as there.
+    X_OH, q and used are as there.
     """
     push = WrenchModel(
         0.0, "frictionless", origin=model.origin, torque_metric=model.torque_metric
     ).wrenches(points, normals)
     wrenches = np.concatenate([model.wrenches(points, normals), push], axis=2)
-    return wrenches * largest_forces(hand, X_OH, q, pads, wrenches[..., :3])[..., None]
+    return wrenches * largest_forces(hand, X_OH, q, used, wrenches[..., :3])[..., None]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 from scipy.special import ndtr
 
@@ -21,7 +22,7 @@ from lis_grasp.grasping.antipodal_sampling import (
 )
 from lis_grasp.grasping.candidate_filter import CandidateFilter
 from lis_grasp.grasping.contact_samples import SurfaceSamples
-from lis_grasp.grasping.contact_sets import ContactSets
+from lis_grasp.grasping.contact_sets import ContactSets, contacts_of
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
@@ -211,7 +212,8 @@ class _Search:
             )
             chosen = _best_of_each(parents, self.scorer.loads_per_grip(sets))
             self.drawn += len(chosen)
-            found = self._grasps_at(sets.subset(chosen), X_OH[chosen], q[chosen])
+            ranks = np.array([_rank(grasp) for grasp in best])[parents[chosen]]
+            found = self._grasps_at(sets.subset(chosen), X_OH[chosen], q[chosen], ranks)
             for i, grasp in found.items():
                 parent = parents[chosen[i]]
                 if _rank(grasp) > _rank(best[parent]):
@@ -223,23 +225,29 @@ class _Search:
     def predict_success(self, count: int) -> None:
         """Rank the best `count` grasps by precise qualities, over the prior of the load."""
         best = self.scorer.predict_success(self.grasps[:count])
+        best = [self.scorer.plan_forces(grasp) for grasp in best]
         self.grasps[:count] = sorted(best, key=_rank, reverse=True)
 
     def result(self, count: int) -> GraspSearch:
         """Return the best `count` grasps."""
         self.rejected["outranked"] += max(len(self.grasps) - count, 0)
-        rejected = self.rejected + self.candidate_filter.rejected
+        rejected = self.rejected + self.candidate_filter.rejected + self.scorer.rejected
         return GraspSearch(
             tuple(self.grasps[:count]),
             {reason: n for reason, n in sorted(rejected.items()) if n},
             self.drawn,
         )
 
-    def _grasps_at(self, sets: ContactSets, X_OH: FloatArray, q: FloatArray) -> dict[int, Grasp]:
-        """Return the grasps at contact sets, by the index of the set."""
+    def _grasps_at(
+        self, sets: ContactSets, X_OH: FloatArray, q: FloatArray, ranks: FloatArray | None = None
+    ) -> dict[int, Grasp]:
+        """Return the grasps at contact sets, by the index of the set.
+
+        Those that surely rank below given `ranks` (B,) may be left out.
+        """
         kept, candidates = self.candidate_filter.solve_and_filter(sets, X_OH, q)
-        found = self.scorer.score(candidates)
-        self.rejected["no_force_closure"] += len(candidates) - len(found)
+        least = None if ranks is None else ranks[kept] / _apart(candidates.clearance)
+        found = self.scorer.score(candidates, least)
         return {int(kept[i]): grasp for i, grasp in found.items()}
 
 
@@ -249,7 +257,12 @@ def _success(grasp: Grasp) -> float:
 
 def _rank(grasp: Grasp) -> float:
     """Return the predicted success, times the probability that only fingertips touch."""
-    return _success(grasp) * float(ndtr(grasp.quality["clearance"] / _LINK_ERROR))
+    return _success(grasp) * float(_apart(grasp.quality["clearance"]))
+
+
+def _apart(clearance: npt.ArrayLike) -> FloatArray:
+    """Return the probability that links planned at a clearance [m] do not touch the object."""
+    return np.asarray(ndtr(np.asarray(clearance) / _LINK_ERROR))
 
 
 def _best_of_each(parents: IndexArray, loads: FloatArray) -> IndexArray:
@@ -279,19 +292,14 @@ def perturb_grasps(
     initial guess of inverse kinematics: palm poses (B, 4, 4) and joint positions (B, J).
     """
     parents = np.repeat(np.arange(len(grasps)), each)
-    points, facing = np.zeros((2, len(grasps), len(hand.pads), 3))
-    used = np.zeros((len(grasps), len(hand.pads)), dtype=bool)
-    for g, grasp in enumerate(grasps):
-        pads = [hand.fingers.index(finger) for finger in grasp.contact_fingers]
-        points[g, pads], used[g, pads] = grasp.contact_points, True
-        facing[g, pads] = grasp.contact_normals
-    points, used = points[parents], used[parents]
+    contacts = contacts_of(grasps, hand).subset(parents)
+    points, used = contacts.points, contacts.used
     alone = rng.random((len(parents), 1, 1))
     poses = np.array([grasp.X_OH for grasp in grasps])
     steps_H = rng.normal(scale=distance, size=(len(parents), 1 + len(hand.pads), 3))
     steps = steps_H @ np.swapaxes(poses[parents, :3, :3], -1, -2)
     moved = points + (1.0 - alone) * steps[:, :1] + alone * steps[:, 1:]
-    on_surface, normals, usable = samples.nearest(moved, facing[parents])
+    on_surface, normals, usable = samples.nearest(moved, contacts.normals)
     kept = (usable | ~used).all(axis=1)
     X_OH = poses[parents[kept]]
     q = np.array([grasp.joint_positions for grasp in grasps])[parents[kept]]

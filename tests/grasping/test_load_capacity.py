@@ -70,17 +70,17 @@ def test_a_weight_that_friction_cannot_carry_leaves_no_acceleration() -> None:
 def test_a_force_is_as_large_as_a_motor_or_the_finger_allows() -> None:
     q = HAND.lower + 0.4 * (HAND.upper - HAND.lower)
     X_OH = np.eye(4)
-    pads = np.arange(len(HAND.fingers))[None]
+    used = np.ones((1, len(HAND.fingers)), dtype=bool)
     rng = np.random.default_rng(3)
     forces = rng.normal(size=(1, len(HAND.fingers), 20, 3))
-    factors = largest_forces(HAND, X_OH[None], q[None], pads, forces)
+    factors = largest_forces(HAND, X_OH[None], q[None], used, forces)
     jacobian = HAND.pad_jacobians(X_OH, q)[2][..., 6:]
     efforts = np.abs(np.einsum("fkx,fxj->fkj", factors[0, ..., None] * forces[0], jacobian))
-    used = (efforts / (EFFORT_FRACTION * HAND.effort_limits)).max(axis=-1)
+    loads = (efforts / (EFFORT_FRACTION * HAND.effort_limits)).max(axis=-1)
     bounded = factors[0] >= HAND.max_contact_force - 1e-9
     assert 0 < bounded.sum() < bounded.size
-    np.testing.assert_allclose(used[~bounded], 1.0)
-    assert used[bounded].max() <= 1.0 + 1e-9
+    np.testing.assert_allclose(loads[~bounded], 1.0)
+    assert loads[bounded].max() <= 1.0 + 1e-9
 
 
 class _TwoFingersOnOneMotor:
@@ -98,16 +98,18 @@ class _TwoFingersOnOneMotor:
 def test_fingers_on_one_motor_share_its_effort() -> None:
     jaw = cast(Hand, _TwoFingersOnOneMotor())
     inward = np.array([[[[-1.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]]]])
-    factors = largest_forces(jaw, np.eye(4)[None], np.zeros((1, 1)), np.arange(2)[None], inward)
+    factors = largest_forces(
+        jaw, np.eye(4)[None], np.zeros((1, 1)), np.ones((1, 2), dtype=bool), inward
+    )
     np.testing.assert_allclose(factors, EFFORT_FRACTION * 10.0 / 2)
 
 
 def test_wrenches_are_as_large_as_the_forces() -> None:
     q = 0.5 * (HAND.lower + HAND.upper)
     centers, axes = HAND.pad_centers(np.eye(4), q)[None], HAND.pad_axes(np.eye(4), q)[None]
-    pads = np.arange(len(HAND.fingers))[None]
+    used = np.ones((1, len(HAND.fingers)), dtype=bool)
     model = WrenchModel(0.5, origin=np.zeros(3), torque_metric=np.eye(3))
-    at = np.eye(4)[None], q[None], pads
+    at = np.eye(4)[None], q[None], used
     wrenches = largest_wrenches(HAND, model, *at, centers, -axes)
     forces, torques = wrenches[..., :3], wrenches[..., 3:]
     np.testing.assert_allclose(torques, np.cross(centers[:, :, None], forces))
