@@ -34,7 +34,7 @@ _KINDS = {
     "meshing": (("meshing/extraction.py", "extract_mesh"),),
     "next touch": (("exploration/policy.py", "next_probe"),),
     "inverse kinematics": (("grasping/inverse_kinematics.py", "solve_ik"),),
-    "collision": (("hands/collision.py", "first_collision"), ("hands/collision.py", "nearest")),
+    "collision": (("hands/collision.py", "first_collisions"), ("hands/collision.py", "nearest")),
     "epsilon": (("grasping/expanding_polytope.py", "inscribed_ball_radii"),),
     "page": (("visualization/run_scene.py", "write_scene_of"),),
     "imports": (("<frozen importlib._bootstrap>", "_find_and_load"),),

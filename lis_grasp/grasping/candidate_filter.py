@@ -93,28 +93,23 @@ class CandidateFilter:
         self.rejected["pad_does_not_face_the_surface"] += int((near & ~facing).sum())
         kept = np.flatnonzero(near & facing)
         X_OH, q = postures.X_OH[kept], postures.q[kept]
-        kept = kept[self._free("grasp", X_OH, q, X_OH, pads_may_touch=True)]
+        kept = kept[self._free("grasp", X_OH, q, X_OH[:, None], pads_may_touch=True)]
         contacts, postures = contacts.subset(kept), postures.subset(kept)
         away = replace(contacts, points=contacts.points + _OPENING * contacts.normals)
         opened = solve_ik(self._hand, away, postures.X_OH, postures.q, palm_fixed=True).q
         # Pads may touch the object where they are planned to, not with a side or a back.
         nearly = postures.q + _NEARLY_CLOSED * (opened - postures.q)
-        touching = [
-            self._checker.touches_object(X, joints)
-            for X, joints in zip(postures.X_OH, nearly, strict=True)
-        ]
-        self.rejected["grasp_hits_object"] += sum(touching)
-        clear = np.flatnonzero(~np.array(touching, dtype=bool))
+        touching = self._checker.touch_object(postures.X_OH, nearly)
+        self.rejected["grasp_hits_object"] += int(touching.sum())
+        clear = np.flatnonzero(~touching)
         kept, opened = kept[clear], opened[clear]
         contacts, postures = contacts.subset(clear), postures.subset(clear)
         paths = self._approaches(postures.X_OH)
         free = np.flatnonzero(self._free("approach", postures.X_OH, opened, paths))
         free = free[self._within_reach(postures.subset(free), opened[free])]
         contacts, postures = contacts.subset(free), postures.subset(free)
-        clearances = [
-            self._checker.clearance(X, q) for X, q in zip(postures.X_OH, postures.q, strict=True)
-        ]
-        return kept[free], GraspCandidates(contacts, postures, opened[free], np.array(clearances))
+        clearances = self._checker.clearances(postures.X_OH, postures.q)
+        return kept[free], GraspCandidates(contacts, postures, opened[free], clearances)
 
     def _within_reach(self, postures: Postures, opened: FloatArray) -> BoolArray:
         """Return which grasps the station's arm can carry out, (B,); all without a station."""
@@ -143,11 +138,12 @@ class CandidateFilter:
         *,
         pads_may_touch: bool = False,
     ) -> BoolArray:
-        """Return which postures collide neither at X_OH nor along their paths, shape (B,)."""
+        """Return which postures collide neither at X_OH nor on paths (B, W, 4, 4), shape (B,)."""
         free = ~self._filter.collides(X_OH, q, pads_may_touch=pads_may_touch)
         self.rejected[f"{stage}_hits_object"] += int((~free).sum())
-        for b in np.flatnonzero(free):
-            hit = self._checker.first_collision(paths[b], q[b], pads_may_touch=pads_may_touch)
+        rest = np.flatnonzero(free)
+        hits = self._checker.first_collisions(paths[rest], q[rest], pads_may_touch=pads_may_touch)
+        for b, hit in zip(rest, hits, strict=True):
             if hit is not None:
                 self.rejected[f"{stage}_hits_{hit}"] += 1
                 free[b] = False

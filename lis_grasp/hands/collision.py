@@ -12,7 +12,7 @@ from trimesh.collision import mesh_to_BVH
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import LinkGeometry
 from lis_grasp.shapes.winding_number import any_inside
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,30 +86,39 @@ class HandCollisionChecker:
         the joint positions, (J,). With `pads_may_touch` the links that carry pads may touch the
         object (not the support).
         """
-        path = X_OH.reshape(-1, 4, 4)
-        in_hand = self._pose(self.poses_in_hand(q))
-        heights = self.lowest(path[:, None] @ in_hand)  # (W,)
-        for w, X in enumerate(path):
-            if self._floor is not None and heights[w] < self._floor:
-                return "support"
-            if self._touches_object(X, in_hand, pads_may_touch=pads_may_touch):
-                return "object"
-            if w == 0 and self._self_collisions():
-                return "self"
-        return None
+        path = X_OH.reshape(1, -1, 4, 4)
+        return self.first_collisions(path, q[None], pads_may_touch=pads_may_touch)[0]
+
+    def first_collisions(
+        self, paths: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
+    ) -> list[str | None]:
+        """Return `first_collision` on each of N paths (N, W, 4, 4) at joint positions (N, J)."""
+        poses = self.poses_in_hand(q)  # (N, G, 4, 4)
+        heights = self.lowest(paths[:, :, None] @ poses[:, None])  # (N, W)
+        return [
+            self._first_collision(*each, pads_may_touch=pads_may_touch)
+            for each in zip(paths, heights, poses, strict=True)
+        ]
 
     def touches_object(self, X_OH: FloatArray, q: FloatArray) -> bool:
         """Return whether any link touches the object or is inside it."""
-        in_hand = self._pose(self.poses_in_hand(q))
-        return self._touches_object(X_OH, in_hand, pads_may_touch=False)
+        return bool(self.touch_object(X_OH[None], q[None])[0])
 
-    def clearance(self, X_OH: FloatArray, q: FloatArray) -> float:
-        """Return how far links other than fingertips are off the object's surface [m], or 0."""
-        self._pose(X_OH @ self.poses_in_hand(q))
-        self._inner.update()
-        data = fcl.DistanceData()
-        self._inner.distance(self._object, data, fcl.defaultDistanceCallback)
-        return max(float(data.result.min_distance), 0.0)
+    def touch_object(self, X_OH: FloatArray, q: FloatArray) -> BoolArray:
+        """Return `touches_object` of N postures, (N, 4, 4) and (N, J)."""
+        each = zip(X_OH, self.poses_in_hand(q), strict=True)
+        touching = [
+            self._touches_object(X, self._pose(poses), pads_may_touch=False) for X, poses in each
+        ]
+        return np.array(touching, dtype=bool)
+
+    def clearances(self, X_OH: FloatArray, q: FloatArray) -> FloatArray:
+        """Return how far links other than fingertips are off the object's surface [m], or 0.
+
+        Shape (N,), of N postures: (N, 4, 4) and (N, J).
+        """
+        poses = X_OH[:, None] @ self.poses_in_hand(q)  # (N, G, 4, 4)
+        return np.array([self._clearance(posture) for posture in poses])
 
     def poses_in_hand(self, q: FloatArray) -> FloatArray:
         """Return the poses X_HG (..., G, 4, 4) of all bodies at joint positions q, (..., J)."""
@@ -162,6 +171,26 @@ class HandCollisionChecker:
             )
         ]
         return np.asarray(np.min(heights, axis=0))
+
+    def _first_collision(
+        self, path: FloatArray, heights: FloatArray, in_hand: FloatArray, *, pads_may_touch: bool
+    ) -> str | None:
+        self._pose(in_hand)
+        for w, (X, height) in enumerate(zip(path, heights, strict=True)):
+            if self._floor is not None and height < self._floor:
+                return "support"
+            if self._touches_object(X, in_hand, pads_may_touch=pads_may_touch):
+                return "object"
+            if w == 0 and self._self_collisions():
+                return "self"
+        return None
+
+    def _clearance(self, poses: FloatArray) -> float:
+        self._pose(poses)
+        self._inner.update()
+        data = fcl.DistanceData()
+        self._inner.distance(self._object, data, fcl.defaultDistanceCallback)
+        return max(float(data.result.min_distance), 0.0)
 
     def _touches_object(
         self, X_OH: FloatArray, in_hand: FloatArray, *, pads_may_touch: bool

@@ -36,7 +36,7 @@ FAULTS = {
     ),
     "meshing": ("lis_grasp.pipeline.stages.extract_mesh", 0, EXPLORED),
     "FCL at a grasp": (
-        f"{CHECKER}.first_collision",
+        f"{CHECKER}.first_collisions",
         3,
         ESTIMATED,
     ),
