@@ -153,7 +153,7 @@ def _opposition(hand: Hand) -> _Opposition:
         closing = closing - spread * (closing @ spread) / (spread @ spread)
     closing = closing - approach * (closing @ approach)
     closing /= np.linalg.norm(closing)
-    lateral = np.cross(closing, approach)
+    lateral = _cross(closing, approach)
     frame = np.column_stack([approach, lateral, closing])
     return _Opposition(thumb, others, frame, centers @ lateral)
 
@@ -178,10 +178,16 @@ def _orientation(closing: FloatArray, angle: float, lean: float) -> FloatArray:
     down = np.array([0.0, 0.0, -1.0])
     approach = down - closing * (down @ closing)
     approach /= np.linalg.norm(approach)
-    approach = np.cos(angle) * approach + np.sin(angle) * np.cross(closing, approach)
-    lateral = np.cross(closing, approach)
+    approach = np.cos(angle) * approach + np.sin(angle) * _cross(closing, approach)
+    lateral = _cross(closing, approach)
     leaning = np.cos(lean) * approach - np.sin(lean) * closing
-    return np.column_stack([leaning, lateral, np.cross(leaning, lateral)])
+    return np.column_stack([leaning, lateral, _cross(leaning, lateral)])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a x b, shape (3,), in a tenth of the time that NumPy takes for two single vectors."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _horizontal(normal: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import LinkGeometry
-from lis_grasp.shapes.winding_number import any_inside
+from lis_grasp.shapes.winding_number import InsideTest
 from lis_grasp.typing import BoolArray, FloatArray
 
 
@@ -52,7 +52,7 @@ class HandCollisionChecker:
         clearance: float = 0.002,
     ) -> None:
         self._hand = hand
-        self._mesh = mesh
+        self._mesh, self._inside = mesh, InsideTest(mesh)
         self._floor = None if support_height is None else support_height + clearance
         self._model = mesh_to_BVH(mesh)
         self._object = fcl.CollisionObject(self._model, fcl.Transform())
@@ -204,7 +204,7 @@ class HandCollisionChecker:
         finally:
             self._object.setTransform(fcl.Transform())
         inside = (in_hand[:, :3, :3] @ self._points[..., None])[..., 0] + in_hand[:, :3, 3]
-        return any_inside(self._mesh, inside @ X_OH[:3, :3].T + X_OH[:3, 3])
+        return self._inside.any_inside(inside @ X_OH[:3, :3].T + X_OH[:3, 3])
 
     def _meets_surface(self, *, pads_may_touch: bool) -> bool:
         data = fcl.CollisionData()

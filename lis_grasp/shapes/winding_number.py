@@ -29,28 +29,42 @@ def winding_numbers(points: FloatArray, vertices: FloatArray, faces: IntArray) -
 
 
 def any_inside(mesh: trimesh.Trimesh, points: FloatArray) -> bool:
-    """Return whether any of the points (P, 3) [m] is inside a closed, outward-oriented mesh.
+    """Return whether any of the points (P, 3) [m] is inside a closed, outward-oriented mesh."""
+    return InsideTest(mesh).any_inside(points)
+
+
+class InsideTest:
+    """The point-in-mesh test for many calls on one closed, outward-oriented mesh.
 
     The winding number at a point: cast a ray upward, count the faces where it leaves the mesh, and
     subtract those where it enters. This takes a tenth of the time of adding up solid angles.
     """
-    low, high = mesh.bounds
-    boxed = points[np.all((points > low) & (points < high), axis=1)]
-    return any(_is_inside(point, mesh) for point in boxed)
 
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        self._mesh, self._closed = mesh, mesh.is_watertight
+        self._low, self._high = np.array(mesh.bounds)
+        self._triangles = np.array(mesh.triangles)  # (T, 3, 3)
+        # The rectangles that bound the triangles' shadows on the x-y plane, (2, T).
+        self._least = np.ascontiguousarray(self._triangles[:, :, :2].min(axis=1).T)
+        self._most = np.ascontiguousarray(self._triangles[:, :, :2].max(axis=1).T)
 
-def _is_inside(point: FloatArray, mesh: trimesh.Trimesh) -> bool:
-    count = _crossings_above(point, np.asarray(mesh.triangles)) if mesh.is_watertight else None
-    if count is None:
-        return bool(winding_numbers(point[None], mesh.vertices, mesh.faces)[0] > 0.5)
-    return count > 0
+    def any_inside(self, points: FloatArray) -> bool:
+        """Return whether any of the points (P, 3) [m] is inside."""
+        boxed = points[np.all((points > self._low) & (points < self._high), axis=1)]
+        return any(self._is_inside(point) for point in boxed)
+
+    def _is_inside(self, point: FloatArray) -> bool:
+        (x, y), least, most = point[:2], self._least, self._most
+        near = (least[0] <= x) & (x < most[0]) & (least[1] <= y) & (y < most[1])
+        count = _crossings_above(point, self._triangles[near]) if self._closed else None
+        if count is None:
+            mesh = self._mesh
+            return bool(winding_numbers(point[None], mesh.vertices, mesh.faces)[0] > 0.5)
+        return count > 0
 
 
 def _crossings_above(point: FloatArray, triangles: FloatArray) -> int | None:
     """Return how often a line upward leaves, less how often it enters; None if it meets an edge."""
-    for axis in (0, 1):  # keep triangles whose shadow on the x-y plane may hold the point
-        side = triangles[:, :, axis] > point[axis]
-        triangles = triangles[(side[:, 0] != side[:, 1]) | (side[:, 0] != side[:, 2])]
     corners = triangles - point  # (T, 3, 3)
     x, y = corners[:, :, 0], corners[:, :, 1]
     # Twice the signed areas of the point's triangles with each edge, seen from above.

@@ -141,3 +141,19 @@ def test_the_nearest_link_of_a_placed_hand_is_found_with_its_distance() -> None:
     assert query.on_surface(found.point[None])[1][0] == pytest.approx(0.0, abs=1e-9)
     # Moved 0.1 m down, the hand is as much nearer.
     assert checker.nearest(np.array([0.0, 0.0, -0.1])).distance < found.distance - 0.05
+
+
+def test_postures_together_collide_as_one_by_one() -> None:
+    mesh = trimesh.creation.box((0.05, 0.05, 0.05))
+    checker = HandCollisionChecker(JAW, mesh, support_height=-0.025)
+    heights = np.linspace(0.0, 0.3, 13)
+    paths = np.array([[_above(height), _above(height + 0.05)] for height in heights])
+    q = np.linspace(JAW.lower, JAW.upper, len(heights))
+    alone = [checker.first_collision(path, joints) for path, joints in zip(paths, q, strict=True)]
+    assert checker.first_collisions(paths, q) == alone
+    assert len(set(alone)) > 1
+    touching = [checker.touches_object(path[0], j) for path, j in zip(paths, q, strict=True)]
+    assert checker.touch_object(paths[:, 0], q).tolist() == touching
+    above = checker.clearances(paths[-2:, 0], q[[-1, -1]])
+    # Higher by one step, above the middle of the object; FCL is precise to a millionth.
+    np.testing.assert_allclose(np.diff(above), heights[1] - heights[0], atol=1e-5)
