@@ -79,9 +79,9 @@ class GraspScorer:
     - ``pad_error``: the largest distance of a pad from its contact [m].
 
     `score` computes those that ranking depends on, at the median friction of the prior and roughly:
-    epsilon may be too small by 5 %, and four surfaces are sampled. `predict_success` computes all
-    but ``grip`` precisely, and averages the success probability over the distributions of mass and
-    friction. `plan_forces` adds ``grip``.
+    epsilon may be too small by 5 %, and four surfaces are sampled. Its ``epsilon`` is only a lower
+    bound, above zero. `predict_success` computes all but ``grip`` precisely, and averages the
+    success probability over the distributions of mass and friction. `plan_forces` adds ``grip``.
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest
     distance of a vertex from it.
@@ -115,7 +115,9 @@ class GraspScorer:
         forces are zero until `plan_forces`.
         """
         batch, median = _Batch.of_candidates(candidates), self._median
-        plain, robust = self._epsilons(batch, (median.plain, median.robust), _RANKED.epsilon)
+        (robust,) = self._epsilons(batch, (median.robust,), _RANKED.epsilon)
+        plain, rest = robust.copy(), np.flatnonzero(robust == 0.0)
+        (plain[rest],) = self._epsilons(batch.subset(rest), (median.plain,), _RANKED.epsilon)
         kept = np.flatnonzero(plain > 0.0)
         self.rejected["no_force_closure"] += len(batch) - len(kept)
         accelerations, carried = self._carry(batch.subset(kept), median, _RANKED.acceleration)

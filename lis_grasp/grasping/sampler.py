@@ -43,7 +43,7 @@ _LOWEST_PAD = 0.0006
 _LINK_ERROR = 0.002
 # Refinement: standard deviations of the steps [m]; perturbed grasps, of which the best are tried.
 _STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
-_PERTURBATIONS, _TRIED = 16, 2
+_PERTURBATIONS, _TRIED = 8, 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,15 @@ from scipy.spatial import ConvexHull
 
 from lis_grasp import epsilon_quality, is_force_closure
 from lis_grasp.exceptions import InvalidContactsError
+from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.epsilon import epsilon_by_convex_hull, epsilon_by_expanding_polytope
-from lis_grasp.grasping.expanding_polytope import LEAST_RADIUS, inscribed_ball_radii
+from lis_grasp.grasping.expanding_polytope import (
+    LEAST_RADIUS,
+    _Facets,
+    _simplex,
+    inscribed_ball_radii,
+)
 from lis_grasp.grasping.force_closure import min_weight
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
@@ -52,6 +58,48 @@ def test_a_ball_inside_an_ellipsoid_has_its_shortest_half_axis() -> None:
     radii = inscribed_ball_radii(farthest, 2, tolerance=0.05)
     assert np.all(radii <= [1.0, 0.3])
     assert np.all(radii >= np.array([1.0, 0.3]) / 1.05)
+
+
+def test_polytopes_of_points_have_the_facets_of_their_hulls() -> None:
+    rng = np.random.default_rng(71)
+    points = rng.normal(size=(3, 25, 6))
+    facets = _Facets.simplices(3)
+    for i in range(25):
+        facets.grow(points[:, i], 7 + i)
+    for body in range(3):
+        hull = ConvexHull(np.vstack([_simplex(), points[body]]))
+        filled = facets.sizes[body] > 0.0
+        found = {tuple(sorted(vertices)) for vertices in facets.vertices[body, filled].tolist()}
+        assert found == {tuple(sorted(vertices)) for vertices in hull.simplices.tolist()}
+        assert filled.sum() == len(hull.simplices)
+        # The plane v x = 1 is at the distance 1 / |v|.
+        distances = np.sort(1.0 / np.sqrt(facets.sizes[body, filled]))
+        np.testing.assert_allclose(distances, np.sort(-hull.equations[:, -1]), rtol=1e-9)
+
+
+def test_neighbours_of_facets_share_all_vertices_but_one() -> None:
+    rng = np.random.default_rng(72)
+    facets = _Facets.simplices(1)
+    for i in range(15):
+        facets.grow(rng.normal(size=(1, 6)), 7 + i)
+    for slot in np.flatnonzero(facets.sizes[0] > 0.0):
+        vertices = facets.vertices[0, slot]
+        for place, other in enumerate(facets.neighbours[0, slot]):
+            shared = set(vertices.tolist()) & set(facets.vertices[0, other].tolist())
+            assert shared == set(np.delete(vertices, place).tolist())
+
+
+def test_contacts_that_occur_twice_do_not_change_epsilon() -> None:
+    points, normals = _grasps(73, 20, 3)
+    used = np.zeros((20, 5), dtype=bool)
+    used[:, [0, 2, 3]] = True
+    sets = ContactSets(np.zeros((20, 5, 3)), np.zeros((20, 5, 3)), used)
+    sets.points[used], sets.normals[used] = points.reshape(-1, 3), normals.reshape(-1, 3)
+    model = WrenchModel(0.7, origin=np.zeros(3), length_scale=1.0)
+    alone = epsilon_by_expanding_polytope(points, normals, model)
+    np.testing.assert_allclose(
+        epsilon_by_expanding_polytope(*sets.filled(), model), alone, atol=1e-5
+    )
 
 
 def test_a_tolerance_makes_epsilon_smaller_by_that_fraction_at_most() -> None:

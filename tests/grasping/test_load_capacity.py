@@ -104,6 +104,14 @@ def test_fingers_on_one_motor_share_its_effort() -> None:
     np.testing.assert_allclose(factors, EFFORT_FRACTION * 10.0 / 2)
 
 
+def test_a_finger_without_contact_exerts_nothing_and_leaves_the_motor_to_the_others() -> None:
+    jaw = cast(Hand, _TwoFingersOnOneMotor())
+    inward = np.array([[[[-1.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]]]])
+    used = np.array([[True, False]])
+    factors = largest_forces(jaw, np.eye(4)[None], np.zeros((1, 1)), used, inward)
+    np.testing.assert_allclose(factors[0, :, 0], [EFFORT_FRACTION * 10.0, 0.0])
+
+
 def test_wrenches_are_as_large_as_the_forces() -> None:
     q = 0.5 * (HAND.lower + HAND.upper)
     centers, axes = HAND.pad_centers(np.eye(4), q)[None], HAND.pad_axes(np.eye(4), q)[None]

@@ -11,7 +11,11 @@ from lis_grasp import ForceClosureSampler, GraspSearch, Hand, is_force_closure, 
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping import sampler as sampler_module
+from lis_grasp.grasping.antipodal_sampling import initial_postures, sample_contact_sets
+from lis_grasp.grasping.candidate_filter import CandidateFilter
 from lis_grasp.grasping.contact_samples import SurfaceSamples
+from lis_grasp.grasping.grasp_ranking import GraspScorer
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import perturb_grasps
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
@@ -119,6 +123,24 @@ def test_grasps_are_ranked_by_predicted_success(box_search: GraspSearch) -> None
         # A true mesh is certain.
         assert quality["epsilon_expected"] == quality["epsilon_robust"]
         assert quality["closure_probability"] == 1.0
+
+
+def test_grasps_that_cannot_succeed_as_required_are_rejected_early() -> None:
+    mesh, rng = shapes.build("box").mesh, np.random.default_rng(3)
+    samples = SurfaceSamples(mesh, lowest=-np.inf, rng=rng)
+    sets, R_OH, _ = sample_contact_sets(ALLEGRO, samples, count=80, rng=rng)
+    candidate_filter = CandidateFilter(ALLEGRO, mesh, support_height=None)
+    start = initial_postures(ALLEGRO, sets, R_OH)
+    _, candidates = candidate_filter.solve_and_filter(sets, *start)
+    scorer = GraspScorer(ALLEGRO, mesh, prior=LoadPrior(), rng=rng)
+    every = scorer.score(candidates)
+    least = np.median([grasp.quality["success_probability"] for grasp in every.values()])
+    assert scorer.rejected["outranked"] == 0
+    some = scorer.score(candidates, np.full(len(candidates), least))
+    assert 0 < scorer.rejected["outranked"] == len(every) - len(some)
+    for index, grasp in every.items():
+        if grasp.quality["success_probability"] >= least:
+            assert some[index].quality == grasp.quality
 
 
 @pytest.mark.slow
