@@ -39,7 +39,9 @@ class HandPoseFilter:
         margin = largest + 2.0 * self._cell
         self._lowest = np.asarray(mesh.bounds[0]) - margin
         shape = np.ceil((mesh.extents + 2.0 * margin) / self._cell).astype(int) + 1
-        self._distances = _distances_to_solid(mesh, self._lowest, shape, self._cell)
+        # Farther nodes collide with any ball if they are inside, and else with none.
+        farthest = max(largest, 2.0 * self._cell)
+        self._distances = _distances_to_solid(mesh, self._lowest, shape, self._cell, farthest)
 
     def collides(
         self, X_OH: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
@@ -106,12 +108,21 @@ def _ball_in_mesh(mesh: trimesh.Trimesh) -> tuple[FloatArray, FloatArray]:
 
 
 def _distances_to_solid(
-    mesh: trimesh.Trimesh, lowest: FloatArray, shape: npt.NDArray[np.int_], cell: float
+    mesh: trimesh.Trimesh,
+    lowest: FloatArray,
+    shape: npt.NDArray[np.int_],
+    cell: float,
+    farthest: float,
 ) -> npt.NDArray[np.float32]:
-    """Return upper bounds of the signed distances of nodes from a solid [m], negative inside."""
+    """Return upper bounds of the signed distances of nodes from a solid [m], negative inside.
+
+    Infinite for nodes that are farther from the surface than `farthest`.
+    """
     fine = mesh.subdivide_to_size(_SURFACE_STEP * cell, max_iter=20)
     nodes = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
-    near, _ = cKDTree(fine.vertices).query(lowest + cell * nodes.reshape(-1, 3))
+    near, _ = cKDTree(fine.vertices).query(
+        lowest + cell * nodes.reshape(-1, 3), distance_upper_bound=farthest
+    )
     distances = near.reshape(shape)
     # Of neighbours across the surface one is within a cell of a vertex: this separates the inside.
     regions, _ = ndimage.label(distances > cell)
