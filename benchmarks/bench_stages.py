@@ -1,12 +1,13 @@
 """Time of each stage of `lis-grasp run`, what it is spent on, and the ratio to another commit.
 
-    python benchmarks/bench_stages.py box mallet mug.stl --than 6b40c02 --rounds 3
+    python benchmarks/bench_stages.py box mallet --than 6b40c02 --only-now=--known
 
 Runs of both commits alternate, each in a process of its own with one thread. Options that this
-benchmark does not know go to `lis-grasp run` of both. Times are medians of wall time [s], so other
-work on the machine counts; "processor" is the time of all stages without it. What a stage is spent
-on is from one more run under cProfile, as fractions of its processor time; kinds may contain one
-another, as fits evaluate surfaces.
+benchmark does not know go to `lis-grasp run` of both. `--known` was the condition of all runs
+before it was an option. Times are medians of wall time [s], so other work on the machine counts;
+"processor" is the time of all stages without it. What a stage is spent on is from one more run
+under cProfile, as fractions of its processor time; kinds may contain one another, as fits evaluate
+surfaces.
 """
 
 from __future__ import annotations
@@ -91,6 +92,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("objects", nargs="+")
     parser.add_argument("--than", metavar="COMMIT", help="compare with this commit")
+    parser.add_argument(
+        "--only-now",
+        action="append",
+        default=[],
+        metavar="OPTION",
+        help="an option of `run` that the other commit does not have",
+    )
     parser.add_argument("--rounds", type=int, default=3)
     arguments, options = parser.parse_known_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -107,7 +115,8 @@ def main() -> None:
             times = {key: [] for key in sources}
             for _ in range(arguments.rounds):
                 for key, source in sources.items():
-                    times[key].append(run(source, name, options))
+                    mine = arguments.only_now if key == "now" else []
+                    times[key].append(run(source, name, [*options, *mine]))
             print(f"{name}\n  {'stage':10s} {'time [s]':>9s}" + "  ratio" * bool(arguments.than))
             for stage in times["now"][0]:
                 medians = {
@@ -119,7 +128,7 @@ def main() -> None:
                     line += f" {medians['than'] / medians['now']:6.2f}"
                 print(line, flush=True)
             profile = Path(folder) / "run.prof"
-            run(_HERE, name, options, profile)
+            run(_HERE, name, [*options, *arguments.only_now], profile)
             parts = sorted(spent(profile).items(), key=lambda item: -item[1])
             print("  spent on " + ", ".join(f"{kind} {part:.0%}" for kind, part in parts))
 
