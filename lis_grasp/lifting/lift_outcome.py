@@ -24,7 +24,7 @@ Reason = Literal[
     "ejected",  # Closing or squeezing pushed the object out of the hand.
     "not_lifted",  # The hand rose without the object.
     "dropped",  # The object was lost after it had been lifted.
-    "slipped",  # The object is still in the hand but moved too far in it.
+    "slipped",  # The object is still in the hand but moved or turned too far in it.
     "diverged",  # The simulation failed.
     "no_arm_motion",  # There is no collision-free path of the arm to the grasp.
     "out_of_arm_reach",  # The arm cannot follow the palm's path within its joint limits.
@@ -71,6 +71,8 @@ class LiftOptions:
     largest_slip
         Largest motion in the palm frame, after the grasp has closed, of the centre of mass of an
         object that counts as held [m].
+    largest_turn
+        Largest rotation of such an object in the palm frame, after the grasp has closed [rad].
     largest_push
         Largest motion of the object's centre of mass in a collision-free approach [m]; the palm has
         to arrive within the same distance of its goal.
@@ -96,6 +98,7 @@ class LiftOptions:
     assumed_mass: float | None = None
     search_distance: float = 0.02
     largest_slip: float = 0.02
+    largest_turn: float = float(np.deg2rad(15.0))
     largest_push: float = 0.01
     time_step: float = 0.005
     frame_rate: float = 30.0
@@ -126,12 +129,15 @@ class LiftOutcome:
     ----------
     lifted
         Whether the object, after the lift, was off the table by at least half the lift, touched by
-        two links of the hand or more, and had moved less than `LiftOptions.largest_slip` in it.
+        two links of the hand or more, and had moved less than `LiftOptions.largest_slip` and turned
+        less than `LiftOptions.largest_turn` in it.
     held
         Whether the same was true after shaking and holding.
     slip
         Motion of the object's centre of mass in the palm frame, from the closed grasp to the end
         [m]; 0 if the grasp never closed, or the simulation diverged.
+    turn
+        Angle of the object's rotation in the palm frame in the same time [rad].
     reason
         Why the trial ended; see `Reason`.
     acceleration_survived
@@ -154,6 +160,7 @@ class LiftOutcome:
     lifted: bool
     held: bool
     slip: float
+    turn: float
     reason: Reason
     acceleration_survived: float
     duration: float
@@ -170,6 +177,7 @@ class LiftOutcome:
             lifted=False,
             held=False,
             slip=0.0,
+            turn=0.0,
             reason=reason,
             acceleration_survived=0.0,
             duration=0.0,

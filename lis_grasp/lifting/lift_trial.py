@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
@@ -68,8 +69,9 @@ class LiftTrial:
         self._scene.place_hand(self._retreat, np.asarray(grasp.pregrasp_positions))
         self._closed, self._measured = False, Contacts.empty()
         self._start = self._scene.object_center
-        self._center_in_hand: FloatArray | None = None  # once the grasp has closed
-        self._slipped: float | None = None  # before the object was set down [m]
+        # Object's centre of mass (3,) and rotation (3, 3) in the palm, once the grasp has closed.
+        self._grasped: tuple[FloatArray, FloatArray] | None = None
+        self._set_down_after: tuple[float, float] | None = None  # slip [m] and turn [rad]
         self._lifted = False
         self._survived = 0.0
         self._times: list[float] = []
@@ -88,6 +90,7 @@ class LiftTrial:
             lifted=self._lifted,
             held=reason == "held",
             slip=0.0 if diverged else self._slip(),
+            turn=0.0 if diverged else self._turn(),
             reason=reason,
             acceleration_survived=self._survived,
             duration=self._scene.time,
@@ -143,7 +146,7 @@ class LiftTrial:
             return False
 
         self._advance(duration + _SETTLE_TIME, here, squeeze)
-        self._center_in_hand = self._object_in_hand()
+        self._grasped = self._object_in_hand(), self._rotation_in_hand()
         return "ejected" if self._touching_links() < 2 else None
 
     def _press(self, time: float) -> bool:
@@ -230,7 +233,7 @@ class LiftTrial:
 
     def _set_down(self) -> Reason:
         """Lower the object to where it was, open the hand, and retreat."""
-        self._slipped = self._slip()
+        self._set_down_after = self._slip(), self._turn()
         here = np.append(self._scene.X_WH[:3, 3] - self._goal, np.zeros(3))
         self._advance(_RETREAT_TIME, line(here, np.zeros(6), _RETREAT_TIME), self._hold_grip)
         self._abort()
@@ -301,12 +304,26 @@ class LiftTrial:
         center: FloatArray = X_WH[:3, :3].T @ (self._scene.object_center - X_WH[:3, 3])
         return center
 
+    def _rotation_in_hand(self) -> FloatArray:
+        """Return the object's rotation in the palm frame, shape (3, 3)."""
+        return np.asarray(self._scene.X_WH[:3, :3].T @ self._scene.X_WO[:3, :3])
+
     def _slip(self) -> float:
-        if self._slipped is not None:
-            return self._slipped
-        if self._center_in_hand is None:
+        """Return the motion of the object's centre of mass in the hand [m]."""
+        if self._set_down_after is not None:
+            return self._set_down_after[0]
+        if self._grasped is None:
             return 0.0
-        return float(np.linalg.norm(self._object_in_hand() - self._center_in_hand))
+        return float(np.linalg.norm(self._object_in_hand() - self._grasped[0]))
+
+    def _turn(self) -> float:
+        """Return the angle by which the object has turned in the hand [rad]."""
+        if self._set_down_after is not None:
+            return self._set_down_after[1]
+        if self._grasped is None:
+            return 0.0
+        between = Rotation.from_matrix(self._grasped[1].T @ self._rotation_in_hand())
+        return float(between.magnitude())
 
     def _touching_links(self) -> int:
         return len({c.link for c in self._scene.contacts() if c.strength >= _LEAST_FORCE})
@@ -317,7 +334,9 @@ class LiftTrial:
         return clearance >= 0.5 * self._options.lift_height and self._touching_links() >= 2
 
     def _in_hand(self) -> bool:
-        return self._carried() and self._slip() < self._options.largest_slip
+        options = self._options
+        moved = self._slip() >= options.largest_slip or self._turn() >= options.largest_turn
+        return self._carried() and not moved
 
     def _failure(self, lost: Reason) -> Reason:
         """Return "slipped" for an object that is still carried, else `lost`."""

@@ -26,8 +26,8 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         " grip; try the next grasps (lis-grasp lift --best 5), or a smaller --mass",
         "dropped": "the object was lifted and then lost: try the next grasps"
         " (lis-grasp lift --best 5), or a smaller --mass",
-        "slipped": "the object is still in the hand, but moved too far in it: try the next grasps"
-        " (lis-grasp lift --best 5), or a smaller --mass",
+        "slipped": "the object is still in the hand, but moved or turned too far in it: try the"
+        " next grasps (lis-grasp lift --best 5), or a smaller --mass",
         "no_arm_motion": "the arm has no collision-free path to the grasp: move its base (--base)",
         "out_of_arm_reach": "the arm reached the end of a joint on the way: move its base (--base)",
         "torque_limit": "a joint of the arm needed more than its largest effort: move its base"

@@ -182,6 +182,7 @@ def lift_facts(outcome: LiftOutcome | None, *, mass: float) -> dict[str, Any]:
         "reason": outcome.reason,
         "mass": mass,
         "slip": outcome.slip,
+        "turn": outcome.turn,
         "acceleration_survived": outcome.acceleration_survived,
         "simulated_seconds": outcome.duration,
         **_use_facts(outcome),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import degrees
 from typing import Any
 
 from lis_grasp.lifting.arm_use import violations
@@ -74,7 +75,7 @@ def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
     if lift["held"]:
         lines.append(
             f"lifted    {lift['mass']:.3g} kg, and held through the shake;"
-            f" slip {1e3 * lift['slip']:.1f} mm"
+            f" slip {1e3 * lift['slip']:.1f} mm, turn {degrees(lift['turn']):.1f} deg"
         )
     else:
         lifted = "lifted, but not held" if lift["lifted"] else "not held"

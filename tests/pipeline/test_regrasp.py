@@ -37,7 +37,7 @@ def _outcome(reason: str, fingers: tuple[str, ...] = (), closed: bool = True) ->
     held = reason == "held"
     pushed = scenes.pose(0.001, 0.0, 0.0)
     motion = scenes.motion()
-    return LiftOutcome(held, held, 0.0, reason, 0.0, 1.0, motion, closed, measured, pushed)
+    return LiftOutcome(held, held, 0.0, 0.0, reason, 0.0, 1.0, motion, closed, measured, pushed)
 
 
 def _scripted(

@@ -159,6 +159,22 @@ def test_a_grasp_beside_the_object_makes_no_contact(allegro: Hand) -> None:
     np.testing.assert_allclose(outcome.motion.poses["object"][-1], np.eye(4), atol=1e-4)
 
 
+def test_an_object_that_turns_too_far_in_the_hand_is_not_held(allegro: Hand) -> None:
+    free = lift_box(allegro, box_grasp(allegro), options=replace(SHORT, largest_turn=np.pi))
+    poses = free.motion.poses
+    before, after = (
+        poses[allegro.base_link][k][:3, :3].T @ poses["object"][k][:3, :3] for k in (0, -1)
+    )
+    recorded = Rotation.from_matrix(before.T @ after).magnitude()
+    assert free.held
+    assert 0.0 < free.turn == pytest.approx(recorded, abs=np.deg2rad(0.5))  # closing turns it, too
+    strict = lift_box(
+        allegro, box_grasp(allegro), options=replace(SHORT, largest_turn=1e-3 * free.turn)
+    )
+    assert strict.reason == "slipped"
+    assert not strict.lifted
+
+
 def test_an_object_with_next_to_no_friction_is_not_held(wsg50: Hand) -> None:
     grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
     outcome = lift_box(wsg50, grasp, friction=0.02)

@@ -172,6 +172,7 @@ def _fill_grasp(row: Row, task: GraspTask, watch: pipeline.Stopwatch) -> None:
         "lifted": bool(outcome.lifted),
         "held": bool(outcome.held),
         "slip": float(outcome.slip),
+        "turn": float(outcome.turn),
         "acceleration_survived": float(outcome.acceleration_survived),
         "reason": outcome.reason,
     }
@@ -227,7 +228,7 @@ def _explored(start: Trial, explorer: str, files: tuple[str, ...]) -> _Explored:
 
 COLUMNS = (
     *("key", "object", "object_digest", "edged", "hand", "touches", "noise", "seed", "estimator"),
-    *("held", "lifted", "reason", "slip", "acceleration_survived"),
+    *("held", "lifted", "reason", "slip", "turn", "acceleration_survived"),
     *("epsilon_estimate", "epsilon_truth", "epsilon_gap"),
     *("closure_probability", "success_probability"),
     *("grasps_found", "candidates", "rejections"),
