@@ -49,8 +49,13 @@ def run(source: Path, name: str, options: list[str], profile: Path | None = None
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, *profiler, "-m", "lis_grasp.cli.main", "run", name, *options]
         start, used = time.perf_counter(), _processor_time()
+        # Elsewhere, because `python -m` prefers the package of the current folder.
         done = subprocess.run(
-            [*command, "--output", folder], env=environment, capture_output=True, text=True
+            [*command, "--output", folder],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
         )
         seconds = time.perf_counter() - start
         if done.returncode:

@@ -1,6 +1,6 @@
 """Intermediate surface estimates of an exploration: the folder growth/ of a folder of results.
 
-Each estimate is a surface file named after its number of contacts, for example ``growth/15.ply``.
+Each estimate is a surface file named after its number of contacts, for example ``growth/13.ply``.
 """
 
 from __future__ import annotations
