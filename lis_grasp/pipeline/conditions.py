@@ -43,3 +43,6 @@ UNKNOWN: Mapping[str, Any] = MappingProxyType(
 )
 """Only a region is known, not even mass and friction; the object stands free in a stable pose; the
 sensor is realistic."""
+
+CONDITIONS: Mapping[str, Mapping[str, Any]] = MappingProxyType({"known": KNOWN, "unknown": UNKNOWN})
+"""Both by name."""

@@ -33,9 +33,9 @@ from lis_grasp.experiments.study.study_trial import (
     COLUMNS,
     GraspTask,
     blank_row,
-    contacts_of,
     grasp_and_lift,
     run_trial,
+    touch,
 )
 from lis_grasp.experiments.trial_results import Job
 from lis_grasp.exploration import Exploration
@@ -287,14 +287,17 @@ def test_a_running_process_notices_a_changed_file(tmp_path: Path) -> None:
     def largest_coordinate(size: float) -> float:
         block = exported_block(tmp_path, size=size)
         trial = Trial(str(block), "allegro", 3, "none", 0)
-        contacts, _ = contacts_of(trial, "blend")
+        contacts = touch(trial, "blend").contacts
         return float(np.abs(contacts.points).max())
 
     assert largest_coordinate(0.14) > 1.2 * largest_coordinate(0.10)
     # A hand's files count as well: tasks on one mesh differ where they do.
     box, hand = shapes.build("box"), Hand.load("allegro")
     trial = Trial("box", "own.yaml", 0, "", 0)
-    a, b = (GraspTask("mesh", (digest,), trial, box.mesh, box, hand) for digest in ("a", "b"))
+    a, b = (
+        GraspTask("mesh", None, (digest,), trial, box.mesh, None, box, hand)
+        for digest in ("a", "b")
+    )
     assert a != b
 
 
@@ -513,8 +516,8 @@ def forget() -> None:
 def test_a_smaller_budget_s_contacts_are_the_first_of_a_larger_one() -> None:
     larger = Trial("mallet", "allegro", 14, "1mm/3deg", 3)
     forget()
-    many, _ = contacts_of(larger, "blend")
-    few, _ = contacts_of(dataclasses.replace(larger, touches=9), "blend")
+    many = touch(larger, "blend").contacts
+    few = touch(dataclasses.replace(larger, touches=9), "blend").contacts
     assert (len(few), len(many)) == (9, 14)
     np.testing.assert_array_equal(few.points, many.points[:9])
     np.testing.assert_array_equal(few.normals, many.normals[:9])
@@ -526,23 +529,41 @@ def test_a_larger_budget_continues_a_smaller_one(monkeypatch: pytest.MonkeyPatch
     smaller = Trial("hollow_cylinder", "wsg50", 5, "1mm/3deg", 2)
     larger = dataclasses.replace(smaller, touches=11)
     forget()
-    whole, _ = contacts_of(larger, "blend")
+    whole = touch(larger, "blend").contacts
     forget()
-    _, before = contacts_of(smaller, "blend")
+    before = touch(smaller, "blend").seconds
     given = []
-    touch = pipeline.touch
+    explore = pipeline.touch
 
     def spy(*arguments: Any, **options: Any) -> Exploration:
         given.append(len(options["recorded"]))
-        return touch(*arguments, **options)
+        return explore(*arguments, **options)
 
     monkeypatch.setattr(pipeline, "touch", spy)
-    grown, after = contacts_of(larger, "blend")
+    continued = touch(larger, "blend")
+    grown = continued.contacts
     assert given[0] >= 5
-    assert after > before
+    assert continued.seconds > before
     np.testing.assert_array_equal(grown.points, whole.points)
     np.testing.assert_array_equal(grown.normals, whole.normals)
     np.testing.assert_array_equal(grown.free_points, whole.free_points)
+
+
+@pytest.mark.slow
+def test_a_trial_of_an_unknown_free_object_is_judged_where_the_object_is() -> None:
+    setup = Setup(conditions="unknown", prober="dynamic", size=0.08)
+    trial = Trial("box", "allegro", 20, "0.5mm/3deg", 1, setup)
+    forget()
+    touched = touch(trial, "blend")
+    assert touched.X_EO is not None  # pushed a little, and tracked
+    rows = run_trial(Job(trial, ("blend", "truth")))
+    assert [row["contacts"] for row in rows] == [20, 20]
+    assert rows[0]["rmsd"] < 0.005  # the region is 400 mm wide
+    assert rows[1]["rmsd"] < 1e-9
+    assert rows[1]["held"]
+    assert {row["conditions"] for row in rows} == {"unknown"}
+    with pytest.raises(InvalidOptionError, match="dynamic prober"):
+        Setup(conditions="unknown")
 
 
 def test_equal_grasp_tasks_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:

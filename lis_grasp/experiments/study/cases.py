@@ -21,9 +21,10 @@ from lis_grasp.experiments.runner import single_thread
 from lis_grasp.experiments.study.comparison import clearest_pairs
 from lis_grasp.experiments.study.study import label
 from lis_grasp.experiments.study.study_results import job_of
-from lis_grasp.experiments.study.study_trial import contacts_of, estimate, lift, plan
+from lis_grasp.experiments.study.study_trial import estimate, lift, plan, touch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
+from lis_grasp.shapes import placed
 from lis_grasp.visualization import Scene
 from lis_grasp.visualization.hand_layers import link_poses
 
@@ -63,20 +64,20 @@ def _repeat(row: Row, files: Sequence[str]) -> dict[str, Any] | None:
         trial = job_of(row, files).trial
         with single_thread():
             shape, hand = trial.find_object(), Hand.load(trial.hand)
-            contacts, _ = contacts_of(trial, trial.explorer(row["estimator"]))
-            mesh = estimate(trial, row["estimator"], contacts)
+            touched = touch(trial, trial.explorer(row["estimator"]))
+            mesh = estimate(trial, row["estimator"], touched.contacts)
             grasps = plan(trial, mesh, shape, hand).grasps
-            motion = lift(trial, grasps[0], shape, hand).motion if grasps else None
+            outcome = lift(trial, grasps[0], shape, hand, touched.X_EO) if grasps else None
     except LisGraspError:  # no surface, or no file: nothing to draw
         return None
     return {
-        "truth": shape,
+        "truth": shape if touched.X_EO is None else placed(shape, touched.X_EO),
         "estimate": mesh,
-        "contacts": contacts,
+        "contacts": touched.contacts,
         "grasps": grasps,
         "hand": hand,
-        "motion": motion,
-        "support_height": pipeline.support_height(shape),
+        "motion": None if outcome is None else outcome.motion,
+        "support_height": pipeline.support_height(shape, trial.run_config()),
     }
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.compared_estimators import COMPARED
-from lis_grasp.experiments.study.study import OWN, TRIAL_COLUMNS, TRUTH, Trial, label
+from lis_grasp.experiments.study.study import OWN, TRIAL_COLUMNS, TRUTH, Setup, Trial, label
 from lis_grasp.hands.hand_file import description_of
 from lis_grasp.hands.hand_plugins import hand_path
 from lis_grasp.hands.shipped_models import HAND_NAMES, VENDOR_HANDS
@@ -28,7 +28,10 @@ def row_key(trial: Trial, estimator: str) -> str:
     plug-ins by name and source file.
     """
     digests = [*file_digests(trial.object, trial.hand), *_plugin_digests(trial, estimator)]
-    text = json.dumps([columns_of(trial), asdict(trial.setup), estimator, *digests], sort_keys=True)
+    setup = asdict(trial.setup)
+    if setup["conditions"] == Setup().conditions:  # keys of before there were others stay
+        del setup["conditions"]
+    text = json.dumps([columns_of(trial), setup, estimator, *digests], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 

@@ -27,9 +27,11 @@ from lis_grasp.experiments.compared_estimators import COMPARED, Noise, compared_
 from lis_grasp.exploration import POLICIES
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.yaml_files import read_yaml
+from lis_grasp.pipeline.conditions import CONDITIONS
+from lis_grasp.pipeline.object_setup import pose_of
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
 from lis_grasp.pipeline.run_config import PROBERS, RunConfig
-from lis_grasp.shapes import FORMATS, NAMES, UNITS, Shape, find
+from lis_grasp.shapes import FORMATS, NAMES, UNITS, Shape, find, placed
 from lis_grasp.surfaces import ESTIMATORS
 
 TRUTH = "truth"
@@ -108,11 +110,16 @@ class Setup:
     """Coefficient between hand and object."""
     grasps: StrictInt = 5
     """Ranked grasps to plan; the first is executed."""
+    conditions: StrictStr = _one_of(tuple(CONDITIONS), "known")
+    """"known": place, size, mass and friction are known, and the object is fixed while it is
+    touched. "unknown": it stands free in a region of a table, in a stable pose; the sensor has a
+    threshold and taxels; this needs the dynamic prober."""
 
     def __post_init__(self) -> None:
         if self.explorer != OWN:
             find_estimator(self.explorer, option="explorer")
         _require("units", self.units, tuple(UNITS))
+        _require("conditions", self.conditions, tuple(CONDITIONS))
         self.run_config()
         kind = POLICY_NAMES.find(self.policy)
         if self.explorer == OWN and getattr(kind, "uses_gaussian_process", False):
@@ -126,7 +133,8 @@ class Setup:
     def run_config(self, **more: Any) -> RunConfig:
         """Return the configuration of a run with these settings and `more` of `RunConfig`."""
         names = ("prober", "policy", "mass", "friction", "grasps")
-        return RunConfig(**{name: getattr(self, name) for name in names}, **more)
+        facts = {name: getattr(self, name) for name in names}
+        return RunConfig(**{**CONDITIONS[self.conditions], **facts, **more})
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +161,17 @@ class Trial:
         return int(np.random.SeedSequence(entropy).generate_state(1)[0])
 
     def find_object(self) -> Shape:
-        """Return the true object."""
-        return _find(self.object, self.setup)
+        """Return the true object, at its pose at the start."""
+        shape = _find(self.object, self.setup)
+        X_WO = pose_of(shape, self.run_config())
+        return shape if X_WO is None else placed(shape, X_WO)
+
+    def run_config(self, **more: Any) -> RunConfig:
+        """Return the configuration of a run of this trial, with `more` of `RunConfig`.
+
+        The noise is not part of it, nor are the touches.
+        """
+        return self.setup.run_config(object=self.object, seed=self.random_seed, **more)
 
     def explorer(self, estimator: str) -> str:
         """Return the estimator that drives the exploration for an estimator."""

@@ -182,7 +182,8 @@ def job_of(row: Row, files: Iterable[str] = ()) -> Job:
                     value=named[what],
                 )
             named[what] = places[named[what]]
-    trial = Trial(**named, setup=Setup(**{name: row[name] for name in SETTINGS}))
+    settings = {name: row[name] for name in SETTINGS if row.get(name) is not None}
+    trial = Trial(**named, setup=Setup(**settings))
     if row_key(trial, row["estimator"]) != row["key"]:
         raise InvalidOptionError(
             f"the files of row {row['key']} must be those that it was made of; {row['object']} or"

@@ -10,8 +10,8 @@ from lis_grasp.io.schemas import FileRecord, Number
 _TYPES: dict[type, str] = {
     int: "touches seed grasps contacts triangles grasps_found candidates",
     bool: "edged watertight lifted held",
-    str: "key object object_digest hand noise estimator prober explorer policy units version"
-    f" {MACHINE} contacts_digest rejections reason failure",
+    str: "key object object_digest hand noise estimator prober explorer policy units"
+    f" conditions version {MACHINE} contacts_digest rejections reason failure",
 }
 
 
@@ -20,8 +20,8 @@ def column_type(name: str) -> type:
     return next((kind for kind, names in _TYPES.items() if name in names.split()), float)
 
 
-# Rows of earlier versions do not have the turn, and equal trials differ in their times.
-_OPTIONAL = (*TIMES, "turn")
+# Equal trials differ in their times; rows of versions before 0.11 do not have the others.
+_OPTIONAL = (*TIMES, "turn", "conditions")
 
 
 class RowKey(FileRecord):

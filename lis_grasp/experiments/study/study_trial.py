@@ -21,7 +21,7 @@ import lis_grasp
 from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
-from lis_grasp.evaluation.surface_error import surface_error
+from lis_grasp.evaluation.surface_error import SurfaceError, surface_error
 from lis_grasp.exceptions import EstimationError, LisGraspError
 from lis_grasp.experiments.compared_estimators import compared_estimator
 from lis_grasp.experiments.runner import single_thread
@@ -39,7 +39,11 @@ from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.shapes import Shape
+from lis_grasp.surfaces import carved
+from lis_grasp.surfaces.above_table_implicit_surface import above_table
+from lis_grasp.typing import FloatArray
 
 if TYPE_CHECKING:
     from lis_grasp.lifting.lift_outcome import LiftOutcome
@@ -62,27 +66,58 @@ def run_trial(job: Job) -> list[Row]:
         return list(_rows(job))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Touched:
+    """Contacts of a trial."""
+
+    contacts: Contacts  #: in the frame E in which the hand is commanded
+    X_EO: (
+        FloatArray | None
+    )  #: true pose of the object in it at the end, (4, 4); None for fixed ones
+    seconds: float  #: of the exploration [s]
+
+
 def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimesh:
-    """Return the mesh that an estimator makes of a trial's contacts alone."""
-    return extract_mesh(compared_estimator(estimator)(contacts, parse_noise(trial.noise)))
+    """Return the mesh that an estimator makes of a trial's contacts.
+
+    Of contacts alone, if the object is known; else the free space is carved off, and the table
+    closes the estimate from below, for all estimators.
+    """
+    surface = compared_estimator(estimator)(contacts, parse_noise(trial.noise))
+    config = trial.run_config()
+    if config.free:
+        surface = carved(surface, contacts, margin=config.sensor().free_margin)
+        surface = above_table(surface, pipeline.table_of(config, None))
+    return extract_mesh(surface)
 
 
 def plan(trial: Trial, mesh: trimesh.Trimesh, shape: Shape, hand: Hand) -> GraspSearch:
     """Plan the grasps of a trial on a mesh."""
+    config = trial.run_config()
     return pipeline.plan(
         mesh,
         hand,
-        support=pipeline.support_height(shape),
-        friction=trial.setup.friction,
+        support=pipeline.support_height(shape, config),
+        prior=config.load_prior(mesh),
         count=trial.setup.grasps,
-        seed=trial.random_seed,
+        seed=config.seed,
     )
 
 
-def lift(trial: Trial, grasp: Grasp, shape: Shape, hand: Hand) -> LiftOutcome:
-    """Simulate the lift of a trial: the grasp on the true object."""
-    setup = trial.setup
-    return pipeline.lift(shape, hand, grasp, mass=setup.mass, friction=setup.friction)
+def lift(
+    trial: Trial, grasp: Grasp, shape: Shape, hand: Hand, X_EO: FloatArray | None
+) -> LiftOutcome:
+    """Simulate the lift of a trial: the grasp on the true object, at a pose (4, 4)."""
+    setup, prior = trial.setup, trial.run_config().load_prior(shape.mesh)
+    return pipeline.lift(
+        shape,
+        hand,
+        grasp,
+        mass=setup.mass,
+        friction=setup.friction,
+        X_WO=X_EO,
+        options=lift_options(prior),
+    )
 
 
 def _rows(job: Job) -> Iterator[Row]:
@@ -100,21 +135,46 @@ def _rows(job: Job) -> Iterator[Row]:
 def _fill(
     row: Row, trial: Trial, shape: Shape, hand: Hand, estimator: str, watch: pipeline.Stopwatch
 ) -> None:
-    contacts, watch.seconds["touch"] = contacts_of(trial, trial.explorer(estimator))
+    touched = touch(trial, trial.explorer(estimator))
+    contacts, X_EO, watch.seconds["touch"] = touched.contacts, touched.X_EO, touched.seconds
     digest = _short_digest(contacts.points, contacts.normals)
     row |= {"contacts": len(contacts), "contacts_digest": digest}
     if not len(contacts):
         raise EstimationError("a surface needs at least one contact; the exploration made none")
     with watch.measure("estimate"):
-        mesh = shape.mesh if estimator == TRUTH else estimate(trial, estimator, contacts)
+        if estimator == TRUTH:
+            mesh = _moved(shape.mesh, X_EO)
+        else:
+            mesh = estimate(trial, estimator, contacts)
     row |= {"triangles": len(mesh.faces), "watertight": bool(mesh.is_watertight)}
-    row |= asdict(surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size))
+    row |= asdict(_error(mesh, contacts, shape, X_EO))
     # The contacts have been used: grasps depend on the mesh, the object, the hand and the seed.
     task = replace(trial, touches=0, noise="")
     files = file_digests(trial.object, trial.hand)
-    columns, seconds = grasp_and_lift(GraspTask(mesh_digest(mesh), files, task, mesh, shape, hand))
+    place = None if X_EO is None else _short_digest(X_EO)
+    columns, seconds = grasp_and_lift(
+        GraspTask(mesh_digest(mesh), place, files, task, mesh, X_EO, shape, hand)
+    )
     row |= columns
     watch.seconds |= seconds
+
+
+def _error(
+    mesh: trimesh.Trimesh, contacts: Contacts, shape: Shape, X_EO: FloatArray | None
+) -> SurfaceError:
+    """Return the error of an estimate in E, where the true object is at X_EO (4, 4)."""
+    if X_EO is not None:
+        X_OE = np.asarray(np.linalg.inv(X_EO), np.float64)
+        mesh, contacts = _moved(mesh, X_OE), contacts.in_frame(X_EO)
+    return surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size)
+
+
+def _moved(mesh: trimesh.Trimesh, X: FloatArray | None) -> trimesh.Trimesh:
+    """Return a mesh moved by a pose (4, 4); None for the identity."""
+    if X is None:
+        return mesh
+    points = trimesh.transform_points(mesh.vertices, X)
+    return trimesh.Trimesh(points, mesh.faces, process=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,12 +182,15 @@ class GraspTask:
     """A grasp to plan and to lift; equal tasks have equal results."""
 
     mesh_digest: str
+    place_digest: str | None
+    """Hash of the true object's pose."""
     files: tuple[str, ...]
     """Hashes of the files of object and hand."""
     trial: Trial
     """The object, hand, seed and setup; without touches and noise."""
     # Not compared: the hashes and names identify them.
     mesh: trimesh.Trimesh = field(compare=False)
+    X_EO: FloatArray | None = field(compare=False)
     shape: Shape = field(compare=False)
     hand: Hand = field(compare=False)
 
@@ -158,7 +221,8 @@ def _fill_grasp(row: Row, task: GraspTask, watch: pipeline.Stopwatch) -> None:
         return
     best = search.grasps[0]
     on_estimate = float(best.quality["epsilon"])
-    on_truth = float(epsilon_on_truth(best, shape.mesh, hand, friction=trial.setup.friction))
+    truth = _moved(shape.mesh, task.X_EO)
+    on_truth = float(epsilon_on_truth(best, truth, hand, friction=trial.setup.friction))
     row |= {
         "epsilon_estimate": on_estimate,
         "epsilon_truth": on_truth,
@@ -167,7 +231,7 @@ def _fill_grasp(row: Row, task: GraspTask, watch: pipeline.Stopwatch) -> None:
         "success_probability": float(best.quality["success_probability"]),
     }
     with watch.measure("lift"):
-        outcome = lift(trial, best, shape, hand)
+        outcome = lift(trial, best, shape, hand, task.X_EO)
     row |= {
         "lifted": bool(outcome.lifted),
         "held": bool(outcome.held),
@@ -183,46 +247,44 @@ class _Explored:
     """Progress of an exploration."""
 
     outcomes: tuple[ProbeOutcome, ...] = ()
-    contacts: Contacts | None = None
+    touched: Touched | None = None
     touches: int = 0
     """Contacts requested so far."""
     seconds: float = 0.0
 
 
-def contacts_of(trial: Trial, explorer: str) -> tuple[Contacts, float]:
-    """Return the contacts of a trial, explored with an estimator, and the time [s].
+def touch(trial: Trial, explorer: str) -> Touched:
+    """Return the contacts of a trial, explored with an estimator.
 
     Continues what this process explored for a smaller budget of the same trial: all choices depend
     on the past only, so that the contacts of a smaller budget are the first ones of a larger.
     """
     files = file_digests(trial.object, trial.hand)
     known = _explored(replace(trial, touches=1), explorer, files)
-    if known.contacts is not None and known.touches == trial.touches:
-        return known.contacts, known.seconds
+    if known.touched is not None and known.touches == trial.touches:
+        return known.touched
     start = time.perf_counter()
     if known.touches > trial.touches:  # the order of a study is from small to large
         known.outcomes, known.seconds = (), 0.0
     noise = parse_noise(trial.noise)
-    config = trial.setup.run_config(
-        object=trial.object,
+    config = trial.run_config(
         estimator=explorer,
         touches=trial.touches,
-        seed=trial.random_seed,
         position_noise=noise.position,
         normal_noise=noise.normal,
     )
     exploration = pipeline.touch(
         trial.find_object(), Hand.load(trial.hand), config, recorded=known.outcomes
     )
-    known.outcomes, known.contacts = exploration.outcomes, exploration.contacts
-    known.touches = trial.touches
+    known.outcomes, known.touches = exploration.outcomes, trial.touches
     known.seconds += time.perf_counter() - start
-    return known.contacts, known.seconds
+    known.touched = Touched(exploration.contacts, exploration.simulated_pose, known.seconds)
+    return known.touched
 
 
 @lru_cache(maxsize=4)
 def _explored(start: Trial, explorer: str, files: tuple[str, ...]) -> _Explored:
-    """Return the progress of one exploration, which `contacts_of` continues."""
+    """Return the progress of one exploration, which `touch` continues."""
     return _Explored()
 
 
