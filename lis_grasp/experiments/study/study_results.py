@@ -125,11 +125,13 @@ class StudyResults:
             (*columns_of(trial).values(), name): number
             for number, (trial, name) in enumerate(product(study.trials(), study.estimators))
         }
-        setup = asdict(study.setup)
+        setup, default = asdict(study.setup), asdict(Setup())
         found: dict[int, Row] = {}
         for row in self.read(any_version=True):
             place = order.get(tuple(row.get(name) for name in (*TRIAL_COLUMNS, "estimator")))
-            if place is None or any(row.get(name) != value for name, value in setup.items()):
+            settings = {name: row.get(name) for name in setup}  # None: not in its version
+            settings = {k: default[k] if v is None else v for k, v in settings.items()}
+            if place is None or settings != setup:
                 continue
             if place in found:
                 raise InvalidFileError(
