@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp import Hand, shapes
 from lis_grasp.experiments.hand_table import FURTHER_OBJECTS
-from lis_grasp.experiments.test_objects.shape_sets import build_shape
+from lis_grasp.experiments.test_objects.shape_sets import graspable_shape
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
@@ -39,7 +39,6 @@ from lis_grasp.pipeline import plan
 from lis_grasp.simulation.simulate_lift import simulate_lift
 
 SIMULATORS = {"drake": simulate_lift, "mujoco": simulate_in_mujoco}
-SIZE = 0.1  # largest extent of the further objects [m]
 GOOD = {"mass": 0.2, "friction": 0.8}
 DISPLACEMENT, TURN = 0.01, np.deg2rad(10.0)  # standard deviations of a doubtful grasp [m, rad]
 MASSES, FRICTIONS = (0.1, 1.0), (0.15, 0.6)  # of doubtful grasps [kg, 1]
@@ -67,8 +66,7 @@ def main() -> None:
 def mesh_of(name: str) -> trimesh.Trimesh:
     if name in shapes.NAMES:
         return shapes.build(name).mesh
-    mesh = build_shape(name).mesh.copy()
-    return mesh.apply_scale(SIZE / float(mesh.extents.max()))
+    return graspable_shape(name).mesh
 
 
 def planned_grasps(folder: Path, name: str, hand: str, count: int) -> GraspSearch:

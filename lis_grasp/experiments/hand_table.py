@@ -17,7 +17,6 @@ from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.study.study import Study
 from lis_grasp.experiments.study.study_results import StudyResults
 from lis_grasp.experiments.study.study_trial import run_trial
-from lis_grasp.experiments.test_objects.shape_sets import build_shape
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import check_hand
 from lis_grasp.hands.shipped_models import READY_HANDS
@@ -27,8 +26,6 @@ from lis_grasp.shapes import NAMES
 
 FURTHER_OBJECTS = ("bottle", "bean", "vase", "rounded_box", "dumbbell", "l_bracket")
 """Test objects beside the built-in shapes."""
-
-_FURTHER_SIZE = 0.1  # largest extent of the further objects [m]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,7 +94,7 @@ def _rows(
 ) -> list[Row]:
     study = Study.from_facts(
         {
-            "objects": [_object(name, output) for name in objects],
+            "objects": list(objects),
             "estimators": ["blend"],
             "reference": "blend",
             "touches": [touches],
@@ -113,19 +110,6 @@ def _rows(
     for done, of in run_trials(todo, total, results.lines, local_scheduler(jobs), run_trial):
         print(f"{done} of {of} trials", file=sys.stderr)
     return results.of(study)
-
-
-def _object(name: str, output: Path) -> str:
-    """Return the name of a built-in shape, or the path of a mesh file of another test object."""
-    if name in NAMES or Path(name).suffix:
-        return name
-    path = (output / "objects" / f"{name}.ply").absolute()
-    if not path.exists():
-        mesh = build_shape(name).mesh.copy()
-        mesh.apply_scale(_FURTHER_SIZE / float(mesh.extents.max()))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        mesh.export(path)
-    return str(path)
 
 
 def _line(name: str, hand: Hand, rows: Sequence[Row]) -> str:

@@ -37,11 +37,3 @@ def test_the_table_counts_held_trials_of_each_hand(
     table = hand_table(["wsg50", "barrett"], ["box"], seeds=1, touches=5, output=tmp_path)
     assert "| `wsg50` | ok | 3 s | 2 of 3 |" in table
     assert "| `barrett` | ok | 7 s | 0 of 1 |" in table
-
-
-def test_objects_beside_the_built_in_ones_are_written_at_10_cm(tmp_path: Path) -> None:
-    import trimesh
-
-    path = module._object("bean", tmp_path)
-    assert trimesh.load(path).extents.max() == pytest.approx(0.1)
-    assert module._object("box", tmp_path) == "box"

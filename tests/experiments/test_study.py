@@ -269,6 +269,21 @@ def named_rows(job: Job) -> list[Row]:
     return [blank_row(job.trial, name, shape) for name in job.variants]
 
 
+def test_test_objects_are_known_by_name_in_a_size_that_a_hand_can_grasp() -> None:
+    study = dataclasses.replace(SMALL, objects=("box", "roof", "ruler"), size=None)
+    _, roof, ruler = (Trial(name, "allegro", 3, "none", 0).find_object() for name in study.objects)
+    assert roof.size == pytest.approx(0.1)
+    assert ruler.size == pytest.approx(0.2)  # a tool has its own size
+    assert roof.mesh.is_watertight
+    assert len(roof.edges)
+    trial = next(trial for trial in study.trials() if trial.object == "roof")
+    (row,) = named_rows(Job(trial, ("gpis",)))
+    assert row["object_digest"] is None
+    assert job_of(row).trial == trial
+    with pytest.raises(InvalidOptionError, match="no_such_thing"):
+        dataclasses.replace(SMALL, objects=("no_such_thing",))
+
+
 def test_a_row_is_repeated_only_with_the_same_file(tmp_path: Path) -> None:
     block = exported_block(tmp_path / "here")
     trial = Trial(str(block), "allegro", 6, "none", 0)

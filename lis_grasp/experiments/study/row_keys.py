@@ -11,12 +11,19 @@ from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.compared_estimators import COMPARED
-from lis_grasp.experiments.study.study import OWN, TRIAL_COLUMNS, TRUTH, Setup, Trial, label
+from lis_grasp.experiments.study.study import (
+    OBJECT_NAMES,
+    OWN,
+    TRIAL_COLUMNS,
+    TRUTH,
+    Setup,
+    Trial,
+    label,
+)
 from lis_grasp.hands.hand_file import description_of
 from lis_grasp.hands.hand_plugins import hand_path
 from lis_grasp.hands.shipped_models import HAND_NAMES, VENDOR_HANDS
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES
-from lis_grasp.shapes import NAMES
 
 KEY_LENGTH = 16
 
@@ -43,7 +50,7 @@ def columns_of(trial: Trial) -> dict[str, Any]:
 
 def file_digests(object_name: str, hand_name: str) -> tuple[str, ...]:
     """Return hashes of the files of an object and a hand; none of built-in ones."""
-    files = [] if object_name in NAMES else [Path(object_name)]
+    files = [] if object_name in OBJECT_NAMES else [Path(object_name)]
     if hand_name in VENDOR_HANDS:
         files += [hand_path(hand_name), description_of(hand_name)[0]]
     elif hand_name not in HAND_NAMES:
@@ -61,8 +68,8 @@ def _plugin_digests(trial: Trial, estimator: str) -> list[str]:
 
 
 def object_digest(name: str) -> str | None:
-    """Return a hash of an object's mesh file; None for a built-in shape."""
-    return None if name in NAMES else _file_digest(Path(name))
+    """Return a hash of an object's mesh file; None for one known by name."""
+    return None if name in OBJECT_NAMES else _file_digest(Path(name))
 
 
 def _file_digest(path: Path) -> str:

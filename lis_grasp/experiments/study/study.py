@@ -24,6 +24,7 @@ from lis_grasp.exceptions import (
     shown,
 )
 from lis_grasp.experiments.compared_estimators import COMPARED, Noise, compared_estimator
+from lis_grasp.experiments.test_objects.shape_sets import TEST_OBJECTS, graspable_shape
 from lis_grasp.exploration import POLICIES
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.yaml_files import read_yaml
@@ -36,6 +37,9 @@ from lis_grasp.surfaces import ESTIMATORS
 
 TRUTH = "truth"
 """In place of an estimator: plan on the true mesh. No upper bound, because a planner errs too."""
+
+OBJECT_NAMES = (*NAMES, *TEST_OBJECTS)
+"""Objects that a study knows by name: built-in shapes and test objects; others are mesh files."""
 
 OWN = "own"
 """In place of an explorer: each estimator drives an exploration of its own."""
@@ -101,7 +105,7 @@ class Setup:
     policy: StrictStr = _known(list(POLICIES), "spread")
     """Chooses the next touch, see `RunConfig`; "spread" uses no explorer."""
     size: StrictFloat | None = None
-    """Largest extent of built-in shapes [m]; None for one that a hand can grasp."""
+    """Largest extent of objects known by name [m]; None for one that a hand can grasp."""
     units: StrictStr = _one_of(list(UNITS), "m")
     """Length unit of mesh files."""
     mass: StrictFloat = 0.2
@@ -142,7 +146,7 @@ class Trial:
     """One object, touched by one hand, with one level of noise and one seed, for all estimators."""
 
     object: str
-    """Name of a built-in shape, or path of a mesh file."""
+    """One of `OBJECT_NAMES`, or path of a mesh file."""
     hand: str
     """Name of a shipped hand, or path of a hand's YAML file."""
     touches: int
@@ -263,7 +267,8 @@ class Study(Setup):
             if Path(hand).suffix.lower() not in _HAND_SUFFIXES:
                 Hand.load(hand)
         for name in self.objects:
-            if Path(name).suffix.lower() not in FORMATS:
+            # Test objects take seconds to build.
+            if Path(name).suffix.lower() not in FORMATS and name not in TEST_OBJECTS:
                 _find(name, self)
 
     @property
@@ -367,6 +372,8 @@ def parse_noise(level: str) -> Noise:
 
 
 def _find(name: str, setup: Setup) -> Shape:
+    if name in TEST_OBJECTS:
+        return graspable_shape(name, setup.size)
     return find(name, size=setup.size if name in NAMES else None, units=setup.units)
 
 

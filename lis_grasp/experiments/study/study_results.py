@@ -12,7 +12,15 @@ from typing import Any
 import lis_grasp
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.experiments.study.row_keys import columns_of, row_key
-from lis_grasp.experiments.study.study import SETTINGS, TRIAL_COLUMNS, Setup, Study, Trial, label
+from lis_grasp.experiments.study.study import (
+    OBJECT_NAMES,
+    SETTINGS,
+    TRIAL_COLUMNS,
+    Setup,
+    Study,
+    Trial,
+    label,
+)
 from lis_grasp.experiments.study.study_row import RowKey, StudyRow, column_type
 from lis_grasp.experiments.study.study_trial import COLUMNS, MACHINE, TIMES
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
@@ -22,7 +30,6 @@ from lis_grasp.io.file_limits import MEBIBYTE
 from lis_grasp.io.json_lines import Row
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.io.schemas import checked
-from lis_grasp.shapes import NAMES
 
 _MOST_BYTES = 2048 * MEBIBYTE  # of rows.parquet, unpacked
 
@@ -174,7 +181,7 @@ def job_of(row: Row, files: Iterable[str] = ()) -> Job:
     """
     places = {label(path): path for path in files}
     named = {name: row[name] for name in TRIAL_COLUMNS}
-    for what, known in (("object", NAMES), ("hand", READY_HANDS)):
+    for what, known in (("object", OBJECT_NAMES), ("hand", READY_HANDS)):
         if named[what] not in known:
             if named[what] not in places:
                 raise InvalidOptionError(

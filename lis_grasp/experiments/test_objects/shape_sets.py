@@ -122,6 +122,28 @@ _FAMILY: Mapping[str, Family] = MappingProxyType(
 )
 
 
+GRASPABLE_SIZE = 0.1
+"""Largest extent of test objects that a hand is to grasp, but for tools [m]."""
+
+TEST_OBJECTS = tuple(sorted(_BUILDERS))
+"""Names of all test objects that are not built into the package."""
+
+
+@lru_cache(maxsize=8)
+def graspable_shape(name: str, size: float | None = None) -> Shape:
+    """Return one of `TEST_OBJECTS` in a size that a hand can grasp.
+
+    Tools have their own size, others a largest extent of `GRASPABLE_SIZE`; `size` [m] replaces it.
+    """
+    shape = build_shape(name)
+    if size is None:
+        size = shape.size if name in TOOLS else GRASPABLE_SIZE
+    factor = size / shape.size
+    mesh = shape.mesh.copy()
+    mesh.apply_scale(factor)
+    return Shape(name, mesh, factor * shape.edges)
+
+
 def family_of(name: str) -> Family:
     """Return the family of a test object; that of a mesh file is "scans"."""
     return _FAMILY.get(name, "scans")
