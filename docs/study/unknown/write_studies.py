@@ -1,0 +1,57 @@
+"""Write the files of the study of unknown objects, one for each hand; see plan.md.
+
+python docs/study/unknown/write_studies.py results/unknown
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import yaml
+
+from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
+from lis_grasp.shapes import NAMES
+
+SCANS = (
+    *("004_sugar_box.ply", "005_tomato_soup_can.ply", "006_mustard_bottle.ply"),
+    *("010_potted_meat_can.ply", "061_foam_brick.ply", "077_rubiks_cube.ply"),
+)
+SEEDS = {"allegro": [0, 1, 2, 3], "wsg50": [4, 5, 6], "leap": [7, 8, 9]}
+# Evaluation shapes of each family, in alphabetical order.
+FIRST = {"prismatic": 4, "curved": 4, "organic": 4, "mixed": 4, "thin": 2}
+
+
+def objects() -> list[str]:
+    """Return the names of the forty objects, tools after the shapes of the families."""
+    some = [
+        name
+        for family, count in FIRST.items()
+        for name in sorted(set(EVALUATION[family]) - set(TOOLS))[:count]
+    ]
+    return [*NAMES, *SCANS, *some, *TOOLS]
+
+
+def main() -> None:
+    """Write the files to a folder."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
+    for hand, seeds in SEEDS.items():
+        facts = {
+            "objects": objects(),
+            "estimators": ["gpis", "lis", "blend", "truth"],
+            "touches": [10, 20, 40],
+            "noise": ["0.5mm/3deg"],
+            "hands": [hand],
+            "seeds": seeds,
+            "conditions": "unknown",
+            "prober": "dynamic",
+            "grasps": 5,
+        }
+        (folder / f"{hand}.yaml").write_text(yaml.safe_dump(facts, sort_keys=False))
+
+
+if __name__ == "__main__":
+    main()
