@@ -8,6 +8,9 @@ lifted at 0.2 kg and friction 0.8. The other half is doubtful, so that both outc
 grasps, with the object displaced by 10 mm along x and y and turned by 10 degrees about z (standard
 deviations), at 0.1 to 1 kg and friction 0.15 to 0.6.
 
+Where the simulators disagree, `--limits` repeats both lifts with a tenth more and less mass and
+friction, and displaced by 0.5 mm: outcomes that change are at the limit of the grip.
+
 Continues where it stopped when run again with the same folder. To lift in one simulator again, as
 after a change of it, remove its file of rows.
 """
@@ -51,6 +54,7 @@ def main() -> None:
     parser.add_argument("--grasps", type=int, default=12, help="of each object and hand")
     parser.add_argument("--simulators", nargs="*", default=list(SIMULATORS), choices=SIMULATORS)
     parser.add_argument("--output", type=Path, default=Path("results/simulators"))
+    parser.add_argument("--limits", action="store_true", help="repeat lifts that disagree")
     options = parser.parse_args()
     count = options.grasps // 2
     for rank in range(count):  # all objects and hands early, so that an interrupted run has each
@@ -60,6 +64,8 @@ def main() -> None:
                 for simulator in options.simulators if rank < len(planned.grasps) else ():
                     lift(options.output, simulator, name, hand, rank, planned.grasps[rank])
     report(options.output)
+    if options.limits:
+        report_limits(options.output, count)
 
 
 @cache
@@ -85,26 +91,26 @@ def lift(folder: Path, simulator: str, name: str, hand: str, rank: int, grasp: G
     """Lift with a grasp in both conditions, and append the rows that are not there yet."""
     path = folder / f"{simulator}.jsonl"
     done = {key(row) for row in read_lines(path)[1]}
-    mesh, loaded = mesh_of(name), Hand.load(hand)
+    loaded = Hand.load(hand)
     for quality in ("good", "doubtful"):
         if (name, hand, rank, quality) in done:
             continue
         conditions = conditions_of(name, hand, rank, quality)
-        extra = {"pieces": pieces_of(name)} if simulator == "mujoco" else {}
         start = time.perf_counter()
-        outcome = SIMULATORS[simulator](
-            mesh,
-            loaded,
-            grasp,
-            support_height=float(mesh.bounds[0, 2]),
-            **conditions,
-            **extra,
-        )
+        outcome = simulate(simulator, name, loaded, grasp, conditions)
         facts = {"object": name, "hand": hand, "rank": rank, "quality": quality}
         facts |= {"mass": conditions["mass"], "friction": conditions["friction"]}
         facts["seconds"] = round(time.perf_counter() - start, 2)
         append_lines(path, {"simulator": simulator}, [facts | facts_of(outcome, loaded)])
         print(f"{simulator} {name} {hand} {rank} {quality}: {outcome.reason}", flush=True)
+
+
+def simulate(simulator: str, name: str, hand: Hand, grasp: Grasp, conditions: dict) -> LiftOutcome:
+    """Return the outcome of a lift in a simulator."""
+    mesh = mesh_of(name)
+    extra = {"pieces": pieces_of(name)} if simulator == "mujoco" else {}
+    height = float(mesh.bounds[0, 2])
+    return SIMULATORS[simulator](mesh, hand, grasp, support_height=height, **conditions, **extra)
 
 
 @cache
@@ -132,6 +138,7 @@ def facts_of(outcome: LiftOutcome, hand: Hand) -> Row:
         "held": outcome.held,
         "reason": outcome.reason,
         "slip": outcome.slip,
+        "turn": outcome.turn,
         "survived": outcome.acceleration_survived,
         "duration": outcome.duration,
         "touching": sorted(outcome.measured_contacts.fingers or ()),
@@ -167,14 +174,51 @@ def report(folder: Path) -> None:
             f"\n{name}: slip of held {1e3 * np.median(held):.1f} mm, {seconds:.1f} s a lift", end=""
         )
     print("\n\ndisagreements:")
-    for first, second in pairs:
-        if first["held"] != second["held"]:
-            print(
-                f"{' '.join(map(str, key(first)))} {first['mass']:.2f} kg {first['friction']:.2f}:"
-                f" {first['reason']} at {first['duration']:.1f} s, slip {1e3 * first['slip']:.1f}"
-                f" mm; {second['reason']} at {second['duration']:.1f} s, slip"
-                f" {1e3 * second['slip']:.1f} mm"
-            )
+    for first, second in disagreements(folder):
+        outcomes = (
+            f"{row['reason']} at {row['duration']:.1f} s, slip {1e3 * row['slip']:.1f} mm, turn"
+            f" {np.degrees(row['turn']):.0f} deg"
+            for row in (first, second)
+        )
+        load = f"{first['mass']:.2f} kg {first['friction']:.2f}"
+        print(f"{' '.join(map(str, key(first)))} {load}: {'; '.join(outcomes)}")
+
+
+def disagreements(folder: Path) -> list[tuple[Row, Row]]:
+    """Return the rows of both simulators that do not agree on `held`."""
+    found = [{key(r): r for r in read_lines(folder / f"{s}.jsonl")[1]} for s in SIMULATORS]
+    pairs = [(found[0][k], found[1][k]) for k in found[0] if k in found[1]]
+    return [(first, second) for first, second in pairs if first["held"] != second["held"]]
+
+
+def report_limits(folder: Path, count: int) -> None:
+    """Print how often lifts that disagree are held in slightly different conditions."""
+    print(
+        "\nheld in Drake and in MuJoCo, of mass and friction x 0.9, 1.1, and 0.5 mm aside in x, y:"
+    )
+    for first, second in disagreements(folder):
+        name, hand, rank, quality = key(first)
+        grasp, loaded = planned_grasps(folder, name, hand, count).grasps[rank], Hand.load(hand)
+        conditions = {"X_WO": np.eye(4)} | conditions_of(name, hand, rank, quality)
+        changed = [
+            conditions | {what: factor * conditions[what]}
+            for what in ("mass", "friction")
+            for factor in (0.9, 1.1)
+        ]
+        for axis in (0, 1):
+            X_WO = conditions["X_WO"].copy()
+            X_WO[axis, 3] += 5e-4
+            changed.append(conditions | {"X_WO": X_WO})
+        held = [
+            [int(simulate(simulator, name, loaded, grasp, each).held) for each in changed]
+            for simulator in SIMULATORS
+        ]
+        at_limit = any(
+            len({own, *varied}) > 1
+            for own, varied in zip((int(first["held"]), int(second["held"])), held, strict=True)
+        )
+        label = "at the limit" if at_limit else "NOT at the limit"
+        print(f"{' '.join(map(str, key(first)))}: {held[0]}, {held[1]}: {label}", flush=True)
 
 
 def line(name: str, pairs: Sequence[tuple[Row, Row]]) -> str:
