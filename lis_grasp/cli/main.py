@@ -112,7 +112,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain("lis-grasp: memory ran out: use smaller files, or fewer processes (--jobs)")
         return 1
     except KeyboardInterrupt:
-        complain("lis-grasp: interrupted; the files already written are complete")
+        complain(
+            "lis-grasp: interrupted; the files already written are complete: the same command"
+            " again continues a study or an exploration, and repeats other stages"
+        )
         return 130
     return 0
 

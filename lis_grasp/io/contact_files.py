@@ -225,4 +225,8 @@ def _present(path: Path, names: Sequence[str] | None, wanted: Sequence[str]) -> 
 def _require_columns(path: Path, present: Sequence[str], wanted: Sequence[str]) -> None:
     missing = [name for name in wanted if name not in present]
     if missing:
-        raise InvalidFileError(f"{path} lacks {', '.join(missing)}", path=path)
+        raise InvalidFileError(
+            f"{path} lacks {', '.join(missing)}: it must name its columns, such as x,y,z,nx,ny,nz"
+            " in the first row of a CSV file",
+            path=path,
+        )
