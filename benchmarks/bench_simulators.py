@@ -152,8 +152,7 @@ def key(row: Row) -> tuple:
 
 def report(folder: Path) -> None:
     """Print agreement by object, hand and quality, and the reasons against each other."""
-    found = [{key(r): r for r in read_lines(folder / f"{s}.jsonl")[1]} for s in SIMULATORS]
-    pairs = [(found[0][k], found[1][k]) for k in found[0] if k in found[1]]
+    pairs = pairs_in(folder)
     if not pairs:
         return
     print("\n| grasps | number | held in Drake | held in MuJoCo | agree |", end="")
@@ -167,9 +166,9 @@ def report(folder: Path) -> None:
     print(f"\n| Drake \\ MuJoCo | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")
     for reason in sorted({first for first, _ in counts}):
         print(f"| {reason} | {' | '.join(str(counts[reason, c] or '') for c in columns)} |")
-    for name, rows in zip(SIMULATORS, found, strict=True):
-        held = [row["slip"] for row in rows.values() if row["held"]]
-        seconds = np.median([row["seconds"] for row in rows.values()])
+    for name, rows in zip(SIMULATORS, zip(*pairs, strict=True), strict=True):
+        held = [row["slip"] for row in rows if row["held"]]
+        seconds = np.median([row["seconds"] for row in rows])
         print(
             f"\n{name}: slip of held {1e3 * np.median(held):.1f} mm, {seconds:.1f} s a lift", end=""
         )
@@ -184,11 +183,15 @@ def report(folder: Path) -> None:
         print(f"{' '.join(map(str, key(first)))} {load}: {'; '.join(outcomes)}")
 
 
-def disagreements(folder: Path) -> list[tuple[Row, Row]]:
-    """Return the rows of both simulators that do not agree on `held`."""
+def pairs_in(folder: Path) -> list[tuple[Row, Row]]:
+    """Return the rows of both simulators of the same grasps."""
     found = [{key(r): r for r in read_lines(folder / f"{s}.jsonl")[1]} for s in SIMULATORS]
-    pairs = [(found[0][k], found[1][k]) for k in found[0] if k in found[1]]
-    return [(first, second) for first, second in pairs if first["held"] != second["held"]]
+    return [(found[0][k], found[1][k]) for k in found[0] if k in found[1]]
+
+
+def disagreements(folder: Path) -> list[tuple[Row, Row]]:
+    """Return the pairs of rows that do not agree on `held`."""
+    return [pair for pair in pairs_in(folder) if pair[0]["held"] != pair[1]["held"]]
 
 
 def report_limits(folder: Path, count: int) -> None:
