@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import argparse
 import gc
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from threadpoolctl import threadpool_limits
 
 import lis_grasp
 from lis_grasp.cli.progress import complain, open_missing_streams
-from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, LisGraspError
+from lis_grasp.exceptions import (
+    InvalidInputError,
+    InvalidOptionError,
+    LisGraspError,
+    nearest_of,
+)
 
 # Name, module in this folder, and help of each verb. A module is imported when its verb is used.
 _VERBS = (
@@ -58,6 +64,15 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse arguments; refuse unknown ones here, where the options of a verb are known."""
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            options = re.findall(r"--[\w-]+", self.format_usage())
+            suggestion = nearest_of(unknown[0].partition("=")[0], options)
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
+        return known, unknown
 
 
 def build_parser(verb: str | None = None) -> argparse.ArgumentParser:

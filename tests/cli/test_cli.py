@@ -229,6 +229,15 @@ def test_help_loads_no_module_of_a_verb() -> None:
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
 
 
+def test_a_mistyped_option_gets_the_nearest_one(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["run", "box", "--tuches", "5"])
+    assert end.value.code == 2
+    message = capsys.readouterr().err
+    assert message.startswith("lis-grasp run: unrecognized arguments: --tuches 5")
+    assert "did you mean '--touches'?" in message
+
+
 @pytest.mark.parametrize("line", ["rnu box", "run", "run box --prober dyn", "run box --seed x"])
 def test_misuse_is_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -> None:
     try:
