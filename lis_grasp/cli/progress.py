@@ -55,7 +55,8 @@ class Stage:
         self._ticking.join()
         _LOG.removeHandler(self._handler)
         _LOG.setLevel(self._level)
-        outcome = self.result if kind is None else "failed"
+        broken = "interrupted" if kind is KeyboardInterrupt else "failed"
+        outcome = self.result if kind is None else broken
         start = _CLEAR if self._live else ""
         complain(f"{start}{self._title}: {outcome} ({self._seconds:.1f} s)")
 

@@ -49,3 +49,9 @@ def test_a_fast_stage_is_one_line_without_a_terminal(capsys: pytest.CaptureFixtu
         raise RuntimeError
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Lifting: failed (")
+
+
+def test_a_stage_that_was_interrupted_is_not_a_failure(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(KeyboardInterrupt), Stage("Lifting"):
+        raise KeyboardInterrupt
+    assert capsys.readouterr().err.startswith("Lifting: interrupted (")
