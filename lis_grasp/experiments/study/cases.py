@@ -21,10 +21,9 @@ from lis_grasp.experiments.runner import single_thread
 from lis_grasp.experiments.study.comparison import clearest_pairs
 from lis_grasp.experiments.study.study import label
 from lis_grasp.experiments.study.study_results import job_of
-from lis_grasp.experiments.study.study_trial import estimate, lift, plan, touch
+from lis_grasp.experiments.study.study_trial import estimate, lift, plan, shape_at, touch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
-from lis_grasp.shapes import placed
 from lis_grasp.visualization import Scene
 from lis_grasp.visualization.hand_layers import link_poses
 
@@ -71,7 +70,7 @@ def _repeat(row: Row, files: Sequence[str]) -> dict[str, Any] | None:
     except LisGraspError:  # no surface, or no file: nothing to draw
         return None
     return {
-        "truth": shape if touched.X_EO is None else placed(shape, touched.X_EO),
+        "truth": shape_at(shape, touched.X_EO),
         "estimate": mesh,
         "contacts": touched.contacts,
         "grasps": grasps,

@@ -12,11 +12,11 @@ from typing import Any
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.compared_estimators import COMPARED
 from lis_grasp.experiments.study.study import (
+    DEFAULT_CONDITIONS,
     OBJECT_NAMES,
     OWN,
     TRIAL_COLUMNS,
     TRUTH,
-    Setup,
     Trial,
     label,
 )
@@ -36,7 +36,7 @@ def row_key(trial: Trial, estimator: str) -> str:
     """
     digests = [*file_digests(trial.object, trial.hand), *_plugin_digests(trial, estimator)]
     setup = asdict(trial.setup)
-    if setup["conditions"] == Setup().conditions:  # keys of before there were others stay
+    if setup["conditions"] == DEFAULT_CONDITIONS:  # keys of before there were others stay
         del setup["conditions"]
     text = json.dumps([columns_of(trial), setup, estimator, *digests], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]

@@ -41,6 +41,9 @@ TRUTH = "truth"
 OBJECT_NAMES = (*NAMES, *TEST_OBJECTS)
 """Objects that a study knows by name: built-in shapes and test objects; others are mesh files."""
 
+DEFAULT_CONDITIONS = "known"
+"""The conditions of all studies before version 0.11."""
+
 OWN = "own"
 """In place of an explorer: each estimator drives an exploration of its own."""
 
@@ -114,7 +117,7 @@ class Setup:
     """Coefficient between hand and object."""
     grasps: StrictInt = 5
     """Ranked grasps to plan; the first is executed."""
-    conditions: StrictStr = _one_of(tuple(CONDITIONS), "known")
+    conditions: StrictStr = _one_of(tuple(CONDITIONS), DEFAULT_CONDITIONS)
     """"known": place, size, mass and friction are known, and the object is fixed while it is
     touched. "unknown": it stands free in a region of a table, in a stable pose; the sensor has a
     threshold and taxels; this needs the dynamic prober."""

@@ -136,9 +136,7 @@ class StudyResults:
         found: dict[int, Row] = {}
         for row in self.read(any_version=True):
             place = order.get(tuple(row.get(name) for name in (*TRIAL_COLUMNS, "estimator")))
-            settings = {name: row.get(name) for name in setup}  # None: not in its version
-            settings = {k: default[k] if v is None else v for k, v in settings.items()}
-            if place is None or settings != setup:
+            if place is None or default | _settings(row) != setup:
                 continue
             if place in found:
                 raise InvalidFileError(
@@ -191,8 +189,7 @@ def job_of(row: Row, files: Iterable[str] = ()) -> Job:
                     value=named[what],
                 )
             named[what] = places[named[what]]
-    settings = {name: row[name] for name in SETTINGS if row.get(name) is not None}
-    trial = Trial(**named, setup=Setup(**settings))
+    trial = Trial(**named, setup=Setup(**_settings(row)))
     if row_key(trial, row["estimator"]) != row["key"]:
         raise InvalidOptionError(
             f"the files of row {row['key']} must be those that it was made of; {row['object']} or"
@@ -201,6 +198,11 @@ def job_of(row: Row, files: Iterable[str] = ()) -> Job:
             value=row["key"],
         )
     return Job(trial, (row["estimator"],))
+
+
+def _settings(row: Row) -> Row:
+    """Return the settings that a row names; others have their defaults, as in its version."""
+    return {name: row[name] for name in SETTINGS if row.get(name) is not None}
 
 
 def without_times(row: Row) -> Row:

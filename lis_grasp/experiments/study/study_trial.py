@@ -21,7 +21,7 @@ import lis_grasp
 from lis_grasp import pipeline
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
-from lis_grasp.evaluation.surface_error import SurfaceError, surface_error
+from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.exceptions import EstimationError, LisGraspError
 from lis_grasp.experiments.compared_estimators import compared_estimator
 from lis_grasp.experiments.runner import single_thread
@@ -40,7 +40,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.regrasp import lift_options
-from lis_grasp.shapes import Shape
+from lis_grasp.shapes import Shape, placed
 from lis_grasp.surfaces import carved
 from lis_grasp.surfaces.above_table_implicit_surface import above_table
 from lis_grasp.typing import FloatArray
@@ -71,9 +71,7 @@ class Touched:
     """Contacts of a trial."""
 
     contacts: Contacts  #: in the frame E in which the hand is commanded
-    X_EO: (
-        FloatArray | None
-    )  #: true pose of the object in it at the end, (4, 4); None for fixed ones
+    X_EO: FloatArray | None  #: (4, 4), true pose of the object at the end; None if it is fixed
     seconds: float  #: of the exploration [s]
 
 
@@ -142,12 +140,10 @@ def _fill(
     if not len(contacts):
         raise EstimationError("a surface needs at least one contact; the exploration made none")
     with watch.measure("estimate"):
-        if estimator == TRUTH:
-            mesh = _moved(shape.mesh, X_EO)
-        else:
-            mesh = estimate(trial, estimator, contacts)
+        truth = shape_at(shape, X_EO)
+        mesh = truth.mesh if estimator == TRUTH else estimate(trial, estimator, contacts)
     row |= {"triangles": len(mesh.faces), "watertight": bool(mesh.is_watertight)}
-    row |= asdict(_error(mesh, contacts, shape, X_EO))
+    row |= asdict(surface_error(mesh, truth, contacts, explored_radius=STEP_FRACTION * shape.size))
     # The contacts have been used: grasps depend on the mesh, the object, the hand and the seed.
     task = replace(trial, touches=0, noise="")
     files = file_digests(trial.object, trial.hand)
@@ -159,22 +155,9 @@ def _fill(
     watch.seconds |= seconds
 
 
-def _error(
-    mesh: trimesh.Trimesh, contacts: Contacts, shape: Shape, X_EO: FloatArray | None
-) -> SurfaceError:
-    """Return the error of an estimate in E, where the true object is at X_EO (4, 4)."""
-    if X_EO is not None:
-        X_OE = np.asarray(np.linalg.inv(X_EO), np.float64)
-        mesh, contacts = _moved(mesh, X_OE), contacts.in_frame(X_EO)
-    return surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size)
-
-
-def _moved(mesh: trimesh.Trimesh, X: FloatArray | None) -> trimesh.Trimesh:
-    """Return a mesh moved by a pose (4, 4); None for the identity."""
-    if X is None:
-        return mesh
-    points = trimesh.transform_points(mesh.vertices, X)
-    return trimesh.Trimesh(points, mesh.faces, process=False)
+def shape_at(shape: Shape, X_EO: FloatArray | None) -> Shape:
+    """Return the true object at its pose in E, (4, 4); None for the identity."""
+    return shape if X_EO is None else placed(shape, X_EO)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +204,7 @@ def _fill_grasp(row: Row, task: GraspTask, watch: pipeline.Stopwatch) -> None:
         return
     best = search.grasps[0]
     on_estimate = float(best.quality["epsilon"])
-    truth = _moved(shape.mesh, task.X_EO)
+    truth = shape_at(shape, task.X_EO).mesh
     on_truth = float(epsilon_on_truth(best, truth, hand, friction=trial.setup.friction))
     row |= {
         "epsilon_estimate": on_estimate,
