@@ -176,7 +176,7 @@ class Trial:
     def run_config(self, **more: Any) -> RunConfig:
         """Return the configuration of a run of this trial, with `more` of `RunConfig`.
 
-        The noise is not part of it, nor are the touches.
+        The trial's noise is not part of it, nor are the touches.
         """
         return self.setup.run_config(object=self.object, seed=self.random_seed, **more)
 

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import trimesh
@@ -40,6 +40,7 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.regrasp import lift_options
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape, placed
 from lis_grasp.surfaces import carved
 from lis_grasp.surfaces.above_table_implicit_surface import above_table
@@ -82,7 +83,7 @@ def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimes
     closes the estimate from below, for all estimators.
     """
     surface = compared_estimator(estimator)(contacts, parse_noise(trial.noise))
-    config = trial.run_config()
+    config = _with_noise(trial)
     if config.free:
         surface = carved(surface, contacts, margin=config.sensor().free_margin)
         surface = above_table(surface, pipeline.table_of(config, None))
@@ -249,13 +250,7 @@ def touch(trial: Trial, explorer: str) -> Touched:
     start = time.perf_counter()
     if known.touches > trial.touches:  # the order of a study is from small to large
         known.outcomes, known.seconds = (), 0.0
-    noise = parse_noise(trial.noise)
-    config = trial.run_config(
-        estimator=explorer,
-        touches=trial.touches,
-        position_noise=noise.position,
-        normal_noise=noise.normal,
-    )
+    config = _with_noise(trial, estimator=explorer, touches=trial.touches)
     exploration = pipeline.touch(
         trial.find_object(), Hand.load(trial.hand), config, recorded=known.outcomes
     )
@@ -263,6 +258,12 @@ def touch(trial: Trial, explorer: str) -> Touched:
     known.seconds += time.perf_counter() - start
     known.touched = Touched(exploration.contacts, exploration.simulated_pose, known.seconds)
     return known.touched
+
+
+def _with_noise(trial: Trial, **more: Any) -> RunConfig:
+    """Return the configuration of a trial's run, with the noise of its sensor."""
+    noise = parse_noise(trial.noise)
+    return trial.run_config(position_noise=noise.position, normal_noise=noise.normal, **more)
 
 
 @lru_cache(maxsize=4)
