@@ -223,18 +223,16 @@ class FingerControl:
         Their normal parts add up to `wanted` [N].
         """
         load = None if self._weight is None else (self._weight, self._scene.object_center)
-        for fraction in _CONE_FRACTIONS:
-            forces = balanced_grip(
-                points,
-                normals,
-                friction=fraction * self._setup.grip_friction,
-                total=wanted,
-                load=load,
-            )
+        cones = [fraction * self._setup.grip_friction for fraction in _CONE_FRACTIONS]
+        for friction in cones:
+            forces = balanced_grip(points, normals, friction=friction, total=wanted, load=load)
             total = -float(np.sum(forces * normals))
             if total >= _ENOUGH * wanted:
                 return forces
         # Without balance: the least unbalanced full squeeze; table and palm take the rest.
+        if total <= 0.0:  # every push would add to the load
+            forces = balanced_grip(points, normals, friction=cones[-1], total=wanted)
+            total = -float(np.sum(forces * normals))
         return forces * (wanted / total)
 
     def _efforts(self, forces: dict[str, FloatArray]) -> FloatArray:
