@@ -10,25 +10,21 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from string import Template
 
-import numpy as np
-
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.figures.palette import estimator_label
 from lis_grasp.experiments.report_page import TextTable
-from lis_grasp.experiments.statistics import (
-    cluster_sums,
-    interval_over_seeds,
-    numbered,
-    sign_flip_p_value,
-)
 from lis_grasp.experiments.study import Study, StudyResults, load_study
-from lis_grasp.experiments.study.comparison import (
-    Measure,
-    compare_held,
-    kind_of,
-    names,
-    pairs_of,
-    value_of,
+from lis_grasp.experiments.study.comparison import compare_held, kind_of, names, pairs_of
+from lis_grasp.experiments.study.paired_tables import (
+    Pairs,
+    beside,
+    by_object_table,
+    cells,
+    difference,
+    groups_table,
+    means,
+    object_losses_table,
+    units_table,
 )
 from lis_grasp.experiments.study.study import label
 from lis_grasp.experiments.study.study_figures import draw_pictures
@@ -38,11 +34,8 @@ from lis_grasp.experiments.study.study_tables import (
     difference_text,
     differences_table,
     held_table,
-    interval_text,
     nearer_table,
     p_phrase,
-    p_value,
-    printed,
     reasons_table,
     summary_table,
 )
@@ -88,6 +81,14 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
     (found,) = [c for c in compare_held(rows, reference) if c.estimator == _OURS]
     simple = [pair for pair in pairs if _stem(pair[0]) in _SIMPLE]
     others = [pair for pair in pairs if _stem(pair[0]) not in _SIMPLE]
+    groups: dict[str, Callable[[Row], bool]] = {
+        name: lambda row, name=name: _family(row) == name
+        for name in dict.fromkeys(_family(mine) for mine, _ in pairs)
+    }
+    groups |= {
+        "prisms and cylinders together": lambda row: _stem(row) in _SIMPLE,
+        "all others together": lambda row: _stem(row) not in _SIMPLE,
+    }
     trials, seeds = len(study.trials()), len(names(rows, "seed"))
     done = len({(r["object"], r["hand"], r["touches"], r["noise"], r["seed"]) for r in rows})
     seconds = sum(row.get(name) or 0.0 for row in rows for name in TIMES)
@@ -98,8 +99,8 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
         "held_ours": f"{100.0 * found.mean:.0f}",
         "held_reference": f"{100.0 * found.mean_reference:.0f}",
         "effect": difference_text(found),
-        "simple": _difference(simple),
-        "others": _difference(others),
+        "simple": difference(simple),
+        "others": difference(others),
         "objects": ", ".join(label(name) for name in study.objects),
         "object_count": str(len(study.objects)),
         "estimators": ", ".join(estimator_label(name) for name in study.estimators),
@@ -117,13 +118,13 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
         "summary": summary_table(rows, reference).markdown(),
         "held": held_table(rows, "all").markdown(),
         "differences": differences_table(rows, reference).markdown(),
-        "families": _families(pairs).markdown(),
-        "units": _units(pairs).markdown(),
-        "losses": _losses(pairs).markdown(),
-        "held_by_object": _by_object(pairs, "held").markdown(),
+        "families": groups_table(pairs, groups).markdown(),
+        "units": units_table(pairs, _family).markdown(),
+        "losses": object_losses_table(pairs).markdown(),
+        "held_by_object": by_object_table(pairs, "held").markdown(),
         "groups": _groups(pairs).markdown(),
         **{
-            f"{measure}_by_object": _by_object(pairs, measure).markdown()
+            f"{measure}_by_object": by_object_table(pairs, measure).markdown()
             for measure in ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
         },
         "bottle": _ratios(pairs, "006_mustard_bottle"),
@@ -135,9 +136,6 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
     }
 
 
-Pairs = Sequence[tuple[Row, Row]]
-
-
 def _stem(row: Row) -> str:
     return Path(row["object"]).stem
 
@@ -146,110 +144,6 @@ def _family(row: Row) -> str:
     if _stem(row) in _CUBOIDS:
         return "cuboids"
     return "cylinders" if _stem(row) in _CYLINDERS else _stem(row)
-
-
-def _gains(pairs: Pairs) -> np.ndarray:
-    return np.array([float(mine["held"]) - float(its["held"]) for mine, its in pairs])
-
-
-def _difference(pairs: Pairs) -> str:
-    """Return the difference of success rates in points, with its interval over seeds."""
-    if not pairs:
-        return "–"
-    gains = _gains(pairs)
-    low, high = interval_over_seeds([mine for mine, _ in pairs], gains)
-    text = printed("held", float(gains.mean()), signed=True)
-    return text if low is None else f"{text} ({interval_text('held', low, high)})"
-
-
-def _families(pairs: Pairs) -> TextTable:
-    body = []
-    groups: list[tuple[str, Callable[[Row], bool]]] = [
-        (name, lambda row, name=name: _family(row) == name)
-        for name in dict.fromkeys(_family(mine) for mine, _ in pairs)
-    ]
-    groups += [
-        ("prisms and cylinders together", lambda row: _stem(row) in _SIMPLE),
-        ("all others together", lambda row: _stem(row) not in _SIMPLE),
-    ]
-    for name, belongs in groups:
-        of = [pair for pair in pairs if belongs(pair[0])]
-        if of:
-            objects = len({mine["object"] for mine, _ in of})
-            rates = [f"{100.0 * np.mean([pair[k]['held'] for pair in of]):.0f}" for k in (1, 0)]
-            body.append((name, str(objects), *rates, _difference(of)))
-    head = ("family", "objects", "GPIS [%]", "blend [%]", "difference in points (95 %)")
-    return TextTable("families", "By shape family", head, tuple(body))
-
-
-def _units(pairs: Pairs) -> TextTable:
-    """Return the p-value of the exact sign-flip test with different independent units."""
-    mine = [pair[0] for pair in pairs]
-    body = []
-    for name, keys in (
-        ("object and seed", [(row["object"], row["seed"]) for row in mine]),
-        ("object", [row["object"] for row in mine]),
-        ("seed", [row["seed"] for row in mine]),
-        ("shape family", [_family(row) for row in mine]),
-    ):
-        p = sign_flip_p_value(cluster_sums(_gains(pairs), numbered(keys)))
-        body.append((name, str(len(set(keys))), p_value(p)))
-    return TextTable("units", "p by unit", ("unit that flips", "units", "p"), tuple(body))
-
-
-def _cells(pairs: Pairs, *columns: str) -> dict[tuple, list[tuple[Row, Row]]]:
-    found: dict[tuple, list[tuple[Row, Row]]] = {}
-    for pair in pairs:
-        found.setdefault(tuple(pair[0][name] for name in columns), []).append(pair)
-    return found
-
-
-def _losses(pairs: Pairs) -> TextTable:
-    """Return every object and number of touches at which ours held less often, worst first."""
-    noises = sorted({mine["noise"] for mine, _ in pairs}, reverse=True)
-    body = []
-    for (name, touches), of in _cells(pairs, "object", "touches").items():
-        if _gains(of).mean() < 0.0:
-            parts = [[pair for pair in of if pair[0]["noise"] == noise] for noise in noises]
-            gains = [float(_gains(part).mean()) for part in (of, *parts)]
-            body.append(
-                (gains[0], (name, str(touches), *(printed("held", g, signed=True) for g in gains)))
-            )
-    head = ("object", "touches", "difference in points", *(f"noise {noise}" for noise in noises))
-    return TextTable("losses", "Losses", head, tuple(row for _, row in sorted(body)))
-
-
-def _by_object(pairs: Pairs, measure: Measure) -> TextTable:
-    """Return ours / reference by object, noise and touches; bold where ours is worse."""
-    budgets = sorted({mine["touches"] for mine, _ in pairs})
-    cells = _cells(pairs, "object", "noise", "touches")
-    body = []
-    for name, noise in dict.fromkeys(key[:2] for key in cells):
-        texts = [_beside(cells.get((name, noise, n), []), measure) for n in budgets]
-        if any(text != "–" for text in texts):
-            body.append((name, noise, *texts))
-    head = ("object", "noise", *(f"{n} touches" for n in budgets))
-    return TextTable(measure, MEASURE_LABELS[measure], head, tuple(body))
-
-
-def _means(pairs: Pairs, measure: Measure) -> tuple[float, float] | None:
-    values = [(value_of(mine, measure), value_of(its, measure)) for mine, its in pairs]
-    known = [value for value in values if None not in value]
-    if not known:
-        return None
-    ours, theirs = np.mean(np.array(known, dtype=float), axis=0)
-    return float(ours), float(theirs)
-
-
-def _beside(pairs: Pairs, measure: Measure) -> str:
-    means = _means(pairs, measure)
-    if means is None:
-        return "–"
-    ours, theirs = means
-    digits, factor = (0, 1e2) if measure == "held" else (1, 1e3)
-    text = f"{factor * ours:.{digits}f} / {factor * theirs:.{digits}f}"
-    worse = ours < theirs if measure == "held" else ours > theirs
-    return f"**{text}**" if worse else text
 
 
 def _groups(pairs: Pairs) -> TextTable:
@@ -265,8 +159,8 @@ def _groups(pairs: Pairs) -> TextTable:
                     if pair[0]["noise"] == noise and (kind_of(pair[0]) == "files") == scans
                 ]
                 parts = [[pair for pair in of if pair[0]["touches"] == n] for n in budgets]
-                cells = [_beside(part, measure) for part in parts]
-                body.append((MEASURE_LABELS[measure], title, noise, *cells))
+                texts = [beside(part, measure) for part in parts]
+                body.append((MEASURE_LABELS[measure], title, noise, *texts))
     head = ("error", "objects", "noise", *(f"{n} touches" for n in budgets))
     return TextTable("groups", "Mean errors", head, tuple(body))
 
@@ -274,8 +168,8 @@ def _groups(pairs: Pairs) -> TextTable:
 def _ratios(pairs: Pairs, stem: str) -> str:
     """Return the range of the ratio of an object's estimate-to-truth errors, ours to reference."""
     of = [pair for pair in pairs if _stem(pair[0]) == stem]
-    means = [_means(part, "rmsd") for part in _cells(of, "touches").values()]
-    ratios = [mean[0] / mean[1] for mean in means if mean is not None]
+    found = [means(part, "rmsd") for part in cells(of, "touches").values()]
+    ratios = [mean[0] / mean[1] for mean in found if mean is not None]
     return f"{min(ratios):.1f} to {max(ratios):.1f}" if ratios else "–"
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -32,25 +33,29 @@ def objects() -> list[str]:
     return [*NAMES, *SCANS, *some, *TOOLS]
 
 
+def facts_of(hand: str) -> dict[str, Any]:
+    """Return the facts of the study with a hand."""
+    return {
+        "objects": objects(),
+        "estimators": ["gpis", "lis", "blend", "truth"],
+        "touches": [10, 20, 40],
+        "noise": ["0.5mm/3deg"],
+        "hands": [hand],
+        "seeds": SEEDS[hand],
+        "conditions": "unknown",
+        "prober": "dynamic",
+        "grasps": 5,
+    }
+
+
 def main() -> None:
     """Write the files to a folder."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
-    for hand, seeds in SEEDS.items():
-        facts = {
-            "objects": objects(),
-            "estimators": ["gpis", "lis", "blend", "truth"],
-            "touches": [10, 20, 40],
-            "noise": ["0.5mm/3deg"],
-            "hands": [hand],
-            "seeds": seeds,
-            "conditions": "unknown",
-            "prober": "dynamic",
-            "grasps": 5,
-        }
-        (folder / f"{hand}.yaml").write_text(yaml.safe_dump(facts, sort_keys=False))
+    for hand in SEEDS:
+        (folder / f"{hand}.yaml").write_text(yaml.safe_dump(facts_of(hand), sort_keys=False))
 
 
 if __name__ == "__main__":

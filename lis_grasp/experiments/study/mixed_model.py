@@ -1,0 +1,123 @@
+"""A mixed-effects logistic model of success, with objects and seeds as crossed random effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from lis_grasp.experiments.statistics import numbered
+from lis_grasp.io.json_lines import Row
+from lis_grasp.io.optional_packages import needed_package
+from lis_grasp.typing import BoolArray, FloatArray, IntArray
+
+_INTERCEPT = "intercept"
+
+_PRIOR = 2.0
+"""Standard deviation of the priors, of fixed effects in log odds and of the logarithm of random
+effects' standard deviations: wide beside effects that occur."""
+
+
+@dataclass(frozen=True, slots=True)
+class OddsRatio:
+    """A fixed effect: the factor by which the odds to hold change."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    """`low` and `high`: bounds of the 95 % interval for other objects, with the same seeds."""
+
+
+@dataclass(frozen=True, slots=True)
+class MixedModel:
+    """Fixed effects and the standard deviations of random effects."""
+
+    odds_ratios: tuple[OddsRatio, ...]
+    deviations: dict[str, float]
+    """Standard deviation of each kind of random effect, in log odds."""
+
+
+def fit_mixed_model(rows: Sequence[Row], estimator: str, reference: str) -> MixedModel:
+    """Fit success to estimator, touches, their product and hand.
+
+    ``logit P(held) = b0 + b1 e + b2 t + b3 e t + hand + u_object + v_object e + w_seed``. For the
+    estimator e is 1, for the reference 0; t is the binary logarithm of touches, less its mean.
+    So b1 is the effect at the mean of t on a typical object. u, v and w are normal; v lets the
+    effect differ between objects. Each hand has its own seeds.
+
+    Mean-field variational Bayes by ``statsmodels.BinomialBayesMixedGLM``: its means are good, its
+    intervals too narrow, because it takes effects as independent. The intervals are therefore those
+    of the jackknife over objects (Efron and Stein 1981). Needs ``lis-grasp[study]``.
+
+    Parameters
+    ----------
+    rows
+        Rows of a study, of three objects at least; those of other estimators are left out.
+    """
+    used = [row for row in rows if row["estimator"] in (estimator, reference)]
+    design = _Design.of(used, estimator)
+    means, deviations = design.fit(np.ones(len(used), dtype=bool))
+    objects = design.random["object"].argmax(axis=1)
+    count = int(objects.max()) + 1
+    without = np.array([design.fit(objects != number)[0] for number in range(count)])
+    variances = (count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
+    half = student.ppf(0.975, count - 1) * np.sqrt(variances)
+    ratios = tuple(
+        OddsRatio(name, *np.exp([mean, mean - width, mean + width]).tolist())
+        for name, mean, width in zip(design.fixed, means, half, strict=True)
+        if name != _INTERCEPT
+    )
+    return MixedModel(ratios, dict(zip(design.random, deviations.tolist(), strict=True)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Design:
+    """Columns of a model, each of shape (N,), or (N, levels) for random effects."""
+
+    held: FloatArray
+    fixed: dict[str, FloatArray]
+    random: dict[str, FloatArray]
+
+    @classmethod
+    def of(cls, rows: Sequence[Row], estimator: str) -> _Design:
+        """Return the columns of the rows of two estimators."""
+        ours = np.array([float(row["estimator"] == estimator) for row in rows])
+        touches = np.log2([row["touches"] for row in rows])
+        touches -= touches.mean()
+        hands = sorted({row["hand"] for row in rows})[1:]
+        fixed = {
+            _INTERCEPT: np.ones(len(rows)),
+            estimator: ours,
+            "touches, twice as many": touches,
+            f"{estimator} and touches, twice as many": ours * touches,
+            **{hand: np.array([float(row["hand"] == hand) for row in rows]) for hand in hands},
+        }
+        objects = _indicators(numbered([row["object"] for row in rows]))
+        seeds = _indicators(numbered([(row["hand"], row["seed"]) for row in rows]))
+        random = {"object": objects, "effect on an object": objects * ours[:, None], "seed": seeds}
+        held = np.array([float(row["held"]) for row in rows])
+        return cls(held, fixed, random)
+
+    def fit(self, chosen: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Fit some rows (N,); return means of the fixed effects, deviations of the random ones."""
+        with needed_package("statsmodels", "study"):
+            from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
+        random = [each[chosen] for each in self.random.values()]
+        random = [each[:, each.any(axis=0)] for each in random]
+        kinds = np.repeat(np.arange(len(random)), [each.shape[1] for each in random])
+        fixed = np.column_stack(list(self.fixed.values()))[chosen]
+        model = BinomialBayesMixedGLM(
+            self.held[chosen], fixed, np.hstack(random), kinds, vcp_p=_PRIOR, fe_p=_PRIOR
+        )
+        # The default start is random.
+        start = np.zeros(fixed.shape[1] + len(random) + len(kinds))
+        found = model.fit_vb(mean=start, sd=np.ones_like(start))
+        return found.fe_mean, np.exp(found.vcp_mean)
+
+
+def _indicators(numbers: IntArray) -> FloatArray:
+    """Return a column of 0 and 1 for each number from 0."""
+    return np.asarray(numbers[:, None] == np.arange(numbers.max() + 1), dtype=np.float64)
