@@ -245,6 +245,13 @@ def load_object(config: RunConfig, X_WO: FloatArray | None = None) -> Shape:
 
     `X_WO` (4, 4) is its recorded pose; None for one that is not placed.
     """
+    if config.units != "m" and config.object in NAMES:
+        raise InvalidOptionError(
+            f"--units is for mesh files; it is {config.units} for the built-in {config.object}:"
+            " leave it out, or give the largest extent in metres by --size",
+            option="units",
+            value=config.units,
+        )
     shape = announced(find(config.object, size=config.size, units=config.units))
     return shape if X_WO is None else placed(shape, X_WO)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +9,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError
+from lis_grasp.exceptions import (
+    InvalidFileError,
+    InvalidMeshError,
+    InvalidOptionError,
+    nearest_of,
+)
 from lis_grasp.io.mesh_files import read_mesh
 from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
 from lis_grasp.shapes.repair import repair_mesh
@@ -53,11 +57,9 @@ def find(name_or_path: str | Path, size: float | None = None, units: str = "m") 
         return build(str(name_or_path), size)
     path = Path(name_or_path)
     if not os.path.exists(path) and path.suffix.lower() not in FORMATS:
-        close = difflib.get_close_matches(str(name_or_path), NAMES, n=1)
-        hint = f"; did you mean '{close[0]}'?" if close else ""
         raise InvalidOptionError(
             f"'{name_or_path}' is neither a built-in shape ({', '.join(NAMES)}) nor a mesh"
-            f" file{hint}",
+            f" file{nearest_of(name_or_path, NAMES)}",
             option="object",
             value=str(name_or_path),
         )

@@ -246,3 +246,10 @@ def test_misuse_is_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -
         code = int(end.code or 0)
     captured = capsys.readouterr()
     assert (code, captured.out, captured.err.count("\n")) == (2, "", 1)
+
+
+def test_units_of_a_built_in_shape_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["explore", "box", "--units", "mm", "--output", str(tmp_path / "new")]) == 2
+    assert "--units is for mesh files; it is mm for the built-in box" in capsys.readouterr().err
