@@ -26,5 +26,6 @@ def read_json(path: Path) -> Any:
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
     except (ValueError, RecursionError) as error:
-        message = f"{path} is not a JSON file: {error}; name another file, or write it again"
+        reason = "it is not text" if isinstance(error, UnicodeDecodeError) else error
+        message = f"{path} is not a JSON file: {reason}; name another file, or write it again"
         raise InvalidFileError(message, path=path) from None

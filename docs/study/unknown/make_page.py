@@ -1,0 +1,218 @@
+"""Make docs/study-unknown.md from the rows of the study of unknown objects, and nothing else.
+
+python docs/study/unknown/make_page.py          # from docs/study/unknown/rows.parquet
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from string import Template
+
+import numpy as np
+from write_studies import SEEDS, facts_of, objects
+
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.experiments.report_page import TextTable
+from lis_grasp.experiments.statistics import cluster_sums, clusters_of, holm, sign_flip_p_value
+from lis_grasp.experiments.study import StudyResults
+from lis_grasp.experiments.study.comparison import compare_one, names, pairs_of
+from lis_grasp.experiments.study.mixed_model import MixedModel, fit_mixed_model
+from lis_grasp.experiments.study.paired_tables import (
+    Pairs,
+    beside,
+    by_object_table,
+    cells,
+    difference,
+    gains,
+    groups_table,
+    object_losses_table,
+    units_table,
+)
+from lis_grasp.experiments.study.study import TRUTH
+from lis_grasp.experiments.study.study_figures import draw_pictures
+from lis_grasp.experiments.study.study_tables import (
+    MEASURE_LABELS,
+    calibration_table,
+    p_value,
+    reasons_table,
+    summary_table,
+)
+from lis_grasp.experiments.study.study_trial import TIMES
+from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.io.json_lines import Row
+from lis_grasp.shapes import NAMES
+
+_HERE = Path(__file__).parent
+_DOCS = _HERE.parent.parent
+_OURS, _REFERENCE = "blend", "gpis"
+
+_SMALL_SLIP = 5e-3  # slips above it are reported [m]
+
+
+def make_page(rows_folder: Path, docs: Path) -> Path:
+    """Write study-unknown.md and its figure below `docs`; return its path."""
+    rows = _rows(rows_folder)
+    if not rows:
+        raise InvalidFileError(
+            f"no row of {rows_folder} is of the study of unknown objects", path=rows_folder
+        )
+    template = Template((_HERE / "study-unknown.md.in").read_text(encoding="utf-8"))
+    picture = next(iter(draw_pictures(rows)))
+    file = "images/study_unknown.png"
+    (docs / "images").mkdir(parents=True, exist_ok=True)
+    (docs / file).write_bytes(picture.png)
+    words = _facts(rows) | {
+        "picture": f"![{picture.title}]({file})\n\n*{picture.title}. {picture.caption}*"
+    }
+    write_text(docs / "study-unknown.md", template.substitute(words))
+    return docs / "study-unknown.md"
+
+
+def _rows(folder: Path) -> list[Row]:
+    """Return the rows of the study in its order; no model of a hand is needed."""
+    orders = [objects(), *(facts_of("allegro")[name] for name in ("estimators", "touches"))]
+    found = [
+        row
+        for row in StudyResults(folder).read(any_version=True)
+        if row["object"] in orders[0]
+        and row["seed"] in SEEDS.get(row["hand"], ())
+        and row.get("conditions") == "unknown"
+    ]
+
+    def place(row: Row) -> tuple[int, ...]:
+        values = (row["object"], row["estimator"], row["touches"])
+        indices = [order.index(value) for order, value in zip(orders, values, strict=True)]
+        return (indices[1], row["seed"], indices[0], indices[2])
+
+    return sorted(found, key=place)
+
+
+def _facts(rows: Sequence[Row]) -> dict[str, str]:
+    pairs = pairs_of(rows, [_OURS], _REFERENCE)
+    found = compare_one(rows, _OURS, _REFERENCE, "held", "all", None)
+    assert found is not None
+    families = list(dict.fromkeys(map(_family, (mine for mine, _ in pairs))))
+    groups: dict[str, Callable[[Row], bool]] = {
+        name: lambda row, name=name: _family(row) == name for name in families
+    }
+    groups["not used in development"] = lambda row: _family(row) not in (_BUILT_IN, _SCANS)
+    rates = {
+        name: f"{100.0 * np.mean([row['held'] for row in rows if row['estimator'] == name]):.0f}"
+        for name in names(rows, "estimator")
+    }
+    seconds = sum(row.get(name) or 0.0 for row in rows for name in TIMES)
+    first = {(r["object"], r["hand"], r["seed"]) for r in rows}
+    model = fit_mixed_model(rows, _OURS, _REFERENCE)
+    return {
+        "held_ours": rates[_OURS],
+        "held_reference": rates[_REFERENCE],
+        "held_truth": rates[TRUTH],
+        "held_lis": rates["lis"],
+        "effect": difference(pairs, over_objects=True),
+        "p_objects": p_value(found.p_objects),
+        "p_seeds": p_value(found.p_seeds),
+        "differ": str(found.wins + found.losses),
+        "wins": str(found.wins),
+        "losses_count": str(found.losses),
+        "pairs": str(found.pairs),
+        "seeds": ", ".join(
+            f"`{hand}` {len({key[2] for key in first if key[1] == hand})} of {len(seeds)}"
+            for hand, seeds in SEEDS.items()
+        ),
+        "explorations": str(len(first)),
+        "objects": str(len({key[0] for key in first})),
+        "rows": str(len(rows)),
+        "hours": f"{seconds / 3600.0:.0f}",
+        "summary": summary_table(rows, _REFERENCE).markdown(),
+        "by_touches": _by_touches(pairs).markdown(),
+        "families": groups_table(pairs, groups).markdown(),
+        "families_p": _families_p(pairs, families),
+        "units": units_table(pairs, _family).markdown(),
+        "losses": object_losses_table(pairs).markdown(),
+        "held_by_object": by_object_table(pairs, "held").markdown(),
+        "errors": _errors(pairs).markdown(),
+        "model": _model_table(model).markdown(),
+        "deviations": ", ".join(f"{name} {sd:.1f}" for name, sd in model.deviations.items()),
+        "calibration": calibration_table(rows).markdown(),
+        "reasons": reasons_table(rows).markdown(),
+        "slips": _slips(rows),
+    }
+
+
+_BUILT_IN, _SCANS = "built-in", "scans"
+
+
+def _family(row: Row) -> str:
+    name = row["object"]
+    if name in NAMES:
+        return _BUILT_IN
+    if name in TOOLS:
+        return "tools and flat things"
+    return next((family for family, known in EVALUATION.items() if name in known), _SCANS)
+
+
+def _by_touches(pairs: Pairs) -> TextTable:
+    """Return the difference at each number of touches, with each hand and with all."""
+    budgets = sorted({mine["touches"] for mine, _ in pairs})
+    of_hands = {name: of for (name,), of in cells(pairs, "hand").items()}
+    body = []
+    for name, of in (of_hands | {"all": list(pairs)}).items():
+        parts = [[pair for pair in of if pair[0]["touches"] == n] for n in budgets]
+        body.append((name, *(difference(part, over_objects=True) for part in (*parts, of))))
+    head = ("hand", *(f"{n} touches" for n in budgets), "all")
+    return TextTable("by_touches", "Difference in points", head, tuple(body))
+
+
+def _families_p(pairs: Pairs, families: Sequence[str]) -> str:
+    """Return the adjusted p-value of each family, objects with their seeds as units."""
+    values = []
+    for name in families:
+        of = [pair for pair in pairs if _family(pair[0]) == name]
+        clusters = clusters_of([mine for mine, _ in of])
+        values.append(sign_flip_p_value(cluster_sums(gains(of), clusters)))
+    adjusted = holm(values)
+    return ", ".join(f"{n} {p_value(float(p))}" for n, p in zip(families, adjusted, strict=True))
+
+
+def _errors(pairs: Pairs) -> TextTable:
+    """Return mean surface errors by number of touches, ours / reference."""
+    budgets = sorted({mine["touches"] for mine, _ in pairs})
+    parts = [[pair for pair in pairs if pair[0]["touches"] == n] for n in budgets]
+    measures = ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
+    body = [(MEASURE_LABELS[m], *(beside(part, m) for part in parts)) for m in measures]
+    head = ("error", *(f"{n} touches" for n in budgets))
+    return TextTable("errors", "Mean errors", head, tuple(body))
+
+
+def _model_table(model: MixedModel) -> TextTable:
+    body = [
+        (ratio.name, f"{ratio.value:.2f} ({ratio.low:.2f} to {ratio.high:.2f})")
+        for ratio in model.odds_ratios
+    ]
+    return TextTable("model", "Mixed model", ("effect", "odds ratio (95 %)"), tuple(body))
+
+
+def _slips(rows: Sequence[Row]) -> str:
+    """Return the fraction of held trials that slipped more than 5 mm, per estimator."""
+    parts = []
+    for name in names(rows, "estimator"):
+        slips = [row["slip"] for row in rows if row["estimator"] == name and row["held"]]
+        many = sum(slip > _SMALL_SLIP for slip in slips)
+        parts.append(f"{name} {many} of {len(slips)}")
+    return ", ".join(parts)
+
+
+def main() -> None:
+    """Make the page."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--rows", type=Path, default=_HERE, help="folder with rows.parquet")
+    parser.add_argument("--docs", type=Path, default=_DOCS, help="where study-unknown.md goes")
+    options = parser.parse_args()
+    print(make_page(options.rows, options.docs))
+
+
+if __name__ == "__main__":
+    main()
