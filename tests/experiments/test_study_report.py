@@ -289,3 +289,37 @@ def test_clearest_pairs_become_a_picture_and_a_scene_each(tmp_path: Path) -> Non
     gone = [row | {"object": "can.ply", "object_digest": "ab"} for row in rows]
     assert list(draw_cases(tmp_path, old, "gpis", ())) == []
     assert list(draw_cases(tmp_path, gone, "gpis", ())) == []
+
+
+def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
+    here = Path(__file__).parents[2] / "docs" / "study" / "unknown"
+    stored = StudyResults(here).read(any_version=True)
+    objects = ("mallet", "pentagon", "torus", "half_cylinder", "gear", "key", "cone", "pen")
+    rows = [row | {"version": lis_grasp.__version__} for row in stored if row["object"] in objects]
+    others = [rows[0] | {"key": "ab", "seed": 77}, rows[0] | {"key": "cd", "conditions": "known"}]
+    StudyResults(tmp_path).lines.append([*rows, *others])
+    monkeypatch.syspath_prepend(here)
+    module = runpy.run_path(str(here / "make_page.py"))
+    page = module["make_page"](tmp_path, tmp_path / "docs").read_text()
+    assert f"of 8 objects so far, where the plan has 400; {len(rows)} rows" in page
+    assert "| not used in development | 4 |" in page
+    mine = [row["held"] for row in rows if row["estimator"] == "blend"]
+    assert f"held in {100.0 * np.mean(mine):.0f} % of {len(mine)} trials" in page
+    assert not re.search(r"\$[a-z]|\bnan\b|/tmp", page)
+    assert (tmp_path / "docs" / "images" / "study_unknown.png").is_file()
+    with pytest.raises(InvalidFileError, match="no row"):
+        module["make_page"](tmp_path / "other", tmp_path / "docs")
+
+
+def test_the_page_of_unknown_objects_is_of_the_stored_rows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
+    docs = Path(__file__).parents[2] / "docs"
+    monkeypatch.syspath_prepend(docs / "study" / "unknown")
+    module = runpy.run_path(str(docs / "study" / "unknown" / "make_page.py"))
+    rows = module["_rows"](docs / "study" / "unknown")
+    assert summary_table(rows, "gpis").markdown() in (docs / "study-unknown.md").read_text()

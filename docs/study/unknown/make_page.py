@@ -27,6 +27,7 @@ from lis_grasp.experiments.study.paired_tables import (
     difference,
     gains,
     groups_table,
+    means,
     object_losses_table,
     units_table,
 )
@@ -39,7 +40,6 @@ from lis_grasp.experiments.study.study_tables import (
     reasons_table,
     summary_table,
 )
-from lis_grasp.experiments.study.study_trial import TIMES
 from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
@@ -64,9 +64,7 @@ def make_page(rows_folder: Path, docs: Path) -> Path:
     file = "images/study_unknown.png"
     (docs / "images").mkdir(parents=True, exist_ok=True)
     (docs / file).write_bytes(picture.png)
-    words = _facts(rows) | {
-        "picture": f"![{picture.title}]({file})\n\n*{picture.title}. {picture.caption}*"
-    }
+    words = _facts(rows) | {"picture": f"![{picture.title}]({file})"}
     write_text(docs / "study-unknown.md", template.substitute(words))
     return docs / "study-unknown.md"
 
@@ -103,8 +101,8 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         name: f"{100.0 * np.mean([row['held'] for row in rows if row['estimator'] == name]):.0f}"
         for name in names(rows, "estimator")
     }
-    seconds = sum(row.get(name) or 0.0 for row in rows for name in TIMES)
     first = {(r["object"], r["hand"], r["seed"]) for r in rows}
+    tools = means([pair for pair in pairs if _family(pair[0]) == _TOOLS], "held")
     model = fit_mixed_model(rows, _OURS, _REFERENCE)
     return {
         "held_ours": rates[_OURS],
@@ -112,8 +110,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "held_truth": rates[TRUTH],
         "held_lis": rates["lis"],
         "effect": difference(pairs, over_objects=True),
-        "p_objects": p_value(found.p_objects),
-        "p_seeds": p_value(found.p_seeds),
+        "tools": "{:.0f} and {:.0f} %".format(*(100.0 * rate for rate in tools or ())),
         "differ": str(found.wins + found.losses),
         "wins": str(found.wins),
         "losses_count": str(found.losses),
@@ -125,7 +122,6 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "explorations": str(len(first)),
         "objects": str(len({key[0] for key in first})),
         "rows": str(len(rows)),
-        "hours": f"{seconds / 3600.0:.0f}",
         "summary": summary_table(rows, _REFERENCE).markdown(),
         "by_touches": _by_touches(pairs).markdown(),
         "families": groups_table(pairs, groups).markdown(),
@@ -142,7 +138,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
     }
 
 
-_BUILT_IN, _SCANS = "built-in", "scans"
+_BUILT_IN, _SCANS, _TOOLS = "built-in", "scans", "tools and flat things"
 
 
 def _family(row: Row) -> str:
@@ -150,7 +146,7 @@ def _family(row: Row) -> str:
     if name in NAMES:
         return _BUILT_IN
     if name in TOOLS:
-        return "tools and flat things"
+        return _TOOLS
     return next((family for family, known in EVALUATION.items() if name in known), _SCANS)
 
 

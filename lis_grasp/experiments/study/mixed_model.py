@@ -56,6 +56,11 @@ def fit_mixed_model(rows: Sequence[Row], estimator: str, reference: str) -> Mixe
     ----------
     rows
         Rows of a study, of three objects at least; those of other estimators are left out.
+
+    Raises
+    ------
+    ValueError
+        If all trials end alike, also without one of the objects.
     """
     used = [row for row in rows if row["estimator"] in (estimator, reference)]
     design = _Design.of(used, estimator)
