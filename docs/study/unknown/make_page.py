@@ -108,7 +108,6 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "held_ours": rates[_OURS],
         "held_reference": rates[_REFERENCE],
         "held_truth": rates[TRUTH],
-        "held_lis": rates["lis"],
         "effect": difference(pairs, over_objects=True),
         "tools": "{:.0f} and {:.0f} %".format(*(100.0 * rate for rate in tools or ())),
         "differ": str(found.wins + found.losses),
