@@ -6,7 +6,7 @@ python docs/study/make_page.py          # from docs/study/rows.parquet
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from string import Template
 
@@ -21,7 +21,7 @@ from lis_grasp.experiments.study.paired_tables import (
     by_object_table,
     cells,
     difference,
-    groups_table,
+    families_table,
     means,
     object_losses_table,
     units_table,
@@ -81,13 +81,9 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
     (found,) = [c for c in compare_held(rows, reference) if c.estimator == _OURS]
     simple = [pair for pair in pairs if _stem(pair[0]) in _SIMPLE]
     others = [pair for pair in pairs if _stem(pair[0]) not in _SIMPLE]
-    groups: dict[str, Callable[[Row], bool]] = {
-        name: lambda row, name=name: _family(row) == name
-        for name in dict.fromkeys(_family(mine) for mine, _ in pairs)
-    }
-    groups |= {
-        "prisms and cylinders together": lambda row: _stem(row) in _SIMPLE,
-        "all others together": lambda row: _stem(row) not in _SIMPLE,
+    unions = {
+        "prisms and cylinders together": {_family(mine) for mine, _ in simple},
+        "all others together": {_family(mine) for mine, _ in others},
     }
     trials, seeds = len(study.trials()), len(names(rows, "seed"))
     done = len({(r["object"], r["hand"], r["touches"], r["noise"], r["seed"]) for r in rows})
@@ -118,7 +114,7 @@ def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
         "summary": summary_table(rows, reference).markdown(),
         "held": held_table(rows, "all").markdown(),
         "differences": differences_table(rows, reference).markdown(),
-        "families": groups_table(pairs, groups).markdown(),
+        "families": families_table(pairs, _family, unions).markdown(),
         "units": units_table(pairs, _family).markdown(),
         "losses": object_losses_table(pairs).markdown(),
         "held_by_object": by_object_table(pairs, "held").markdown(),

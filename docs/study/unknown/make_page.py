@@ -6,7 +6,7 @@ python docs/study/unknown/make_page.py          # from docs/study/unknown/rows.p
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from string import Template
 
@@ -25,8 +25,8 @@ from lis_grasp.experiments.study.paired_tables import (
     by_object_table,
     cells,
     difference,
+    families_table,
     gains,
-    groups_table,
     means,
     object_losses_table,
     units_table,
@@ -93,10 +93,10 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
     found = compare_one(rows, _OURS, _REFERENCE, "held", "all", None)
     assert found is not None
     families = list(dict.fromkeys(map(_family, (mine for mine, _ in pairs))))
-    groups: dict[str, Callable[[Row], bool]] = {
-        name: lambda row, name=name: _family(row) == name for name in families
+    unions = {
+        "evaluation shapes together": EVALUATION,
+        "all but built-in shapes and scans": (*EVALUATION, _TOOLS),
     }
-    groups["not used in development"] = lambda row: _family(row) not in (_BUILT_IN, _SCANS)
     rates = {
         name: f"{100.0 * np.mean([row['held'] for row in rows if row['estimator'] == name]):.0f}"
         for name in names(rows, "estimator")
@@ -109,6 +109,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "held_reference": rates[_REFERENCE],
         "held_truth": rates[TRUTH],
         "effect": difference(pairs, over_objects=True),
+        "evaluation": difference([pair for pair in pairs if _family(pair[0]) in EVALUATION]),
         "tools": "{:.0f} and {:.0f} %".format(*(100.0 * rate for rate in tools or ())),
         "differ": str(found.wins + found.losses),
         "wins": str(found.wins),
@@ -123,7 +124,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "rows": str(len(rows)),
         "summary": summary_table(rows, _REFERENCE).markdown(),
         "by_touches": _by_touches(pairs).markdown(),
-        "families": groups_table(pairs, groups).markdown(),
+        "families": families_table(pairs, _family, unions).markdown(),
         "families_p": _families_p(pairs, families),
         "units": units_table(pairs, _family).markdown(),
         "losses": object_losses_table(pairs).markdown(),

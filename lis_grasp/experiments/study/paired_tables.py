@@ -1,8 +1,8 @@
-"""Tables of an estimator beside the reference: by group of objects, by object, by unit of tests."""
+"""Tables of an estimator beside the reference: by family, by object, by unit of tests."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -46,20 +46,21 @@ def difference(pairs: Pairs, *, over_objects: bool = False) -> str:
     return text if low is None else f"{text} ({interval_text('held', low, high)})"
 
 
-def groups_table(pairs: Pairs, groups: Mapping[str, Callable[[Row], bool]]) -> TextTable:
-    """Return the success rates of both estimators and their difference in groups of rows."""
+def families_table(
+    pairs: Pairs, family: Callable[[Row], str], unions: Mapping[str, Collection[str]]
+) -> TextTable:
+    """Return success rates and their difference in each family, and in unions of families."""
+    families = dict.fromkeys(family(mine) for mine, _ in pairs)
     body = []
-    for name, belongs in groups.items():
-        of = [pair for pair in pairs if belongs(pair[0])]
+    for name, parts in ({name: (name,) for name in families} | dict(unions)).items():
+        of = [pair for pair in pairs if family(pair[0]) in parts]
         if of:
             objects = len({mine["object"] for mine, _ in of})
-            rates = [f"{100.0 * np.mean([pair[k]['held'] for pair in of]):.0f}" for k in (1, 0)]
-            body.append((name, str(objects), *rates, difference(of)))
+            held = [f"{100.0 * np.mean([pair[k]['held'] for pair in of]):.0f}" for k in (1, 0)]
+            body.append((name, str(objects), *held, difference(of)))
     ours, reference = (estimator_label(pairs[0][k]["estimator"]) if pairs else "–" for k in (0, 1))
-    head = (
-        *("family", "objects", f"{reference} [%]", f"{ours} [%]"),
-        "difference in points (95 %)",
-    )
+    rates = (f"{reference} [%]", f"{ours} [%]")
+    head = ("family", "objects", *rates, "difference in points (95 %)")
     return TextTable("families", "By shape family", head, tuple(body))
 
 
