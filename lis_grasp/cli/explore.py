@@ -117,8 +117,9 @@ def explore_with_log(
     the points of the cloud. The station's arm carries the hand; None for a free hand.
     What new touches demand of it is added to `arm_use`.
 
-    An interrupted exploration is resumed from its log. With another configuration or another state
-    of the package it starts from the beginning, and the earlier results are removed.
+    An interrupted exploration is resumed from its log, and the touches of a finished one are used
+    again. With another configuration or another state of the package it starts from the beginning,
+    and the earlier results are removed.
     """
     loads = () if config.free or config.until_success is not None else ("mass", "friction")
     later = ("grasps", "attempts", "simulator", *loads)
@@ -141,15 +142,20 @@ def explore_with_log(
     }
     source = {"source": provenance.source_digest()} | content
     log = TouchLog(output / LOG, provenance.parse(header) | source)
-    differing = log.differing()
+    differing, finished = log.differing(), log.has_ended()
+    if finished and station is not None:  # what touches demand of an arm is not in the log
+        log.path.unlink()
     known = log.resume()
-    if known:
+    if known and finished:
+        say(f"using the {len(known)} probes of the same exploration in {log.path}")
+    elif known:
         say(f"resuming after {len(known)} probes in {log.path}")
     elif differing:
         names = ", ".join(_MEANING.get(name, name) for name in differing)
         say(f"starting from the beginning: {log.path} has another {names}")
     if not known:
         remove_growth(output)
+    if finished or not known:
         remove_made_from(output / "contacts.ply", with_itself=True)
     counts = growth_counts(config.touches)
     table = pipeline.table_of(config, pipeline.support_height(shape, config))

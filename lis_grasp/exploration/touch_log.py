@@ -33,9 +33,9 @@ class TouchLog:
     facts: Mapping[str, Any]  #: configuration of the exploration, as plain values: the header
 
     def resume(self) -> tuple[ProbeOutcome, ...]:
-        """Return the outcomes of an interrupted exploration with the same facts.
+        """Return the outcomes of an exploration with the same facts, interrupted or finished.
 
-        The log of a finished exploration, or of one with other facts, is deleted.
+        The log of an exploration with other facts is deleted.
 
         Raises
         ------
@@ -43,10 +43,21 @@ class TouchLog:
             If the file exists and is no touch log.
         """
         header, rows = self._read()
-        if header != self._header() or _has_ended(rows):
+        if header != self._header():
             self.path.unlink(missing_ok=True)
             return ()
-        return _outcomes(self.path, rows)
+        return _outcomes(self.path, [row for row in rows if _END not in row])
+
+    def has_ended(self) -> bool:
+        """Return whether the exploration in the file is finished.
+
+        Raises
+        ------
+        InvalidFileError
+            If the file exists and is no touch log.
+        """
+        _, rows = self._read()
+        return _has_ended(rows)
 
     def differing(self) -> tuple[str, ...]:
         """Return the names of the facts that prevent resuming an interrupted exploration.
@@ -79,8 +90,9 @@ class TouchLog:
         append_lines(self.path, self._header(), [_row(outcome)])
 
     def end(self, reason: str) -> None:
-        """Mark the exploration as ended, with the reason."""
-        append_lines(self.path, self._header(), [{_END: reason}])
+        """Mark the exploration as ended, with the reason, unless it is marked already."""
+        if not self.has_ended():
+            append_lines(self.path, self._header(), [{_END: reason}])
 
     def _header(self) -> Row:
         return {"touch_log": 1, **self.facts}

@@ -18,6 +18,7 @@ from lis_grasp.exploration import TouchLog, load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig
 from lis_grasp.pipeline.conditions import UNKNOWN
+from lis_grasp.probing.kinematic_prober import KinematicProber
 
 EXPLORE = ["explore", "box", "--known", "--prober", "kinematic", "--hand", "wsg50"]
 EXPLORE += ["--touches", "6"]
@@ -174,6 +175,19 @@ def test_a_log_of_another_source_is_not_resumed(
     assert f"{log} has another state of lis_grasp" in said
     assert "resuming" not in said
     assert len(load_outcomes(log)) >= 6
+
+
+def test_a_finished_exploration_is_used_again(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, contacts = folder / explore_verb.LOG, folder / "contacts.ply"
+    before = log.read_bytes(), contacts.read_bytes()
+    monkeypatch.setattr(KinematicProber, "probe", None)  # a new probe would fail
+    capsys.readouterr()
+    assert main([*EXPLORE, "--output", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert f"probes of the same exploration in {log}" in said
+    assert (log.read_bytes(), contacts.read_bytes()) == before
 
 
 def test_differing_facts_of_a_log_are_listed(tmp_path: Path) -> None:

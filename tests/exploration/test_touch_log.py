@@ -100,17 +100,28 @@ def test_a_log_replays_into_the_same_contacts(undisturbed: Exploration, tmp_path
     assert_same(Exploration.replay(load_outcomes(log.path), touches=14), undisturbed)
 
 
-@pytest.mark.parametrize("change", ["ended", "other facts"])
-def test_an_ended_log_and_one_of_other_facts_are_removed(change: str, tmp_path: Path) -> None:
+def test_a_log_of_other_facts_is_removed(tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
     log.append(ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "blocked", reason="why"))
     assert log.resume()[0].reason == "why"
-    if change == "ended":
-        log.end("1 contact made")
-    else:
-        log = TouchLog(log.path, {**FACTS, "seed": 4})
+    log = TouchLog(log.path, {**FACTS, "seed": 4})
     assert log.resume() == ()
     assert not log.path.exists()
+
+
+def test_a_finished_exploration_is_not_touched_again(
+    undisturbed: Exploration, tmp_path: Path
+) -> None:
+    log = TouchLog(tmp_path / "touches.jsonl", FACTS)
+    for outcome in undisturbed.outcomes:
+        log.append(outcome)
+    assert not log.has_ended()
+    log.end(undisturbed.ended)
+    before = log.path.read_bytes()
+    assert log.has_ended()
+    # A new probe would raise KeyboardInterrupt.
+    assert_same(explored(log, stop_after=1), undisturbed)
+    assert log.path.read_bytes() == before
 
 
 def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
