@@ -30,6 +30,12 @@ from lis_grasp.shapes import load
 from lis_grasp.shapes.placement import checked_pose
 from lis_grasp.typing import FloatArray
 
+# docs/study-unknown.md: of 114 grasps planned on `lis` 58 held, with a mean prediction of 0.72.
+_ON_LIS = (
+    "success is predicted too high on a surface of lis, where half of the grasps hold; it was"
+    " fitted to surfaces of blend (estimate --estimator blend)"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
@@ -73,6 +79,8 @@ def execute(options: argparse.Namespace) -> None:
     with result_file(path) as temporary:
         search = write_grasps(temporary, mesh, hand, support, config, recorded, station)
     say_search(search)
+    if search.grasps and recorded.get("estimator") == "lis":
+        say(f"warning: {_ON_LIS}")
     say(f"wrote {path}")
     if options.isaac:
         save_isaac_grasps(path.with_name("grasps.isaac.yaml"), search, hand)

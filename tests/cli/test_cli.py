@@ -158,14 +158,18 @@ def test_exit_codes(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["lis", "gpis"])
-def test_stages_run_alone_repeat_the_run_byte_for_byte(estimator: str, tmp_path: Path) -> None:
+def test_stages_run_alone_repeat_the_run_byte_for_byte(
+    estimator: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     chosen = ["--touches", "15", "--seed", "1", "--estimator", estimator]
     run, alone = tmp_path / "run", tmp_path / "alone"
     # A further attempt would add contacts.
     assert main(["run", "box", *chosen, "--attempts", "1", "--output", str(run)]) == 0
     assert main(["explore", "box", *chosen, "--output", str(alone)]) == 0
     assert main(["estimate", str(alone / "contacts.ply")]) == 0
+    capsys.readouterr()
     assert main(["grasp", str(alone / "surface.ply")]) == 0
+    assert ("success is predicted too high" in capsys.readouterr().out) == (estimator == "lis")
     for name in ("contacts.ply", "surface.ply", "grasps.json"):
         assert (run / name).read_bytes() == (alone / name).read_bytes(), name
     assert len(Contacts.load(run / "contacts.ply")) == 15

@@ -87,11 +87,15 @@ def test_named_tips_are_the_fingers_and_unknown_ones_are_refused() -> None:
 
 
 def test_the_command_writes_a_yaml_and_a_page_and_keeps_existing_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     urdf = str(urdf_of("wsg50"))
     assert main(["hand", "new", urdf, "--name", "jaw"]) == 0
+    said = capsys.readouterr().out
+    assert "self_collision_exclusions" in said
+    for pair in yaml.safe_load(Path("jaw.yaml").read_text())["self_collision_exclusions"]:
+        assert "-".join(pair) in said
     written = Path("jaw.yaml").read_text()
     assert yaml.safe_load(written)["kind"] == "jaw"
     assert main(["hand", "new", urdf, "--name", "jaw"]) == 2

@@ -43,6 +43,7 @@ _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
 # Parts replace a jaw's hulls if their faces are larger than so many times the hulls', and [m^2].
 _HIDDEN, _LEAST_FACE = 2.0, 3e-5
+_LISTED = 4  # pairs of links in a note
 _USED = 0.9  # fraction of an effort that a finger's force may need
 # Of one finger [N]: files often give more than a robot uses.
 _LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "jaw": 40.0}
@@ -127,6 +128,14 @@ def draft_hand(
         raise InvalidHandError(
             f"{path.name}: no posture was found in which the pads of {', '.join(hand.fingers)} face"
             " each other: name the fingertips' links with --tips, or write the pads by hand"
+        )
+    by_design = hand.self_collision_exclusions - _joined_pairs(model)
+    if by_design:
+        listed = ", ".join("-".join(pair) for pair in sorted(by_design)[:_LISTED])
+        rest = f" and {len(by_design) - _LISTED} more" if len(by_design) > _LISTED else ""
+        notes.append(
+            "collisions of these links with each other are ignored, by self_collision_exclusions,"
+            f" as they occur in many postures: {listed}{rest}"
         )
     chosen = _chosen(openings)
     middle = chosen[len(chosen) // 2]
@@ -261,8 +270,12 @@ def _root_of(model: HandModel, link: str) -> str:
     return rigid_groups(model)[link]
 
 
+def _joined_pairs(model: HandModel) -> frozenset[tuple[str, str]]:
+    """Return the pairs of links that a joint joins."""
+    return frozenset((min(j.parent, j.child), max(j.parent, j.child)) for j in model.joints)
+
+
 def _without_postures(model: HandModel, name: str, pads: tuple) -> Hand:
-    pairs = frozenset((min(j.parent, j.child), max(j.parent, j.child)) for j in model.joints)
     middle = read_only(0.5 * (model.lower + model.upper))
     return Hand(
         **fields_of(model),
@@ -273,7 +286,7 @@ def _without_postures(model: HandModel, name: str, pads: tuple) -> Hand:
         approach_H=read_only(np.array([0.0, 0.0, 1.0])),
         pregrasps=MappingProxyType({"middle": middle}),
         probe_postures=MappingProxyType({}),
-        self_collision_exclusions=pairs,
+        self_collision_exclusions=_joined_pairs(model),
         max_contact_force=1.0,
     )
 
