@@ -118,7 +118,7 @@ def lifts(job: Job) -> list[Row]:
                 )
                 rows.append(
                     first
-                    | {"touches": touches, "best": best, "jaw": hand.kind == "jaw"}
+                    | {"touches": touches, "best": best, "jaw": hand.kind == "parallel_jaw"}
                     | {"mass": mass, "friction": friction}
                     | dict(scorer.predict_success([grasp])[0].quality)
                     | {"held": outcome.held, "reason": outcome.reason, "slip": outcome.slip}

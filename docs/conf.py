@@ -5,7 +5,6 @@ Browsers render MathML without a library, so the built pages work offline.
 
 import os
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
 
 import lis_grasp
-from lis_grasp.pipeline import reasons
 
 # Sphinx reads below this folder only. A symbolic link would hide notebooks/ from hatchling.
 _HERE = Path(__file__).parent
@@ -51,20 +49,10 @@ napoleon_use_rtype = False
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 
-myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "substitution"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 
-def table_of(sentences: Mapping[str, str]) -> str:
-    """Return a Markdown table of reasons and their sentences, for `reference/reasons.md`."""
-    rows = [f"| `{reason}` | {sentence} |" for reason, sentence in sentences.items()]
-    return "\n".join(["| reason | meaning, and what to do |", "|---|---|", *rows])
-
-
-myst_substitutions = {
-    "lift_reasons": table_of(reasons.LIFT_REASONS),
-    "rejections": table_of(reasons.REJECTIONS),
-}
 # Show figures in the page, also when MPLBACKEND is set in the shell.
 os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
 nb_execution_mode = "cache"

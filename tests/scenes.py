@@ -64,7 +64,7 @@ def hand() -> Hand:
     )
     return Hand(
         name="pincers",
-        kind="jaw",
+        kind="parallel_jaw",
         joint_names=("left_joint", "right_joint"),
         lower=np.zeros(2),
         upper=np.full(2, 0.1),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 import yaml
@@ -16,10 +16,13 @@ import lis_grasp
 from lis_grasp.cli.main import build_parser
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.experiments.study.study import load_study
-from lis_grasp.exploration import POLICIES
+from lis_grasp.exploration import POLICIES, pose_tracking
+from lis_grasp.exploration.probe import ProbeStatus
 from lis_grasp.hands.shipped_models import READY_HANDS
-from lis_grasp.pipeline import RunConfig
+from lis_grasp.pipeline import RunConfig, reasons
+from lis_grasp.probing import approach_planner, guarded_motion
 from lis_grasp.shapes import NAMES
+from lis_grasp.simulation import dynamic_prober
 from lis_grasp.surfaces import ESTIMATORS
 
 ROOT = Path(__file__).parents[1]
@@ -75,6 +78,22 @@ def test_no_page_names_a_later_version() -> None:
     assert not [name for name in later if name[1].split(".")[0] == "0"], later
 
 
+def test_every_reason_is_explained() -> None:
+    page = _text(DOCS / "reference" / "reasons.md")
+    sentences = {**reasons.REJECTIONS, **reasons.LIFT_REASONS}
+    missing = [
+        row for pair in sentences.items() if (row := "| `{}` | {} |".format(*pair)) not in page
+    ]
+    assert not missing, "\n".join(missing)
+    named = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
+    assert named == {*sentences, *get_args(ProbeStatus)}
+    of_probes = [approach_planner.NO_FREE_START, approach_planner.NO_FREE_APPROACH]
+    of_probes += [approach_planner.OUT_OF_ARM_REACH, guarded_motion.NO_ARM_TRANSIT]
+    of_probes += [guarded_motion.AT_TABLE, pose_tracking.MOVED, pose_tracking.LOST]
+    of_probes += [dynamic_prober.ARM_STOPPED, dynamic_prober.GRAZED]
+    assert not [reason for reason in of_probes if f"| {reason} |" not in page]
+
+
 def test_defaults_are_those_of_the_configuration() -> None:
     defaults = RunConfig()
     named = [
@@ -111,7 +130,7 @@ def _options() -> dict[str, set[str]]:
 
 
 def test_options_in_commands_exist() -> None:
-    commands = _found(r"lis-grasp ((?:[a-z]+) [^`\n#]*)")
+    commands = _found(r"lis-grasp ((?:[a-z]+) [^`\n#)]*)")
     assert len(commands) > 60
     for page, command in commands:
         verb, *_ = command.split()

@@ -47,12 +47,12 @@ class Arm(HandModel):
     velocity_limits, acceleration_limits
         Shape (J,) [rad/s, rad/s^2; or m/s, m/s^2].
     rotor_inertias
-        Shape (J,) [kg m^2 or kg]: of the motors as felt at the joints; 0 where the file has none.
+        Shape (J,) [kg m^2 or kg]: of the motors, reflected to the joints; 0 if not in the file.
     damping
         Shape (J,) [N m s/rad or N s/m]: of the joints themselves.
     stiffness
         Shape (J,) [N m/rad or N/m]: of the joint control.
-    speed_share
+    speed_fraction
         Fraction of the velocity and acceleration limits that motions use.
     self_collision_exclusions
         Pairs of link names, each pair sorted, that may touch.
@@ -68,7 +68,7 @@ class Arm(HandModel):
     rotor_inertias: FloatArray
     damping: FloatArray
     stiffness: FloatArray
-    speed_share: float
+    speed_fraction: float
     self_collision_exclusions: frozenset[tuple[str, str]]
 
     @classmethod

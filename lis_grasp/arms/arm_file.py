@@ -158,7 +158,7 @@ class _ArmAssembly:
             "rotor_inertias": read_only(np.array([n.reflected_inertia for n in self._numbers])),
             "damping": read_only(np.array([n.damping or 0.0 for n in self._numbers])),
             "stiffness": self._stiffness(effort),
-            "speed_share": entry.speed_share,
+            "speed_fraction": entry.speed_fraction,
             "self_collision_exclusions": exclusions,
         }
 

@@ -86,7 +86,7 @@ def back_on_flange(hand: Hand) -> FloatArray:
             for X in [links[g.link] @ g.X_LG]
         ]
     )
-    # Fingers or, of a jaw, its opening along the flange's x.
+    # Fingers or, of a gripper, its opening along the flange's x.
     axis = next(e for e in np.eye(3)[[2, 0, 1]] if abs(e @ approach) < 0.7)
     x = axis - (axis @ approach) * approach
     x /= np.linalg.norm(x)

@@ -59,7 +59,7 @@ class ArmEntry(_Entry):
     stiffness: list[Positive] | None = Field(
         default=None, description="Of the joint control [N m/rad or N/m], one number a joint."
     )
-    speed_share: float = Field(
+    speed_fraction: float = Field(
         default=0.5, gt=0.0, le=1.0, description="Of the velocity and acceleration limits, used."
     )
     repair: bool = Field(

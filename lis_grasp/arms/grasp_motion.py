@@ -74,11 +74,11 @@ def plan_grasp_motion(
 def _straight(station: Station, path: FloatArray) -> JointTrajectory:
     """Return the motion along a straight path of the palm (S, J), no faster than `SPEED`."""
     arm = station.arm
-    share = arm.speed_share
+    fraction = arm.speed_fraction
     motion = time_path(arm, path)
     while (fastest := _palm_speed(station, motion)) > SPEED:
-        share *= 0.98 * SPEED / fastest
-        motion = time_path(arm, path, share=share)
+        fraction *= 0.98 * SPEED / fastest
+        motion = time_path(arm, path, fraction=fraction)
     return motion
 
 

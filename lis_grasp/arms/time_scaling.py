@@ -23,7 +23,7 @@ def time_path(
     corners: FloatArray,
     *,
     is_free: Callable[[FloatArray], bool] | None = None,
-    share: float | None = None,
+    fraction: float | None = None,
     step: float = TIME_STEP,
 ) -> JointTrajectory:
     """Return the fastest motion along a path from rest to rest within the arm's limits.
@@ -39,14 +39,14 @@ def time_path(
         Shape (W, J): the path [rad or m].
     is_free
         Returns whether a densely sampled path (N, J) is free; without it, all are.
-    share
-        Fraction of the limits that is used; by default `Arm.speed_share`.
+    fraction
+        Fraction of the limits that is used; by default `Arm.speed_fraction`.
     step
         Between two points of the trajectory [s].
     """
     corners = without_repeats(np.asarray(corners, np.float64))
-    share = arm.speed_share if share is None else share
-    limits = share * arm.velocity_limits, share * arm.acceleration_limits
+    fraction = arm.speed_fraction if fraction is None else fraction
+    limits = fraction * arm.velocity_limits, fraction * arm.acceleration_limits
     if len(corners) == 1:
         rest = np.zeros((1, len(arm.joint_names)))
         return JointTrajectory(arm.joint_names, np.zeros(1), corners, rest, rest)

@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 from threadpoolctl import threadpool_limits
 
 import lis_grasp
+from lis_grasp.cli.examples import examples_of
 from lis_grasp.cli.progress import complain, open_missing_streams
 from lis_grasp.exceptions import (
     InvalidInputError,
@@ -27,7 +28,7 @@ from lis_grasp.exceptions import (
 _VERBS = (
     ("run", "run", "touch -> estimate -> mesh -> grasp -> lift and shake, one folder of results"),
     ("explore", "explore", "touch an object, write contacts.ply"),
-    ("next", "next_probe", "say where to touch next, given contacts so far; write next.json"),
+    ("next", "next_probe", "choose the next touch, given contacts so far; write next.json"),
     (
         "contacts",
         "log_contacts",
@@ -51,7 +52,7 @@ _VERBS = (
     ("paper", "paper", "reproduce every figure and table of the paper in one report.html"),
     ("view", "view", "show the scene of a folder of results in the browser"),
     ("hand", "hand_files", "write the first YAML of a hand, or draw a hand"),
-    ("doctor", "doctor", "check this machine, or the files of a hand, and say what to fix"),
+    ("doctor", "doctor", "check this machine, or the files of a hand, and list fixes"),
 )
 
 # Objects created between garbage collections, by generation. Arrays, which take the memory, are not
@@ -84,7 +85,13 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"lis-grasp {lis_grasp.__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     for name, module, text in _VERBS:
-        of_verb = verbs.add_parser(name, help=text)
+        of_verb = verbs.add_parser(
+            name,
+            help=text,
+            description=text,
+            epilog=examples_of(name),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
         if verb in (None, name):
             _import_uncollected(f"lis_grasp.cli.{module}").add_arguments(of_verb)
     return parser

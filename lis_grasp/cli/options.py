@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.pipeline import pose_of
-from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
+from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, REAL_SENSOR, UNKNOWN
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
 from lis_grasp.pipeline.run_config import FINGERS, LOADS, PROBERS, SIMULATORS, RunConfig
+from lis_grasp.plugins import Registry
 from lis_grasp.shapes import NAMES, STABLE, UNITS, Shape, find, placed
 from lis_grasp.typing import FloatArray
 
@@ -27,6 +29,27 @@ def _number(metavar: str, text: str, *, kind: type = float) -> dict[str, Any]:
     return {"type": kind, "metavar": metavar, "help": text}
 
 
+_ESTIMATOR_HELP = {
+    "blend": "smooth patches that meet in edges, or gpis where that predicts as well",
+    "gpis": "a Gaussian process, which rounds edges",
+    "patch": "the patches alone",
+    "lis": "the paper's tangent planes",
+}
+_POLICY_HELP = {
+    "spread": "farthest from all contacts",
+    "swift": "the same, with little motion",
+    "frontier": "next to the contacts, as in the paper",
+    "uncertainty": "where the estimate is most uncertain",
+    "random": "anywhere on the estimate",
+}
+
+
+def _names(meanings: Mapping[str, str], registry: Registry) -> str:
+    """Return the names of a registry with their meanings, and how to plug in one of your own."""
+    own = [f"{name} ({meaning})" for name, meaning in meanings.items()]
+    return ", ".join([*own, *registry.names[len(registry.builtin) :], "or my.module:Class"])
+
+
 # Options named as fields of RunConfig; the help gets the default of the field where it has one.
 _OPTIONS: dict[str, dict[str, Any]] = {
     "size": _number(
@@ -40,7 +63,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "estimator": {
         "metavar": "NAME",
-        "help": f"surface estimator: {', '.join(ESTIMATOR_NAMES.names)}, or my.module:Class",
+        "help": f"surface estimator: {_names(_ESTIMATOR_HELP, ESTIMATOR_NAMES)}",
     },
     "prober": {
         "choices": PROBERS,
@@ -69,8 +92,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "policy": {
         "metavar": "NAME",
-        "help": f"how the next touch is chosen: {', '.join(POLICY_NAMES.names)}, or"
-        " my.module:Class",
+        "help": f"choice of the next touch: {_names(_POLICY_HELP, POLICY_NAMES)}",
     },
     "until_success": _number(
         "PROBABILITY",
@@ -85,7 +107,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "max_seconds": _number("S", "stop after this time of the robot"),
     "free_space": {
         "action": argparse.BooleanOptionalAction,
-        "help": "carve the space that the hand passed through off the estimate (default: yes)",
+        "help": "remove the space that the hand passed through from the estimate (default: yes)",
     },
     "position_noise": _number(
         "METRES", "standard deviation of the positions of contacts that do not carry their own"
@@ -109,8 +131,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "friction": _number("MU", "Coulomb friction between hand and object"),
     "load": {
         "choices": LOADS,
-        "help": "whether planning knows the object's mass and friction, or only how they are"
-        " distributed",
+        "help": "prior knowledge of the object's mass and friction in planning: their values, or"
+        " their distributions (default: unknown; known with --known)",
     },
     "simulator": {
         "choices": SIMULATORS,
@@ -131,12 +153,41 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "seed": _number("N", "random seed", kind=int),
 }
 
+# Defaults that depend on the conditions, or on the file that a verb reads.
+_OF_FILES = "; of recorded contacts their own, or estimated"
+_OTHER_DEFAULTS = {
+    name: f"{value:.3g}; 0 with --known or --ideal" + (_OF_FILES if "noise" in name else "")
+    for name, value in REAL_SENSOR.items()
+}
 
-def add_options(parser: argparse.ArgumentParser, *names: str, show_default: bool = True) -> None:
+
+# Titles in the help, and the options below them; others are listed before all titles.
+_GROUPS = {
+    "touching": (
+        *("hand", "prober", "fingers", "policy", "touches", "cloud"),
+        *("until_success", "until_coverage", "until_uncertainty", "max_seconds"),
+    ),
+    "tactile sensor": tuple(REAL_SENSOR),
+    "surface": ("estimator", "free_space"),
+    "grasp and lift": ("mass", "friction", "grasps", "attempts", "simulator"),
+    "arm": ("arm", "base"),
+}
+
+
+def add_options(
+    parser: argparse._ActionsContainer, *names: str, show_default: bool = True, grouped: bool = True
+) -> None:
     """Add options by the names of their fields in `RunConfig`; omitted ones parse as None."""
+    groups = {title: [n for n in members if n in names] for title, members in _GROUPS.items()}
+    if grouped and sum(map(bool, groups.values())) > 1:
+        for title, members in groups.items():
+            if members:
+                group = parser.add_argument_group(title)
+                add_options(group, *members, show_default=show_default, grouped=False)
+        names = tuple(name for name in names if not any(name in g for g in groups.values()))
     for name in names:
         option = dict(_OPTIONS[name])
-        default = getattr(_DEFAULTS, name)
+        default = _OTHER_DEFAULTS.get(name, getattr(_DEFAULTS, name))
         if show_default and default is not None and not isinstance(default, bool):
             option["help"] += f" (default: {default})"
         parser.add_argument(f"--{name.replace('_', '-')}", default=None, **option)
@@ -144,29 +195,30 @@ def add_options(parser: argparse.ArgumentParser, *names: str, show_default: bool
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:
     """Add the options of what is known of the object, how it stands, and the sensor."""
-    given = parser.add_mutually_exclusive_group()
+    conditions = parser.add_argument_group("conditions")
+    given = conditions.add_mutually_exclusive_group()
     given.add_argument(
         "--unknown",
         action="store_true",
         default=None,
-        help="nothing is known but the region: the object stands free on a table in a stable pose"
-        " (fixed with --prober kinematic), and the sensor is realistic: 0.5 mm, 3 deg, 0.05 N,"
-        " taxels 2 mm apart (default, unless there is a --cloud)",
+        help="nothing is known but the region, not even mass and friction: the object stands free"
+        " on a table in a stable pose (fixed with --prober kinematic), and the sensor is realistic:"
+        " 0.5 mm, 3 deg, 0.05 N, taxels 2 mm apart (default, unless there is a --cloud)",
     )
     given.add_argument(
         "--known",
         dest="unknown",
         action="store_false",
         default=None,
-        help="place and size of the object are known, it is fixed in the air as its mesh stands,"
-        " and the sensor is ideal; the options below change each of these",
+        help="place, size, mass and friction of the object are known, it is fixed in the air as its"
+        " mesh stands, and the sensor is ideal; the options below change each of these",
     )
-    add_options(parser, "pose", "region", "free")
-    add_options(parser, "load", show_default=False)
-    parser.add_argument(
+    add_options(conditions, "pose", "region", "free")
+    add_options(conditions, "load", show_default=False)
+    conditions.add_argument(
         "--clamped", action="store_true", help="the object is fixed, as with --prober kinematic"
     )
-    parser.add_argument("--ideal", action="store_true", help="the sensor has no noise")
+    conditions.add_argument("--ideal", action="store_true", help="the sensor has no noise")
 
 
 def configure_touch(options: argparse.Namespace) -> RunConfig:

@@ -50,7 +50,7 @@ class Policy(Protocol):
         """Return the next probe, or None to end the exploration.
 
         `contacts`, in O, are all so far. `surface` is estimated from them (None without contacts)
-        before free space is carved off: the walls that carving leaves must not be touched.
+        before free space is removed: the walls that carving leaves must not be touched.
         `outcomes` are those of every probe so far, in order. Draw random numbers from `rng`.
         """
         ...
@@ -164,7 +164,7 @@ class TargetPolicy:
         rng: np.random.Generator,
     ) -> Probe:
         """Return the next probe; see `Policy`. There always is one."""
-        space = self.space.felt(contacts)
+        space = self.space.fitted_to(contacts)
         made = sum(len(outcome.contacts) for outcome in outcomes)
         if len(outcomes) < len(AXES) and len(contacts) <= made:
             opening = axis_probe(space, outcomes, rng)

@@ -78,9 +78,9 @@ class Region:
         size = _BEYOND * max(float((high - low).max()), _THICKNESS) + _UNKNOWN / len(contacts)
         return self._workspace(0.5 * (low + high), size)
 
-    def felt(self, contacts: Contacts) -> Workspace:
+    def fitted_to(self, contacts: Contacts) -> Workspace:
         """Return the workspace with the step of the object that the contacts show."""
-        return self.grown(contacts).felt(contacts)
+        return self.grown(contacts).fitted_to(contacts)
 
     def _workspace(self, center: FloatArray, size: float) -> Workspace:
         return Workspace(STEP_FRACTION * size, center, size, 0.0, self.tip_radius)

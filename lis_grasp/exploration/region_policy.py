@@ -65,7 +65,7 @@ def _since_first_contact(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutc
 
 
 def _opening_probe(space: Workspace, since: Sequence[ProbeOutcome]) -> Probe | None:
-    """Return a probe along an axis through the felt middle, from the least probed side, or None."""
+    """Return a probe along an axis through the centre, from the least probed side, or None."""
     probed = np.array([outcome.probe.direction for outcome in since])
     nearest = (_OPENING @ probed.T).max(axis=1)  # cosine to the most similar direction
     left = nearest <= SAME_DIRECTION

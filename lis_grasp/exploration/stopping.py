@@ -40,12 +40,12 @@ def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:
     def rule(
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        felt = space.felt(contacts)
-        points, normals = _touchable_samples(felt, surface)
+        fitted = space.fitted_to(contacts)
+        points, normals = _touchable_samples(fitted, surface)
         if not len(points):
             return None
         nearest, _ = gaps(points, normals, contacts)
-        covered = float(np.mean(nearest <= felt.step))
+        covered = float(np.mean(nearest <= fitted.step))
         if covered < fraction:
             return None
         return f"{100.0 * covered:.0f} % of the estimate is within a step of a contact"
@@ -66,7 +66,7 @@ def stop_when_certain(deviation: float, space: Workspace | Region) -> StopRule:
     def rule(
         contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        points, _ = _touchable_samples(space.felt(contacts), surface)
+        points, _ = _touchable_samples(space.fitted_to(contacts), surface)
         if not len(points):
             return None
         reached = float(np.quantile(surface.uncertainty(points), _CERTAIN_QUANTILE))

@@ -61,7 +61,7 @@ class TactileSensor:
     def free_margin(self) -> float:
         """Distance by which the free space of a link is smaller than the link [m].
 
-        Two standard deviations of a contact's position: a contact must not be carved off for its
+        Two standard deviations of a contact's position: a contact must not be removed for its
         noise.
         """
         return 2.0 * self.position_noise

@@ -63,7 +63,7 @@ class Targets:
         *,
         rng: np.random.Generator,
     ) -> Targets:
-        """Return the targets of an estimate, given before free space is carved off."""
+        """Return the targets of an estimate, given before free space is removed."""
         points, normals = space.sample(surface, near=contacts, rng=rng)
         flat = is_flat(contacts, space)
         least_cosine = _FACES_ALIKE if flat else _FACES_AWAY

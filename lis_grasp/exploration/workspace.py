@@ -87,7 +87,7 @@ class Workspace:
         """Return the workspace that contains the object: this one; see `Region.grown`."""
         return self
 
-    def felt(self, contacts: Contacts) -> Workspace:
+    def fitted_to(self, contacts: Contacts) -> Workspace:
         """Return the workspace with the step of the object that the contacts show.
 
         The step is `STEP_FRACTION` of the diameter of the ball of the same area: as many steps
@@ -162,7 +162,7 @@ class ObstacleModel:
 
     space: Workspace
     contacts: Contacts
-    surface: ImplicitSurface | None  # estimated from the contacts, free space carved off
+    surface: ImplicitSurface | None  # estimated from the contacts, without free space
 
     def occupies(self, points: FloatArray) -> BoolArray:
         """Return which points (P, 3) [m], in O, are inside known object or table, shape (P,).

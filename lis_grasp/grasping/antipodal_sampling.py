@@ -82,7 +82,7 @@ def sample_contact_sets(
         angle = float(rng.choice(_APPROACH_ANGLES)) + float(rng.normal(0.0, 0.05))
         chosen = _choose_fingers(opposition, rng)
         spread = float(rng.choice(spreads))
-        lean = 0.0 if hand.kind == "jaw" else float(rng.choice(_LEANS))
+        lean = 0.0 if hand.kind == "parallel_jaw" else float(rng.choice(_LEANS))
         p, n = samples.points[i], samples.normals[i]
         closing = -n if rng.random() < 0.5 else -_horizontal(n)
         across = _opposing_point(samples, p, closing)

@@ -363,7 +363,7 @@ def wrench_model(mesh: trimesh.Trimesh, hand: Hand, friction: float) -> WrenchMo
     center = np.asarray(mesh.center_mass)
     length = float(np.linalg.norm(mesh.vertices - center, axis=1).max())
     model = WrenchModel(friction, origin=center, length_scale=length)
-    if hand.kind == "jaw":
+    if hand.kind == "parallel_jaw":
         model = replace(model, contact_model="soft_finger", torsion=friction * _FLAT_PAD_LEVER)
     return model
 

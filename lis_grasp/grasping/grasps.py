@@ -19,7 +19,7 @@ from lis_grasp.typing import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grasp:
-    """A hand at an object, its fingers in contact.
+    """Palm pose, joint positions, contacts and quality of a grasp.
 
     Parameters
     ----------

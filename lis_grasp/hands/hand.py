@@ -29,7 +29,7 @@ class Hand(HandModel):
     Parameters
     ----------
     name, kind
-        Its name; ``"jaw"`` for parallel flat pads, else ``"multi_finger"``.
+        Its name; ``"parallel_jaw"`` for parallel flat pads, else ``"multi_finger"``.
     joint_names, lower, upper, effort_limits
         The J actuated joints: names, limits (J,) [rad or m] and largest effort (J,) [N m or N].
     links

@@ -14,7 +14,7 @@ from lis_grasp.typing import FloatArray
 
 JointKind = Literal["revolute", "prismatic", "fixed"]
 GeometryKind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
-HandKind = Literal["multi_finger", "jaw"]
+HandKind = Literal["multi_finger", "parallel_jaw"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

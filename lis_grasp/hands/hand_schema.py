@@ -76,7 +76,9 @@ class HandEntry(_Record):
     """A hand's YAML file."""
 
     name: Name
-    kind: HandKind = Field(description="jaw: flat parallel pads; multi_finger: rounded pads.")
+    kind: HandKind = Field(
+        description="parallel_jaw: flat parallel pads; multi_finger: rounded pads."
+    )
     urdf: Name = Field(description="URDF or SDF file: a path from this file, or package://NAME/...")
     model_from: str = Field(
         default="", description="How to get the URDF or SDF, for the message when it is missing."

@@ -24,7 +24,7 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
     yield "# Drafted by `lis-grasp hand new`. Lengths in m, angles in rad, forces in N."
     yield from (f"# Note: {note}." for note in notes)
     yield f"name: {_word(hand.name)}"
-    yield f"kind: {hand.kind}  # multi_finger: rounded pads; jaw: two flat parallel pads"
+    yield f"kind: {hand.kind}  # multi_finger: rounded pads; parallel_jaw: two flat parallel pads"
     yield f"urdf: {_word(urdf)}"
     if edits.base_link is not None:
         yield f"base_link: {_word(edits.base_link)}  # links before it are left out"

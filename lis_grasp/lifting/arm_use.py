@@ -1,4 +1,4 @@
-"""What a lift demanded of the arm: efforts, speeds, collisions, and the shakes that it made."""
+"""Use of the arm in touches and lifts: efforts, speeds, collisions, and shakes."""
 
 from __future__ import annotations
 

@@ -163,7 +163,7 @@ def _tactile_check(
         if len(measured) < 2:
             return False
         points, normals = measured.points, measured.normals
-        if hand.kind == "jaw":
+        if hand.kind == "parallel_jaw":
             points = _pushed_along_one_line(points, normals)
         return robust_epsilon_on(mesh, hand, points, normals, friction=friction) > 0.0
 
@@ -171,7 +171,7 @@ def _tactile_check(
 
 
 def _pushed_along_one_line(points: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return where two flat pads will push an object (2, 3), felt first at ends of its faces.
+    """Return where two flat pads will push an object (2, 3) whose faces they touched at the ends.
 
     Closing pads turn the object until its faces lie on them (Brost 1988).
     """

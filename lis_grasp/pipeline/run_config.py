@@ -32,7 +32,7 @@ SIMULATORS = ("drake", "mujoco")
 """Simulators of a lift."""
 
 LOADS = ("known", "unknown")
-"""What planning knows of mass and friction."""
+"""Prior knowledge of mass and friction in planning."""
 
 UNKNOWN_LOAD = LoadPrior(friction=0.8, mass=0.2, friction_spread=0.25, mass_spread=float(np.log(2)))
 """Household objects and fingertips of rubber: 0.06 to 0.7 kg, friction 0.5 to 1.2."""
@@ -85,7 +85,7 @@ class RunConfig:
     force_threshold, taxel_pitch
         Smallest force that the sensor detects [N], and the distance of its taxels [m].
     free_space
-        Whether the space that the hand passed through is carved off the estimate.
+        Whether the space that the hand passed through is removed from the estimate.
     cloud
         Path of a file of contacts that are known before the first touch, for example a depth
         camera's point cloud with normals, in the object frame; None for none.
@@ -98,7 +98,7 @@ class RunConfig:
     friction
         True Coulomb friction between hand and object.
     load
-        What planning knows of mass and friction: "known" their true values, "unknown" the
+        Prior knowledge of mass and friction: "known" their true values, "unknown" the
         distribution `UNKNOWN_LOAD`.
     grasps
         Ranked grasps to plan; the first is executed.

@@ -47,7 +47,7 @@ class Stopwatch:
 def make_estimator(name: str, sensor: TactileSensor | None = None) -> Estimator:
     """Return an estimator, the package's or a plug-in, that is given the sensor's noise.
 
-    Without noise an estimator keeps its own small default, which conditions its equations.
+    Without noise, the estimator estimates it from the contacts, or keeps its own default.
     """
     if sensor is None or not (sensor.position_noise or sensor.normal_noise):
         return find_estimator(name)
@@ -68,7 +68,7 @@ def estimate(
 ) -> tuple[ImplicitSurface, trimesh.Trimesh]:
     """Estimate the surface from contacts of a sensor, and mesh it.
 
-    With `free_space`, the contacts' free space is carved off. A `table` at a height [m] closes the
+    With `free_space`, the contacts' free space is removed. A `table` at a height [m] closes the
     estimate from below.
     """
     surface = make_estimator(estimator, sensor)(contacts)

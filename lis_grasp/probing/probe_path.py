@@ -24,7 +24,7 @@ def path_out(arm: Arm, course: Course, before: float, step: float) -> JointTraje
     """Return the path from home to the end of a course, or to `before` [m] ahead of its contact.
 
     The transit as planned, then the straight legs at the course's speeds, or slower where the arm's
-    limits, times its `speed_share`, need it. There is a point each `step` [s]: that of the transit.
+    limits, times its `speed_fraction`, need it. There is a point each `step` [s].
     Ahead of a contact the palm keeps its speed.
     """
     assert course.way is not None
@@ -75,7 +75,7 @@ def _leg(
     made = _timed(arm, line, speed, step, 1.0, keeps_speed=keeps_speed)
     speeds = np.abs(made.velocities) / arm.velocity_limits
     pulls = np.abs(made.accelerations) / arm.acceleration_limits
-    slower = max(speeds.max() / arm.speed_share, np.sqrt(pulls.max() / arm.speed_share))
+    slower = max(speeds.max() / arm.speed_fraction, np.sqrt(pulls.max() / arm.speed_fraction))
     if slower <= 1.0:
         return made
     return _timed(arm, line, speed, step, float(slower), keeps_speed=keeps_speed)

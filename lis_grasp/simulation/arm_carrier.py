@@ -58,7 +58,7 @@ class ArmCarrier:
     """An arm that carries the hand of a lift; see `Carrier`.
 
     Palm paths become joint paths beforehand. The joints get positions, rates, and the efforts of
-    inverse dynamics. Paths take longer where the arm's limits, times its `speed_share`, need it. A
+    inverse dynamics. Paths take longer where the arm's limits, times `speed_fraction`, need it. A
     shake is scaled down to the limits; the rest of its acceleration acts as forces on the object.
 
     Parameters
@@ -148,7 +148,7 @@ class ArmCarrier:
     def follow(self, path: WristPath, duration: float) -> ArmMotion:
         """Return the motion along a path, slower where the arm's limits need it."""
         joints = self._track(path, duration)
-        speed, acceleration = joints.use_of(*self._limits) / self._arm.arm.speed_share
+        speed, acceleration = joints.use_of(*self._limits) / self._arm.arm.speed_fraction
         slower = max(speed, np.sqrt(acceleration))
         return ArmMotion(self, joints if slower <= 1.0 else self._track(path, duration, slower))
 

@@ -93,7 +93,7 @@ def add_table(
 def add_support(
     plant: MultibodyPlant, height: float, friction: float, *, under: trimesh.Trimesh, mass: float
 ) -> GeometryId:
-    """Add the table as a free object of a mass [kg] feels it, and return its geometry.
+    """Add the table that supports a free object of a mass [kg], and return its geometry.
 
     Contact with a table of any stiffness is not stable: a flat object that is light for its face
     would bounce by itself. This one is as soft as the plant's time step asks for: such an object

@@ -55,7 +55,7 @@ class BlendedImplicitSurface:
     0 where the two estimates are 0.5 to 1 spacings apart.
 
     A solid's edges are between contacts; there a smooth estimate is wrong, and so is a sharp one
-    that takes a bend for an edge. Both show in the prediction of places that are left out.
+    that misreads a bend as an edge. Both show in the prediction of places that are left out.
 
     Made by `from_contacts`. Near the surface f is about a distance.
     """

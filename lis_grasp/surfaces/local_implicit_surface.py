@@ -87,7 +87,7 @@ class LocalImplicitSurface(BlockwiseSurface):
             Convexity: "corrected" is 1 - sgn(y) beta*, our correction; "as_published" is eq. 10,
             1 + sgn(y) beta*; "none" is 1. At the default width the three differ little; from
             0.4 spacings on, "as_published" grows the wrong side of edges: a convex edge is the
-            maximum of its planes, so the outside must win there.
+            maximum of its planes, so outside it the larger value must win.
         position_noise, normal_noise
             One standard deviation of positions along the normal [m] and of normals [rad], for
             contacts whose own are unknown; None estimates them (`estimate_noise`). Equal ones

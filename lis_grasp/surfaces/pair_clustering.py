@@ -3,7 +3,7 @@
 Two contacts i, j on one circular arc are equally deep below each other's tangent planes: the
 asymmetry |y_i(c_j) - y_j(c_i)| / |c_j - c_i| is 0 on planes, spheres and cylinders, whatever the
 angle between the normals, and small where curvature changes slowly. Across an edge it is 0 only if
-both contacts happen to be equally far from it. One pair does not distinguish a bend from an edge;
+both contacts are by chance equally far from it. One pair does not distinguish a bend from an edge;
 all pairs between two groups of contacts nearly always do.
 """
 

@@ -274,7 +274,7 @@ def test_balls_cover_a_body(kind: str) -> None:
         ({"joints": ["reach", "turn"]}, "joints"),
         ({"velocity_limits": {"elbow": 1.0}}, "velocity_limits.elbow"),
         ({"position_limits": {"turn": [1.0, 0.0]}}, "position_limits.turn"),
-        ({"speed_share": 1.5}, "speed_share"),
+        ({"speed_fraction": 1.5}, "speed_fraction"),
         ({"speed": 1.0}, "speed"),
         ({"stiffness": [1.0]}, "stiffness"),
         ({"urdf": "other.urdf"}, "urdf"),

@@ -67,7 +67,7 @@ def test_a_long_straight_motion_takes_the_time_of_a_trapezoid(station: Station) 
     start, goal = np.zeros(7), np.zeros(7)
     goal[0] = 2.5
     speed, acceleration = _SHARE * arm.velocity_limits[0], _SHARE * arm.acceleration_limits[0]
-    motion = time_path(arm, np.array([start, goal]), share=_SHARE)
+    motion = time_path(arm, np.array([start, goal]), fraction=_SHARE)
     # Closed form: distance / speed + speed / acceleration; up to one step longer.
     expected = 2.5 / speed + speed / acceleration
     assert expected - 1e-3 <= motion.duration <= 1.01 * expected + 0.01
@@ -78,7 +78,7 @@ def test_a_long_straight_motion_takes_the_time_of_a_trapezoid(station: Station) 
 def test_a_short_motion_is_limited_by_acceleration(station: Station) -> None:
     goal = np.zeros(7)
     goal[3] = -0.05
-    motion = time_path(station.arm, np.array([np.zeros(7), goal]), share=_SHARE)
+    motion = time_path(station.arm, np.array([np.zeros(7), goal]), fraction=_SHARE)
     # Closed form of a triangle of speed: 2 sqrt(distance / acceleration).
     expected = 2.0 * np.sqrt(0.05 / (_SHARE * station.arm.acceleration_limits[3]))
     assert expected - 1e-3 <= motion.duration <= 1.02 * expected + 0.01
@@ -124,10 +124,10 @@ def test_joined_trajectories_follow_each_other(station: Station) -> None:
 
 def _assert_consistent(arm: Arm, motion: JointTrajectory) -> None:
     """Require the limits, rest at both ends, and velocities that are those of the positions."""
-    share = arm.speed_share
+    fraction = arm.speed_fraction
     # Limits hold on the grid of the path, between whose points curvature is constant.
-    assert (np.abs(motion.velocities) <= 1.01 * share * arm.velocity_limits).all()
-    assert (np.abs(motion.accelerations) <= 1.02 * share * arm.acceleration_limits).all()
+    assert (np.abs(motion.velocities) <= 1.01 * fraction * arm.velocity_limits).all()
+    assert (np.abs(motion.accelerations) <= 1.02 * fraction * arm.acceleration_limits).all()
     assert not motion.velocities[0].any()
     assert not motion.velocities[-1].any()
     steps = np.diff(motion.times)[:, None]
@@ -135,5 +135,5 @@ def _assert_consistent(arm: Arm, motion: JointTrajectory) -> None:
     measured = np.diff(motion.positions, axis=0) / steps
     mean = 0.5 * (motion.velocities[1:] + motion.velocities[:-1])
     # Within a step the acceleration may jump from one limit to the other once: a quarter of a step.
-    slack = 0.5 * share * arm.acceleration_limits * steps.max()
+    slack = 0.5 * fraction * arm.acceleration_limits * steps.max()
     assert (np.abs(measured - mean) <= 1.05 * slack + 1e-9).all()

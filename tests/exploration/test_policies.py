@@ -136,10 +136,10 @@ def test_the_felt_step_is_that_of_the_ball_of_the_same_area(factor: float) -> No
     extent = float(np.ptp(corners, axis=0).max())
     space = Workspace(0.25 * extent, np.zeros(3), extent)
     area = 2.0 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
-    assert space.felt(contacts).step == pytest.approx(0.25 * np.sqrt(area / np.pi))
+    assert space.fitted_to(contacts).step == pytest.approx(0.25 * np.sqrt(area / np.pi))
     # The ball of a cube's area is larger than the cube's edge: the step stays.
     cube = corners_and_middles(bar((0.3, 0.3, 0.3), (0.0, 0.0, 0.0)))
-    assert Workspace(0.05, np.zeros(3), 0.3).felt(cube).step == 0.05
+    assert Workspace(0.05, np.zeros(3), 0.3).fitted_to(cube).step == 0.05
 
 
 def test_lines_cross_the_hull_where_they_cross_the_box() -> None:

@@ -97,7 +97,7 @@ def test_the_command_writes_a_yaml_and_a_page_and_keeps_existing_files(
     for pair in yaml.safe_load(Path("jaw.yaml").read_text())["self_collision_exclusions"]:
         assert "-".join(pair) in said
     written = Path("jaw.yaml").read_text()
-    assert yaml.safe_load(written)["kind"] == "jaw"
+    assert yaml.safe_load(written)["kind"] == "parallel_jaw"
     assert main(["hand", "new", urdf, "--name", "jaw"]) == 2
     assert Path("jaw.yaml").read_text() == written
     assert main(["hand", "view", "jaw.yaml"]) == 0

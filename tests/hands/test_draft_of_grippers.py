@@ -199,7 +199,7 @@ def test_the_hand_of_a_whole_robot_is_found_at_the_end_of_its_arm(tmp_path: Path
     draft = draft_hand(path, name="grip", rng=np.random.default_rng(0))
     assert draft.edits.base_link == "grip_palm"
     assert {pad.link for pad in draft.hand.pads} == {"grip_left", "grip_right"}
-    assert draft.hand.kind == "jaw"
+    assert draft.hand.kind == "parallel_jaw"
 
 
 def test_a_gripper_alone_has_no_arm_to_leave_out(tmp_path: Path) -> None:

@@ -178,7 +178,7 @@ def test_the_jaw_opens_by_110_mm_between_flat_pads_that_face_each_other() -> Non
     axes = hand.pad_axes(np.eye(4), hand.upper)
     np.testing.assert_allclose(axes[0], -axes[1])
     assert [pad.radius for pad in hand.pads] == [0.0, 0.0]
-    assert hand.kind == "jaw"
+    assert hand.kind == "parallel_jaw"
     assert hand.max_contact_force <= hand.effort_limits.min()
 
 

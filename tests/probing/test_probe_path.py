@@ -63,7 +63,7 @@ def test_a_stretched_arm_is_slower(course: Course) -> None:
         count = len(course.way.times)  # the transit is planned before
         legs = slow.velocities[count:] if path is path_out else slow.velocities[:-count]
         # The fastest moment is between two points of the faster motion.
-        assert np.abs(legs / arm.velocity_limits).max() <= arm.speed_share * 1.05
+        assert np.abs(legs / arm.velocity_limits).max() <= arm.speed_fraction * 1.05
         assert slow.duration > fast.duration
         np.testing.assert_allclose(slow.positions[-1], fast.positions[-1], atol=1e-12)
 

@@ -41,7 +41,7 @@ def test_a_free_way_keeps_every_limit(scene: TransitScene, use: ArmUse) -> None:
     assert use.contacts == {}
     assert 0.0 < use.effort < 1.0
     # The motion asks for half of the speeds, and the control follows it.
-    assert use.speed == pytest.approx(ARM.speed_share, abs=0.02)
+    assert use.speed == pytest.approx(ARM.speed_fraction, abs=0.02)
 
 
 def test_a_way_into_the_object_ends_at_it(scene: TransitScene, use: ArmUse) -> None:

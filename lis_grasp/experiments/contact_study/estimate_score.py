@@ -85,7 +85,7 @@ def score_estimate(
 ) -> EstimateScore:
     """Fit an estimator to a contact set, mesh it and measure it.
 
-    Errors reward a box that happens to end where the object does: compare estimates within the same
+    Errors reward a box that by chance ends where the object does: compare estimates within the same
     kind of box only. A library's error is a failure too.
     """
     start = time.process_time()

@@ -79,7 +79,7 @@ class Touched:
 def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimesh:
     """Return the mesh that an estimator makes of a trial's contacts.
 
-    Of contacts alone, if the object is known; else the free space is carved off, and the table
+    Of contacts alone, if the object is known; else the free space is removed, and the table
     closes the estimate from below, for all estimators.
     """
     surface = compared_estimator(estimator)(contacts, parse_noise(trial.noise))

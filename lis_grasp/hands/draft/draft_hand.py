@@ -41,12 +41,12 @@ _WRIST = 2
 _PREGRASPS = ("wide", "medium", "narrow", "tight")
 _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
-# Parts replace a jaw's hulls if their faces are larger than so many times the hulls', and [m^2].
+# Parts replace a gripper's hulls if their faces are so many times the hulls', and this [m^2].
 _HIDDEN, _LEAST_FACE = 2.0, 3e-5
 _LISTED = 4  # pairs of links in a note
 _USED = 0.9  # fraction of an effort that a finger's force may need
 # Of one finger [N]: files often give more than a robot uses.
-_LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "jaw": 40.0}
+_LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "parallel_jaw": 40.0}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +146,7 @@ def draft_hand(
             {label: read_only(o.q) for label, o in zip(_PREGRASPS, chosen, strict=False)}
         ),
     )
-    if hand.kind == "jaw":
+    if hand.kind == "parallel_jaw":
         hand, edits = _strong_enough(hand, edits)
     postures = find_probe_postures(hand, checker_of(hand), rng=rng)
     silent = [finger for finger in hand.fingers if finger not in postures]
@@ -176,7 +176,7 @@ def _with_openings(
     hand = replace(hand, self_collision_exclusions=exclusions)
     checker = checker_of(hand)
     openings = find_pregrasps(hand, checker, rng=rng)
-    if openings or hand.kind == "jaw":
+    if openings or hand.kind == "parallel_jaw":
         return hand, openings
     for most_turned in (MOST_TURNED, _TURNED):
         for tilts in _OTHER_TILTS:
@@ -198,7 +198,7 @@ def _split_fingers(
 def _hulls_hide_faces(
     model: HandModel, fingers: Sequence[Finger], parts: HandModel, of_parts: Sequence[Finger]
 ) -> bool:
-    """Return whether the flat faces of a jaw are inside the hulls of its fingers.
+    """Return whether the flat faces of a gripper are inside the hulls of its fingers.
 
     An angular finger has its face behind the hull over its foot and its tip.
     """
@@ -238,7 +238,7 @@ def _without_robot(
 
 
 def _strong_enough(hand: Hand, edits: DescriptionEdits) -> tuple[Hand, DescriptionEdits]:
-    """Set the usual efforts of a jaw so that both fingers push with the usual force at once."""
+    """Set the usual efforts of a gripper so that both fingers push with the usual force at once."""
     q = np.array(list(hand.pregrasps.values()))
     _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (G, F, 3, 6 + J)
     levers = np.abs(np.einsum("gfkj,gfk->gfj", jacobian[..., 6:], axes)).sum(axis=1).max(axis=0)
@@ -280,7 +280,7 @@ def _without_postures(model: HandModel, name: str, pads: tuple) -> Hand:
     return Hand(
         **fields_of(model),
         name=name,
-        kind="jaw" if len(pads) == 2 else "multi_finger",
+        kind="parallel_jaw" if len(pads) == 2 else "multi_finger",
         pads=pads,
         X_LH=read_only(np.eye(4)),
         approach_H=read_only(np.array([0.0, 0.0, 1.0])),

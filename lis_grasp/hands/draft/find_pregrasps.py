@@ -19,7 +19,7 @@ _FIRST = (0.036, 0.057, 0.027, 0.046, 0.019, 0.012)  # radii from which the sear
 _ROUNDS, _LEAST_GOOD = 8, 4  # random starts for each of them, and good openings that are enough
 _HOME = 0.5  # fraction of starts near joint positions 0, as far as the limits allow
 _RETRIES = (0.0, 0.02, 0.05, 0.1, 0.1, 0.15)  # spread of starts about a neighbour, of the range
-_BISECTIONS = 4  # of the radius of the widest opening of a jaw
+_BISECTIONS = 4  # of the radius of the widest opening of a gripper
 # Units of the residuals: [m], [-] (of unit vectors), [m] (of penetrations).
 _POSITION, _AXIS, _BALANCE, _PENETRATION = 0.004, 0.5, 0.25, 0.003
 _RANGE = 3.0  # fractions of a joint's range off its relaxed position
@@ -86,7 +86,7 @@ def find_pregrasps(
 
 
 def _widest(problem: _Problem, last: Opening, failed: float, rng: np.random.Generator) -> Opening:
-    """Return the widest opening of a jaw by bisection, between a radius that failed and one not."""
+    """Return the widest opening of a gripper, by bisection between two radii, one that failed."""
     for _ in range(_BISECTIONS):
         middle = 0.5 * (last.radius + failed)
         opening = problem.solve_near(last, middle, rng)

@@ -1,4 +1,4 @@
-"""Pads of a jaw: flat faces of two fingers, chosen where they are opposite to each other."""
+"""Pads of a gripper: flat faces of two fingers, chosen where they are opposite to each other."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from lis_grasp.hands.link_tree import HandModel
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
-# Of the pads [rad]; those of a jaw whose faces turn must be about parallel when they touch.
+# Of the pads [rad]; those of a gripper whose faces turn must be about parallel when they touch.
 _HALF_ANGLE, _TURNING_HALF_ANGLE = 0.3, 0.15
-# A face counts as that of a jaw within these angles: to the other pad, and over itself [rad].
+# A face counts as that of a gripper within these angles: to the other pad, and over itself [rad].
 _FACING, _FLAT = 0.7, 0.1
 _LEVEL = 0.0015  # of a face's corners [m]
 _OBLIQUE = 0.12  # angle to the closing direction at which a face's area counts 1/e [rad]
@@ -31,30 +31,30 @@ _TIP_LENGTH = 0.04  # part of a finger, from its end, that counts as its tip [m]
 
 
 def fit_flat_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
-    """Return the pads of a jaw's two fingers.
+    """Return the pads of a gripper's two fingers.
 
     The fingers close along the motion of one tip relative to the other. The pad of each is the
     largest flat face that looks about along it when the gap is usual for an object.
     """
-    jaw = _Jaw(model, fingers)
-    poses, towards, outwards = jaw.towards()
+    gripper = _Gripper(model, fingers)
+    poses, towards, outwards = gripper.towards()
     pads = [flat_pad(*each) for each in zip(fingers, towards, outwards, strict=True)]
     pads = _opposed(pads, poses)
-    half_angle = _TURNING_HALF_ANGLE if jaw.turns(pads) else _HALF_ANGLE
+    half_angle = _TURNING_HALF_ANGLE if gripper.turns(pads) else _HALF_ANGLE
     return tuple(replace(pad, half_angle=half_angle) for pad in pads)
 
 
 def face_areas(model: HandModel, fingers: Sequence[Finger]) -> FloatArray:
-    """Return the area of the flat face that each of a jaw's fingers closes with, (2,) [m^2].
+    """Return the area of the flat face that each of a gripper's fingers closes with, (2,) [m^2].
 
     An area counts less the more its face is oblique to the closing direction; 0 without a face.
     """
-    _, towards, outwards = _Jaw(model, fingers).towards()
+    _, towards, outwards = _Gripper(model, fingers).towards()
     faces = [_largest_face(*each) for each in zip(fingers, towards, outwards, strict=True)]
     return np.array([0.0 if face is None else face[0] for face in faces])
 
 
-class _Jaw:
+class _Gripper:
     """Two fingers' motion: their tips, the gap between them, and its direction."""
 
     def __init__(self, model: HandModel, fingers: Sequence[Finger]) -> None:
@@ -128,7 +128,7 @@ class _Jaw:
         return np.asarray(closing if closing @ gap > _ALONG_GAP else gap)
 
     def turns(self, pads: Sequence[Pad]) -> bool:
-        """Return whether two flat faces turn towards each other while the jaw closes."""
+        """Return whether two flat faces turn towards each other while the gripper closes."""
         poses = self.poses(np.linspace(self._model.lower, self._model.upper, 9))
         first, second = (poses[pad.link][:, :3, :3] @ pad.axis_L for pad in pads)
         angles = np.arccos(np.clip(-(first * second).sum(axis=1), -1.0, 1.0))
@@ -170,7 +170,7 @@ def _opposed(pads: Sequence[Pad], poses: Mapping[str, FloatArray]) -> list[Pad]:
 
 
 def flat_pad(finger: Finger, towards_L: FloatArray, outward_L: FloatArray) -> Pad:
-    """Return the largest flat face of a jaw's finger that looks about along the closing direction.
+    """Return a gripper finger's largest flat face that looks about along the closing direction.
 
     It is a face of one body that no other body of the finger covers, nor protrudes over towards the
     finger's end, if there is one: what is held meets the foremost face at the end first.

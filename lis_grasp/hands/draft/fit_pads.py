@@ -32,7 +32,7 @@ _SYMMETRIC = 0.3  # a range of motion is one-sided if one end is farther from 0 
 def fit_pads(
     model: HandModel, fingers: Sequence[Finger], tilts: Sequence[float] = TILTS
 ) -> tuple[Pad, ...]:
-    """Return one pad for each finger; the flat faces of a jaw's two, else spheres.
+    """Return one pad for each finger; the flat faces of a gripper's two, else spheres.
 
     A finger closes in the direction in which its last joint bends farther from 0; if both are
     alike, towards the other fingertips in the middle of all joints' ranges; a tip that is kept
