@@ -27,8 +27,8 @@ from lis_grasp import Contacts, GraspSearch, Hand
 from lis_grasp.experiments.runner import local_scheduler, run_trials, single_thread
 from lis_grasp.experiments.statistics import cluster_sums, objects_of, sign_flip_p_value
 from lis_grasp.experiments.study.paired_tables import Pairs, difference, gains
-from lis_grasp.experiments.study.study import Setup, Trial, label
 from lis_grasp.experiments.study.study_trial import estimate, plan, touch
+from lis_grasp.experiments.study.trial import Setup, Trial, label
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check

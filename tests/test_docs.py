@@ -180,7 +180,9 @@ def test_readme_fits_on_two_screens() -> None:
 
 def test_rates_on_the_front_page_are_those_of_the_study() -> None:
     text = " ".join((DOCS / "index.md").read_text(encoding="utf-8").split())
-    pattern = r"held (\d+) % of trials on LIS, (\d+) % on GPIS, (\d+) % on `blend` and (\d+) % on the"
+    pattern = (
+        r"held (\d+) % of trials on LIS, (\d+) % on GPIS, (\d+) % on `blend` and (\d+) % on the"
+    )
     (rates,) = re.findall(pattern, text)
     study = _table(DOCS / "study.md", "| GPIS |")
     column = study["estimator"].index("all")

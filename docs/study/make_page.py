@@ -26,7 +26,6 @@ from lis_grasp.experiments.study.paired_tables import (
     object_losses_table,
     units_table,
 )
-from lis_grasp.experiments.study.study import label
 from lis_grasp.experiments.study.study_figures import draw_pictures
 from lis_grasp.experiments.study.study_tables import (
     MEASURE_LABELS,
@@ -40,6 +39,7 @@ from lis_grasp.experiments.study.study_tables import (
     summary_table,
 )
 from lis_grasp.experiments.study.study_trial import TIMES
+from lis_grasp.experiments.study.trial import label
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 

@@ -27,7 +27,7 @@ from lis_grasp.exceptions import (
 from lis_grasp.experiments.runner import DaskCluster, InProcess, LocalPool, run_trials
 from lis_grasp.experiments.study import study_trial as trial_module
 from lis_grasp.experiments.study.row_keys import row_key
-from lis_grasp.experiments.study.study import Setup, Study, Trial, load_study, parse_noise
+from lis_grasp.experiments.study.study import Study, load_study
 from lis_grasp.experiments.study.study_results import StudyResults, job_of, without_times
 from lis_grasp.experiments.study.study_trial import (
     COLUMNS,
@@ -37,6 +37,7 @@ from lis_grasp.experiments.study.study_trial import (
     run_trial,
     touch,
 )
+from lis_grasp.experiments.study.trial import Setup, Trial, parse_noise
 from lis_grasp.experiments.trial_results import Job
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import GraspSearch

@@ -2,10 +2,11 @@
 
 from lis_grasp.experiments.runner import LocalPool
 from lis_grasp.experiments.study.comparison import Comparison, compare
-from lis_grasp.experiments.study.study import Setup, Study, Trial, load_study
+from lis_grasp.experiments.study.study import Study, load_study
 from lis_grasp.experiments.study.study_figures import epsilon_against_truth
 from lis_grasp.experiments.study.study_results import StudyResults
 from lis_grasp.experiments.study.study_trial import run_trial
+from lis_grasp.experiments.study.trial import Setup, Trial
 from lis_grasp.experiments.trial_results import Job
 
 __all__ = [

@@ -19,9 +19,9 @@ from lis_grasp.experiments.figures.style import add_panel, foot_note, head_estim
 from lis_grasp.experiments.report_page import Picture
 from lis_grasp.experiments.runner import single_thread
 from lis_grasp.experiments.study.comparison import clearest_pairs
-from lis_grasp.experiments.study.study import label
 from lis_grasp.experiments.study.study_results import job_of
 from lis_grasp.experiments.study.study_trial import estimate, lift, plan, shape_at, touch
+from lis_grasp.experiments.study.trial import label
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
 from lis_grasp.visualization import Scene

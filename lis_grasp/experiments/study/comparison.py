@@ -21,7 +21,7 @@ from lis_grasp.experiments.statistics import (
     sign_flip_p_value,
     signed_ranks,
 )
-from lis_grasp.experiments.study.study import TRIAL_COLUMNS, TRUTH
+from lis_grasp.experiments.study.trial import TRIAL_COLUMNS, TRUTH
 from lis_grasp.io.json_lines import Row
 
 Measure = Literal[

@@ -11,7 +11,7 @@ from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.compared_estimators import COMPARED
-from lis_grasp.experiments.study.study import (
+from lis_grasp.experiments.study.trial import (
     DEFAULT_CONDITIONS,
     OBJECT_NAMES,
     OWN,

@@ -17,8 +17,8 @@ from lis_grasp.experiments.figures.style import SMALL, add_panel, head, label_ax
 from lis_grasp.experiments.report_page import Picture
 from lis_grasp.experiments.statistics import SuccessRate, success_rate
 from lis_grasp.experiments.study.comparison import Kind, is_kind, kinds_of, names
-from lis_grasp.experiments.study.study import TRUTH
 from lis_grasp.experiments.study.study_tables import KIND_LABELS
+from lis_grasp.experiments.study.trial import TRUTH
 from lis_grasp.io.json_lines import Row
 
 _LEFT, _WIDE = 0.075, 0.915

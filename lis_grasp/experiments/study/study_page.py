@@ -12,7 +12,8 @@ from lis_grasp.experiments.figures.palette import estimator_label
 from lis_grasp.experiments.report_page import Picture, TextTable, write_page
 from lis_grasp.experiments.statistics import LEAST_CLUSTERS, LEAST_SEEDS
 from lis_grasp.experiments.study.comparison import losses, names
-from lis_grasp.experiments.study.study import OWN, Study, label
+from lis_grasp.experiments.study.study import Study
+from lis_grasp.experiments.study.trial import OWN, label
 from lis_grasp.io.json_lines import Row
 
 _TITLE = "Does a better surface give a better grasp?"

@@ -12,17 +12,17 @@ from typing import Any
 import lis_grasp
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.experiments.study.row_keys import columns_of, row_key
-from lis_grasp.experiments.study.study import (
+from lis_grasp.experiments.study.study import Study
+from lis_grasp.experiments.study.study_row import RowKey, StudyRow, column_type
+from lis_grasp.experiments.study.study_trial import COLUMNS, MACHINE, TIMES
+from lis_grasp.experiments.study.trial import (
     OBJECT_NAMES,
     SETTINGS,
     TRIAL_COLUMNS,
     Setup,
-    Study,
     Trial,
     label,
 )
-from lis_grasp.experiments.study.study_row import RowKey, StudyRow, column_type
-from lis_grasp.experiments.study.study_trial import COLUMNS, MACHINE, TIMES
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.hands.shipped_models import READY_HANDS
 from lis_grasp.io.atomic_writing import whole_file

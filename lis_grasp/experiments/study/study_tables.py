@@ -28,8 +28,8 @@ from lis_grasp.experiments.study.comparison import (
     names,
     value_of,
 )
-from lis_grasp.experiments.study.study import TRIAL_COLUMNS, TRUTH
 from lis_grasp.experiments.study.study_trial import COLUMNS
+from lis_grasp.experiments.study.trial import TRIAL_COLUMNS, TRUTH
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 

@@ -32,7 +32,7 @@ from lis_grasp.experiments.study.row_keys import (
     object_digest,
     row_key,
 )
-from lis_grasp.experiments.study.study import SETTINGS, TRUTH, Trial, parse_noise
+from lis_grasp.experiments.study.trial import SETTINGS, TRUTH, Trial, parse_noise
 from lis_grasp.experiments.trial_results import Job
 from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
