@@ -14,13 +14,15 @@ _DEPTH = 4  # folders above a file in which the root of its package may be
 _BELOW = 3  # folders below a listed one in which a package may be
 
 
-def resolve_uri(uri: str, folder: Path, named_in: str) -> Path:
-    """Return the file that a path or URI in another file means.
+def resolve_uri(uri: str | None, folder: Path, named_in: str) -> Path:
+    """Return the file that a path or URI in another file means; None if it names none there.
 
     A plain path is relative to `folder`. ``package://NAME/...`` is searched in a folder NAME above
     it, in `folder` itself, and in the folders of `package_folders`. Raises `InvalidFileError`,
     which says where the file was searched.
     """
+    if not uri:
+        raise InvalidFileError(f"{named_in}: each mesh must name its file; one does not")
     scheme, separator, rest = uri.partition("://")
     here = folder.resolve()
     if not separator:

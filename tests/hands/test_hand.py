@@ -335,6 +335,11 @@ URDF_MISTAKES = {
         '<mesh filename="package://hand/body.stl"/>',
         "was not found",
     ),
+    "mesh without a file": (
+        '<box size="0.146 0.0495 0.0725"/>',
+        '<mesh filenamm="body.stl"/>',
+        "each mesh must name its file",
+    ),
 }
 
 
