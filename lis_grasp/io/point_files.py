@@ -38,7 +38,8 @@ def _load_points(path: Path) -> FloatArray:
     """Return the vertices of a file that trimesh reads, in the file's order."""
     try:
         require_file_size(path, _MOST_BYTES)
-        with path.open("rb") as file:
+        # trimesh takes further columns for colours, whatever they hold.
+        with path.open("rb") as file, np.errstate(invalid="ignore"):
             loaded = trimesh.load(file, file_type=path.suffix[1:].lower(), process=False)
     except InvalidFileError:
         raise

@@ -12,6 +12,7 @@ from plyfile import PlyData, PlyElement
 from lis_grasp import Contacts, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidContactsError, InvalidFileError
+from lis_grasp.io.point_files import read_point_file
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_checks import fraction_in_front
 from lis_grasp.typing import FloatArray
@@ -38,6 +39,14 @@ def write(path: Path, points: FloatArray) -> Path:
         return path
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
     return path
+
+
+def test_further_columns_of_xyz_are_ignored(tmp_path: Path) -> None:
+    path = tmp_path / "a.xyz"
+    path.write_text("".join(f"{k} 0 0 -0.5 1e30 0 2 3\n" for k in range(3)))
+    np.testing.assert_array_equal(
+        read_point_file(path)["points"], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
+    )
 
 
 @pytest.mark.parametrize("ending", ["csv", "ply", "off", "xyz"])
