@@ -6,6 +6,7 @@ from pathlib import Path
 
 from lis_grasp.exceptions import InvalidArmError, nearest_of
 from lis_grasp.hands.shipped_models import model_path
+from lis_grasp.io.yaml_files import YAML_SUFFIXES
 
 ARM_NAMES = ("iiwa14",)
 """The arms that the package ships, by the name that `Arm.load` takes."""
@@ -30,6 +31,11 @@ def arm_path(path_or_name: str | Path) -> Path:
     try:
         if Path(path_or_name).is_file():
             return Path(path_or_name)
+        if Path(path_or_name).suffix.lower() in YAML_SUFFIXES:
+            raise InvalidArmError(
+                f"the arm file {path_or_name} does not exist: check its path, or name an arm such"
+                f" as {READY_ARMS[0]}"
+            )
     except (OSError, ValueError):  # no name that a file can have
         pass
     raise InvalidArmError(

@@ -18,9 +18,9 @@ from lis_grasp.hands.hand_sdf import read_sdf
 from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_tree import HandModel, rpy_pose
 from lis_grasp.hands.model_uri import resolve_model
-from lis_grasp.hands.shipped_models import READY_HANDS
+from lis_grasp.hands.shipped_models import HAND_NAMES, READY_HANDS
 from lis_grasp.io.schemas import parse_entry
-from lis_grasp.io.yaml_files import read_yaml
+from lis_grasp.io.yaml_files import YAML_SUFFIXES, read_yaml
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
@@ -68,7 +68,12 @@ def _find(path_or_name: str | Path) -> Path:
         if Path(path_or_name).is_file():
             return Path(path_or_name)
     except (OSError, ValueError):  # no name that a file can have
-        pass
+        return hand_path(str(path_or_name))
+    if Path(path_or_name).suffix.lower() in YAML_SUFFIXES:
+        raise InvalidHandError(
+            f"the hand file {path_or_name} does not exist: check its path, or name a hand such as"
+            f" {HAND_NAMES[0]}"
+        )
     return hand_path(str(path_or_name))
 
 

@@ -34,6 +34,9 @@ def sole_writer(folder: Path) -> Iterator[None]:
             " with --output"
         )
         raise InvalidFileError(message, path=folder) from None
+    except FileExistsError:
+        message = f"{folder} must be a folder of results; it is a file: name another with --output"
+        raise InvalidFileError(message, path=folder) from None
     except OSError as error:
         raise InvalidFileError(f"cannot write to {folder}: {error.strerror}", path=folder) from None
     try:

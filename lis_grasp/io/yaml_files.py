@@ -11,6 +11,9 @@ import yaml
 from lis_grasp.exceptions import InvalidFileError, shown
 from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
 
+YAML_SUFFIXES = (".yaml", ".yml")
+"""Endings of YAML files."""
+
 _MOST_BYTES = 2 * MEBIBYTE
 MOST_NODES = 50_000
 """Values and keys of a YAML file, those of an alias counted wherever it is used."""

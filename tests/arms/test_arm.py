@@ -295,9 +295,11 @@ def test_a_mistake_in_the_urdf_is_an_error_of_the_arm(tmp_path: Path) -> None:
         Arm.load(_write(tmp_path, _URDF.replace("</robot>", "")))
 
 
-def test_unknown_arms_are_refused_with_the_nearest_name() -> None:
+def test_unknown_arms_are_refused_with_the_nearest_name(tmp_path: Path) -> None:
     with pytest.raises(InvalidArmError, match="did you mean 'iiwa14'"):
         Arm.load("iiwa41")
+    with pytest.raises(InvalidArmError, match="the arm file .*absent.yaml does not exist"):
+        Arm.load(tmp_path / "absent.yaml")
 
 
 def test_the_shipped_schema_is_that_of_the_package_and_arms_name_it(tmp_path: Path) -> None:

@@ -382,6 +382,8 @@ def test_a_package_uri_does_not_lead_out_of_its_package(tmp_path: Path) -> None:
 def test_names_and_files_that_are_no_hand_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidHandError, match="one of allegro, wsg50, barrett"):
         Hand.load("claw")
+    with pytest.raises(InvalidHandError, match="the hand file .*absent.yaml does not exist"):
+        Hand.load(tmp_path / "absent.yaml")
     broken = tmp_path / "broken.yaml"
     broken.write_text("name: [")
     with pytest.raises(InvalidHandError, match="not valid YAML"):

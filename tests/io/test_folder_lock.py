@@ -41,7 +41,10 @@ def test_one_process_writes_again_and_again(tmp_path: Path) -> None:
             pass
 
 
-def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "results").write_text("")
-    with pytest.raises(InvalidFileError), sole_writer(tmp_path / "results"):
+def test_a_file_in_place_of_the_folder_is_named(tmp_path: Path) -> None:
+    with (
+        pytest.raises(InvalidFileError, match="must be a folder"),
+        sole_writer(tmp_path / "results"),
+    ):
         pass
+    assert (tmp_path / "results").read_text() == "mine"

@@ -36,12 +36,11 @@ from lis_grasp.experiments.study.trial import (
 )
 from lis_grasp.experiments.test_objects.shape_sets import TEST_OBJECTS
 from lis_grasp.hands.hand import Hand
-from lis_grasp.io.yaml_files import read_yaml
+from lis_grasp.io.yaml_files import YAML_SUFFIXES, read_yaml
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, find_estimator
 from lis_grasp.shapes import FORMATS
 from lis_grasp.surfaces import ESTIMATORS
 
-_HAND_SUFFIXES = (".yaml", ".yml")
 _MOST_SEEDS = 100_000
 # Whole numbers of a row's columns have 64 bits.
 _INT64_END = 2**63
@@ -115,7 +114,7 @@ class Study(Setup):
         for level in self.noise:
             parse_noise(level)
         for hand in self.hands:
-            if Path(hand).suffix.lower() not in _HAND_SUFFIXES:
+            if Path(hand).suffix.lower() not in YAML_SUFFIXES:
                 Hand.load(hand)
         for name in self.objects:
             # Test objects take seconds to build.
@@ -201,7 +200,7 @@ def with_absolute_paths(
     facts: dict[str, Any], folder: Path, meshes: Path | None = None
 ) -> dict[str, Any]:
     """Return the facts of a study with absolute paths; values of wrong types stay as they are."""
-    starts = {"objects": (meshes or folder, FORMATS), "hands": (folder, _HAND_SUFFIXES)}
+    starts = {"objects": (meshes or folder, FORMATS), "hands": (folder, YAML_SUFFIXES)}
 
     def absolute(key: str, name: Any) -> Any:
         start, suffixes = starts[key]
