@@ -26,14 +26,14 @@ _SETS = ("evaluation", "development")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     parser.description = (
-        "Estimate the surfaces of test objects of five families from contacts drawn in"
-        " 31 ways, and write tables of errors, losses and calibration. Run again, it continues with"
+        "Estimate the surfaces of test objects of five families from even, random, clustered"
+        " and noisy contacts, and write tables of errors, losses and calibration. Run again, it continues with"
         " the missing trials."
     )
     parser.add_argument(
         "--quick",
         action="store_true",
-        help=f"each object in one case of {_QUICK_PART}, against GPIS alone: about three minutes",
+        help=f"each object in one case of {_QUICK_PART}, against GPIS alone: about six minutes",
     )
     parser.add_argument(
         "--shapes",
