@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
     parser.description = (
         "Estimate the surfaces of test objects of five families from even, random, clustered"
-        " and noisy contacts, and write tables of errors, losses and calibration. Run again, it continues with"
-        " the missing trials."
+        " and noisy contacts, and write tables of errors, losses and calibration. Run again, it"
+        " continues with the missing trials."
     )
     parser.add_argument(
         "--quick",
