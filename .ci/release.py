@@ -35,7 +35,7 @@ def mistakes_of(version: str, root: Path) -> list[str]:
         f"{f} must name version {version}; it names {v}" for f, v in found.items() if v != version
     ]
     changelog = (root / "CHANGELOG.md").read_text(encoding="utf-8")
-    if "(unreleased)" in changelog:
+    if re.search(r"^## .*unreleased", changelog, re.IGNORECASE | re.MULTILINE):
         wrong.append("CHANGELOG.md must have no unreleased changes; it has some")
     return wrong
 

@@ -39,6 +39,12 @@ def test_a_release_prints_its_notes(tmp_path: Path, capsys: pytest.CaptureFixtur
     [
         ("v1.0.1", "1.0.0", "## 1.0.0 (2027-01-02)\n", "CITATION.cff must name version 1.0.1"),
         ("v1.0.0", "1.0.0", "## 1.0.0 (unreleased)\n", "CHANGELOG.md must have no unreleased"),
+        (
+            "v1.0.0",
+            "1.0.0",
+            "## Unreleased\n\n- new\n\n## 1.0.0 (2027-01-02)\n",
+            "CHANGELOG.md must have no unreleased",
+        ),
         ("v1.0.0", "1.0.0", "## 0.9.0 (2027-01-02)\n", "CHANGELOG.md, with a date, must name"),
     ],
 )

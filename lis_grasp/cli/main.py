@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 import lis_grasp
 from lis_grasp.cli.examples import examples_of
+from lis_grasp.cli.interrupts import interrupts_after_imports
 from lis_grasp.cli.progress import complain, open_missing_streams
 from lis_grasp.exceptions import (
     InvalidInputError,
@@ -114,6 +115,11 @@ def _import_uncollected(name: str) -> ModuleType:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0 when done, 1 when it failed, 2 on misuse, 130 on Ctrl-C."""
+    with interrupts_after_imports():
+        return _run(arguments)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     open_missing_streams()
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     verb = next((word for word in arguments if not word.startswith("-")), "")

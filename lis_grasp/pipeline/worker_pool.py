@@ -8,7 +8,8 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import active_children, parent_process
+from multiprocessing.context import SpawnContext, SpawnProcess
 
 from lis_grasp.exceptions import InvalidOptionError
 
@@ -20,9 +21,7 @@ def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     On exit, work that has not started is cancelled, and work that has is awaited; after Ctrl-C, or
     if an iterator over results is dropped, it is killed. Ctrl-C does not reach the processes.
     """
-    pool = ProcessPoolExecutor(
-        processes, mp_context=get_context("spawn"), initializer=_end_with_parent
-    )
+    pool = ProcessPoolExecutor(processes, mp_context=_Context(), initializer=_end_with_parent)
     try:
         yield pool
     except (KeyboardInterrupt, GeneratorExit):
@@ -40,6 +39,22 @@ def process_count(jobs: int | None) -> int:
     if jobs < 1:
         raise InvalidOptionError.out_of_range("--jobs", jobs, "at least 1")
     return jobs
+
+
+class _Process(SpawnProcess):
+    """A process that Ctrl-C does not reach, not even while it starts."""
+
+    def start(self) -> None:
+        """Start with SIGINT blocked, which the process inherits."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Context(SpawnContext):
+    Process = _Process  # type: ignore[assignment]
 
 
 def _end_with_parent() -> None:

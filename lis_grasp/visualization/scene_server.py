@@ -18,7 +18,7 @@ SCENE_FILE = "scene.html"
 LOCALHOST = "127.0.0.1"
 """Address at which only this machine can connect."""
 
-_NAMES = (LOCALHOST, "localhost")
+_EVERY_ADDRESS = ("", "0.0.0.0")
 
 
 class SceneServer(ThreadingHTTPServer):
@@ -26,8 +26,8 @@ class SceneServer(ThreadingHTTPServer):
 
     It listens on this machine alone, unless `host` is another address of it, such as 0.0.0.0 in a
     container. Port 0 takes a free port. `renew` is called before each answer, one call at a time,
-    and may write the scene again. Requests by another name than localhost are refused: a page of
-    another site, whose name was made to point to this machine, cannot read the scene.
+    and may write the scene again. Requests by another name than localhost and `host` are refused:
+    a page of another site, whose name was made to point to this machine, cannot read the scene.
 
     Raises
     ------
@@ -51,6 +51,8 @@ class SceneServer(ThreadingHTTPServer):
     ) -> None:
         self.scene = Path(directory) / SCENE_FILE
         self._renew, self._renewing = renew, Lock()
+        self._host = LOCALHOST if host in _EVERY_ADDRESS else host
+        self.names = {LOCALHOST, "localhost", host.lower()}
         if not os.path.isfile(self.scene):
             raise InvalidFileError(f"{self.scene} does not exist", path=self.scene)
         if not 0 <= port <= 65535:
@@ -70,7 +72,7 @@ class SceneServer(ThreadingHTTPServer):
     @property
     def address(self) -> str:
         """Address of the scene for a browser."""
-        return f"http://{LOCALHOST}:{self.server_address[1]}/"
+        return f"http://{self._host}:{self.server_address[1]}/"
 
 
 class _SceneHandler(SimpleHTTPRequestHandler):
@@ -82,8 +84,8 @@ class _SceneHandler(SimpleHTTPRequestHandler):
 
     def send_head(self) -> io.BytesIO | BinaryIO | None:
         """Send the headers and return the file; refuse other names of this machine."""
-        if _host_name(self.headers.get("Host", LOCALHOST)) not in _NAMES:
-            self.send_error(403, "The scene is shown at localhost only")
+        if _host_name(self.headers.get("Host", LOCALHOST)) not in self.server.names:
+            self.send_error(403, "The scene is shown at localhost and --host only")
             return None
         self.server.renew()
         return super().send_head()

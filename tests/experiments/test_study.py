@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import signal
 import subprocess
@@ -391,6 +392,15 @@ def test_rows_of_two_files_of_one_name_are_an_error(tmp_path: Path) -> None:
         run(study, tmp_path, runner=named_rows)
     with pytest.raises(InvalidFileError, match=r"two of block\.stl"):
         StudyResults(tmp_path).alike(study)
+
+
+def test_a_row_with_a_mapping_in_place_of_a_name_is_refused(tmp_path: Path) -> None:
+    run(SMALL, tmp_path, runner=named_rows)
+    header, first, *rest = (tmp_path / "rows.jsonl").read_text().splitlines()
+    damaged = json.dumps(json.loads(first) | {"object": {}})
+    (tmp_path / "rows.jsonl").write_text("\n".join([header, damaged, *rest, ""]))
+    with pytest.raises(InvalidFileError, match="a list or a mapping in a column of its trial"):
+        StudyResults(tmp_path).alike(SMALL)
 
 
 def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:

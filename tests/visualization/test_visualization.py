@@ -396,6 +396,22 @@ def test_server_answers_to_names_of_this_machine_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs 127.0.0.2, which Linux has by itself")
+def test_a_server_of_another_address_answers_to_its_name(tmp_path: Path) -> None:
+    (tmp_path / "scene.html").write_text("mine")
+    with SceneServer(tmp_path, port=0, host="127.0.0.2") as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            assert server.address == f"http://127.0.0.2:{server.server_address[1]}/"
+            assert _get(server.address) == (200, b"mine")
+        finally:
+            server.shutdown()
+            thread.join()
+    with SceneServer(tmp_path, port=0, host="0.0.0.0") as server:
+        assert server.address.startswith("http://127.0.0.1:")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs 127.0.0.2, which Linux has by itself")
 def test_server_listens_on_localhost_only(tmp_path: Path) -> None:
     (tmp_path / "scene.html").touch()
     with SceneServer(tmp_path, port=0) as server:

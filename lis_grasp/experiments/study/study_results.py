@@ -135,7 +135,7 @@ class StudyResults:
         setup, default = asdict(study.setup), asdict(Setup())
         found: dict[int, Row] = {}
         for row in self.read(any_version=True):
-            place = order.get(tuple(row.get(name) for name in (*TRIAL_COLUMNS, "estimator")))
+            place = order.get(_place_of(row, self.folder))
             if place is None or default | _settings(row) != setup:
                 continue
             if place in found:
@@ -198,6 +198,18 @@ def job_of(row: Row, files: Iterable[str] = ()) -> Job:
             value=row["key"],
         )
     return Job(trial, (row["estimator"],))
+
+
+def _place_of(row: Row, folder: Path) -> tuple[Any, ...]:
+    """Return the columns of a row that identify it within a study."""
+    place = tuple(row.get(name) for name in (*TRIAL_COLUMNS, "estimator"))
+    if any(isinstance(value, list | dict) for value in place):
+        raise InvalidFileError(
+            f"{folder} must have rows with text and numbers; row {row['key']} has a list or a"
+            " mapping in a column of its trial: remove it, and it is made again",
+            path=folder,
+        )
+    return place
 
 
 def _settings(row: Row) -> Row:
