@@ -52,7 +52,7 @@ class SceneServer(ThreadingHTTPServer):
         self.scene = Path(directory) / SCENE_FILE
         self._renew, self._renewing = renew, Lock()
         self._host = LOCALHOST if host in _EVERY_ADDRESS else host
-        self.names = {LOCALHOST, "localhost", host.lower()}
+        self.names = {LOCALHOST, "localhost", self._host.lower()}
         if not os.path.isfile(self.scene):
             raise InvalidFileError(f"{self.scene} does not exist", path=self.scene)
         if not 0 <= port <= 65535:
