@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,10 +14,11 @@ import trimesh
 from lis_grasp import pipeline, surfaces
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.cli.results_folder import result_file
+from lis_grasp.cli.results_folder import LOG, require_own, result_file
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, LisGraspError
 from lis_grasp.io import provenance
+from lis_grasp.io.point_files import read_point_file
 from lis_grasp.io.surface_files import save_surface
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import UNITS
@@ -24,6 +27,10 @@ from lis_grasp.surfaces.contact_loading import NormalSide
 from lis_grasp.typing import FloatArray
 
 _NOISE = ("position_noise", "normal_noise")
+# Fields that distinguish contacts.
+_COMPARED = ("points", "normals", *_NOISE)
+# Fewer contacts show hardly more than place and size: a run plans no grasp on them either.
+_FEW = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,22 +67,79 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Estimate the surface, and write its mesh."""
+    """Estimate the surface, and write its mesh, with its contacts if the folder lacks them."""
     contacts, recorded = load_contacts(options)
     config = opt.configure(options, recorded)
-    path = (options.output or options.contacts[0].parent) / "surface.ply"
+    folder: Path = options.output or options.contacts[0].parent
+    kept = _require_contacts_fit(folder, contacts, options.contacts)
     say(f"contacts: {len(contacts)} within {_millimetres(np.ptp(contacts.bounds, axis=0))}")
+    if any(read_point_file(path)["normals"] is None for path in options.contacts):
+        say(f"normals: {_normals_text(contacts)}")
     doubt = 0.0 if options.normals else fraction_in_front(contacts)
     if doubt > DOUBTFUL and "object" not in recorded:
         say(
             f"warning: {100 * doubt:.0f} % of the contacts are in front of another: if the estimate"
             " is inside out, give --normals inward"
         )
+    path = folder / "surface.ply"
+    if len(contacts) < _FEW:
+        say(
+            f"warning: fewer than {_FEW} contacts show little more than place and size of an object"
+        )
     with result_file(path) as temporary:
         mesh = write_surface(temporary, contacts, config, recorded)
-    say(f"estimate: {_millimetres(mesh.extents)}")
-    say(f"wrote {path}")
+        if not kept:
+            with result_file(folder / "contacts.ply") as copy:
+                contacts.save(copy, header=provenance.merge(recorded))
+    uncertainty = np.median(mesh.vertex_attributes["uncertainty"])
+    say(
+        f"estimate: {_millimetres(mesh.extents)}, with a median standard deviation of"
+        f" {1e3 * uncertainty:.2g} mm"
+    )
+    say(f"wrote {path}" + ("" if kept else ", contacts.ply"))
     say(f"next: lis-grasp grasp {path}")
+
+
+def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Path]) -> bool:
+    """Return whether a folder has the contacts of a new surface as its contacts.ply.
+
+    Raises
+    ------
+    InvalidOptionError
+        If it has others that must be kept: a source of the new ones, or those of an exploration.
+    """
+    path = folder / "contacts.ply"
+    if not path.exists():
+        return False
+    with suppress(LisGraspError):  # points without normals, perhaps
+        known = Contacts.load(path)
+        if all(_are_equal(getattr(known, n), getattr(contacts, n)) for n in _COMPARED):
+            return True
+    require_own(path)
+    if (folder / LOG).exists() or path.resolve() in [source.resolve() for source in sources]:
+        raise InvalidOptionError(
+            "contacts.ply in the folder of results must have the contacts of the surface, in metres"
+            f" and with outward normals; {path} has others: name another folder with --output",
+            option="--output",
+            value=str(folder),
+        )
+    return False
+
+
+def _are_equal(first: FloatArray | None, second: FloatArray | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return np.array_equal(first, second, equal_nan=True)
+
+
+def _normals_text(contacts: Contacts) -> str:
+    """Return how certain estimated normals are, and what would make them more certain."""
+    assert contacts.normal_noise is not None
+    degrees = np.rad2deg(np.nanmedian(contacts.normal_noise))
+    return (
+        f"estimated, with a median standard deviation of {degrees:.0f} deg; the directions of"
+        " approach in columns ax,ay,az make it smaller"
+    )
 
 
 def load_contacts(options: argparse.Namespace) -> tuple[Contacts, dict[str, Any]]:

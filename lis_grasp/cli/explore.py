@@ -12,7 +12,7 @@ from lis_grasp import pipeline
 from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.cli.results_folder import LOG, default_output, remove_made_from
+from lis_grasp.cli.results_folder import LOG, remove_made_from, results_folder
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
 from lis_grasp.exploration import Exploration, TouchLog
 from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
@@ -73,10 +73,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Explore, and write the contacts."""
     config = opt.configure_touch(options)
-    output = options.output or default_output(config)
-    options.until_end.enter_context(sole_writer(output))
+    output = results_folder(config, options.output)
     shape, X_WO = opt.place_object(config)
     hand = Hand.load(config.hand)
+    options.until_end.enter_context(sole_writer(output))
     warn_if_too_wide(shape, hand)
     station = make_station(config, hand, pipeline.support_height(shape, config))
     exploration = explore_with_log(config, shape, hand, output, X_WO, station)

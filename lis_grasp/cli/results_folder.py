@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from filecmp import cmp
 from pathlib import Path
 from typing import Any
 
 from lis_grasp.cli.progress import say
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
@@ -27,23 +28,45 @@ _STAGES = (
     ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html"),
 )
 
+# Files whose content shows that this package wrote them.
+_RECOGNISED = ("contacts.ply", "surface.ply", "grasps.json", "report.json")
+
 # Every folder's name has these; other options only where they differ from their defaults.
 _NAMED = ("object", "hand", "estimator", "seed")
 # Longest part of a folder's name; a file's name is limited to 255 bytes.
 _LONGEST_PART = 40
 
 
-def default_output(config: RunConfig) -> Path:
-    """Return the folder that a run writes to when none is named.
-
-    Other options give another folder. Files of the same name in different folders, which the name
-    does not distinguish, are refused.
+def results_folder(config: RunConfig, named: Path | None) -> Path:
+    """Return the folder of a run: the one that is named, or `default_output`.
 
     Raises
     ------
     InvalidOptionError
-        If the folder has an exploration of another configuration.
+        If the folder has results of another object; a default one also if they are of another
+        configuration, such as of a file of the same name in another folder.
+    InvalidFileError
+        If it has files of other programs that the run would replace.
     """
+    folder = default_output(config) if named is None else named
+    facts = config.facts()
+    recorded: dict[str, Any] = read_lines(folder / LOG)[0]
+    distinguished = facts if named is None else ("object",)
+    differing = [n for n in distinguished if n in recorded and recorded[n] != facts[n]]
+    if differing:
+        raise InvalidOptionError(
+            f"{folder} has results of another {' and '.join(differing)}"
+            f" ({recorded[differing[0]]}): name another folder with --output",
+            option="--output",
+            value=str(folder),
+        )
+    for name in _RECOGNISED:
+        require_own(folder / name)
+    return folder
+
+
+def default_output(config: RunConfig) -> Path:
+    """Return the folder that a run writes to when none is named; other options give another."""
     facts, usual = config.facts(), RunConfig().facts()
     parts = [Path(config.object).stem, Path(config.hand).stem, config.estimator]
     parts.append(f"seed{config.seed}")
@@ -56,17 +79,21 @@ def default_output(config: RunConfig) -> Path:
             shown = Path(value).stem if name in ("cloud", "pose") and value else f"{value}"
             parts.append({"True": name, "False": f"no_{name}"}.get(shown, f"{name}_{shown}"))
     name = "-".join(re.sub(r"[^\w.+-]", "_", part)[:_LONGEST_PART] for part in parts)
-    folder = Path("results") / name
-    recorded: dict[str, Any] = read_lines(folder / LOG)[0]
-    differing = [n for n in facts if n in recorded and recorded[n] != facts[n]]
-    if differing:
-        raise InvalidOptionError(
-            f"{folder} has results of another {' and '.join(differing)}"
-            f" ({recorded[differing[0]]}): name a folder with --output",
-            option="--output",
-            value=str(folder),
+    return Path("results") / name
+
+
+def require_own(path: Path) -> None:
+    """Raise `InvalidFileError` if a file exists that this package did not write."""
+    if path.exists() and not (provenance.read(path) or _is_report(path)):
+        raise InvalidFileError(
+            f"{path} would be replaced, and is not a file of lis_grasp: name another folder with"
+            " --output",
+            path=path,
         )
-    return folder
+
+
+def _is_report(path: Path) -> bool:
+    return path.name == "report.json" and b'"version"' in path.read_bytes()
 
 
 @contextmanager
@@ -74,10 +101,14 @@ def result_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path for a stage's file, as `whole_file` does; then remove later files.
 
     Files of later stages were made from the replaced file, and would seem to be of the new one.
+    They are kept if the new file is equal to it. A file of another program is not replaced: see
+    `require_own`.
     """
+    require_own(path)
     with whole_file(path) as temporary:
         yield temporary
-        remove_made_from(path)
+        if not (path.exists() and cmp(path, temporary, shallow=False)):
+            remove_made_from(path)
 
 
 def remove_made_from(path: Path, *, with_itself: bool = False) -> None:

@@ -16,7 +16,7 @@ from lis_grasp.cli.estimate import write_surface
 from lis_grasp.cli.explore import TOUCH_OPTIONS, explore_with_log, warn_if_too_wide
 from lis_grasp.cli.grasp import say_search, write_grasps
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.cli.results_folder import default_output
+from lis_grasp.cli.results_folder import results_folder
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.grasping.grasps import GraspSearch
@@ -56,11 +56,11 @@ def execute(options: argparse.Namespace) -> None:
     """Run every stage, and write the file of each as soon as it is done."""
     watch = pipeline.Stopwatch()
     config = opt.configure_touch(options)
-    output: Path = options.output or default_output(config)
-    options.until_end.enter_context(sole_writer(output))
+    output = results_folder(config, options.output)
     shape, X_WO = opt.place_object(config)
     hand = Hand.load(config.hand)
     require_possible_inertias(hand.inertials)
+    options.until_end.enter_context(sole_writer(output))
     warn_if_too_wide(shape, hand)
 
     with watch.measure("touch"):

@@ -20,6 +20,8 @@ _LEAST_HEIGHT = 0.01
 _MOST = 400
 # Contacts of one view have all but 5 % of their normals in a half space, up to its border.
 _VIEW, _BORDER = 0.95, -0.1
+# Length of the mean of unit normals below which it has no direction: they are on all sides.
+_LEAST_MEAN = 0.1
 # In 2002 sets of 5 to 400 contacts of test objects, bowls and mugs too, at most 0.71 are in front.
 _INWARD = 0.75
 DOUBTFUL = 0.55
@@ -61,7 +63,7 @@ def fraction_in_front(contacts: Contacts) -> float:
         np.linspace(0, len(contacts) - 1, min(len(contacts), _MOST)).astype(int)
     )
     points, normals = chosen.points, chosen.normals
-    if len(points) < 2 or np.mean(normals @ _direction(normals.sum(axis=0)) > _BORDER) >= _VIEW:
+    if len(points) < 2 or _are_of_one_view(normals):
         return 0.0
     heights = np.einsum("ijk,ik->ij", points[None] - points[:, None], normals)  # (N, N)
     counted = np.abs(heights) > _LEAST_HEIGHT * chosen.extent
@@ -80,5 +82,8 @@ def require_outward_normals(contacts: Contacts) -> None:
         )
 
 
-def _direction(vector: FloatArray) -> FloatArray:
-    return vector / max(float(np.linalg.norm(vector)), np.finfo(np.float64).tiny)
+def _are_of_one_view(normals: FloatArray) -> bool:
+    """Return whether nearly all normals (N, 3) are in the half space about their mean."""
+    mean = normals.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    return length > _LEAST_MEAN and bool(np.mean(normals @ (mean / length) > _BORDER) >= _VIEW)

@@ -199,7 +199,8 @@ def test_sensor_noise_is_recorded_and_given_to_the_estimator(tmp_path: Path) -> 
     # Each contact keeps its own noise; the option is for those without.
     assert main(["estimate", str(path), "--position-noise", "0.004"]) == 0
     assert load_surface(surface).vertex_attributes["uncertainty"].min() == recorded
-    plain = tmp_path / "plain.csv"
+    plain, surface = tmp_path / "plain" / "plain.csv", tmp_path / "plain" / "surface.ply"
+    plain.parent.mkdir()
     Contacts(noisy.points, noisy.normals).save(plain)
     assert main(["estimate", str(plain), "--position-noise", "0.004"]) == 0
     # Near contacts, where the noise dominates.

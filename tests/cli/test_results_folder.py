@@ -8,9 +8,11 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
+from lis_grasp import Contacts
 from lis_grasp.cli import explore as explore_verb
 from lis_grasp.cli.main import main
 from lis_grasp.cli.results_folder import default_output, remove_made_from, scene_is_outdated
@@ -22,6 +24,7 @@ from lis_grasp.probing.kinematic_prober import KinematicProber
 
 EXPLORE = ["explore", "box", "--known", "--prober", "kinematic", "--hand", "wsg50"]
 EXPLORE += ["--touches", "6"]
+AXES = np.vstack([np.eye(3), -np.eye(3)])
 LATER = ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html")
 
 
@@ -45,7 +48,7 @@ def full_folder(folder: Path) -> Path:
     made = {"header": provenance.describe(hand="wsg50")}
     (folder / "grasps.json").write_text(json.dumps(made))
     for name in LATER:
-        (folder / name).write_text("older")
+        (folder / name).write_text('{"version": "older"}')
     (folder / "notes.txt").write_text("mine")
     return folder
 
@@ -266,3 +269,67 @@ def test_a_mesh_of_the_same_name_does_not_replace_results(
     assert main(["explore", "b/part.stl", *options]) == 2
     assert "results of another object (a/part.stl)" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in made.rglob("*.*")} == before
+
+
+def test_an_exploration_of_another_object_is_not_replaced(
+    full_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path: path.read_bytes() for path in full_folder.rglob("*.*")}
+    options = ["--output", str(full_folder)]
+    assert main(["explore", "pentagon", *EXPLORE[2:], *options]) == 2
+    assert "another object (box)" in capsys.readouterr().err
+    own = full_folder.parent / "own.csv"
+    Contacts(0.03 * AXES, AXES).save(own)
+    assert main(["estimate", str(own), *options]) == 2
+    assert "--output" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in full_folder.rglob("*.*")} == before
+
+
+@pytest.mark.parametrize("name", ["contacts.ply", "surface.ply", "grasps.json", "report.json"])
+def test_files_of_other_programs_are_not_replaced(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    foreign = tmp_path / name
+    foreign.write_text("{}" if foreign.suffix == ".json" else "ply\nend_header\n")
+    before = foreign.read_bytes()
+    assert main([*EXPLORE, "--output", str(tmp_path)]) == 2
+    assert f"{foreign} would be replaced" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == {foreign: before}
+
+
+def test_an_equal_surface_keeps_what_was_made_from_it(full_folder: Path) -> None:
+    before = {path: path.read_bytes() for path in full_folder.rglob("*.*")}
+    assert main(["estimate", str(full_folder / "contacts.ply")]) == 0
+    assert {path: path.read_bytes() for path in full_folder.rglob("*.*")} == before
+
+
+def test_a_refused_run_makes_no_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "results"
+    for arguments in (["run", "nothing.stl"], ["run", "box", "--hand", "none.yaml"]):
+        assert main([*arguments, "--output", str(folder)]) == 2
+    assert not folder.exists()
+
+
+def test_contacts_of_an_estimate_are_kept_beside_it(tmp_path: Path) -> None:
+    own, folder = tmp_path / "own.csv", tmp_path / "results"
+    estimate = ["estimate", str(own), "--units", "mm", "--output", str(folder)]
+    Contacts(30.0 * AXES, AXES).save(own)
+    assert main(estimate) == 0
+    np.testing.assert_allclose(Contacts.load(folder / "contacts.ply").points, 0.03 * AXES)
+    # Later contacts replace them, and remove what was made from them.
+    (folder / "scene.html").write_text("older")
+    Contacts(40.0 * AXES, AXES).save(own)
+    assert main(estimate) == 0
+    np.testing.assert_allclose(Contacts.load(folder / "contacts.ply").points, 0.04 * AXES)
+    assert {path.name for path in folder.iterdir()} == {"contacts.ply", "surface.ply"}
+
+
+def test_contacts_in_other_units_do_not_stand_beside_their_surface(tmp_path: Path) -> None:
+    own = tmp_path / "contacts.ply"
+    Contacts(30.0 * AXES, AXES).save(own, header=provenance.describe())
+    before = own.read_bytes()
+    assert main(["estimate", str(own), "--units", "mm"]) == 2
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == {own: before}
+    elsewhere = tmp_path / "elsewhere"
+    assert main(["estimate", str(own), "--units", "mm", "--output", str(elsewhere)]) == 0
+    assert main(["estimate", str(elsewhere / "contacts.ply")]) == 0

@@ -88,11 +88,17 @@ def test_other_columns_are_kept(tmp_path: Path) -> None:
 
 
 def test_the_command_estimates_a_surface_from_fingertip_centres(
-    centers: FloatArray, tmp_path: Path
+    centers: FloatArray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write(tmp_path / "points.csv", centers)
     options = ["--fingertip-radius", str(RADIUS), "--estimator", "gpis"]
     assert main(["estimate", str(path), *options]) == 0
+    kept = Contacts.load(tmp_path / "contacts.ply")
+    assert kept.normal_noise is not None
+    degrees = np.rad2deg(np.median(kept.normal_noise))
+    assert f"normals: estimated, with a median standard deviation of {degrees:.0f} deg" in (
+        capsys.readouterr().out
+    )
     mesh = trimesh.load(tmp_path / "surface.ply")
     assert mesh.is_watertight
     assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(0.03, abs=2e-3)
@@ -192,6 +198,10 @@ def test_estimate_prints_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[
     path = tmp_path / "contacts.csv"
     Contacts(30.0 * axes, axes).save(path)
     assert main(["estimate", str(path), "--units", "mm"]) == 0
-    assert "contacts: 6 within 60 x 60 x 60 mm\nestimate: 60" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "contacts: 6 within 60 x 60 x 60 mm" in said
+    assert "estimate: 60" in said
+    assert "warning: fewer than 10 contacts" in said
+    assert "normals:" not in said
     assert main(["estimate", str(path)]) == 2
     assert "--units mm" in capsys.readouterr().err
