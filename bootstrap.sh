@@ -32,7 +32,7 @@ if [ ! -x .venv/bin/python ]; then
   say "making the environment .venv with Python $version"
   "$python" -m venv .venv || fail "venv failed: on Debian and Ubuntu, install python3-venv"
 fi
-say "installing lis_grasp${extras:+ with $extras}: about 1 GB the first time, a few minutes"
+say "installing lis_grasp${extras:+ with $extras}: 0.9 GB the first time, with extras more, a few minutes"
 .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable ".${extras:+[$extras]}"
 
 say "done: $(.venv/bin/lis-grasp --version) in .venv; next:"

@@ -144,7 +144,9 @@ def test_readme_example_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     axes = np.vstack([np.eye(3), -np.eye(3)])
-    Contacts(points=0.03 * axes, normals=axes).save(tmp_path / "contacts.csv")
+    folder = tmp_path / "results" / "demo"
+    folder.mkdir(parents=True)
+    Contacts(points=0.03 * axes, normals=axes).save(folder / "contacts.ply")
     blocks = _BLOCK.findall(README.read_text(encoding="utf-8"))
     (example,) = [text for language, _, text in blocks if language == "python"]
     space: dict[str, object] = {}
