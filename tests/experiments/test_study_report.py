@@ -19,7 +19,7 @@ from lis_grasp.experiments.study.cases import draw_cases
 from lis_grasp.experiments.study.comparison import clearest_pairs, compare
 from lis_grasp.experiments.study.row_keys import row_key
 from lis_grasp.experiments.study.study import Study, load_study
-from lis_grasp.experiments.study.study_figures import draw_pictures
+from lis_grasp.experiments.study.study_figures import draw_pictures, held_against_touches
 from lis_grasp.experiments.study.study_page import write_report
 from lis_grasp.experiments.study.study_results import StudyResults
 from lis_grasp.experiments.study.study_tables import (
@@ -289,6 +289,17 @@ def test_clearest_pairs_become_a_picture_and_a_scene_each(tmp_path: Path) -> Non
     gone = [row | {"object": "can.ply", "object_digest": "ab"} for row in rows]
     assert list(draw_cases(tmp_path, old, "gpis", ())) == []
     assert list(draw_cases(tmp_path, gone, "gpis", ())) == []
+
+
+def test_rates_are_drawn_close_to_their_number_of_touches() -> None:
+    names = ("gpis", "lis", "blend", "patch", "truth")
+    rows = [row | {"estimator": name} for name in names for row in rows_of()]
+    (first, *_) = held_against_touches(rows).axes
+    assert [tick.get_text() for tick in first.get_xticklabels()] == ["10", "20"]
+    places = np.array([line.get_xdata() for line in first.lines])  # (estimators, numbers)
+    assert len(np.unique(places)) == places.size
+    # Closer to their own tick than a quarter of the way to the next.
+    assert np.abs(places - first.get_xticks()).max() < 0.25
 
 
 def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(

@@ -24,6 +24,7 @@ from lis_grasp.io.json_lines import Row
 _LEFT, _WIDE = 0.075, 0.915
 _BELOW = 0.85  # [in] between rows of panels, for labels and titles
 _MARKERS = "osD^vPX*"
+_SIDE_BY_SIDE = 0.3  # width of the estimators at a number of touches; 1 is the next number
 _BINS, _LEAST = 4, 8  # bins of equal numbers of trials, at the most; trials in one
 
 
@@ -64,10 +65,11 @@ def held_against_touches(rows: Sequence[Row]) -> Figure:
         for n, name in enumerate(who):
             of = [row for row in rows if is_kind(row, kind) and row["estimator"] == name]
             held = [success_rate([row for row in of if row["touches"] == m]) for m in budgets]
-            # Budgets are steps: evenly apart, and the estimators side by side on each.
-            places = np.arange(len(budgets)) + 0.7 * ((n + 0.5) / len(who) - 0.5)
+            # Budgets are steps: evenly apart, and the estimators side by side close to each.
+            places = np.arange(len(budgets)) + _SIDE_BY_SIDE * ((n + 0.5) / len(who) - 0.5)
             _rates(axes, places, held, estimator_colour(name), _MARKERS[n % len(_MARKERS)])
         axes.set_xticks(range(len(budgets)), [str(budget) for budget in budgets])
+        axes.set_xlim(-0.5, len(budgets) - 0.5)
         head(axes, KIND_LABELS[kind])
         label_axes(axes, "touches", "held [%]" if k % 2 == 0 else "")
         axes.set_ylim(0.0, 104.0)
