@@ -17,6 +17,7 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.optional_packages import require_packages
 
 if TYPE_CHECKING:
     from lis_grasp.experiments.runner import Scheduler
@@ -39,7 +40,8 @@ QUICK: dict[str, Any] = {
 
 _FLAGS = {
     "objects": "built-in shapes or mesh files",
-    "estimators": "estimators to compare; 'truth' plans on the true mesh",
+    "estimators": "all estimators to compare, in place of the study's; 'truth' plans on the true"
+    " mesh; --estimator keeps the study's and adds one",
     "touches": "budgets of contacts",
     "noise": "sensor noise, 'none' or like '1mm/3deg'",
     "hands": "hands, by name or YAML file",
@@ -53,9 +55,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Run a study: objects x estimators x touches x noise x hands x seeds. Options"
         " override the study file or --quick. Run again, it continues with the missing trials."
+        " Needs the extra study: bash bootstrap.sh study."
     )
     parser.add_argument("--study", type=Path, metavar="YAML", help="study file")
-    parser.add_argument("--quick", action="store_true", help="a small study, under five minutes")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="a small study of 24 trials: about four minutes on two idle cores",
+    )
     parser.add_argument(
         "--meshes",
         type=Path,
@@ -120,6 +127,7 @@ def execute(options: argparse.Namespace) -> None:
         _describe(study, output, options)
         _report(study, rows, output)
         return
+    require_packages("pyarrow", "statsmodels", extra="study", option="compare")
     study.require_files()
     _describe(study, output, options)
     total = len(study.trials())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 from lis_grasp.exceptions import InvalidOptionError
 
@@ -14,8 +15,19 @@ def needed_package(name: str, extra: str, *, option: str = "") -> Iterator[None]
     try:
         yield
     except ImportError:
-        raise InvalidOptionError(
-            f"{option or 'this'} needs {name}, which is not installed: pip install"
-            f" 'lis-grasp[{extra}]'",
-            option=option,
-        ) from None
+        raise _missing(name, extra, option) from None
+
+
+def require_packages(*names: str, extra: str, option: str = "") -> None:
+    """Raise the error of `needed_package` for the first package that is not installed."""
+    for name in names:
+        if find_spec(name) is None:
+            raise _missing(name, extra, option)
+
+
+def _missing(name: str, extra: str, option: str) -> InvalidOptionError:
+    return InvalidOptionError(
+        f"{option or 'this'} needs {name}, which is not installed: pip install"
+        f" 'lis-grasp[{extra}]', or in a clone: bash bootstrap.sh {extra}",
+        option=option,
+    )

@@ -105,6 +105,32 @@ TINY = ["--objects", "box", "--estimators", "gpis", "blend", "--touches", "8"]
 TINY += ["--noise", "none", "--seeds", "2", "--jobs", "1"]
 
 
+@pytest.mark.parametrize("package", ["pyarrow", "statsmodels"])
+def test_a_missing_package_of_the_report_is_found_before_the_first_trial(
+    tmp_path: Path,
+    package: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    assert main(["compare", *TINY, "--output", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert package in error
+    assert "bash bootstrap.sh study" in error
+    assert not (tmp_path / "rows.jsonl").exists()
+
+
+def test_one_estimator_is_added_and_a_list_replaces_those_of_the_study(tmp_path: Path) -> None:
+    results, _ = block_results(tmp_path)
+    compared = ["compare", "--report-only", "--output", str(results)]
+    for options, expected in (
+        (["--estimator", "lis"], ["gpis", "blend", "lis"]),
+        (["--estimators", "gpis", "lis"], ["gpis", "lis"]),
+    ):
+        assert main([*compared, *options]) == 0
+        assert load_study(results / "study.yaml")["estimators"] == expected
+
+
 @pytest.mark.slow
 def test_a_killed_study_continues_to_the_same_results(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
