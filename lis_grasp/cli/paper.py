@@ -10,7 +10,12 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.experiments.baselines import BASELINES
-from lis_grasp.experiments.compared_estimators import COMPARED, OURS
+from lis_grasp.experiments.compared_estimators import (
+    COMPARED,
+    OURS,
+    compared_estimator,
+    require_installed,
+)
 from lis_grasp.experiments.paper.paper_trials import (
     Experiment,
     key_of,
@@ -36,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help=f"{_QUICK_SEEDS} seeds and {len(_QUICK_ESTIMATORS)} estimators: about two minutes",
+        help=f"{_QUICK_SEEDS} seeds and {len(_QUICK_ESTIMATORS)} estimators: about two minutes on"
+        " two idle cores",
     )
     parser.add_argument(
         "--seeds", type=int, metavar="N", help=f"seeds of every experiment (default: {_SEEDS})"
@@ -69,6 +75,8 @@ def execute(options: argparse.Namespace) -> None:
     names = tuple(options.estimators or (_QUICK_ESTIMATORS if options.quick else _ESTIMATORS))
     for name in names:
         find_estimator(name, registry=COMPARED, option="--estimators")
+        if name not in OURS:
+            require_installed(compared_estimator(name))
     for needed in ("lis", "gpis", RunConfig().estimator):
         if needed not in names:
             raise InvalidOptionError(

@@ -49,8 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--estimators",
         nargs="+",
         metavar="NAME",
-        help=f"estimators to compare (default: {RunConfig().estimator} and"
-        f" {', '.join(_ESTIMATORS)}; poisson needs lis-grasp[baselines])",
+        help=f"all estimators to compare (default: {RunConfig().estimator} and"
+        f" {', '.join(_ESTIMATORS)}; poisson needs lis-grasp[baselines]); --estimator keeps these"
+        " and adds one",
     )
     opt.add_estimator(parser)
     parser.add_argument(
@@ -127,7 +128,8 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
-    from lis_grasp.experiments.contact_study.competitors import STUDIED
+    from lis_grasp.experiments.compared_estimators import OURS, require_installed
+    from lis_grasp.experiments.contact_study.competitors import STUDIED, studied_estimator
     from lis_grasp.experiments.contact_study.estimate_score import Box
 
     if options.box not in get_args(Box):
@@ -141,6 +143,9 @@ def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
     names = (*(name for name in options.estimator or () if name not in names), *names)
     for name in (*names, options.subject or names[0], options.reference):
         find_estimator(name, registry=STUDIED, option="--estimators")
+    for name in names:
+        if name not in OURS:
+            require_installed(studied_estimator(name))
     for needed in (options.subject or names[0], options.reference):
         if needed not in names:
             raise InvalidOptionError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.experiments.baselines import BASELINES
 from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.plugins import Registry
@@ -80,3 +82,10 @@ def compared_estimator(name: str) -> Estimator:
     if name in BASELINES:
         return lambda contacts, noise: make(contacts)
     return lambda contacts, noise: make(contacts, **noise.options())
+
+
+def require_installed(estimator: Estimator) -> None:
+    """Raise `InvalidOptionError` if a package of an estimator is missing: every row would fail."""
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    with suppress(EstimationError, InvalidContactsError):
+        estimator(Contacts(0.03 * axes, axes), Noise())

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import pydantic
 from pydantic import BeforeValidator, ConfigDict, Field, StrictInt, StrictStr
 
-from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import (
-    EstimationError,
-    InvalidContactsError,
-    InvalidFileError,
-    InvalidOptionError,
-    shown,
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
+from lis_grasp.experiments.compared_estimators import (
+    COMPARED,
+    compared_estimator,
+    require_installed,
 )
-from lis_grasp.experiments.compared_estimators import COMPARED, Noise, compared_estimator
 from lis_grasp.experiments.study.trial import (
     OWN,
     SETTINGS,
@@ -109,7 +104,7 @@ class Study(Setup):
             if estimator != TRUTH:
                 find_estimator(estimator, registry=permitted, option="estimators")
             if estimator not in (*ESTIMATORS, TRUTH):
-                _require_installed(estimator)
+                require_installed(compared_estimator(estimator))
         require_one_of("reference", self.reference, self.estimators)
         for level in self.noise:
             parse_noise(level)
@@ -219,10 +214,3 @@ def _require_unique(option: str, values: Sequence[Any]) -> None:
             option=option,
             value=value,
         )
-
-
-def _require_installed(estimator: str) -> None:
-    """Reject an estimator whose packages are missing: each of its rows would be a failure."""
-    axes = np.vstack([np.eye(3), -np.eye(3)])
-    with contextlib.suppress(EstimationError, InvalidContactsError):
-        compared_estimator(estimator)(Contacts(0.03 * axes, axes), Noise())
