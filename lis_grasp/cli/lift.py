@@ -54,6 +54,7 @@ def execute(options: argparse.Namespace) -> None:
     config = opt.configure(options, recorded)
     shape = opt.load_object(config, recorded.get("X_WO"))
     hand = Hand.load(config.hand)
+    pipeline.require_simulator(config.simulator, shape)
     output = options.output or options.grasps_file.parent
     options.until_end.enter_context(sole_writer(output))
     grasps = search.grasps[: options.best]

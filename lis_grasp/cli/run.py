@@ -60,6 +60,7 @@ def execute(options: argparse.Namespace) -> None:
     shape, X_WO = opt.place_object(config)
     hand = Hand.load(config.hand)
     require_possible_inertias(hand.inertials)
+    pipeline.require_simulator(config.simulator, shape)
     options.until_end.enter_context(sole_writer(output))
     warn_if_too_wide(shape, hand)
 

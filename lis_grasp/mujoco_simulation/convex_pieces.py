@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from lis_grasp.io.optional_packages import needed_package
+from lis_grasp.io.optional_packages import needed_package, require_packages
 
 # Concavity of a piece, by its size, in the metric of Wei et al.: on a torus of 12 cm, 98 % of the
 # surface is within 0.5 mm of the pieces.
@@ -28,9 +28,8 @@ def convex_pieces(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, ...]:
     InvalidOptionError
         If the package coacd is not installed.
     """
-    hull = mesh.convex_hull
-    if hull.volume <= (1.0 + _CONVEX) * mesh.volume:
-        return (hull,)
+    if _is_convex(mesh):
+        return (mesh.convex_hull,)
     with needed_package("coacd", "mujoco", option="the simulator mujoco"):
         import coacd
     coacd.set_log_level("off")
@@ -46,3 +45,13 @@ def convex_pieces(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, ...]:
     )
     pieces = [trimesh.convex.convex_hull(np.asarray(vertices)) for vertices, _ in found]
     return tuple(piece for piece in pieces if piece.volume > 0.0)
+
+
+def require_mujoco(mesh: trimesh.Trimesh) -> None:
+    """Raise `InvalidOptionError` if a package is missing that simulations of an object need."""
+    names = ("mujoco",) if _is_convex(mesh) else ("mujoco", "coacd")
+    require_packages(*names, extra="mujoco", option="the simulator mujoco")
+
+
+def _is_convex(mesh: trimesh.Trimesh) -> bool:
+    return bool(mesh.convex_hull.volume <= (1.0 + _CONVEX) * mesh.volume)

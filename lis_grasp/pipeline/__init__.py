@@ -2,7 +2,7 @@
 
 from lis_grasp.pipeline.arm_station import make_station
 from lis_grasp.pipeline.contact_sources import join_sources, load_source
-from lis_grasp.pipeline.lifting_stage import lift, lift_each
+from lis_grasp.pipeline.lifting_stage import lift, lift_each, require_simulator
 from lis_grasp.pipeline.object_setup import pose_of, support_height, table_of
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import Stopwatch, estimate, make_estimator, plan
@@ -22,6 +22,7 @@ __all__ = [
     "plan",
     "pose_of",
     "prior_knowledge",
+    "require_simulator",
     "support_height",
     "table_of",
     "touch",

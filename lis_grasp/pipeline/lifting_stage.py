@@ -23,6 +23,14 @@ if TYPE_CHECKING:
     from lis_grasp.simulation.simulate_lift import AcceptGrasp
 
 
+def require_simulator(simulator: str, shape: Shape) -> None:
+    """Raise `InvalidOptionError` if a package is missing that lifts in a simulator need."""
+    if simulator == "mujoco":
+        from lis_grasp.mujoco_simulation.convex_pieces import require_mujoco
+
+        require_mujoco(shape.mesh)
+
+
 def lift(
     shape: Shape,
     hand: Hand,

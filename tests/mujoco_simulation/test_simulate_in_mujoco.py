@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import trimesh
 from made_grasps import jaw_grasp
 
 from lis_grasp import pipeline
+from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.sampler import ForceClosureSampler
@@ -120,6 +122,30 @@ def test_without_the_package_one_sentence_names_the_extra(monkeypatch: pytest.Mo
     grasp = jaw_grasp(hand, np.zeros(3), 0.05)
     with pytest.raises(InvalidOptionError, match=r"pip install 'lis-grasp\[mujoco\]'"):
         pipeline.lift(BOX, hand, grasp, mass=0.2, friction=0.8, simulator="mujoco")
+
+
+@pytest.mark.parametrize(("name", "package"), [("box", "mujoco"), ("torus", "coacd")])
+def test_a_run_without_a_package_of_its_simulator_ends_before_the_first_touch(
+    name: str,
+    package: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if package != "mujoco":
+        pytest.importorskip("mujoco", reason=NEEDS_MUJOCO)
+    monkeypatch.setitem(sys.modules, package, None)
+    assert main(["run", name, "--simulator", "mujoco", "--output", str(tmp_path)]) == 2
+    assert package in capsys.readouterr().err
+    assert not (tmp_path / "touches.jsonl").exists()
+
+
+def test_a_convex_object_needs_no_decomposition(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mujoco", reason=NEEDS_MUJOCO)
+    monkeypatch.setitem(sys.modules, "coacd", None)
+    pipeline.require_simulator("mujoco", BOX)
+    with pytest.raises(InvalidOptionError, match="coacd"):
+        pipeline.require_simulator("mujoco", RING)
 
 
 def test_no_contacts_without_an_object_between_the_jaws() -> None:
