@@ -29,11 +29,13 @@ def build_overlay(
     scale: ColourScale | None,
     grid: float,
     story: Story,
+    planned: int = 0,
     postures: bool = False,
 ) -> str:
     """Return the overlay's HTML, with all text escaped.
 
-    The layers of grasps are those of a hand's postures if `postures` is set. `scale` colours the
+    The layers of grasps are those of the best of the `planned` ones, or of a hand's postures if
+    `postures` is set. `scale` colours the
     estimate's uncertainty; `grid` is the spacing of the table's grid [m].
     """
     grasps = [layer for layer in layers if _is_grasp(layer)]
@@ -49,7 +51,7 @@ def build_overlay(
         f'<h2>Result</h2><div class="lines">{lines}</div>' if lines else "",
         f'<p class="explained">Press play: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
-        _listed_grasps(grasps, postures=postures),
+        _listed_grasps(grasps, planned=planned, postures=postures),
         f'<p class="fine">Grid {_millimetres(grid)}. Drag to turn, wheel or pinch to zoom,'
         " right button or two fingers to move.</p>",
         "</div>",
@@ -62,14 +64,16 @@ def build_overlay(
     return "\n".join(part for part in parts if part)
 
 
-def _listed_grasps(grasps: Sequence[Layer], *, postures: bool) -> str:
+def _listed_grasps(grasps: Sequence[Layer], *, planned: int, postures: bool) -> str:
     if not grasps:
         return ""
     rows = f'<ul class="layers">{"".join(map(_row, grasps))}</ul>'
     if postures:
         return f"<h2>Postures</h2>{rows}"
-    ranked = '<p class="fine">Ranked by predicted success on the uncertain estimate.</p>'
-    return f"<h2>Candidate grasps</h2>{rows}{ranked}"
+    shown = sum(layer.identity != "together" for layer in grasps)
+    which = "Ranked" if shown == planned else f"The best {shown} of {planned}, ranked"
+    fine = f'<p class="fine">{which} by predicted success on the uncertain estimate.</p>'
+    return f"<h2>Candidate grasps</h2>{rows}{fine}"
 
 
 def _is_grasp(layer: Layer) -> bool:

@@ -193,6 +193,7 @@ class Scene:
             contacts=len(self.contacts),
             surfaces=[count for count, mesh in surfaces if len(mesh.faces)],
             grasps=len(postures),
+            planned=len(self.grasps),
             lift_seconds=lift_seconds,
         )
 
@@ -224,7 +225,13 @@ class Scene:
             },
         }
         overlay = build_overlay(
-            self.title, self.summary, layers=canvas.layers, scale=scale, grid=grid, story=story
+            self.title,
+            self.summary,
+            layers=canvas.layers,
+            scale=scale,
+            grid=grid,
+            story=story,
+            planned=len(self.grasps),
         )
         return build_page(self.title, overlay=overlay, scene=facts, commands=canvas.commands)
 

@@ -35,12 +35,19 @@ class Story:
 
     @classmethod
     def of(
-        cls, *, contacts: int, surfaces: Sequence[int], grasps: int, lift_seconds: float
+        cls,
+        *,
+        contacts: int,
+        surfaces: Sequence[int],
+        grasps: int,
+        planned: int | None = None,
+        lift_seconds: float,
     ) -> Story:
         """Return the chapters of a scene with these numbers of contacts and grasps.
 
         A single contact has no chapter. `surfaces` are the numbers of contacts, increasing, at
-        which the estimate changes. `lift_seconds` is the duration of the lift [s]; 0 for none.
+        which the estimate changes. `grasps` are shown, the best of `planned`; None for all of them.
+        `lift_seconds` is the duration of the lift [s]; 0 for none.
         """
         chapters: list[Chapter] = []
 
@@ -53,7 +60,8 @@ class Story:
             add("touch", "Touch", contacts * step + _PAUSE,
                 step=step, contacts=contacts, surfaces=list(surfaces))  # fmt: skip
         if grasps > 0:
-            add("grasp", "Grasp", grasps * _SECONDS_A_GRASP, step=_SECONDS_A_GRASP, grasps=grasps)
+            add("grasp", "Grasp", grasps * _SECONDS_A_GRASP, step=_SECONDS_A_GRASP, grasps=grasps,
+                planned=planned or grasps)  # fmt: skip
         if lift_seconds > 0.0:
             add("lift", "Lift", lift_seconds)
         changes = contacts > 1 or grasps > 1 or lift_seconds > 0.0

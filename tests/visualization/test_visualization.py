@@ -72,6 +72,14 @@ def test_the_page_has_the_five_best_grasps() -> None:
     assert len(_facts(page)["grasps"]) == 5
 
 
+def test_the_page_counts_the_grasps_that_were_planned() -> None:
+    for planned, listed in ((7, True), (5, False)):
+        page = scenes.scene(grasps=(scenes.grasp(),) * planned).html()
+        (grasps,) = (c for c in _facts(page)["story"]["chapters"] if c["name"] == "grasp")
+        assert (grasps["grasps"], grasps["planned"]) == (5, planned)
+        assert (f"best 5 of {planned}" in page) == listed
+
+
 def test_links_are_drawn_at_their_forward_kinematics() -> None:
     grasp = scenes.grasp()
     hand = scenes.hand()

@@ -45,7 +45,7 @@ const Story = (facts) => {
     if (now.name === "grasp") {
       if (facts.postures) return facts.postures[now.rank - 1];
       const best = now.rank === 1 ? ", the best" : "";
-      return `Grasp ${now.rank} of ${grasp.grasps}${best}; ${noteOf(now.rank)}`;
+      return `Grasp ${now.rank} of ${grasp.planned}${best}; ${noteOf(now.rank)}`;
     }
     return now.name === "lift" ? "The best grasp lifts the true object" : "";
   }
