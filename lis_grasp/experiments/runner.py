@@ -196,8 +196,10 @@ def _rows_or_failure(runner: Runner, job: Job) -> list[Row] | _Failure:
         return runner(job)
     except LisGraspError as error:
         return _Failure(job, str(error), expected=True)
-    except Exception:  # noqa: BLE001 - reported after all other jobs
-        return _Failure(job, f"{job.trial}\n{traceback.format_exc()}", expected=False)
+    except Exception as error:  # noqa: BLE001 - reported after all other jobs
+        # The name comes first: messages lose their middle, and an error's text may be long.
+        name = type(error).__name__
+        return _Failure(job, f"{name} in {job.trial}\n{traceback.format_exc()}", expected=False)
 
 
 def run_trials(

@@ -51,7 +51,8 @@ def is_plain_text(text: str) -> bool:
     """Return whether YAML reads `text`, written without quotes, as this text."""
     try:
         return bool(text) and yaml.safe_load(f"[{text}]") == [text]
-    except Exception:  # noqa: BLE001 - see read_yaml
+    # Not an error of the caller: text that YAML cannot read, for whatever reason, needs quotes.
+    except Exception:  # noqa: BLE001 - of half a dozen types, as in read_yaml
         return False
 
 
