@@ -258,7 +258,8 @@ def add_estimator(parser: argparse.ArgumentParser) -> None:
         "--estimator",
         action="append",
         metavar="NAME",
-        help="an estimator beside those, such as your own as my.module:Class; may be repeated",
+        help="an estimator to add to those compared, such as your own as my.module:Class; may be"
+        " repeated",
     )
 
 
