@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lis_grasp.exceptions import InvalidArmError, nearest_of
 from lis_grasp.hands.shipped_models import model_path
-from lis_grasp.io.yaml_files import YAML_SUFFIXES
+from lis_grasp.io.yaml_files import find_yaml_file
 
 ARM_NAMES = ("iiwa14",)
 """The arms that the package ships, by the name that `Arm.load` takes."""
@@ -16,6 +16,10 @@ VENDOR_ARMS = ("kuka_iiwa14", "franka_panda", "panda", "ur5e", "ur5", "xarm7")
 
 READY_ARMS = (*ARM_NAMES, *VENDOR_ARMS)
 """Every arm whose YAML the package ships."""
+
+_ARM_FILE = (
+    "write a YAML file with name, urdf (this file) and flange (the link that carries the hand)"
+)
 
 
 def arm_path(path_or_name: str | Path) -> Path:
@@ -28,16 +32,11 @@ def arm_path(path_or_name: str | Path) -> Path:
         return model_path(f"arms/{name}/{name}.yaml")
     if name in VENDOR_ARMS:
         return model_path(f"arms/vendors/{name}.yaml")
-    try:
-        if Path(path_or_name).is_file():
-            return Path(path_or_name)
-        if Path(path_or_name).suffix.lower() in YAML_SUFFIXES:
-            raise InvalidArmError(
-                f"the arm file {path_or_name} does not exist: check its path, or name an arm such"
-                f" as {READY_ARMS[0]}"
-            )
-    except (OSError, ValueError):  # no name that a file can have
-        pass
+    path = find_yaml_file(
+        name, "arm", example=ARM_NAMES[0], advice=_ARM_FILE, error=InvalidArmError
+    )
+    if path is not None:
+        return path
     raise InvalidArmError(
         f"an arm must be one of {', '.join(READY_ARMS)}, or an arm's YAML file; '{name}' is"
         f" neither{nearest_of(name, READY_ARMS)}"

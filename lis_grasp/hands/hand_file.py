@@ -20,7 +20,7 @@ from lis_grasp.hands.link_tree import HandModel, rpy_pose
 from lis_grasp.hands.model_uri import resolve_model
 from lis_grasp.hands.shipped_models import HAND_NAMES, READY_HANDS
 from lis_grasp.io.schemas import parse_entry
-from lis_grasp.io.yaml_files import YAML_SUFFIXES, read_yaml
+from lis_grasp.io.yaml_files import find_yaml_file, read_yaml
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
@@ -62,19 +62,14 @@ def _read(path_or_name: str | Path) -> tuple[HandEntry, Path, DescriptionEdits, 
 
 
 def _find(path_or_name: str | Path) -> Path:
-    if str(path_or_name) in READY_HANDS:
-        return hand_path(str(path_or_name))
-    try:
-        if Path(path_or_name).is_file():
-            return Path(path_or_name)
-    except (OSError, ValueError):  # no name that a file can have
-        return hand_path(str(path_or_name))
-    if Path(path_or_name).suffix.lower() in YAML_SUFFIXES:
-        raise InvalidHandError(
-            f"the hand file {path_or_name} does not exist: check its path, or name a hand such as"
-            f" {HAND_NAMES[0]}"
-        )
-    return hand_path(str(path_or_name))
+    name = str(path_or_name)
+    if name in READY_HANDS:
+        return hand_path(name)
+    advice = f"`lis-grasp hand new {name}` writes the YAML that describes it"
+    path = find_yaml_file(
+        name, "hand", example=HAND_NAMES[0], advice=advice, error=InvalidHandError
+    )
+    return path or hand_path(name)
 
 
 class _Assembly:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +16,49 @@ from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
 YAML_SUFFIXES = (".yaml", ".yml")
 """Endings of YAML files."""
 
+_ROBOT_SUFFIXES = (".urdf", ".sdf", ".xml", ".xacro")
+
 _MOST_BYTES = 2 * MEBIBYTE
 MOST_NODES = 50_000
 """Values and keys of a YAML file, those of an alias counted wherever it is used."""
 MOST_CHARACTERS = 10_000
 """Length of a value: PyYAML reads 1:59:59:... in the square of it."""
+
+
+def find_yaml_file(
+    name: str, what: str, *, example: str, advice: str, error: Callable[..., Exception]
+) -> Path | None:
+    """Return the path of a file that is there; None for what may be a name.
+
+    Parameters
+    ----------
+    name
+        A path or a name, as a user gave it.
+    what
+        ``hand`` or ``arm``, which the file describes.
+    example, advice
+        For messages: a name that exists, and how to write the YAML file of a URDF or SDF.
+    error
+        Class of the error, which has the file's name.
+
+    Raises
+    ------
+    error
+        For a URDF or SDF, or a YAML file that is not there.
+    """
+    path = Path(name)
+    ending = path.suffix.lower()
+    if ending in _ROBOT_SUFFIXES:
+        message = f"the {what} file must be YAML; {path} is {ending[1:].upper()}: {advice}"
+        raise error(message, file=path.name)
+    if os.path.isfile(path):
+        return path
+    if ending in YAML_SUFFIXES:
+        message = (
+            f"the {what} file {path} does not exist: check its path, or name {example} instead"
+        )
+        raise error(message, file=path.name)
+    return None
 
 
 def read_yaml(path: Path) -> Any:

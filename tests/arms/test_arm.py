@@ -298,8 +298,15 @@ def test_a_mistake_in_the_urdf_is_an_error_of_the_arm(tmp_path: Path) -> None:
 def test_unknown_arms_are_refused_with_the_nearest_name(tmp_path: Path) -> None:
     with pytest.raises(InvalidArmError, match="did you mean 'iiwa14'"):
         Arm.load("iiwa41")
-    with pytest.raises(InvalidArmError, match="the arm file .*absent.yaml does not exist"):
+    with pytest.raises(InvalidArmError) as error:
         Arm.load(tmp_path / "absent.yaml")
+    assert error.value.file == "absent.yaml"
+
+
+def test_a_description_given_as_an_arm_needs_its_yaml() -> None:
+    with pytest.raises(InvalidArmError, match="name, urdf .* and flange") as error:
+        Arm.load("two.urdf")
+    assert error.value.file == "two.urdf"
 
 
 def test_the_shipped_schema_is_that_of_the_package_and_arms_name_it(tmp_path: Path) -> None:
