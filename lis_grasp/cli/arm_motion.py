@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Plan the motion, and write its parts as CSV and YAML."""
-    recorded = provenance.read(options.grasps_file)
+    recorded = provenance.read(options.grasps_file, usual="grasps.json")
     name = options.arm or recorded.get("arm") or ARM_NAMES[0]
     config = opt.configure(options, {**recorded, "arm": name})
     hand = Hand.load(config.hand)

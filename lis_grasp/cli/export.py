@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Split the mesh into convex parts, and write the descriptions."""
-    recorded = provenance.read(options.mesh)
+    recorded = provenance.read(options.mesh, usual="surface.ply")
     config = opt.configure(options, recorded)
     mesh = load_mesh(options.mesh, options.units, recorded)
     folder = options.output or options.mesh.parent / "model"

@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Plan grasps, and write them."""
-    recorded = provenance.read(options.mesh)
+    recorded = provenance.read(options.mesh, usual="surface.ply")
     config = opt.configure(options, recorded)
     mesh = load_mesh(options.mesh, options.units, recorded)
     hand = Hand.load(config.hand)

@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Simulate the lift with each of the best grasps, and write the outcomes."""
+    recorded = provenance.read(options.grasps_file, usual="grasps.json")
     search = GraspSearch.load(options.grasps_file)
-    recorded = provenance.read(options.grasps_file)
     if options.object is None and "object" not in recorded:
         raise InvalidOptionError(
             f"{options.grasps_file} records no object: name it with --object", option="object"

@@ -102,7 +102,8 @@ def _known(
     if path.suffix.lower() == ".jsonl":
         outcomes = load_outcomes(path)
         return Exploration.replay(outcomes).contacts, outcomes, {}
-    return load_contacts(path, position_noise=position_noise), (), provenance.read(path)
+    recorded = provenance.read(path)
+    return load_contacts(path, position_noise=position_noise), (), recorded
 
 
 def _lines(found: NextTouch) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from collections.abc import Mapping
 from functools import lru_cache
@@ -60,14 +61,20 @@ def parse(header: str) -> dict[str, Any]:
     return {}
 
 
-def read(path: Path) -> dict[str, Any]:
+def read(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
     """Return the facts in the header of a .ply or .json output file; empty if it has none.
+
+    `usual` is the name of such a file in a folder of results, for the message if `path` is one.
 
     Raises
     ------
     InvalidFileError
         If the file cannot be read, or a fact is not of its type (`RecordedFacts`).
     """
+    if os.path.isdir(path):
+        inside = path / usual
+        advice = f"name {inside}" if os.path.isfile(inside) else "name a file in it"
+        raise InvalidFileError(f"{path} must be a file; it is a folder: {advice}", path=path)
     facts = _facts(path)
     checked(RecordedFacts, facts, path, "header")
     return facts

@@ -48,6 +48,17 @@ def test_a_missing_file_is_refused_by_path(tmp_path: Path) -> None:
     assert error.value.path == tmp_path / "absent.ply"
 
 
+def test_a_folder_is_refused_with_the_file_in_it_that_is_usual(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFileError) as error:
+        provenance.read(tmp_path)
+    assert error.value.path == tmp_path
+    assert "contacts.ply" not in str(error.value)
+    for name in ("contacts.ply", "surface.ply"):
+        (tmp_path / name).touch()
+        with pytest.raises(InvalidFileError, match=f"name {tmp_path / name}"):
+            provenance.read(tmp_path, usual=name)
+
+
 def _file_with(tmp_path: Path, **facts: object) -> Path:
     path = tmp_path / "any.json"
     path.write_text(json.dumps({"header": "lis_grasp " + json.dumps(facts)}))
