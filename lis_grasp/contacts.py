@@ -80,7 +80,7 @@ class Contacts:
             worst = int(np.argmax(np.abs(lengths - 1.0)))
             raise InvalidContactsError(
                 f"normals must have unit length; normal {worst} has length {lengths[worst]:.4g}:"
-                " normalise the normals before making Contacts",
+                " divide each by its length",
                 field="normals",
                 row=worst,
             )

@@ -15,6 +15,8 @@ from lis_grasp.typing import FloatArray
 
 _MOST_BYTES = 256 * MEBIBYTE
 _POINTS_ONLY = (".off", ".xyz")
+POINT_FORMATS = (".ply", ".csv", *_POINTS_ONLY)
+"""Endings of the files of points that can be read."""
 
 
 def read_point_file(path: Path) -> dict[str, Any]:
@@ -29,9 +31,24 @@ def read_point_file(path: Path) -> dict[str, Any]:
     InvalidFileError
         If the file is missing, of another format, damaged, or lacks points.
     """
-    if path.suffix.lower() in _POINTS_ONLY:
+    ending = path.suffix.lower()
+    if ending not in POINT_FORMATS:
+        raise InvalidFileError(
+            f"files of points end in one of {', '.join(POINT_FORMATS)}; {path} does not: convert"
+            f" it, or plan on a mesh directly by `lis-grasp grasp {path}`",
+            path=path,
+        )
+    if ending in _POINTS_ONLY:
         return {"points": _load_points(path), "normals": None, "approach": None}
     return read_contact_fields(path)
+
+
+def no_faces_error(path: Path) -> InvalidFileError:
+    """Return the error of a file without faces where a mesh is needed."""
+    advice = "export it again"
+    if path.suffix.lower() in POINT_FORMATS:
+        advice = f"`lis-grasp estimate {path}` makes a surface from a file of points"
+    return InvalidFileError(f"{path} has no faces, and a mesh is needed: {advice}", path=path)
 
 
 def _load_points(path: Path) -> FloatArray:

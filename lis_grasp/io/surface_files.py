@@ -19,6 +19,7 @@ from plyfile import PlyElement
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.ply_files import ply_bytes, ply_element, read_ply
+from lis_grasp.io.point_files import no_faces_error
 from lis_grasp.typing import ByteArray, FloatArray, IntArray
 
 _LOW, _HIGH = np.array([38.0, 130.0, 142.0]), np.array([253.0, 231.0, 37.0])
@@ -138,8 +139,7 @@ def _triangles(path: Path, element: PlyElement | None, vertices: int) -> IntArra
     names = ("vertex_indices", "vertex_index")
     name = next((n for n in names if rows is not None and n in rows.dtype.names), None)
     if rows is None or name is None:
-        message = f"{path} has no faces: a surface is needed, not a point cloud"
-        raise InvalidFileError(message, path=path)
+        raise no_faces_error(path)
     lists = rows[name]
     if lists.dtype == object:  # lengths may differ
         if any(len(row) != 3 for row in lists):

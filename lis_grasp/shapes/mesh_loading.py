@@ -16,6 +16,7 @@ from lis_grasp.exceptions import (
     nearest_of,
 )
 from lis_grasp.io.mesh_files import read_mesh
+from lis_grasp.io.point_files import POINT_FORMATS, no_faces_error
 from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
 from lis_grasp.shapes.repair import repair_mesh
 from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape
@@ -121,14 +122,13 @@ def load(path: str | Path, units: str = "m") -> Shape:
 
 def _read(path: Path) -> tuple[FloatArray, IntArray]:
     """Return the triangles of a file as vertices (V, 3) in its units and faces (F, 3)."""
+    if path.suffix.lower() in set(POINT_FORMATS) - set(FORMATS):
+        raise no_faces_error(path)
     mesh = read_mesh(path, FORMATS)
     vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
     faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
     if not len(faces):
-        raise InvalidFileError(
-            f"{path} has no faces, so it holds no surface (a point cloud?): a mesh is needed",
-            path=path,
-        )
+        raise no_faces_error(path)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InvalidFileError(
             f"{path} has faces that name vertices it lacks: export it again", path=path

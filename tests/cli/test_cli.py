@@ -105,6 +105,27 @@ def test_a_name_longer_than_a_file_may_have_is_one_sentence(
     assert name in _misuse(capsys, *(argument.format(name) for argument in arguments))
 
 
+@pytest.mark.parametrize(
+    ("verb", "name"),
+    [("grasp", "surface.ply"), ("export", "surface.ply"), ("estimate", "contacts.ply")]
+    + [("next", "contacts.ply"), ("lift", "grasps.json"), ("motion", "grasps.json")],
+)
+def test_a_folder_in_place_of_a_file_is_answered_with_the_file_in_it(
+    verb: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).touch()
+    assert str(tmp_path / name) in _misuse(capsys, verb, str(tmp_path))
+
+
+@pytest.mark.parametrize("name", ["contacts.csv", "points.ply"])
+def test_points_in_place_of_a_mesh_are_referred_to_estimate(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for header in ("", provenance.describe(object="box")):  # its own PLY files are read apart
+        Contacts(0.03 * CUBE_AXES, CUBE_AXES).save(tmp_path / name, header=header)
+        assert f"estimate {tmp_path / name}" in _misuse(capsys, "grasp", str(tmp_path / name))
+
+
 def test_an_unknown_object_lists_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
     message = _misuse(capsys, "explore", "teapot")
     assert "teapot" in message

@@ -125,7 +125,9 @@ def test_a_cloud_and_fingertip_centres_are_joined(centers: FloatArray, tmp_path:
         ("a.off", "OFF\n0 0 0\n", "a.off "),
         ("a.off", "no points", "a.off "),
         ("a.xyz", "1 2\n", "a.xyz "),
-        ("a.pcd", "", "end in .ply or .csv"),
+        ("a.pcd", "", ".ply, .csv, .off, .xyz"),
+        ("a.stl", "", "lis-grasp grasp .*a.stl"),
+        ("a.csv", "x,y,z,nx,ny,nz\n0,0,0,0,0,2\n", "by its length"),
     ],
 )
 def test_what_is_missing_is_said(name: str, content: str, said: str, tmp_path: Path) -> None:
