@@ -6,7 +6,7 @@ import argparse
 import gc
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from types import ModuleType
@@ -17,12 +17,13 @@ from threadpoolctl import threadpool_limits
 import lis_grasp
 from lis_grasp.cli.examples import examples_of
 from lis_grasp.cli.interrupts import interrupts_after_imports
-from lis_grasp.cli.progress import complain, open_missing_streams
+from lis_grasp.cli.progress import complain, open_missing_streams, say
 from lis_grasp.exceptions import (
     InvalidInputError,
     InvalidOptionError,
     LisGraspError,
     nearest_of,
+    shown,
 )
 
 # Name, module in this folder, and help of each verb. A module is imported when its verb is used.
@@ -64,7 +65,13 @@ _GARBAGE_THRESHOLDS = (50_000, 20, 20)
 class _Parser(argparse.ArgumentParser):
     """Parser whose errors are one sentence, without the list of all options."""
 
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.register("type", int, _converter(int, "a whole number"))
+        self.register("type", float, _converter(float, "a number"))
+
     def error(self, message: str) -> NoReturn:
+        message = re.sub(r"^argument (\S+): must", r"\1 must", message)
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -75,6 +82,19 @@ class _Parser(argparse.ArgumentParser):
             suggestion = nearest_of(unknown[0].partition("=")[0], options)
             self.error(f"unrecognized arguments: {' '.join(unknown)}{suggestion}")
         return known, unknown
+
+
+def _converter(kind: type, required: str) -> Callable[[str], Any]:
+    """Return the conversion of an argument to numbers of a kind, with a plain error."""
+
+    def convert(text: str) -> Any:
+        try:
+            return kind(text)
+        except ValueError:
+            message = f"must be {required}; it is {shown(text)}"
+            raise argparse.ArgumentTypeError(message) from None
+
+    return convert
 
 
 def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
@@ -124,6 +144,9 @@ def _run(arguments: Sequence[str] | None) -> int:
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     verb = next((word for word in arguments if not word.startswith("-")), "")
     try:
+        if not arguments:
+            say(build_parser("").format_help().rstrip())
+            return 2
         if verb and verb not in (names := [name for name, _, _ in _VERBS]):
             raise InvalidOptionError.not_one_of("VERB", verb, names)
         options = build_parser(verb).parse_args(arguments)

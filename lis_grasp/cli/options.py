@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -174,23 +174,24 @@ _GROUPS = {
 }
 
 
-def add_options(
-    parser: argparse._ActionsContainer, *names: str, show_default: bool = True, grouped: bool = True
-) -> None:
+def add_options(parser: argparse._ActionsContainer, *names: str, show_default: bool = True) -> None:
     """Add options by the names of their fields in `RunConfig`; omitted ones parse as None."""
     groups = {title: [n for n in members if n in names] for title, members in _GROUPS.items()}
-    if grouped and sum(map(bool, groups.values())) > 1:
+    if sum(map(bool, groups.values())) > 1:
         for title, members in groups.items():
             if members:
-                group = parser.add_argument_group(title)
-                add_options(group, *members, show_default=show_default, grouped=False)
+                _add_to(parser.add_argument_group(title), members, show_default)
         names = tuple(name for name in names if not any(name in g for g in groups.values()))
+    _add_to(parser, names, show_default)
+
+
+def _add_to(group: argparse._ActionsContainer, names: Iterable[str], show_default: bool) -> None:
     for name in names:
         option = dict(_OPTIONS[name])
         default = _OTHER_DEFAULTS.get(name, getattr(_DEFAULTS, name))
         if show_default and default is not None and not isinstance(default, bool):
             option["help"] += f" (default: {default})"
-        parser.add_argument(f"--{name.replace('_', '-')}", default=None, **option)
+        group.add_argument(f"--{name.replace('_', '-')}", default=None, **option)
 
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape
 from lis_grasp.shapes.tessellation import (
     at_height,
@@ -151,6 +151,11 @@ def _rectangle(a: float, b: float) -> list[tuple[float, float]]:
 
 def _require_size(size: float) -> None:
     if not SMALLEST <= size <= LARGEST:
-        raise InvalidOptionError.out_of_range(
-            "size", size, f"a largest extent from {SMALLEST} to {LARGEST} m"
+        metres = 1e-3 * size
+        advice = f": {size:g} mm are {metres:g} m" if SMALLEST <= metres <= LARGEST else ""
+        raise InvalidOptionError(
+            f"size must be a largest extent from {SMALLEST} to {LARGEST} m; it is"
+            f" {shown(size)}{advice}",
+            option="size",
+            value=size,
         )

@@ -264,6 +264,29 @@ def test_a_mistyped_option_gets_the_nearest_one(capsys: pytest.CaptureFixture[st
     assert "did you mean '--touches'?" in message
 
 
+def test_without_a_verb_the_help_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert all(verb in captured.out for verb in ("run", "estimate", "doctor"))
+
+
+@pytest.mark.parametrize(
+    ("line", "required"),
+    [
+        ("run box --touches many", "--touches must be a whole number; it is 'many'"),
+        ("run box --region 1 2 x", "--region must be a number; it is 'x'"),
+        ("view . --port 1.5", "--port must be a whole number; it is '1.5'"),
+    ],
+)
+def test_what_is_no_number_is_refused_by_its_option(
+    line: str, required: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(line.split())
+    assert required in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("line", ["rnu box", "run", "run box --prober dyn", "run box --seed x"])
 def test_misuse_is_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -> None:
     try:

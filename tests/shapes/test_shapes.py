@@ -282,6 +282,13 @@ def test_a_size_that_is_no_length_in_metres_is_refused(size: float) -> None:
         assert error.value.option == "size"
 
 
+@pytest.mark.parametrize(("size", "advised"), [(80.0, True), (8000.0, False), (0.001, False)])
+def test_a_size_in_millimetres_is_answered_with_metres(size: float, advised: bool) -> None:
+    with pytest.raises(InvalidOptionError) as error:
+        shapes.build("box", size)
+    assert ("80 mm are 0.08 m" in str(error.value)) == advised
+
+
 def test_a_record_of_an_open_or_inverted_mesh_is_refused() -> None:
     mesh = trimesh.creation.box((0.1, 0.1, 0.1))
     Shape("cube", mesh, shapes.sharp_edges(mesh))
