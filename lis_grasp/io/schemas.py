@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
 
-from lis_grasp.exceptions import InvalidFileError, shown
+from lis_grasp.exceptions import InvalidFileError, nearest_of, shown
 
 # Beyond this a number of a file is damage, whatever its unit.
 _LARGEST = 1e12
@@ -37,7 +38,8 @@ class FileRecord(BaseModel):
 
 def first_mistake(invalid: ValidationError) -> tuple[str, str]:
     """Return the dotted key of the first wrong value, and what is wrong, to follow the key."""
-    first = invalid.errors(include_url=False)[0]
+    errors = invalid.errors(include_url=False)
+    first = errors[0]
     place = first["loc"][:_DEEPEST]
     key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in place).lstrip(".")
     reason = {"missing": "is missing", "extra_forbidden": "is an unknown key"}.get(first["type"])
@@ -45,7 +47,21 @@ def first_mistake(invalid: ValidationError) -> tuple[str, str]:
         reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
         reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
         reason = f"{reason.replace(' after validation', '')}; it is {shown(first['input'])}"
+    if first["type"] == "missing":
+        reason += _misspelt(errors, first["loc"][:-1])
     return key, reason
+
+
+def _misspelt(errors: Sequence[ErrorDetails], mapping: tuple[int | str, ...]) -> str:
+    """Return the clause on the first unknown key of a mapping that lacks keys, or nothing."""
+    inside = [error for error in errors if error["loc"][:-1] == mapping]
+    unknown, missing = (
+        [str(error["loc"][-1]) for error in inside if error["type"] == kind]
+        for kind in ("extra_forbidden", "missing")
+    )
+    if not unknown:
+        return ""
+    return f", and {shown(unknown[0])} is an unknown key{nearest_of(unknown[0], missing)}"
 
 
 def parse_entry(

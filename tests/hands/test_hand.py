@@ -403,6 +403,23 @@ def test_a_description_given_as_a_hand_needs_its_yaml(tmp_path: Path, name: str)
     assert error.value.file == name
 
 
+@pytest.mark.parametrize(
+    ("place", "key", "typo"), [([], "approach", "aproach"), (["pads", "left"], "radius", "radus")]
+)
+def test_an_unknown_key_is_named_beside_the_missing_one(
+    tmp_path: Path, place: list[str], key: str, typo: str
+) -> None:
+    document, path = shipped(tmp_path)
+    mapping = document
+    for name in place:
+        mapping = mapping[name]
+    mapping[typo] = mapping.pop(key)
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises(InvalidHandError, match=f"'{typo}' .* did you mean '{key}'") as error:
+        Hand.load(path)
+    assert error.value.key == ".".join([*place, key])
+
+
 def test_barrett_has_the_published_dimensions_and_couplings() -> None:
     hand = Hand.load("barrett")
     assert hand.mass == pytest.approx(0.98, abs=1e-9)
