@@ -79,4 +79,7 @@ def write_page(options: argparse.Namespace) -> None:
     lines = tuple(f"{'ok' if f.fine else 'FIX'}: {f.text}" for f in findings)
     write_text(output, hand_page(hand, summary=lines))
     say(f"wrote {output}")
-    say(f"next: open {output}; then edit the YAML and check it: lis-grasp doctor --hand FILE")
+    say(
+        f"next: open {output}; then edit the YAML and check it: lis-grasp doctor --hand"
+        f" {options.hand}"
+    )

@@ -1,5 +1,6 @@
 """Drafts of the shipped hands from their URDF alone, compared with what was written by hand."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,15 @@ def test_equal_seeds_give_equal_bytes() -> None:
     assert texts[0] == texts[1]
 
 
+def test_links_without_a_mass_are_named_in_a_note(tmp_path: Path) -> None:
+    urdf = tmp_path / "jaw.urdf"
+    urdf.write_text(re.sub(r'<mass value="0\.\d+"/>', "", urdf_of("wsg50").read_text()))
+    made = draft_hand(urdf, name="jaw", rng=np.random.default_rng(0))
+    assert made.edits.repair
+    assert "left_finger, right_finger" in next(note for note in made.notes if "masses" in note)
+    assert not draft("wsg50").edits.repair
+
+
 def test_fingers_are_the_leaf_links_of_the_shipped_hands() -> None:
     for name, count in {"allegro": 4, "wsg50": 2, "barrett": 3}.items():
         model = read_urdf(urdf_of(name))
@@ -101,6 +111,7 @@ def test_the_command_writes_a_yaml_and_a_page_and_keeps_existing_files(
     assert main(["hand", "new", urdf, "--name", "jaw"]) == 2
     assert Path("jaw.yaml").read_text() == written
     assert main(["hand", "view", "jaw.yaml"]) == 0
+    assert "doctor --hand jaw.yaml" in capsys.readouterr().out
     page = Path("jaw.html").read_text()
     for posture in Hand.load("jaw.yaml").pregrasps:
         assert f"pregrasp {posture}" in page

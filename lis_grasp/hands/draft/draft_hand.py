@@ -14,6 +14,7 @@ import yourdfpy
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.collision import checker_of
 from lis_grasp.hands.description_edits import DescriptionEdits, apply_edits
+from lis_grasp.hands.description_numbers import link_inertial
 from lis_grasp.hands.draft.find_exclusions import find_exclusions
 from lis_grasp.hands.draft.find_fingers import (
     Finger,
@@ -32,7 +33,6 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import forces_along_pads
 from lis_grasp.hands.hand_sdf import parse_sdf
 from lis_grasp.hands.hand_urdf import parse_urdf
-from lis_grasp.hands.inertias import impossible_inertias
 from lis_grasp.hands.link_tree import HandModel, build_hand_model
 from lis_grasp.records import fields_of, read_only
 
@@ -43,7 +43,7 @@ _OTHER_TILTS = ((0.25,), (0.0,))  # of pads that are tried next [rad]
 _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
 # Parts replace a gripper's hulls if their faces are so many times the hulls', and this [m^2].
 _HIDDEN, _LEAST_FACE = 2.0, 3e-5
-_LISTED = 4  # pairs of links in a note
+_LISTED = 4  # links, or pairs of them, in a note
 _USED = 0.9  # fraction of an effort that a finger's force may need
 # Of one finger [N]: files often give more than a robot uses.
 _LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "parallel_jaw": 40.0}
@@ -120,9 +120,11 @@ def draft_hand(
         if _hulls_hide_faces(model, fingers, parts, fingers_of_parts):
             edits, model, fingers = split, parts, fingers_of_parts
             notes.append("the fingers are concave and collide as several bodies, by convex_parts")
-    edits = replace(edits, repair=_needs_repair(robot, path, edits))
-    if edits.repair:
-        notes.append("impossible inertias or missing masses are replaced, by repair")
+    repaired = _repaired_links(robot, model, edits)
+    edits = replace(edits, repair=bool(repaired))
+    if repaired:
+        links = _listed(repaired)
+        notes.append(f"impossible inertias or missing masses of {links} are replaced, by repair")
     hand, openings = _with_openings(model, name, fingers, rng)
     if not openings:
         raise InvalidHandError(
@@ -131,11 +133,10 @@ def draft_hand(
         )
     by_design = hand.self_collision_exclusions - _joined_pairs(model)
     if by_design:
-        listed = ", ".join("-".join(pair) for pair in sorted(by_design)[:_LISTED])
-        rest = f" and {len(by_design) - _LISTED} more" if len(by_design) > _LISTED else ""
+        listed = _listed(["-".join(pair) for pair in sorted(by_design)])
         notes.append(
             "collisions of these links with each other are ignored, by self_collision_exclusions,"
-            f" as they occur in many postures: {listed}{rest}"
+            f" as they occur in many postures: {listed}"
         )
     chosen = _chosen(openings)
     middle = chosen[len(chosen) // 2]
@@ -258,12 +259,19 @@ def _pruned(edits: DescriptionEdits, robot: yourdfpy.Robot) -> DescriptionEdits:
     return replace(edits, effort_limits=MappingProxyType(efforts))
 
 
-def _needs_repair(robot: yourdfpy.Robot, path: Path, edits: DescriptionEdits) -> bool:
-    try:
-        as_is = build_hand_model(deepcopy(robot), path, replace(edits, repair=False))
-    except InvalidHandError:
-        return True
-    return bool(impossible_inertias(as_is.inertials))
+def _repaired_links(robot: yourdfpy.Robot, model: HandModel, edits: DescriptionEdits) -> list[str]:
+    """Return the links of a repaired model whose inertia is not that of the file."""
+    own = {link.name: link_inertial(link) for link in apply_edits(deepcopy(robot), edits).links}
+    return [
+        name
+        for name in model.links
+        if not np.array_equal(own[name].inertia_L, model.inertials[name].inertia_L)
+    ]
+
+
+def _listed(names: Sequence[str]) -> str:
+    rest = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return ", ".join(names[:_LISTED]) + rest
 
 
 def _root_of(model: HandModel, link: str) -> str:
