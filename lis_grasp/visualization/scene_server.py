@@ -60,8 +60,11 @@ class SceneServer(ThreadingHTTPServer):
         try:
             super().__init__((host, port), _SceneHandler)
         except (OSError, UnicodeError) as error:
-            raise InvalidOptionError.out_of_range(
-                "port", port, f"a free port of {host}, or 0 for any ({error})"
+            raise InvalidOptionError(
+                f"port {port} of {host} cannot be used ({error}): give another by --port, such as 0"
+                " for any",
+                option="port",
+                value=port,
             ) from None
 
     def renew(self) -> None:
