@@ -156,7 +156,8 @@ def _require_evidence(centers: Contacts, directions: FloatArray) -> None:
             f"normals need at least {needed} points at different places if directions of approach"
             f" are not known; there are {places}: add points, or the columns ax,ay,az"
             if needed > 1
-            else "normals need at least one point; there are none"
+            else "normals need at least one point; there are none",
+            field="points",
         )
 
 

@@ -399,8 +399,9 @@ def test_a_row_with_a_mapping_in_place_of_a_name_is_refused(tmp_path: Path) -> N
     header, first, *rest = (tmp_path / "rows.jsonl").read_text().splitlines()
     damaged = json.dumps(json.loads(first) | {"object": {}})
     (tmp_path / "rows.jsonl").write_text("\n".join([header, damaged, *rest, ""]))
-    with pytest.raises(InvalidFileError, match="a list or a mapping in a column of its trial"):
+    with pytest.raises(InvalidFileError, match=json.loads(first)["key"]) as error:
         StudyResults(tmp_path).alike(SMALL)
+    assert error.value.path == tmp_path
 
 
 def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:

@@ -120,8 +120,9 @@ def test_one_point_needs_a_direction_of_approach() -> None:
     assert found.normal_noise is not None
     # sqrt(1 / concentration), or less, as the process agrees with nothing else
     assert 0.3 < found.normal_noise[0] < 0.7
-    with pytest.raises(InvalidContactsError, match="at least 4 points .* there are 1: add points"):
+    with pytest.raises(InvalidContactsError) as error:
         estimate_normals([[0.1, 0.0, 0.0]])
+    assert error.value.field == "points"
 
 
 @pytest.mark.slow
@@ -149,7 +150,7 @@ def test_directions_of_known_noise_are_improved_upon(noise: float) -> None:
 def test_a_flat_patch_is_ambiguous_without_other_evidence() -> None:
     grid = np.stack(np.meshgrid(np.arange(4.0), np.arange(4.0), [0.0]), axis=-1).reshape(-1, 3)
     points = 0.01 * grid
-    with pytest.raises(EstimationError, match="which side of the surface is outside: add"):
+    with pytest.raises(EstimationError, match="outside: add"):
         estimate_normals(points)
     above = [[0.015, 0.015, 0.012]]
     found = estimate_normals(points, free_points=above)
