@@ -106,9 +106,17 @@ def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Pa
     Raises
     ------
     InvalidOptionError
-        If it has others that must be kept: a source of the new ones, or those of an exploration.
+        If it has others that must be kept: a source of the new ones, or those of an exploration;
+        or if its surface.ply is a source.
     """
-    path = folder / "contacts.ply"
+    path, inputs = folder / "contacts.ply", [source.resolve() for source in sources]
+    if (folder / "surface.ply").resolve() in inputs:
+        raise InvalidOptionError(
+            f"{folder}/surface.ply would be replaced by its own estimate: estimate from contacts,"
+            " or name another folder with --output",
+            option="--output",
+            value=str(folder),
+        )
     if not path.exists():
         return False
     with suppress(LisGraspError):  # points without normals, perhaps
@@ -116,7 +124,7 @@ def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Pa
         if all(_are_equal(getattr(known, n), getattr(contacts, n)) for n in _COMPARED):
             return True
     require_own(path)
-    if (folder / LOG).exists() or path.resolve() in [source.resolve() for source in sources]:
+    if (folder / LOG).exists() or path.resolve() in inputs:
         raise InvalidOptionError(
             "contacts.ply in the folder of results must have the contacts of the surface, in metres"
             f" and with outward normals; {path} has others: name another folder with --output",

@@ -15,6 +15,8 @@ from lis_grasp.typing import FloatArray
 DEFAULT_REGION = (0.4, 0.4, 0.3)
 """Lengths of the region along x, y and z [m]."""
 
+# A longer side is in another unit: a search of it would take hours.
+_LONGEST = 5.0
 # Behind a contact an object is at least this thick [m].
 _THICKNESS = 0.03
 # Largest extent of the object, in extents of its contacts.
@@ -40,7 +42,7 @@ class Region:
     Raises
     ------
     InvalidOptionError
-        If these are not three positive lengths.
+        If these are not three positive lengths of at most 5 m.
     """
 
     lengths: Sequence[float] = DEFAULT_REGION
@@ -51,8 +53,10 @@ class Region:
             lengths = tuple(float(length) for length in self.lengths)
         except (TypeError, ValueError):
             lengths = ()
-        if len(lengths) != 3 or not all(0.0 < length < np.inf for length in lengths):
-            raise InvalidOptionError.out_of_range("region", self.lengths, "3 positive lengths")
+        if len(lengths) != 3 or not all(0.0 < length <= _LONGEST for length in lengths):
+            raise InvalidOptionError.out_of_range(
+                "region", self.lengths, f"3 lengths in metres, above 0 and at most {_LONGEST:g}"
+            )
         object.__setattr__(self, "lengths", lengths)
 
     @property

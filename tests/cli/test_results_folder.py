@@ -333,3 +333,9 @@ def test_contacts_in_other_units_do_not_stand_beside_their_surface(tmp_path: Pat
     elsewhere = tmp_path / "elsewhere"
     assert main(["estimate", str(own), "--units", "mm", "--output", str(elsewhere)]) == 0
     assert main(["estimate", str(elsewhere / "contacts.ply")]) == 0
+
+
+def test_an_estimate_is_not_taken_for_its_contacts(full_folder: Path) -> None:
+    before = {path: path.read_bytes() for path in full_folder.rglob("*.*")}
+    assert main(["estimate", str(full_folder / "surface.ply")]) == 2
+    assert {path: path.read_bytes() for path in full_folder.rglob("*.*")} == before
