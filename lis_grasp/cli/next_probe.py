@@ -16,6 +16,7 @@ from lis_grasp.exploration import Exploration, ProbeOutcome, Region, Workspace, 
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.io.json_lines import read_lines
 from lis_grasp.pipeline.next_touch import NextTouch, next_touch, workspace_of
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.typing import FloatArray
@@ -52,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--support",
         type=float,
         metavar="METRES",
-        help="height of the table that the hand avoids (default: there is none)",
+        help="height of the table that the hand avoids (default: as recorded, else there is none)",
     )
     parser.add_argument(
         "--region",
@@ -60,10 +61,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=3,
         metavar=("X", "Y", "Z"),
         help="lengths [m] of the box on the table z = 0 that contains the object, centred at"
-        " x = y = 0; replaces --center, --size and --support",
+        " x = y = 0; replaces --center, --size and --support (default: as recorded, without these)",
     )
     names = ("hand", "estimator", "policy", "position_noise", "normal_noise", "seed")
-    opt.add_options(parser, *names)
+    opt.add_options(parser, *names, recorded=True)
     opt.add_output(parser, "the folder of CONTACTS")
     parser.set_defaults(execute=execute)
 
@@ -71,17 +72,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Choose the next touch, print it, and write it."""
     contacts, outcomes, recorded = _known(options.contacts, options.position_noise)
-    size, center = options.size, None if options.center is None else np.array(options.center)
+    space = _space(options, contacts, recorded)
     options.size = None  # in a configuration it is the size of a built-in shape
-    region = options.region
     options.region = None  # in a configuration it needs a pose of the true object
     config = opt.configure(options, recorded)
     hand = Hand.load(config.hand)
-    space: Workspace | Region
-    if region is not None:
-        space = Region(region)
-    else:
-        space = workspace_of(contacts, center=center, size=size, support_height=options.support)
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         found = next_touch(contacts, hand, config, space, outcomes=outcomes)
         stage.result = f"policy {config.policy}"
@@ -93,6 +88,23 @@ def execute(options: argparse.Namespace) -> None:
     say(f"wrote {path}")
 
 
+def _space(
+    options: argparse.Namespace, contacts: Contacts, recorded: dict[str, Any]
+) -> Workspace | Region:
+    """Return what the options say of the object's place and the table, else what is recorded."""
+    given = (options.center, options.size, options.support)
+    region = options.region or (recorded.get("region") if given == (None, None, None) else None)
+    if region is not None:
+        return Region(region)
+    support = recorded.get("support_height") if options.support is None else options.support
+    return workspace_of(
+        contacts,
+        center=None if options.center is None else np.array(options.center),
+        size=options.size,
+        support_height=support,
+    )
+
+
 def _known(
     path: Path | None, position_noise: float | None
 ) -> tuple[Contacts, tuple[ProbeOutcome, ...], dict[str, Any]]:
@@ -101,7 +113,7 @@ def _known(
         return Contacts.empty(), (), {}
     if path.suffix.lower() == ".jsonl":
         outcomes = load_outcomes(path)
-        return Exploration.replay(outcomes).contacts, outcomes, {}
+        return Exploration.replay(outcomes).contacts, outcomes, read_lines(path)[0]
     recorded = provenance.read(path)
     return load_contacts(path, position_noise=position_noise), (), recorded
 

@@ -11,7 +11,8 @@ import pytest
 from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
-from lis_grasp.exploration import Exploration, Workspace
+from lis_grasp.exploration import Exploration, Region, Workspace
+from lis_grasp.io import provenance
 from lis_grasp.pipeline.next_touch import next_touch, workspace_of
 
 
@@ -71,3 +72,27 @@ def test_in_a_region_the_first_touch_is_a_search(tmp_path: Path) -> None:
     assert np.linalg.norm(end - start) >= 0.4
     assert start[2] == end[2] > 0.0
     assert "no contacts" in written["why"]
+
+
+def test_the_command_uses_the_region_and_the_table_that_a_file_records(
+    explored: Exploration, tmp_path: Path
+) -> None:
+    contacts, hand = explored.contacts, Hand.load("wsg50")
+    path, low = tmp_path / "contacts.ply", float(contacts.bounds[0, 2])
+    config = pipeline.RunConfig(hand="wsg50")
+
+    def written(header: dict[str, object], *options: str) -> object:
+        contacts.save(path, header=provenance.describe(hand="wsg50", **header))
+        assert main(["next", str(path), *options]) == 0
+        return json.loads((tmp_path / "next.json").read_text())
+
+    def expected(space: Workspace | Region) -> object:
+        return json.loads(json.dumps(next_touch(contacts, hand, config, space).facts(hand)))
+
+    table = expected(workspace_of(contacts, support_height=low))
+    assert written({"support_height": low}) == table
+    assert written({"support_height": low - 1.0}, "--support", str(low)) == table
+    lengths = [0.4, 0.4, 0.3]
+    placed = {"support_height": 0.0, "region": lengths, "pose": "stable"}
+    assert written(placed) == expected(Region(lengths))
+    assert written(placed, "--support", str(low)) == table
