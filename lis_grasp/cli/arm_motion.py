@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rank", type=int, metavar="N", help="rank of the grasp (default: the best within reach)"
     )
-    opt.add_options(parser, "hand", "seed")
+    opt.add_options(parser, "hand", "seed", recorded=True)
     opt.add_output(parser, "motion in the folder of GRASPS")
     parser.set_defaults(execute=execute)
 

@@ -61,7 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=get_args(NormalSide),
         help="side that the normals of CONTACTS point to (default: outward, which is checked)",
     )
-    opt.add_options(parser, "estimator", "free_space", "position_noise", "normal_noise")
+    names = ("estimator", "free_space", "position_noise", "normal_noise")
+    opt.add_options(parser, *names, recorded=True)
     opt.add_output(parser, "the folder of CONTACTS")
     parser.set_defaults(execute=execute)
 
@@ -84,7 +85,8 @@ def execute(options: argparse.Namespace) -> None:
     path = folder / "surface.ply"
     if len(contacts) < _FEW:
         say(
-            f"warning: fewer than {_FEW} contacts show little more than place and size of an object"
+            f"warning: fewer than {_FEW} contacts show little more than place and size of an"
+            " object, and the standard deviation is too small"
         )
     with result_file(path) as temporary:
         mesh = write_surface(temporary, contacts, config, recorded)

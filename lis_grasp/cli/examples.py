@@ -8,7 +8,7 @@ from types import MappingProxyType
 EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
     {
         "run": (
-            ("box --output results/demo", "a built-in shape, nothing known beforehand"),
+            ("box --output results/demo", "a built-in shape, no prior knowledge"),
             ("part.stl --units mm --hand wsg50", "your own mesh, a parallel-jaw gripper"),
             ("mallet --known --touches 20 --seed 3", "place and size known, an ideal sensor"),
             ("box --arm iiwa14", "an arm carries the hand"),
@@ -28,7 +28,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
         ),
         "grasp": (
             ("out/surface.ply --hand wsg50", "an estimate"),
-            ("part.stl --units mm --mass 0.5 --load known", "any mesh, its mass known"),
+            ("part.stl --units mm --mass 0.5", "any mesh, of known mass"),
         ),
         "lift": (
             ("out/grasps.json", "the best grasp on the true object"),

@@ -38,7 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"convex parts at most; 1 is the convex hull (default: {_MOST_PARTS})",
     )
-    opt.add_options(parser, "units", "mass", "friction")
+    opt.add_options(parser, "units")
+    opt.add_options(parser, "mass", "friction", recorded=True)
     opt.add_output(parser, "model in the folder of MESH")
     parser.set_defaults(execute=execute)
 

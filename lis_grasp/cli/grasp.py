@@ -58,8 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also write the folder dexgraspbench, for the benchmark of that name: the grasps, the"
         " hand, and the true object if it is recorded, else MESH; needs the extra mujoco",
     )
-    opt.add_options(parser, "units", "hand", "arm", "base", "mass", "friction", "grasps", "seed")
-    opt.add_options(parser, "load", show_default=False)
+    names = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "seed")
+    opt.add_options(parser, "units")
+    opt.add_options(parser, *names, recorded=True)
     opt.add_output(parser, "the folder of MESH")
     parser.set_defaults(execute=execute)
 

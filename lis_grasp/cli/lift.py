@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--best", type=int, default=1, metavar="N", help="lift with the N best grasps (default: 1)"
     )
     opt.add_jobs(parser)
-    opt.add_options(parser, "arm", "base", "mass", "friction", "simulator")
+    opt.add_options(parser, "arm", "base", "mass", "friction", "simulator", recorded=True)
     opt.add_output(parser, "the folder of GRASPS")
     parser.set_defaults(execute=execute)
 

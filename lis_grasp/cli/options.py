@@ -52,9 +52,7 @@ def _names(meanings: Mapping[str, str], registry: Registry) -> str:
 
 # Options named as fields of RunConfig; the help gets the default of the field where it has one.
 _OPTIONS: dict[str, dict[str, Any]] = {
-    "size": _number(
-        "METRES", "largest extent of a built-in shape; 0.20 is the paper's (default: graspable)"
-    ),
+    "size": _number("METRES", "largest extent of a built-in shape; 0.20 is the paper's"),
     "units": {"choices": list(UNITS), "help": "length unit of a mesh file"},
     "hand": {
         "metavar": "HAND",
@@ -107,7 +105,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "max_seconds": _number("S", "stop after this time of the robot"),
     "free_space": {
         "action": argparse.BooleanOptionalAction,
-        "help": "remove the space that the hand passed through from the estimate (default: yes)",
+        "help": "remove the space that the hand passed through from the estimate",
     },
     "position_noise": _number(
         "METRES", "standard deviation of the positions of contacts that do not carry their own"
@@ -127,12 +125,12 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "attempts": _number(
         "N", "grasps to try at most; another is planned after a failed tactile check", kind=int
     ),
-    "mass": _number("KG", "mass of the object (default: of YCB scans their own, else at most 0.2)"),
+    "mass": _number("KG", "mass of the object"),
     "friction": _number("MU", "Coulomb friction between hand and object"),
     "load": {
         "choices": LOADS,
         "help": "prior knowledge of the object's mass and friction in planning: their values, or"
-        " their distributions (default: unknown; known with --known)",
+        " their distributions",
     },
     "simulator": {
         "choices": SIMULATORS,
@@ -140,24 +138,33 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "arm": {
         "metavar": "ARM",
-        "help": "an arm that carries the hand: a name, such as iiwa14, or an arm's YAML file"
-        " (default: the hand flies freely)",
+        "help": "an arm that carries the hand: a name, such as iiwa14, or an arm's YAML file",
     },
     "base": {
         "type": float,
         "nargs": 3,
         "metavar": ("X", "Y", "Z"),
         "help": "place of the arm's base [m]: x and y on the table, height above it; it faces along"
-        " +x (default: chosen for its reach)",
+        " +x",
     },
     "seed": _number("N", "random seed", kind=int),
 }
 
-# Defaults that depend on the conditions, or on the file that a verb reads.
-_OF_FILES = "; of recorded contacts their own, or estimated"
-_OTHER_DEFAULTS = {
-    name: f"{value:.3g}; 0 with --known or --ideal" + (_OF_FILES if "noise" in name else "")
-    for name, value in REAL_SENSOR.items()
+# Defaults in words, where a field's own does not say it; of verbs that explore, and of others.
+_IN_WORDS = {
+    "size": "graspable",
+    "free_space": "yes",
+    "mass": "of YCB scans their own, else at most 0.2",
+    "load": "unknown; known with --known",
+    "arm": "none, the hand moves freely",
+    "base": "chosen for its reach",
+    **{name: f"{value:.3g}; 0 with --known or --ideal" for name, value in REAL_SENSOR.items()},
+}
+_IN_WORDS_ELSE = {
+    **_IN_WORDS,
+    "mass": "at most 0.2",
+    "load": "known",
+    **dict.fromkeys(("position_noise", "normal_noise"), "estimated from the contacts"),
 }
 
 
@@ -174,23 +181,42 @@ _GROUPS = {
 }
 
 
-def add_options(parser: argparse._ActionsContainer, *names: str, show_default: bool = True) -> None:
-    """Add options by the names of their fields in `RunConfig`; omitted ones parse as None."""
+def add_options(
+    parser: argparse._ActionsContainer,
+    *names: str,
+    show_default: bool = True,
+    recorded: bool = False,
+) -> None:
+    """Add options by the names of their fields in `RunConfig`; omitted ones parse as None.
+
+    With `recorded` they are those of a verb that reads a file with recorded facts.
+    """
     groups = {title: [n for n in members if n in names] for title, members in _GROUPS.items()}
+    defaults = _defaults(recorded) if show_default else {}
     if sum(map(bool, groups.values())) > 1:
         for title, members in groups.items():
             if members:
-                _add_to(parser.add_argument_group(title), members, show_default)
+                _add_to(parser.add_argument_group(title), members, defaults)
         names = tuple(name for name in names if not any(name in g for g in groups.values()))
-    _add_to(parser, names, show_default)
+    _add_to(parser, names, defaults)
 
 
-def _add_to(group: argparse._ActionsContainer, names: Iterable[str], show_default: bool) -> None:
+def _defaults(recorded: bool) -> dict[str, str]:
+    """Return the defaults of options in words, where there is one."""
+    values = _DEFAULTS.facts().items()
+    own = {name: f"{value}" for name, value in values if value is not None and value is not False}
+    if not recorded:
+        return own | _IN_WORDS
+    return {name: f"as recorded, else {text}" for name, text in (own | _IN_WORDS_ELSE).items()}
+
+
+def _add_to(
+    group: argparse._ActionsContainer, names: Iterable[str], defaults: Mapping[str, str]
+) -> None:
     for name in names:
         option = dict(_OPTIONS[name])
-        default = _OTHER_DEFAULTS.get(name, getattr(_DEFAULTS, name))
-        if show_default and default is not None and not isinstance(default, bool):
-            option["help"] += f" (default: {default})"
+        if name in defaults:
+            option["help"] += f" (default: {defaults[name]})"
         group.add_argument(f"--{name.replace('_', '-')}", default=None, **option)
 
 
@@ -214,8 +240,7 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
         help="place, size, mass and friction of the object are known, it is fixed in the air as its"
         " mesh stands, and the sensor is ideal; the options below change each of these",
     )
-    add_options(conditions, "pose", "region", "free")
-    add_options(conditions, "load", show_default=False)
+    add_options(conditions, "pose", "region", "free", "load")
     conditions.add_argument(
         "--clamped", action="store_true", help="the object is fixed, as with --prober kinematic"
     )
