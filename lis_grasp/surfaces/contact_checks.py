@@ -22,10 +22,10 @@ _MOST = 400
 _VIEW, _BORDER = 0.95, -0.1
 # Length of the mean of unit normals below which it has no direction: they are on all sides.
 _LEAST_MEAN = 0.1
-# In 2002 sets of 5 to 400 contacts of test objects, bowls and mugs too, at most 0.71 are in front.
+# Of 1560 sets of 5 to 400 contacts with outward normals on test objects, 2 have more in front.
 _INWARD = 0.75
 DOUBTFUL = 0.55
-"""Fraction in front above which normals may point inward: outward in 5 of those 2002 sets."""
+"""Fraction in front above which normals may point inward."""
 
 
 def require_plausible_size(points: FloatArray, units: str) -> None:

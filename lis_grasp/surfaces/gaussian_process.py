@@ -50,8 +50,6 @@ _LENGTHS: dict[KernelName, float] = {"rbf": 0.4, "matern52": 0.8, "thin_plate": 
 _MIN_SLOPE = 0.1
 # More contacts are thinned: time grows with the cube of their number.
 _MOST_CONTACTS = 400
-# Fewer places do not determine the prior's amplitude.
-_ENOUGH_PLACES = 10
 # The prior's amplitude is fitted to so many contacts at most: it takes a dozen solutions.
 _MOST_FOR_AMPLITUDE = 150
 
@@ -186,9 +184,7 @@ class GaussianProcessImplicitSurface:
         """Standard deviation of the prior, scaled, see `variance`."""
         # Contacts of one place predict each other, however wrong the surface between places.
         places = ContactPlaces.of(self.points)
-        known, missing = len(places.nodes), max(_ENOUGH_PLACES - len(places.nodes), 0)
-        fitted = self._process.leave_groups_out_amplitude(places.place, places.nodes)
-        return float(np.sqrt((known * fitted**2 + missing) / (known + missing)))
+        return self._process.leave_groups_out_amplitude(places.place, places.nodes)
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:
         """Return the posterior mean of f at points of shape (..., 3) [m], shape (...) [m]."""
@@ -207,8 +203,7 @@ class GaussianProcessImplicitSurface:
 
         k(x, x) - k_*^T (K + noise)^-1 k_* (Rasmussen and Williams 2006, eq. 2.26), times the square
         of the prior's amplitude, which fits the residuals of places that are left out
-        (`GradientRegression.leave_groups_out_amplitude`). Places that are missing to ten count as
-        if their residuals fitted the amplitude 1, as few places may agree by chance.
+        (`GradientRegression.leave_groups_out_amplitude`).
         """
         rows, shape = self._scaled(points)
         variances = map_rows(self._process.variance, rows, ROWS * len(self.points))
