@@ -15,7 +15,13 @@ from write_studies import SEEDS, facts_of, objects
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.report_page import TextTable
-from lis_grasp.experiments.statistics import cluster_sums, clusters_of, holm, sign_flip_p_value
+from lis_grasp.experiments.statistics import (
+    cluster_sums,
+    clusters_of,
+    holm,
+    numbered,
+    sign_flip_p_value,
+)
 from lis_grasp.experiments.study import StudyResults
 from lis_grasp.experiments.study.comparison import compare_one, names, pairs_of
 from lis_grasp.experiments.study.mixed_model import MixedModel, fit_mixed_model
@@ -44,6 +50,7 @@ from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import NAMES
+from lis_grasp.typing import IntArray
 
 _HERE = Path(__file__).parent
 _DOCS = _HERE.parent.parent
@@ -127,6 +134,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "families": families_table(pairs, _family, unions).markdown(),
         "families_p": _families_p(pairs, families),
         "units": units_table(pairs, _family).markdown(),
+        "p_objects": p_value(sign_flip_p_value(cluster_sums(gains(pairs), _objects(pairs)))),
         "losses": object_losses_table(pairs).markdown(),
         "held_by_object": by_object_table(pairs, "held").markdown(),
         "errors": _errors(pairs).markdown(),
@@ -148,6 +156,10 @@ def _family(row: Row) -> str:
     if name in TOOLS:
         return _TOOLS
     return next((family for family, known in EVALUATION.items() if name in known), _SCANS)
+
+
+def _objects(pairs: Pairs) -> IntArray:
+    return numbered([mine["object"] for mine, _ in pairs])
 
 
 def _by_touches(pairs: Pairs) -> TextTable:
