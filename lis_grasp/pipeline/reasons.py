@@ -9,9 +9,9 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
     {
         "held": "the object was lifted and held through the shake",
         "no_grasp": "no grasp was found on the estimate",
-        "unstable": "the object does not stand on the table by itself: turn its mesh so that it"
+        "unstable": "the object does not rest on the table by itself: turn its mesh so that it"
         " rests on a face",
-        "collision_on_approach": "the opened hand hit the object on its way to the grasp: the"
+        "collision_on_approach": "the opened hand hit the object during the approach: the"
         " estimate is too small there, so make more touches (--touches), or try the next grasps"
         " (lis-grasp lift --best 5)",
         "no_contact": "fewer than two fingers met the object: the estimate is too large there, so"
@@ -29,8 +29,9 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         "slipped": "the object is still in the hand, but moved or turned too far in it: try the"
         " next grasps (lis-grasp lift --best 5), or a smaller --mass",
         "no_arm_motion": "the arm has no collision-free path to the grasp: move its base (--base)",
-        "out_of_arm_reach": "the arm reached the end of a joint on the way: move its base (--base)",
-        "torque_limit": "a joint of the arm needed more than its largest effort: move its base"
+        "out_of_arm_reach": "a joint of the arm reached its limit during the motion: move its base"
+        " (--base)",
+        "torque_limit": "a joint of the arm was at its largest effort for 50 ms: move its base"
         " nearer to the object (--base), or try a smaller --mass",
         "arm_collision": "a link of the arm touched something: move its base (--base)",
         "diverged": "the simulation failed: try the next grasps (lis-grasp lift --best 5)",
@@ -61,10 +62,10 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "grasp_hits_support": "a link of the closed hand would be inside the table: the object is"
         " low for this hand",
         "grasp_hits_self": "two links of the closed hand would collide",
-        "approach_hits_object": "the opened hand would hit the object on its way: the object is"
-        " wide for this hand's opening",
-        "approach_hits_support": "the opened hand would hit the table on its way: the object is low"
-        " for this hand",
+        "approach_hits_object": "the opened hand would hit the object during the approach: the"
+        " object is wide for this hand's opening",
+        "approach_hits_support": "the opened hand would hit the table during the approach: the"
+        " object is low for this hand",
         "approach_hits_self": "two links of the opened hand would collide",
         "out_of_arm_reach": "the arm does not reach the pose of the hand: move its base, or turn"
         " the hand on the flange (mount in the hand's YAML)",
@@ -73,8 +74,8 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "no_collision_free_arm_path": "the arm finds no path from home to the approach: move its"
         " base",
         "arm_hits_object": "a link of the arm would hit the object",
-        "arm_hits_table": "a link of the arm, or of the hand on its way, would hit the table: put"
-        " the arm's base higher",
+        "arm_hits_table": "a link of the arm, or of the hand that it carries, would hit the table:"
+        " put the arm's base higher",
         "arm_hits_self": "a link of the arm would hit another, or the hand",
         "outranked": "other grasps were better",
     }

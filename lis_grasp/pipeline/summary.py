@@ -58,7 +58,7 @@ def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
     if iou is not None and iou < _LOW_IOU:
         lines.append(
             f"          only {iou:.2f} of its volume and the object's is common (IoU):"
-            " untouched parts are guessed, and hollows that no finger enters are filled"
+            " untouched parts are guessed, and concavities that no finger enters are filled"
         )
     if grasps["number"]:
         lines.append(
