@@ -31,3 +31,16 @@ def expected_calibration_error(
     found = calibration_bins(predicted, observed, bins=bins)
     off = sum(count * abs(rate - probability) for count, probability, rate in found)
     return off / sum(count for count, _, _ in found)
+
+
+def chance_calibration_error(predicted: npt.ArrayLike, *, bins: int = 10) -> float:
+    """Return the mean calibration error of a predictor whose probabilities are all right.
+
+    It is not 0: the rate of a few events differs from their probability by chance. With a normal
+    approximation of the rate of each bin, the mean of ``|rate - probability|`` is
+    ``sqrt(2 / pi)`` standard deviations. Arguments as of `expected_calibration_error`.
+    """
+    probability = np.asarray(predicted, np.float64)
+    index = np.minimum((bins * probability).astype(int), bins - 1)
+    variances = np.bincount(index, probability * (1.0 - probability))  # of the number of events
+    return float(np.sqrt(2.0 / np.pi) * np.sqrt(variances).sum() / len(probability))

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from lis_grasp.evaluation.calibration import expected_calibration_error
+from lis_grasp.evaluation.calibration import (
+    chance_calibration_error,
+    expected_calibration_error,
+)
 
 
 @pytest.mark.parametrize(
@@ -31,3 +34,17 @@ def test_a_calibrated_predictor_has_no_error_in_the_long_run() -> None:
     error = expected_calibration_error(predicted, rng.random(200_000) < predicted)
     # Ten bins of 20 000: the standard deviation of each rate is 0.0035 at the most.
     assert error < 0.004
+
+
+@pytest.mark.parametrize("count", [100, 1000])
+def test_the_error_by_chance_is_the_mean_of_right_predictions(count: int) -> None:
+    rng = np.random.default_rng(1)
+    predicted = rng.beta(3.0, 1.0, count)
+    errors = [
+        expected_calibration_error(predicted, rng.random(count) < predicted) for _ in range(1000)
+    ]
+    assert chance_calibration_error(predicted) == pytest.approx(np.mean(errors), rel=0.04)
+
+
+def test_certain_predictions_have_no_error_by_chance() -> None:
+    assert chance_calibration_error([0.0, 1.0, 1.0]) == 0.0

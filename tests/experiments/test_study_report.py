@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import lis_grasp
+from lis_grasp.evaluation.calibration import chance_calibration_error
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.experiments.report_page import Picture, TextTable
 from lis_grasp.experiments.study.cases import draw_cases
@@ -239,7 +240,8 @@ def test_calibration_compares_predicted_and_observed_rates() -> None:
     # All are predicted 0.9, above what is observed: one bin, on every object too.
     of = {name: [r["held"] for r in tried if r["object"] == name] for name in ("box", "sphere")}
     by_object = np.mean([abs(np.mean(held) - 0.9) for held in of.values()])
-    expected = (0.9, observed, error, by_object)
+    chance = chance_calibration_error([0.9] * len(tried))
+    expected = (0.9, observed, error, chance, by_object)
     assert line[2:] == (str(len(tried)), *(f"{100 * value:.1f}" for value in expected))
 
 

@@ -9,7 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lis_grasp.evaluation.calibration import expected_calibration_error
+from lis_grasp.evaluation.calibration import (
+    chance_calibration_error,
+    expected_calibration_error,
+)
 from lis_grasp.experiments.figures.palette import estimator_label
 from lis_grasp.experiments.report_page import TextTable, csv_text
 from lis_grasp.experiments.statistics import SuccessRate, cluster_sums, objects_of, success_rate
@@ -186,15 +189,17 @@ def nearer_table(rows: Sequence[Row], reference: str) -> TextTable:
 def calibration_table(rows: Sequence[Row]) -> TextTable:
     """Return predicted and observed success rates of the executed grasps, and calibration errors.
 
-    The error by object is the mean over objects of |mean prediction - observed rate|: errors of
-    different objects do not cancel.
+    Beside each calibration error is that of right probabilities, by chance. The error by object is
+    the mean over objects of |mean prediction - observed rate|: errors of different objects do not
+    cancel.
     """
     body = []
-    for hand in names(rows, "hand"):
+    hands = names(rows, "hand")
+    for hand in [*hands, None] if len(hands) > 1 else hands:
         for name in names(rows, "estimator"):
-            of = _of(rows, hand=hand, estimator=name)
+            of = [row for row in _of(rows, estimator=name) if hand in (None, row["hand"])]
             if name == TRUTH:  # the same grasp for every number of touches and every noise
-                of = list({(r["object"], r["seed"]): r for r in of}.values())
+                of = list({(r["object"], r["hand"], r["seed"]): r for r in of}.values())
             tried = [r for r in of if r["success_probability"] is not None]
             if not tried:
                 continue
@@ -203,12 +208,13 @@ def calibration_table(rows: Sequence[Row]) -> TextTable:
             objects = objects_of(tried)
             by_object = np.abs(cluster_sums(predicted - held, objects)) / np.bincount(objects)
             error = expected_calibration_error(predicted, held)
-            values = (predicted.mean(), held.mean(), error, by_object.mean())
+            chance = chance_calibration_error(predicted)
+            values = (predicted.mean(), held.mean(), error, chance, by_object.mean())
             cells = (f"{100.0 * value:.1f}" for value in values)
-            body.append((estimator_label(name), hand, str(len(tried)), *cells))
+            body.append((estimator_label(name), hand or "all", str(len(tried)), *cells))
     head = (
         *("planned on", "hand", "grasps executed", "predicted", "observed"),
-        *("calibration error", "error by object"),
+        *("calibration error", "by chance", "error by object"),
     )
     title = "Predicted and observed success rates, in percent"
     return TextTable("calibration", title, head, tuple(body))
