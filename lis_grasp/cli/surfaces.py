@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help=f"each object in one case of {_QUICK_PART}, against GPIS alone: about six minutes",
+        help=f"each object in one case of {_QUICK_PART}, against GPIS alone: about two minutes",
     )
     parser.add_argument(
         "--shapes",
