@@ -74,8 +74,7 @@ def execute(options: argparse.Namespace) -> None:
     folder: Path = options.output or options.contacts[0].parent
     kept = _require_contacts_fit(folder, contacts, options.contacts)
     say(f"contacts: {len(contacts)} within {_millimetres(np.ptp(contacts.bounds, axis=0))}")
-    if any(read_point_file(path)["normals"] is None for path in options.contacts):
-        say(f"normals: {_normals_text(contacts)}")
+    _say_estimated_normals(contacts, options.contacts)
     doubt = 0.0 if options.normals else fraction_in_front(contacts)
     if doubt > DOUBTFUL and "object" not in recorded:
         say(
@@ -142,14 +141,15 @@ def _are_equal(first: FloatArray | None, second: FloatArray | None) -> bool:
     return np.array_equal(first, second, equal_nan=True)
 
 
-def _normals_text(contacts: Contacts) -> str:
-    """Return how certain estimated normals are, and what would make them more certain."""
-    assert contacts.normal_noise is not None
+def _say_estimated_normals(contacts: Contacts, sources: Sequence[Path]) -> None:
+    """Print how certain estimated normals are, and what would make them more certain."""
+    files = [file for file in map(read_point_file, sources) if file["normals"] is None]
+    if not files or contacts.normal_noise is None:
+        return
     degrees = np.rad2deg(np.nanmedian(contacts.normal_noise))
-    return (
-        f"estimated, with a median standard deviation of {degrees:.0f} deg; the directions of"
-        " approach in columns ax,ay,az make it smaller"
-    )
+    known = all(file["approach"] is not None for file in files)
+    advice = "" if known else "; directions of approach in columns ax,ay,az make it smaller"
+    say(f"normals: estimated, with a median standard deviation of {degrees:.0f} deg{advice}")
 
 
 def load_contacts(options: argparse.Namespace) -> tuple[Contacts, dict[str, Any]]:
