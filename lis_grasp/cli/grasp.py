@@ -19,7 +19,7 @@ from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
-from lis_grasp.io.optional_packages import needed_package
+from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
 from lis_grasp.pipeline.arm_station import make_station, station_facts
@@ -67,6 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Plan grasps, and write them."""
+    if options.dexgraspbench:
+        require_packages("mujoco", extra="mujoco", option="--dexgraspbench")
     recorded = provenance.read(options.mesh, usual="surface.ply")
     config = opt.configure(options, recorded)
     mesh = load_mesh(options.mesh, options.units, recorded)
@@ -132,8 +134,8 @@ def write_dexgraspbench(
     output: Path, name: str, mesh: trimesh.Trimesh, hand: Hand, search: GraspSearch, support: float
 ) -> Path:
     """Write the folder of DexGraspBench in `output` and the results of its protocol; return it."""
-    with needed_package("mujoco", "mujoco", option="--dexgraspbench"):
-        from lis_grasp.mujoco_simulation.dexgraspbench_protocol import dexgraspbench_protocol
+    from lis_grasp.mujoco_simulation.dexgraspbench_protocol import dexgraspbench_protocol
+
     with Stage("Splitting into convex pieces") as stage:
         pieces = convex_pieces(mesh)
         stage.result = str(len(pieces))
