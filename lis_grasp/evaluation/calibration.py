@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from lis_grasp.typing import FloatArray, IntArray
+
 
 def calibration_bins(
     predicted: npt.ArrayLike, observed: npt.ArrayLike, *, bins: int = 10
@@ -14,7 +16,7 @@ def calibration_bins(
     Arguments as of `expected_calibration_error`.
     """
     probability, outcome = np.asarray(predicted, np.float64), np.asarray(observed, np.float64)
-    index = np.minimum((bins * probability).astype(int), bins - 1)
+    index = _bins_of(probability, bins)
     members = [index == b for b in np.unique(index)]
     return [(int(m.sum()), float(probability[m].mean()), float(outcome[m].mean())) for m in members]
 
@@ -41,6 +43,10 @@ def chance_calibration_error(predicted: npt.ArrayLike, *, bins: int = 10) -> flo
     ``sqrt(2 / pi)`` standard deviations. Arguments as of `expected_calibration_error`.
     """
     probability = np.asarray(predicted, np.float64)
-    index = np.minimum((bins * probability).astype(int), bins - 1)
+    index = _bins_of(probability, bins)
     variances = np.bincount(index, probability * (1.0 - probability))  # of the number of events
     return float(np.sqrt(2.0 / np.pi) * np.sqrt(variances).sum() / len(probability))
+
+
+def _bins_of(probability: FloatArray, bins: int) -> IntArray:
+    return np.minimum((bins * probability).astype(np.int64), bins - 1)

@@ -35,8 +35,8 @@ def build_overlay(
     """Return the overlay's HTML, with all text escaped.
 
     The layers of grasps are those of the best of the `planned` ones, or of a hand's postures if
-    `postures` is set. `scale` colours the
-    estimate's uncertainty; `grid` is the spacing of the table's grid [m].
+    `postures` is set. `scale` colours the estimate's uncertainty; `grid` is the spacing of the
+    table's grid [m].
     """
     grasps = [layer for layer in layers if _is_grasp(layer)]
     others = [layer for layer in layers if not _is_grasp(layer)]

@@ -19,7 +19,7 @@ from lis_grasp.experiments.statistics import (
     cluster_sums,
     clusters_of,
     holm,
-    numbered,
+    objects_of,
     sign_flip_p_value,
 )
 from lis_grasp.experiments.study import StudyResults
@@ -50,7 +50,6 @@ from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import NAMES
-from lis_grasp.typing import IntArray
 
 _HERE = Path(__file__).parent
 _DOCS = _HERE.parent.parent
@@ -111,6 +110,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
     first = {(r["object"], r["hand"], r["seed"]) for r in rows}
     tools = means([pair for pair in pairs if _family(pair[0]) == _TOOLS], "held")
     model = fit_mixed_model(rows, _OURS, _REFERENCE)
+    of_objects = objects_of([mine for mine, _ in pairs])
     return {
         "held_ours": rates[_OURS],
         "held_reference": rates[_REFERENCE],
@@ -134,7 +134,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "families": families_table(pairs, _family, unions).markdown(),
         "families_p": _families_p(pairs, families),
         "units": units_table(pairs, _family).markdown(),
-        "p_objects": p_value(sign_flip_p_value(cluster_sums(gains(pairs), _objects(pairs)))),
+        "p_objects": p_value(sign_flip_p_value(cluster_sums(gains(pairs), of_objects))),
         "losses": object_losses_table(pairs).markdown(),
         "held_by_object": by_object_table(pairs, "held").markdown(),
         "errors": _errors(pairs).markdown(),
@@ -156,10 +156,6 @@ def _family(row: Row) -> str:
     if name in TOOLS:
         return _TOOLS
     return next((family for family, known in EVALUATION.items() if name in known), _SCANS)
-
-
-def _objects(pairs: Pairs) -> IntArray:
-    return numbered([mine["object"] for mine, _ in pairs])
 
 
 def _by_touches(pairs: Pairs) -> TextTable:

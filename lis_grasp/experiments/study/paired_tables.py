@@ -14,6 +14,7 @@ from lis_grasp.experiments.statistics import (
     interval_over_objects,
     interval_over_seeds,
     numbered,
+    objects_of,
     sign_flip_p_value,
 )
 from lis_grasp.experiments.study.comparison import Measure, value_of
@@ -70,7 +71,7 @@ def units_table(pairs: Pairs, family: Callable[[Row], str]) -> TextTable:
     body = []
     for name, units in (
         ("object and seed", clusters_of(mine)),
-        ("object", numbered([row["object"] for row in mine])),
+        ("object", objects_of(mine)),
         ("seed", numbered([row["seed"] for row in mine])),
         ("shape family", numbered([family(row) for row in mine])),
     ):
