@@ -6,11 +6,13 @@ python docs/study/unknown/write_studies.py results/unknown
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from lis_grasp.experiments.study.trial import Setup, Trial
 from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
 from lis_grasp.shapes import NAMES
 
@@ -18,6 +20,7 @@ SCANS = (
     *("004_sugar_box.ply", "005_tomato_soup_can.ply", "006_mustard_bottle.ply"),
     *("010_potted_meat_can.ply", "061_foam_brick.ply", "077_rubiks_cube.ply"),
 )
+NOISE = "0.5mm/3deg"
 SEEDS = {"allegro": [0, 1, 2, 3], "wsg50": [4, 5, 6], "leap": [7, 8, 9]}
 # Evaluation shapes of each family, in alphabetical order.
 FIRST = {"prismatic": 4, "curved": 4, "organic": 4, "mixed": 4, "thin": 2}
@@ -39,13 +42,22 @@ def facts_of(hand: str) -> dict[str, Any]:
         "objects": objects(),
         "estimators": ["gpis", "lis", "blend", "truth"],
         "touches": [10, 20, 40],
-        "noise": ["0.5mm/3deg"],
+        "noise": [NOISE],
         "hands": [hand],
         "seeds": SEEDS[hand],
         "conditions": "unknown",
         "prober": "dynamic",
         "grasps": 5,
     }
+
+
+def trials_of(
+    hand: str, seeds: Sequence[int], touches: int, meshes: Path, names: Sequence[str] | None = None
+) -> list[Trial]:
+    """Return the trials of a hand on the study's objects, or some; scans are files of `meshes`."""
+    setup = Setup(prober="dynamic", conditions="unknown")
+    places = [str(meshes / name) if name in SCANS else name for name in names or objects()]
+    return [Trial(place, hand, touches, NOISE, seed, setup) for seed in seeds for place in places]
 
 
 def main() -> None:
