@@ -13,7 +13,6 @@ from lis_grasp.experiments.baselines import BASELINES
 from lis_grasp.experiments.compared_estimators import (
     COMPARED,
     OURS,
-    compared_estimator,
     require_installed,
 )
 from lis_grasp.experiments.paper.paper_trials import (
@@ -75,8 +74,7 @@ def execute(options: argparse.Namespace) -> None:
     names = tuple(options.estimators or (_QUICK_ESTIMATORS if options.quick else _ESTIMATORS))
     for name in names:
         find_estimator(name, registry=COMPARED, option="--estimators")
-        if name not in OURS:
-            require_installed(compared_estimator(name))
+    require_installed(names)
     for needed in ("lis", "gpis", RunConfig().estimator):
         if needed not in names:
             raise InvalidOptionError(

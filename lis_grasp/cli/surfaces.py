@@ -128,7 +128,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
-    from lis_grasp.experiments.compared_estimators import OURS, require_installed
+    from lis_grasp.experiments.compared_estimators import require_installed
     from lis_grasp.experiments.contact_study.competitors import STUDIED, studied_estimator
     from lis_grasp.experiments.contact_study.estimate_score import Box
 
@@ -143,9 +143,7 @@ def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
     names = (*(name for name in options.estimator or () if name not in names), *names)
     for name in (*names, options.subject or names[0], options.reference):
         find_estimator(name, registry=STUDIED, option="--estimators")
-    for name in names:
-        if name not in OURS:
-            require_installed(studied_estimator(name))
+    require_installed(names, studied_estimator)
     for needed in (options.subject or names[0], options.reference):
         if needed not in names:
             raise InvalidOptionError(

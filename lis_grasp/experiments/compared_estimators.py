@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -84,8 +84,15 @@ def compared_estimator(name: str) -> Estimator:
     return lambda contacts, noise: make(contacts, **noise.options())
 
 
-def require_installed(estimator: Estimator) -> None:
-    """Raise `InvalidOptionError` if a package of an estimator is missing: every row would fail."""
+def require_installed(
+    names: Iterable[str], find: Callable[[str], Estimator] = compared_estimator
+) -> None:
+    """Raise `InvalidOptionError` if a package of an estimator is missing: every row would fail.
+
+    `find` returns the estimator of a name; those of this package need no package of their own.
+    """
     axes = np.vstack([np.eye(3), -np.eye(3)])
-    with suppress(EstimationError, InvalidContactsError):
-        estimator(Contacts(0.03 * axes, axes), Noise())
+    for name in names:
+        if name not in OURS:
+            with suppress(EstimationError, InvalidContactsError):
+                find(name)(Contacts(0.03 * axes, axes), Noise())

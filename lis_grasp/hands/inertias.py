@@ -50,7 +50,7 @@ def require_possible_inertias(inertials: Mapping[str, Inertial]) -> None:
         raise InvalidHandError(
             f"the inertia of {', '.join(faults)} is impossible (principal moments must be positive,"
             " and none larger than the other two together): add `repair: true` to the hand's YAML,"
-            " or write a corrected copy with `lis-grasp doctor --hand FILE --repair OUT`"
+            " or write a corrected copy of its model with `lis-grasp doctor --repair`"
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -36,20 +36,23 @@ class FileRecord(BaseModel):
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
 
 
-def first_mistake(invalid: ValidationError) -> tuple[str, str]:
-    """Return the dotted key of the first wrong value, and what is wrong, to follow the key."""
+def first_mistake(invalid: ValidationError, known: Iterable[str] = ()) -> tuple[str, str]:
+    """Return the dotted key of the first wrong value, and what is wrong, to follow the key.
+
+    An unknown key is compared with the `known` ones.
+    """
     errors = invalid.errors(include_url=False)
     first = errors[0]
     place = first["loc"][:_DEEPEST]
     key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in place).lstrip(".")
-    reason = {"missing": "is missing", "extra_forbidden": "is an unknown key"}.get(first["type"])
-    if reason is None:
-        reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
-        reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
-        reason = f"{reason.replace(' after validation', '')}; it is {shown(first['input'])}"
     if first["type"] == "missing":
-        reason += _misspelt(errors, first["loc"][:-1])
-    return key, reason
+        return key, f"is missing{_misspelt(errors, first['loc'][:-1])}"
+    if first["type"] == "extra_forbidden":
+        return key, f"is an unknown key{nearest_of(place[-1], known)}"
+    reason = re.sub(r"^\w+ should", "must", first["msg"].removeprefix("Value error, "))
+    reason = re.sub(r"valid dictionary( or instance of \w+)?", "mapping", reason)
+    reason = reason.replace(" after validation", "")
+    return key, f"{reason}; it is {shown(first['input'])}"
 
 
 def _misspelt(errors: Sequence[ErrorDetails], mapping: tuple[int | str, ...]) -> str:
@@ -77,8 +80,15 @@ def parse_entry(
     try:
         return schema.model_validate(document)
     except ValidationError as invalid:
-        key, reason = first_mistake(invalid)
+        key, reason = first_mistake(invalid, _keys_of(schema))
     raise error(f"{file}: {key or 'the file'} {reason}", file=file, key=key)
+
+
+def _keys_of(schema: type[BaseModel]) -> set[str]:
+    """Return the keys that a schema and the records in it permit."""
+    described = schema.model_json_schema()
+    records = [described, *described.get("$defs", {}).values()]
+    return {key for record in records for key in record.get("properties", {})}
 
 
 def write_json_schema(schema: type[BaseModel], path: Path) -> None:

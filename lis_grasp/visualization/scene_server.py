@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
+import socket
 import sys
 from collections.abc import Callable
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -34,7 +36,7 @@ class SceneServer(ThreadingHTTPServer):
     InvalidFileError
         If the folder has no scene.
     InvalidOptionError
-        If the port cannot be used.
+        If the port or the host cannot be used.
     """
 
     daemon_threads = True
@@ -60,6 +62,11 @@ class SceneServer(ThreadingHTTPServer):
         try:
             super().__init__((host, port), _SceneHandler)
         except (OSError, UnicodeError) as error:
+            no_name = (UnicodeError, socket.gaierror)
+            if isinstance(error, no_name) or error.errno == errno.EADDRNOTAVAIL:
+                raise InvalidOptionError.out_of_range(
+                    "host", host, f"an address of this machine ({error})"
+                ) from None
             raise InvalidOptionError(
                 f"port {port} of {host} cannot be used ({error}): give another by --port, such as 0"
                 " for any",

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import shapes
+from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
 from lis_grasp.experiments.baselines import BASELINES
@@ -144,3 +146,24 @@ def test_a_missing_package_is_named(
     monkeypatch.setitem(sys.modules, NEEDS[name], None)
     with pytest.raises(InvalidOptionError, match=r"lis-grasp\[baselines\]"):
         BASELINES[name](ball)
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [
+        ["surfaces", "--families", "organic", "--part", "30", "--estimators", "gpis_best"],
+        ["paper", "--seeds", "1", "--estimators", "lis", "gpis", "blend"],
+        ["compare", "--objects", "box", "--estimators", "gpis"],
+    ],
+    ids=lambda verb: verb[0],
+)
+def test_a_missing_package_is_named_before_the_first_trial(
+    verb: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    assert main([*verb, "poisson", "--output", str(tmp_path)]) == 2
+    assert "pymeshlab" in capsys.readouterr().err
+    assert not [path for path in tmp_path.iterdir() if path.suffix == ".jsonl"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -175,13 +174,3 @@ def test_misuse_exits_with_2_and_names_the_option(
     given = [text.format(empty=tmp_path) for text in arguments]
     assert main(["surfaces", *given, "--output", str(tmp_path / "out")]) == 2
     assert word in capsys.readouterr().err
-
-
-def test_an_estimator_whose_package_is_missing_is_refused_before_the_first_trial(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "pymeshlab", None)
-    arguments = ["--families", "organic", "--part", "30", "--estimators", "poisson", "gpis_best"]
-    assert main(["surfaces", *arguments, "--output", str(tmp_path)]) == 2
-    assert "pymeshlab" in capsys.readouterr().err
-    assert not (tmp_path / "results.jsonl").exists()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
@@ -154,13 +153,3 @@ def test_what_cannot_be_reported_is_refused(
 ) -> None:
     assert main(["paper", *arguments, "--output", str(tmp_path)]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_an_estimator_whose_package_is_missing_is_refused_before_the_first_trial(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "pymeshlab", None)
-    arguments = ["--seeds", "1", "--estimators", "lis", "gpis", "blend", "rimls"]
-    assert main(["paper", *arguments, "--output", str(tmp_path)]) == 2
-    assert "pymeshlab" in capsys.readouterr().err
-    assert not (tmp_path / "results.jsonl").exists()

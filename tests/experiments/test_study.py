@@ -363,12 +363,6 @@ def test_every_compared_estimator_can_be_studied() -> None:
     assert error.value.value == "hermite_rbf"
 
 
-def test_an_estimator_whose_package_is_missing_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pymeshlab", None)
-    with pytest.raises(InvalidOptionError, match="not installed"):
-        dataclasses.replace(SMALL, estimators=("gpis", "rimls"))
-
-
 def test_rows_are_read_without_any_mesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     block = exported_block(tmp_path / "here")
     study = dataclasses.replace(SMALL, objects=("box", str(block)))

@@ -310,6 +310,14 @@ def test_a_mistake_in_the_yaml_is_named_in_one_line(tmp_path: Path, mistake: str
     assert "\n" not in str(error.value)
 
 
+def test_a_mistyped_key_that_is_optional_is_compared_with_those_known(tmp_path: Path) -> None:
+    document, path = shipped(tmp_path)
+    document["effort_limit"] = {}
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    with pytest.raises(InvalidHandError, match="did you mean 'effort_limits'"):
+        Hand.load(path)
+
+
 def test_the_shipped_schema_is_that_of_the_package_and_hands_name_it(tmp_path: Path) -> None:
     write_json_schema(HandEntry, tmp_path / "schema.json")
     schema = model_path("hands/hand.schema.json")

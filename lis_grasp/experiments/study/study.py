@@ -14,7 +14,6 @@ from pydantic import BeforeValidator, ConfigDict, Field, StrictInt, StrictStr
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.experiments.compared_estimators import (
     COMPARED,
-    compared_estimator,
     require_installed,
 )
 from lis_grasp.experiments.study.trial import (
@@ -34,7 +33,6 @@ from lis_grasp.hands.hand import Hand
 from lis_grasp.io.yaml_files import YAML_SUFFIXES, read_yaml
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, find_estimator
 from lis_grasp.shapes import FORMATS
-from lis_grasp.surfaces import ESTIMATORS
 
 _MOST_SEEDS = 100_000
 # Whole numbers of a row's columns have 64 bits.
@@ -103,8 +101,7 @@ class Study(Setup):
         for estimator in self.estimators:
             if estimator != TRUTH:
                 find_estimator(estimator, registry=permitted, option="estimators")
-            if estimator not in (*ESTIMATORS, TRUTH):
-                require_installed(compared_estimator(estimator))
+        require_installed(name for name in self.estimators if name != TRUTH)
         require_one_of("reference", self.reference, self.estimators)
         for level in self.noise:
             parse_noise(level)
