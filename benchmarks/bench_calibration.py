@@ -1,6 +1,7 @@
 """Held rates by mass and friction, and calibration of the predicted success probability.
 
-    python benchmarks/bench_calibration.py box torus 004_sugar_box.ply --seeds 0 1
+    python benchmarks/bench_calibration.py                   # the development shapes
+    python benchmarks/bench_calibration.py box egg 004_sugar_box.ply --seeds 0 1
 
 Each object stands in a stable pose in a region and is touched 20 times by geometry alone, with a
 realistic sensor. Grasps are planned on surfaces of the first 5, 10 and 20 contacts, for a load of
@@ -32,6 +33,8 @@ from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.evaluation.calibration import calibration_bins, expected_calibration_error
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.experiments.runner import local_scheduler, run_trials
+from lis_grasp.experiments.study.trial import Setup, find_object
+from lis_grasp.experiments.test_objects.shape_sets import DEVELOPMENT
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
@@ -56,8 +59,9 @@ class CalibrationTrial:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("objects", nargs="*", default=list(shapes.NAMES))
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
+    development = [name for names in DEVELOPMENT.values() for name in names]
+    parser.add_argument("objects", nargs="*", default=development)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--hands", nargs="+", default=["allegro", "wsg50"])
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--output", type=Path, default=Path("results/calibration"))
@@ -82,7 +86,7 @@ def key_of(row: Row) -> CalibrationTrial:
 def lifts(job: Job) -> list[Row]:
     """Return one row for each lift, after one without a reason that marks the trial as done."""
     name, seed = job.trial.object, job.trial.seed
-    shape = shapes.build(name) if name in shapes.NAMES else shapes.load(name)
+    shape = find_object(name, Setup())
     hand = Hand.load(job.trial.hand)
     conditions = {**UNKNOWN, "region": tuple(UNKNOWN["region"]), "free": False}
     config = RunConfig(
