@@ -36,7 +36,7 @@ from lis_grasp.experiments.study.study_tables import (
     write_tables,
 )
 from lis_grasp.experiments.study.study_trial import run_trial
-from lis_grasp.experiments.trial_results import Job
+from lis_grasp.experiments.trial_results import Job, TrialResults
 from lis_grasp.io.json_lines import Row
 
 pytest.importorskip("statsmodels", reason="needs lis-grasp[study]")
@@ -304,6 +304,31 @@ def test_rates_are_drawn_close_to_their_number_of_touches() -> None:
     assert np.abs(places - first.get_xticks()).max() < 0.25
 
 
+def lifts_in_both() -> list[Row]:
+    """Return rows of three trials of both simulators; GPIS held none."""
+    facts = {"hand": "wsg50", "touches": 40, "noise": "none", "seed": 4}
+    held = {"cup": (True, True), "pen": (True, False), "key": (False, False)}
+    reasons = {"cup": "held", "pen": "dropped", "key": "no_grasp"}
+    return [
+        facts
+        | {"object": name, "estimator": estimator, "simulator": simulator, "reason": reasons[name]}
+        | {"held": estimator == "blend" and outcome}
+        for name, outcomes in held.items()
+        for estimator in ("gpis", "blend")
+        for simulator, outcome in zip(("drake", "mujoco"), outcomes, strict=True)
+    ]
+
+
+def trials_of_parts() -> list[Row]:
+    """Return rows of two objects and seeds: without free space one object is never held."""
+    return [
+        {"object": name, "seed": seed, "variant": variant, "held": name == "cup" or whole}
+        for name in ("cup", "pen")
+        for seed in (0, 1)
+        for variant, whole in (("whole pipeline", True), ("without free space", False))
+    ]
+
+
 def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -316,7 +341,13 @@ def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(
     StudyResults(tmp_path).lines.append([*rows, *others])
     monkeypatch.syspath_prepend(here)
     module = runpy.run_path(str(here / "make_page.py"))
+    TrialResults(tmp_path / "simulators.jsonl", "simulators").append(lifts_in_both())
+    TrialResults(tmp_path / "parts.jsonl", "parts").append(trials_of_parts())
     page = module["make_page"](tmp_path, tmp_path / "docs").read_text()
+    # Of two trials MuJoCo dropped one; the third had no grasp, and is no agreement.
+    assert "| blend | 3 | 67 | 33 | 1 of 2 (50 %) |" in page
+    assert "| MuJoCo | +33.3 | +33.3 |" in page
+    assert "| without free space | 4 | 50 | −50.0 | 1.000 |" in page
     assert f"of 8 objects so far, where the plan has 400; {len(rows)} rows" in page
     assert "| all but built-in shapes and scans | 4 |" in page
     mine = [row["held"] for row in rows if row["estimator"] == "blend"]

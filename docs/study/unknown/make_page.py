@@ -1,6 +1,6 @@
 """Make docs/study-unknown.md from the rows of the study of unknown objects, and nothing else.
 
-python docs/study/unknown/make_page.py          # from docs/study/unknown/rows.parquet
+python docs/study/unknown/make_page.py          # from the rows beside this file
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from pathlib import Path
 from string import Template
 
 import numpy as np
+from parts import parts_table
+from simulators import difference_table, held_table
 from write_studies import SEEDS, facts_of, objects
 
 from lis_grasp.exceptions import InvalidFileError
@@ -47,6 +49,7 @@ from lis_grasp.experiments.study.study_tables import (
 )
 from lis_grasp.experiments.study.trial import TRUTH
 from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
+from lis_grasp.experiments.trial_results import TrialResults
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes import NAMES
@@ -70,7 +73,8 @@ def make_page(rows_folder: Path, docs: Path) -> Path:
     file = "images/study_unknown.png"
     (docs / "images").mkdir(parents=True, exist_ok=True)
     (docs / file).write_bytes(picture.png)
-    words = _facts(rows) | {"picture": f"![{picture.title}]({file})"}
+    words = _facts(rows) | _further_tables(rows_folder)
+    words |= {"picture": f"![{picture.title}]({file})"}
     write_text(docs / "study-unknown.md", template.substitute(words))
     return docs / "study-unknown.md"
 
@@ -122,6 +126,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "wins": str(found.wins),
         "losses_count": str(found.losses),
         "pairs": str(found.pairs),
+        "same": str(sum(mine["rmsd"] == its["rmsd"] for mine, its in pairs)),
         "seeds": ", ".join(
             f"`{hand}` {len({key[2] for key in first if key[1] == hand})} of {len(seeds)}"
             for hand, seeds in SEEDS.items()
@@ -143,6 +148,22 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "calibration": calibration_table(rows).markdown(),
         "reasons": reasons_table(rows).markdown(),
         "slips": _slips(rows),
+    }
+
+
+def _further_tables(folder: Path) -> dict[str, str]:
+    """Return the tables of both simulators and of the parts, from files of rows of their own."""
+    simulators, parts = (
+        TrialResults(folder / f"{kind}.jsonl", kind).read(any_version=True)
+        for kind in ("simulators", "parts")
+    )
+    tables = {
+        "simulators": [held_table(simulators), difference_table(simulators, _OURS, _REFERENCE)],
+        "parts": [parts_table(parts)],
+    }
+    return {
+        name: "\n".join(table.markdown() for table in some if table.body) or "Not measured yet.\n"
+        for name, some in tables.items()
     }
 
 
@@ -212,7 +233,7 @@ def _slips(rows: Sequence[Row]) -> str:
 def main() -> None:
     """Make the page."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--rows", type=Path, default=_HERE, help="folder with rows.parquet")
+    parser.add_argument("--rows", type=Path, default=_HERE, help="folder of the rows")
     parser.add_argument("--docs", type=Path, default=_DOCS, help="where study-unknown.md goes")
     options = parser.parse_args()
     print(make_page(options.rows, options.docs))

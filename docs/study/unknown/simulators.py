@@ -138,7 +138,7 @@ def difference_table(rows: Sequence[Row], estimator: str, reference: str) -> Tex
     """Return the difference of both estimators' rates in each simulator, in points, by hand."""
     hands = names(rows, "hand")
     body = []
-    for simulator, text in _LABELS.items():
+    for simulator, text in _LABELS.items() if rows else ():
         own = [row for row in rows if row["simulator"] == simulator]
         pairs = pairs_of(own, [estimator], reference)
         parts = [[pair for pair in pairs if pair[0]["hand"] == hand] for hand in hands]
