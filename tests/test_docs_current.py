@@ -200,7 +200,7 @@ def _number(word: str) -> int:
 
 
 def _study() -> dict[str, Any]:
-    return load_study(DOCS / "study" / "study.yaml")
+    return load_study(DOCS / "study" / "first" / "study.yaml")
 
 
 def _trials() -> int:
@@ -228,14 +228,14 @@ _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
     ("docs/hands.md", r"takes all ([\w-]+) hands", lambda: len(READY_HANDS)),
     ("docs/hands.md", r"the (\w+) built-in shapes", lambda: len(NAMES)),
     (
-        "docs/study.md",
+        "docs/first-study.md",
         r"for\s(\w+) estimators and the true",
         lambda: len(_study()["estimators"]) - 1,
     ),
-    ("docs/study.md", r"on (\d+) objects, with every", _study_objects),
+    ("docs/first-study.md", r"on (\d+) objects, with every", _study_objects),
     (
         "notebooks/05_does_a_better_surface_give_a_better_grasp.ipynb",
-        r"published study \(`docs/study.md`\) has (\d+) trials",
+        r"published study \(`docs/first-study.md`\) has (\d+) trials",
         _trials,
     ),
     (

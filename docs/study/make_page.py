@@ -1,6 +1,6 @@
-"""Make docs/study.md and its figures from the rows of the published study, and nothing else.
+"""Make docs/study.md from the rows of the study of unknown objects, and nothing else.
 
-python docs/study/make_page.py          # from docs/study/rows.parquet
+python docs/study/make_page.py          # from the rows beside this file
 """
 
 from __future__ import annotations
@@ -10,11 +10,23 @@ from collections.abc import Sequence
 from pathlib import Path
 from string import Template
 
+import numpy as np
+from parts import parts_table
+from simulators import difference_table, held_table
+from write_studies import SEEDS, facts_of, objects
+
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.experiments.figures.palette import estimator_label
 from lis_grasp.experiments.report_page import TextTable
-from lis_grasp.experiments.study import Study, StudyResults, load_study
-from lis_grasp.experiments.study.comparison import compare_held, kind_of, names, pairs_of
+from lis_grasp.experiments.statistics import (
+    cluster_sums,
+    clusters_of,
+    holm,
+    objects_of,
+    sign_flip_p_value,
+)
+from lis_grasp.experiments.study import StudyResults
+from lis_grasp.experiments.study.comparison import compare_one, names, pairs_of
+from lis_grasp.experiments.study.mixed_model import MixedModel, fit_mixed_model
 from lis_grasp.experiments.study.paired_tables import (
     Pairs,
     beside,
@@ -22,6 +34,7 @@ from lis_grasp.experiments.study.paired_tables import (
     cells,
     difference,
     families_table,
+    gains,
     means,
     object_losses_table,
     units_table,
@@ -30,163 +43,200 @@ from lis_grasp.experiments.study.study_figures import draw_pictures
 from lis_grasp.experiments.study.study_tables import (
     MEASURE_LABELS,
     calibration_table,
-    difference_text,
-    differences_table,
-    held_table,
-    nearer_table,
-    p_phrase,
+    p_value,
     reasons_table,
     summary_table,
 )
-from lis_grasp.experiments.study.study_trial import TIMES
-from lis_grasp.experiments.study.trial import label
+from lis_grasp.experiments.study.trial import TRUTH
+from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
+from lis_grasp.experiments.trial_results import TrialResults
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
+from lis_grasp.shapes import NAMES
 
 _HERE = Path(__file__).parent
-_OURS = "blend"
-# The first of the seeds that were run after the planner had changed.
-_LATER = 4
+_DOCS = _HERE.parent
+_OURS, _REFERENCE = "blend", "gpis"
 
-_CUBOIDS = ("box", "004_sugar_box", "010_potted_meat_can", "061_foam_brick", "077_rubiks_cube")
-_CYLINDERS = ("cylinder", "half_cylinder", "005_tomato_soup_can")
-_SIMPLE = (*_CUBOIDS, *_CYLINDERS, "pentagon")
+_SMALL_SLIP = 5e-3  # slips above it are reported [m]
 
 
-def make_page(study_file: Path, rows_folder: Path, docs: Path) -> Path:
-    """Write study.md and its figures below `docs`; return its path."""
-    study = Study.from_facts(load_study(study_file))
-    rows = StudyResults(rows_folder).alike(study)
+def make_page(rows_folder: Path, docs: Path) -> Path:
+    """Write study.md and its figure below `docs`; return its path."""
+    rows = _rows(rows_folder)
     if not rows:
         raise InvalidFileError(
-            f"no row of {rows_folder} is of the study {study_file}", path=rows_folder
+            f"no row of {rows_folder} is of the study of unknown objects", path=rows_folder
         )
     template = Template((_HERE / "study.md.in").read_text(encoding="utf-8"))
-    words = _facts(study, rows)
-    pictures = dict(zip(("figure", "noisy", "epsilon", "edge"), draw_pictures(rows), strict=True))
-    for name, picture in pictures.items():
-        file = f"images/study_{name}.png"
-        (docs / "images").mkdir(parents=True, exist_ok=True)
-        (docs / file).write_bytes(picture.png)
-        words[f"{name}_picture"] = (
-            f"![{picture.title}]({file})\n\n*{picture.title}. {picture.caption}*"
-        )
+    picture = next(iter(draw_pictures(rows)))
+    file = "images/study.png"
+    (docs / "images").mkdir(parents=True, exist_ok=True)
+    (docs / file).write_bytes(picture.png)
+    words = _facts(rows) | _further_tables(rows_folder)
+    words |= {"picture": f"![{picture.title}]({file})"}
     write_text(docs / "study.md", template.substitute(words))
     return docs / "study.md"
 
 
-def _facts(study: Study, rows: Sequence[Row]) -> dict[str, str]:
-    reference = study.reference
-    pairs = pairs_of(rows, [_OURS], reference)
-    (found,) = [c for c in compare_held(rows, reference) if c.estimator == _OURS]
-    simple = [pair for pair in pairs if _stem(pair[0]) in _SIMPLE]
-    others = [pair for pair in pairs if _stem(pair[0]) not in _SIMPLE]
+def _rows(folder: Path) -> list[Row]:
+    """Return the rows of the study in its order; no model of a hand is needed."""
+    orders = [objects(), *(facts_of("allegro")[name] for name in ("estimators", "touches"))]
+    found = [
+        row
+        for row in StudyResults(folder).read(any_version=True)
+        if row["object"] in orders[0]
+        and row["seed"] in SEEDS.get(row["hand"], ())
+        and row.get("conditions") == "unknown"
+    ]
+
+    def place(row: Row) -> tuple[int, ...]:
+        values = (row["object"], row["estimator"], row["touches"])
+        indices = [order.index(value) for order, value in zip(orders, values, strict=True)]
+        return (indices[1], row["seed"], indices[0], indices[2])
+
+    return sorted(found, key=place)
+
+
+def _facts(rows: Sequence[Row]) -> dict[str, str]:
+    pairs = pairs_of(rows, [_OURS], _REFERENCE)
+    found = compare_one(rows, _OURS, _REFERENCE, "held", "all", None)
+    assert found is not None
+    families = list(dict.fromkeys(map(_family, (mine for mine, _ in pairs))))
     unions = {
-        "prisms and cylinders together": {_family(mine) for mine, _ in simple},
-        "all others together": {_family(mine) for mine, _ in others},
+        "evaluation shapes together": EVALUATION,
+        "all but built-in shapes and scans": (*EVALUATION, _TOOLS),
     }
-    trials, seeds = len(study.trials()), len(names(rows, "seed"))
-    done = len({(r["object"], r["hand"], r["touches"], r["noise"], r["seed"]) for r in rows})
-    seconds = sum(row.get(name) or 0.0 for row in rows for name in TIMES)
-    later = [row for row in rows if row["seed"] >= _LATER]
-    (of_later,) = [c for c in compare_held(later, reference) if c.estimator == _OURS]
+    rates = {
+        name: f"{100.0 * np.mean([row['held'] for row in rows if row['estimator'] == name]):.0f}"
+        for name in names(rows, "estimator")
+    }
+    first = {(r["object"], r["hand"], r["seed"]) for r in rows}
+    tools = means([pair for pair in pairs if _family(pair[0]) == _TOOLS], "held")
+    model = fit_mixed_model(rows, _OURS, _REFERENCE)
+    of_objects = objects_of([mine for mine, _ in pairs])
     return {
-        "reference": estimator_label(reference),
-        "held_ours": f"{100.0 * found.mean:.0f}",
-        "held_reference": f"{100.0 * found.mean_reference:.0f}",
-        "effect": difference_text(found),
-        "simple": difference(simple),
-        "others": difference(others),
-        "objects": ", ".join(label(name) for name in study.objects),
-        "object_count": str(len(study.objects)),
-        "estimators": ", ".join(estimator_label(name) for name in study.estimators),
-        "touches": ", ".join(map(str, study.touches)),
-        "noise": " and ".join(study.noise),
-        "hands": " and ".join(study.hands),
-        "seeds": str(seeds),
-        "done": str(done) if done == trials else f"{done} of {trials}",
+        "held_ours": rates[_OURS],
+        "held_reference": rates[_REFERENCE],
+        "held_truth": rates[TRUTH],
+        "effect": difference(pairs, over_objects=True),
+        "evaluation": difference([pair for pair in pairs if _family(pair[0]) in EVALUATION]),
+        "tools": "{:.0f} and {:.0f} %".format(*(100.0 * rate for rate in tools or ())),
+        "differ": str(found.wins + found.losses),
+        "wins": str(found.wins),
+        "losses_count": str(found.losses),
+        "pairs": str(found.pairs),
+        "same": str(sum(mine["rmsd"] == its["rmsd"] is not None for mine, its in pairs)),
+        "seeds": ", ".join(
+            f"`{hand}` {len({key[2] for key in first if key[1] == hand})} of {len(seeds)}"
+            for hand, seeds in SEEDS.items()
+        ),
+        "explorations": str(len(first)),
+        "objects": str(len({key[0] for key in first})),
         "rows": str(len(rows)),
-        "trials": str(trials),
-        "grasps": str(study.grasps),
-        "mass": f"{study.mass:g}",
-        "friction": f"{study.friction:g}",
-        "hours": f"{seconds / 3600.0:.1f}",
-        "summary": summary_table(rows, reference).markdown(),
-        "held": held_table(rows, "all").markdown(),
-        "differences": differences_table(rows, reference).markdown(),
+        "summary": summary_table(rows, _REFERENCE).markdown(),
+        "by_touches": _by_touches(pairs).markdown(),
         "families": families_table(pairs, _family, unions).markdown(),
+        "families_p": _families_p(pairs, families),
         "units": units_table(pairs, _family).markdown(),
+        "p_objects": p_value(sign_flip_p_value(cluster_sums(gains(pairs), of_objects))),
         "losses": object_losses_table(pairs).markdown(),
         "held_by_object": by_object_table(pairs, "held").markdown(),
-        "groups": _groups(pairs).markdown(),
-        **{
-            f"{measure}_by_object": by_object_table(pairs, measure).markdown()
-            for measure in ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
-        },
-        "bottle": _ratios(pairs, "006_mustard_bottle"),
-        "nearer": nearer_table(rows, reference).markdown(),
+        "errors": _errors(pairs).markdown(),
+        "model": _model_table(model).markdown(),
+        "deviations": ", ".join(f"{name} {sd:.1f}" for name, sd in model.deviations.items()),
         "calibration": calibration_table(rows).markdown(),
         "reasons": reasons_table(rows).markdown(),
-        "by_seed": _by_seed(rows, (reference, _OURS)),
-        "later_seeds": f"{difference_text(of_later)} points, p {p_phrase(of_later.p)}",
+        "slips": _slips(rows),
     }
 
 
-def _stem(row: Row) -> str:
-    return Path(row["object"]).stem
+def _further_tables(folder: Path) -> dict[str, str]:
+    """Return the tables of both simulators and of the parts, from files of rows of their own."""
+    simulators, parts = (
+        TrialResults(folder / f"{kind}.jsonl", kind).read(any_version=True)
+        for kind in ("simulators", "parts")
+    )
+    tables = {
+        "simulators": [held_table(simulators), difference_table(simulators, _OURS, _REFERENCE)],
+        "parts": [parts_table(parts)],
+    }
+    return {
+        name: "\n".join(table.markdown() for table in some if table.body) or "Not measured yet.\n"
+        for name, some in tables.items()
+    }
+
+
+_BUILT_IN, _SCANS, _TOOLS = "built-in", "scans", "tools and flat things"
 
 
 def _family(row: Row) -> str:
-    if _stem(row) in _CUBOIDS:
-        return "cuboids"
-    return "cylinders" if _stem(row) in _CYLINDERS else _stem(row)
+    name = row["object"]
+    if name in NAMES:
+        return _BUILT_IN
+    if name in TOOLS:
+        return _TOOLS
+    return next((family for family, known in EVALUATION.items() if name in known), _SCANS)
 
 
-def _groups(pairs: Pairs) -> TextTable:
-    """Return mean surface errors of scans and of built-in shapes, ours / reference."""
+def _by_touches(pairs: Pairs) -> TextTable:
+    """Return the difference at each number of touches, with each hand and with all."""
     budgets = sorted({mine["touches"] for mine, _ in pairs})
+    of_hands = {name: of for (name,), of in cells(pairs, "hand").items()}
     body = []
-    for measure in ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd"):
-        for title, scans in (("built-in shapes", False), ("scans", True)):
-            for noise in dict.fromkeys(mine["noise"] for mine, _ in pairs):
-                of = [
-                    pair
-                    for pair in pairs
-                    if pair[0]["noise"] == noise and (kind_of(pair[0]) == "files") == scans
-                ]
-                parts = [[pair for pair in of if pair[0]["touches"] == n] for n in budgets]
-                texts = [beside(part, measure) for part in parts]
-                body.append((MEASURE_LABELS[measure], title, noise, *texts))
-    head = ("error", "objects", "noise", *(f"{n} touches" for n in budgets))
-    return TextTable("groups", "Mean errors", head, tuple(body))
+    for name, of in (of_hands | {"all": list(pairs)}).items():
+        parts = [[pair for pair in of if pair[0]["touches"] == n] for n in budgets]
+        body.append((name, *(difference(part, over_objects=True) for part in (*parts, of))))
+    head = ("hand", *(f"{n} touches" for n in budgets), "all")
+    return TextTable("by_touches", "Difference in points", head, tuple(body))
 
 
-def _ratios(pairs: Pairs, stem: str) -> str:
-    """Return the range of the ratio of an object's estimate-to-truth errors, ours to reference."""
-    of = [pair for pair in pairs if _stem(pair[0]) == stem]
-    found = [means(part, "rmsd") for part in cells(of, "touches").values()]
-    ratios = [mean[0] / mean[1] for mean in found if mean is not None]
-    return f"{min(ratios):.1f} to {max(ratios):.1f}" if ratios else "–"
+def _families_p(pairs: Pairs, families: Sequence[str]) -> str:
+    """Return the adjusted p-value of each family, objects with their seeds as units."""
+    values = []
+    for name in families:
+        of = [pair for pair in pairs if _family(pair[0]) == name]
+        clusters = clusters_of([mine for mine, _ in of])
+        values.append(sign_flip_p_value(cluster_sums(gains(of), clusters)))
+    adjusted = holm(values)
+    return ", ".join(f"{n} {p_value(float(p))}" for n, p in zip(families, adjusted, strict=True))
 
 
-def _by_seed(rows: Sequence[Row], estimators: Sequence[str]) -> str:
-    """Return the success rate of each estimator with each seed, in percent."""
+def _errors(pairs: Pairs) -> TextTable:
+    """Return mean surface errors by number of touches, ours / reference."""
+    budgets = sorted({mine["touches"] for mine, _ in pairs})
+    parts = [[pair for pair in pairs if pair[0]["touches"] == n] for n in budgets]
+    measures = ("rmsd", "rmsd_truth_to_estimate", "edge_rmsd")
+    body = [(MEASURE_LABELS[m], *(beside(part, m) for part in parts)) for m in measures]
+    head = ("error", *(f"{n} touches" for n in budgets))
+    return TextTable("errors", "Mean errors", head, tuple(body))
+
+
+def _model_table(model: MixedModel) -> TextTable:
+    body = [
+        (ratio.name, f"{ratio.value:.2f} ({ratio.low:.2f} to {ratio.high:.2f})")
+        for ratio in model.odds_ratios
+    ]
+    return TextTable("model", "Mixed model", ("effect", "odds ratio (95 %)"), tuple(body))
+
+
+def _slips(rows: Sequence[Row]) -> str:
+    """Return the fraction of held trials that slipped more than 5 mm, per estimator."""
     parts = []
-    for name in estimators:
-        of = [r for r in rows if r["estimator"] == name]
-        held = [[bool(r["held"]) for r in of if r["seed"] == seed] for seed in names(of, "seed")]
-        rates = ", ".join(f"{100.0 * sum(each) / len(each):.0f}" for each in held)
-        parts.append(f"{estimator_label(name)} {rates} %")
-    return "; ".join(parts)
+    for name in names(rows, "estimator"):
+        slips = [row["slip"] for row in rows if row["estimator"] == name and row["held"]]
+        many = sum(slip > _SMALL_SLIP for slip in slips)
+        parts.append(f"{name} {many} of {len(slips)}")
+    return ", ".join(parts)
 
 
 def main() -> None:
     """Make the page."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--rows", type=Path, default=_HERE, help="folder with rows.parquet")
-    parser.add_argument("--docs", type=Path, default=_HERE.parent, help="where study.md goes")
+    parser.add_argument("--rows", type=Path, default=_HERE, help="folder of the rows")
+    parser.add_argument("--docs", type=Path, default=_DOCS, help="where study.md goes")
     options = parser.parse_args()
-    print(make_page(_HERE / "study.yaml", options.rows, options.docs))
+    print(make_page(options.rows, options.docs))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ from lis_grasp.shapes import load
 from lis_grasp.shapes.placement import checked_pose
 from lis_grasp.typing import FloatArray
 
-# docs/study-unknown.md: of 114 grasps planned on `lis` 58 held, with a mean prediction of 0.72.
+# docs/study.md: of 114 grasps planned on `lis` 58 held, with a mean prediction of 0.72.
 _ON_LIS = (
     "success is predicted too high on a surface of lis, where half of the grasps hold; it was"
     " fitted to surfaces of blend (estimate --estimator blend)"

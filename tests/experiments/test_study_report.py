@@ -205,7 +205,7 @@ def test_values_are_printed_in_their_units(measure: str, value: float, text: str
 
 def test_the_page_of_the_published_study_is_made_of_its_rows_alone(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
-    here = Path(__file__).parents[2] / "docs" / "study"
+    here = Path(__file__).parents[2] / "docs" / "study" / "first"
     study = Study.from_facts(load_study(here / "study.yaml"))
     some = replace(study, objects=("box", "sphere", "mallet"), touches=(5, 10))
     rows = []
@@ -333,7 +333,7 @@ def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
-    here = Path(__file__).parents[2] / "docs" / "study" / "unknown"
+    here = Path(__file__).parents[2] / "docs" / "study"
     stored = StudyResults(here).read(any_version=True)
     objects = ("mallet", "pentagon", "torus", "half_cylinder", "gear", "key", "cone", "pen")
     rows = [row | {"version": lis_grasp.__version__} for row in stored if row["object"] in objects]
@@ -353,7 +353,7 @@ def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(
     mine = [row["held"] for row in rows if row["estimator"] == "blend"]
     assert f"held in {100.0 * np.mean(mine):.0f} % of {len(mine)} trials" in page
     assert not re.search(r"\$[a-z]|\bnan\b|/tmp", page)
-    assert (tmp_path / "docs" / "images" / "study_unknown.png").is_file()
+    assert (tmp_path / "docs" / "images" / "study.png").is_file()
     with pytest.raises(InvalidFileError, match="no row"):
         module["make_page"](tmp_path / "other", tmp_path / "docs")
 
@@ -363,7 +363,7 @@ def test_the_page_of_unknown_objects_is_of_the_stored_rows(
 ) -> None:
     pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
     docs = Path(__file__).parents[2] / "docs"
-    monkeypatch.syspath_prepend(docs / "study" / "unknown")
-    module = runpy.run_path(str(docs / "study" / "unknown" / "make_page.py"))
-    rows = module["_rows"](docs / "study" / "unknown")
-    assert summary_table(rows, "gpis").markdown() in (docs / "study-unknown.md").read_text()
+    monkeypatch.syspath_prepend(docs / "study")
+    module = runpy.run_path(str(docs / "study" / "make_page.py"))
+    rows = module["_rows"](docs / "study")
+    assert summary_table(rows, "gpis").markdown() in (docs / "study.md").read_text()

@@ -1,6 +1,6 @@
 """Lift grasps of the study of unknown objects in both simulators, Drake and MuJoCo; see plan.md.
 
-python docs/study/unknown/simulators.py --meshes ycb     # continues where it stopped
+python docs/study/simulators.py --meshes ycb     # continues where it stopped
 
 Objects, conditions and estimators are the study's; 40 touches, the first seed of each hand. A grasp
 is planned once, and executed in both simulators.

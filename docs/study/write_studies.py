@@ -1,6 +1,6 @@
 """Write the files of the study of unknown objects, one for each hand; see plan.md.
 
-python docs/study/unknown/write_studies.py results/unknown
+python docs/study/write_studies.py results/unknown
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Ablation: what each part of the package is worth if nothing is known of the object; see plan.md.
 
-python docs/study/unknown/parts.py --meshes ycb     # continues where it stopped
+python docs/study/parts.py --meshes ycb     # continues where it stopped
 
 Conditions are the study's; the built-in shapes and the scans, `allegro`, 20 touches. All variants
 get the same contacts. One grasp is executed, without a tactile check, unless the variant has three
