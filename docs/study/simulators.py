@@ -69,17 +69,20 @@ def _outcomes(trial: Trial, estimator: str) -> dict[str, Row]:
     """Plan the best grasp of an estimator, and return its outcome in each simulator."""
     shape, hand = trial.find_object(), Hand.load(trial.hand)
     touched = touch(trial, trial.explorer(estimator))
-    truth = estimator == TRUTH
-    place = shape_at(shape, touched.X_EO)
-    mesh = place.mesh if truth else estimate(trial, estimator, touched.contacts)
+    if estimator == TRUTH:
+        mesh = shape_at(shape, touched.X_EO).mesh
+    else:
+        mesh = estimate(trial, estimator, touched.contacts)
     grasps = plan(trial, mesh, shape, hand).grasps
     if not grasps:
         return {name: _not_lifted(NO_GRASP) for name in SIMULATORS}
+    predicted = float(grasps[0].quality["success_probability"])
     found = {}
     for name, simulate in SIMULATORS.items():
         outcome = simulate(trial, grasps[0], shape, hand, touched.X_EO)
         facts = ("held", "lifted", "reason", "slip", "turn")
         found[name] = {fact: getattr(outcome, fact) for fact in facts}
+        found[name]["success_probability"] = predicted
     return found
 
 

@@ -44,6 +44,7 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 
 _HERE = Path(__file__).parent
+_DOCS = _HERE.parent.parent
 _OURS = "blend"
 # The first of the seeds that were run after the planner had changed.
 _LATER = 4
@@ -184,7 +185,7 @@ def main() -> None:
     """Make the page."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--rows", type=Path, default=_HERE, help="folder with rows.parquet")
-    parser.add_argument("--docs", type=Path, default=_HERE.parent.parent, help="where first-study.md goes")
+    parser.add_argument("--docs", type=Path, default=_DOCS, help="where first-study.md goes")
     options = parser.parse_args()
     print(make_page(_HERE / "study.yaml", options.rows, options.docs))
 
