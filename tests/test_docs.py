@@ -115,7 +115,7 @@ def _table(page: Path, first: str) -> dict[str, list[str]]:
 
 def test_success_rates_of_the_readme_are_those_of_the_study() -> None:
     readme = _table(README, "| `blend` (default) |")
-    study = _table(DOCS / "first-study.md", "| GPIS |")
+    study = _table(DOCS / "study.md", "| GPIS |")
     column = study["estimator"].index("all")
     names = {
         "`lis` (the paper's)": "LIS",
@@ -186,7 +186,7 @@ def test_rates_on_the_front_page_are_those_of_the_study() -> None:
         r"held (\d+) % of trials on LIS, (\d+) % on GPIS, (\d+) % on `blend` and (\d+) % on the"
     )
     (rates,) = re.findall(pattern, text)
-    study = _table(DOCS / "first-study.md", "| GPIS |")
+    study = _table(DOCS / "study.md", "| GPIS |")
     column = study["estimator"].index("all")
     rows = ("LIS", "GPIS", "blend", "the true mesh")
     assert rates == tuple(study[row][column].split()[0] for row in rows)
