@@ -5,8 +5,8 @@
 
 FOLDER is a clone of FRoGGeR (github.com/alberthli/frogger; Li, Culbertson, Burdick and Ames, IROS
 2023), PYTHON the interpreter of an environment with its dependencies. Without them lis_grasp runs
-alone. Rows are appended to the output, and the tables are of all rows in it. docs/frogger.md
-describes the comparison.
+alone. Rows are appended to the output object by object, and the tables are of all rows in it. Lifts
+are simulated in Drake and in MuJoCo. docs/frogger.md describes the comparison.
 """
 
 from __future__ import annotations
@@ -20,34 +20,43 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import trimesh
+from bench_run import wilson
+from scipy.stats import fisher_exact
 
 from lis_grasp import shapes
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.force_closure import min_weight, resisted_force
-from lis_grasp.grasping.grasp_ranking import epsilon_on
+from lis_grasp.grasping.grasp_ranking import GraspScorer, epsilon_on
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.grasping.inverse_kinematics import solve_ik
+from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.shipped_models import model_path
+from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
+from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
 from lis_grasp.simulation.simulate_lift import LiftOptions, simulate_lift
 
 OURS, THEIRS, FIXED = "lis_grasp", "FRoGGeR", "FRoGGeR, fixed"
 PLANNERS = (OURS, THEIRS, FIXED)
 SCENES = ("table", "free")
+SIMULATORS = {"drake": simulate_lift, "mujoco": simulate_in_mujoco}
+LIFTS = (*SIMULATORS, *(f"{name}_in_place" for name in SIMULATORS))  # keys of a row
 # FRoGGeR's palm link begins at the wrist, ours where the fingers begin, along the same axes [m].
 _WRIST_TO_FINGERS = 0.095
 _OPENING = 0.02  # [m] of the pads before they close, as in ForceClosureSampler
 _SAME_HAND = 1e-4  # [m] within which the fingertips of both models must agree
 # Practically no approach: the trial begins with the opened hand at the grasp.
 _IN_PLACE = LiftOptions(standoff=0.002, approach_time=0.05)
+
+pieces_of = cache(convex_pieces)
 
 
 def main() -> None:
@@ -80,14 +89,15 @@ def main() -> None:
 
 
 def our_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -> list[dict]:
-    sampler = ForceClosureSampler(hand, friction=options.friction)
+    sampler = ForceClosureSampler(hand, friction=options.friction, mass=options.mass)
     rows = []
     for scene in options.scenes.split(","):
         support = float(mesh.bounds[0, 2]) if scene == "table" else None
         for seed in [2**31, *range(options.seeds)]:  # the first one warms up
+            unprepared = mesh.copy()  # a mesh keeps what was computed from it
             cpu, wall = time.process_time(), time.perf_counter()
             rng = np.random.default_rng(seed)
-            search = sampler.sample(mesh, rng=rng, support_height=support, count=1)
+            search = sampler.sample(unprepared, rng=rng, support_height=support, count=1)
             row = {"planner": OURS, "scene": scene, "seed": seed}
             row |= {"cpu": time.process_time() - cpu, "wall": time.perf_counter() - wall}
             if seed == 2**31:
@@ -140,7 +150,7 @@ def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -
                     1
                 ]
                 row["planned_off"] = float(np.median(planned))
-                grasp = their_grasp(hand, mesh, plan, options.friction)
+                grasp = their_grasp(hand, mesh, plan, options)
                 row |= evaluate(hand, mesh, grasp, scene, options)
             rows.append(row)
     return rows
@@ -166,10 +176,13 @@ def round_tipped_allegro() -> Hand:
         return Hand.load(Path(folder, "allegro.yaml"))
 
 
-def their_grasp(hand: Hand, mesh: trimesh.Trimesh, plan: dict, friction: float) -> Grasp:
+def their_grasp(
+    hand: Hand, mesh: trimesh.Trimesh, plan: dict, options: argparse.Namespace
+) -> Grasp:
     """Return a posture of FRoGGeR's model as a grasp of ours; contacts are moved onto the mesh.
 
-    FRoGGeR plans neither an opened posture nor an approach: they are chosen as for our grasps.
+    FRoGGeR plans no opened posture, approach or forces: they are chosen as for our grasps. So are
+    the qualities, of which the lift's grip force depends on ``load_per_grip``.
     """
     X_PL = np.eye(4)
     X_PL[2, 3] = _WRIST_TO_FINGERS
@@ -187,7 +200,7 @@ def their_grasp(hand: Hand, mesh: trimesh.Trimesh, plan: dict, friction: float) 
     used = np.ones((1, 4), bool)
     away = ContactSets((points + _OPENING * normals)[None], normals[None], used)
     opened = solve_ik(hand, away, X_OH[None], q[None], palm_fixed=True).q[0]
-    return Grasp(
+    grasp = Grasp(
         hand=hand.name,
         X_OH=X_OH,
         joint_names=hand.joint_names,
@@ -197,12 +210,13 @@ def their_grasp(hand: Hand, mesh: trimesh.Trimesh, plan: dict, friction: float) 
         contact_points=points,
         contact_normals=normals,
         contact_fingers=hand.fingers,
-        contact_forces=balanced_grip(
-            points, normals, friction=friction, total=2.0 * hand.max_contact_force
-        ),
-        quality={"epsilon": epsilon_on(mesh, hand, points, normals, friction=friction)},
+        contact_forces=np.zeros_like(points),
+        quality={"epsilon": 0.0},
         accepted="by FRoGGeR",
     )
+    prior = LoadPrior(options.friction, options.mass)
+    scorer = GraspScorer(hand, mesh, prior=prior, rng=np.random.default_rng(plan["seed"]))
+    return scorer.plan_forces(scorer.predict_success([grasp])[0])
 
 
 def evaluate(
@@ -223,21 +237,26 @@ def evaluate(
         "hits": checker.first_collision(grasp.X_OH, grasp.joint_positions, pads_may_touch=True),
     }
     if scene == "table":
+        row |= lift_reasons(hand, mesh, grasp, options)
+    return row
+
+
+def lift_reasons(
+    hand: Hand, mesh: trimesh.Trimesh, grasp: Grasp, options: argparse.Namespace
+) -> dict:
+    """Return how the lift ends in each simulator, and, if it fails, how it ends in place."""
+    conditions = {"support_height": float(mesh.bounds[0, 2])}
+    conditions |= {"mass": options.mass, "friction": options.friction}
+    reasons = {}
+    for name, simulate in SIMULATORS.items():
+        extra = {"pieces": pieces_of(mesh)} if name == "mujoco" else {}
         for trial in (LiftOptions(), _IN_PLACE):
-            outcome = simulate_lift(
-                mesh,
-                hand,
-                grasp,
-                support_height=floor,
-                mass=options.mass,
-                friction=friction,
-                options=trial,
-            )
-            row.setdefault("lift", outcome.reason)
-            row["lift_in_place"] = outcome.reason
+            outcome = simulate(mesh, hand, grasp, options=trial, **conditions, **extra)
+            reasons.setdefault(name, outcome.reason)
+            reasons[f"{name}_in_place"] = outcome.reason
             if outcome.held:  # no second trial, without the approach, is needed
                 break
-    return row
+    return reasons
 
 
 def print_tables(rows: list[dict]) -> None:
@@ -247,10 +266,10 @@ def print_tables(rows: list[dict]) -> None:
             continue
         print(
             f"\nScene: {scene}\n\n| object | planner | found | s, one core: median (quartiles)"
-            " | epsilon | weight | min-weight | force closure | hits nothing | held"
-            " | held, no approach |"
+            " | epsilon | weight | min-weight | force closure | hits nothing | held, Drake"
+            " | held, MuJoCo | in place, Drake | in place, MuJoCo |"
         )
-        print("|---" * 11 + "|")
+        print("|---" * 13 + "|")
         for name in [None, *sorted({row["object"] for row in here})]:
             for planner in PLANNERS:
                 chosen = [
@@ -263,13 +282,37 @@ def print_tables(rows: list[dict]) -> None:
     print()
     for planner in PLANNERS:
         mine = [row for row in rows if row["planner"] == planner and row["found"]]
-        for key in ("lift", "lift_in_place"):
-            reasons = Counter(row[key] for row in mine if key in row)
-            if reasons:
-                print(f"{planner}, {key}: {dict(reasons)}")
+        for key in LIFTS:
+            if any(key in row for row in mine):
+                print(f"{planner}, {key}: {lift_line(rows, planner, key)}")
         off = [row["planned_off"] for row in mine if "planned_off" in row]
         if off:
             print(f"{planner}: planned contacts are {1e3 * np.median(off):.1f} mm off the surface")
+    print_agreement([row for row in rows if "mujoco" in row])
+
+
+def lift_line(rows: list[dict], planner: str, key: str) -> str:
+    """Return the rate held with its interval, the test against our rate, and all reasons."""
+    table = []
+    for name in (OURS, planner):
+        ends = [row.get(key) for row in rows if row["planner"] == name and row["scene"] == "table"]
+        table.append((ends.count("held"), len(ends) - ends.count("held")))
+    held, lost = table[1]
+    low, high = wilson(held, held + lost)
+    test = f", p = {fisher_exact(table).pvalue:.3f} (Fisher's)" if planner != OURS else ""
+    reasons = Counter(row[key] for row in rows if row["planner"] == planner and key in row)
+    rate = f"{held} of {held + lost} held ({100 * low:.0f} to {100 * high:.0f} %)"
+    return f"{rate}{test}; {dict(reasons)}"
+
+
+def print_agreement(lifted: list[dict]) -> None:
+    """Print on how many grasps the two simulators agree, and the others."""
+    for planner in PLANNERS:
+        mine = [row for row in lifted if row["planner"] == planner]
+        differ = [row for row in mine if (row["drake"] == "held") != (row["mujoco"] == "held")]
+        print(f"{planner}: the simulators agree on {len(mine) - len(differ)} of {len(mine)} lifts")
+        for row in differ:
+            print(f"  {row['object']}, seed {row['seed']}: {row['drake']}, {row['mujoco']}")
 
 
 def line(rows: list[dict]) -> str:
@@ -281,7 +324,7 @@ def line(rows: list[dict]) -> str:
         cells.append(f"{np.median([row[key] for row in found]):.3f}" if found else "-")
     cells.append(f"{sum(row['min_weight'] > 1e-9 for row in found)}/{len(found)}")
     cells.append(f"{sum(row['hits'] is None for row in found)}/{len(found)}")
-    for key in ("lift", "lift_in_place"):
+    for key in LIFTS:
         lifts = [row[key] for row in found if key in row]
         cells.append(f"{lifts.count('held')}/{len(rows)}" if lifts else "-")
     return " | ".join(cells)
