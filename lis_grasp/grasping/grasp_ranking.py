@@ -262,14 +262,17 @@ class GraspScorer:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the expected robust epsilon and the probability of closure, each of shape (B,)."""
         models, count = models or self._median, len(batch)
-        if not self._surface.deviations.any() or not count:
-            return robust, np.ones(count)
-        sampled = self._surface.sample_contacts(
-            batch.points, batch.normals, samples=samples, rng=np.random.default_rng(self._seed)
-        )
-        used = np.repeat(batch.used, samples, axis=0)
-        p, n = (fill_unused(a.reshape(*used.shape, 3), used) for a in sampled)
-        robust = epsilon_by_expanding_polytope(p, n, models.robust, tolerance=_COARSE)
+        if not count:
+            return robust, np.ones(0)
+        if self._surface.deviations.any():
+            sampled = self._surface.sample_contacts(
+                batch.points, batch.normals, samples=samples, rng=np.random.default_rng(self._seed)
+            )
+            used = np.repeat(batch.used, samples, axis=0)
+            p, n = (fill_unused(a.reshape(*used.shape, 3), used) for a in sampled)
+            robust = epsilon_by_expanding_polytope(p, n, models.robust, tolerance=_COARSE)
+        else:
+            samples, p, n = 1, batch.points, batch.normals
         closes = robust > 0.0  # which implies closure at the whole friction
         rest = np.flatnonzero(~closes)
         if len(rest):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from made_grasps import jaw_grasp
 from scipy.spatial import cKDTree
 
 from lis_grasp import ForceClosureSampler, GraspSearch, Hand, is_force_closure, shapes
@@ -141,6 +142,16 @@ def test_grasps_that_cannot_succeed_as_required_are_rejected_early() -> None:
     for index, grasp in every.items():
         if grasp.quality["success_probability"] >= least:
             assert some[index].quality == grasp.quality
+
+
+def test_a_grasp_that_does_not_close_on_a_true_mesh_has_no_probability_of_closure() -> None:
+    hand, mesh = Hand.load("wsg50"), trimesh.creation.box((0.04, 0.04, 0.04))
+    closed = jaw_grasp(hand, np.zeros(3), 0.04)
+    skewed = replace(closed, contact_normals=np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
+    scorer = GraspScorer(hand, mesh, prior=LoadPrior(), rng=np.random.default_rng(0))
+    found = [grasp.quality for grasp in scorer.predict_success([closed, skewed])]
+    assert [quality["epsilon"] > 0.0 for quality in found] == [True, False]
+    assert [quality["closure_probability"] for quality in found] == [1.0, 0.0]
 
 
 @pytest.mark.slow
