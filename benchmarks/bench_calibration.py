@@ -38,7 +38,7 @@ from lis_grasp.experiments.test_objects.shape_sets import DEVELOPMENT
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.grasping.success_model import LEAST_ACCELERATION, SUCCESS_MODEL
+from lis_grasp.grasping.success_model import SUCCESS_MODEL
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.regrasp import lift_options
@@ -181,12 +181,15 @@ def predict(rows: list[Row], parameters: dict[str, float]) -> np.ndarray:
     def by_kind(name: str) -> np.ndarray:
         return np.where(jaw, parameters[f"soft_finger {name}"], parameters[f"coulomb {name}"])
 
-    logit = by_kind("intercept")
-    for name, offset in SUCCESS_MODEL["offsets"].items():
-        logit = logit + parameters[name] * np.log([row[name] + offset for row in rows])
-    accelerations = [max(row["acceleration"], LEAST_ACCELERATION) for row in rows]
-    load = by_kind("load slope") * (np.log(accelerations) - by_kind("log load"))
-    return expit(logit) * expit(load)
+    logs = {
+        name: np.log([row[name] + offset for row in rows])
+        for name, offset in SUCCESS_MODEL["offsets"].items()
+    }
+    shape = by_kind("intercept") + parameters["epsilon slope"] * logs["epsilon_expected"]
+    load = by_kind("load slope") * (logs["acceleration"] - by_kind("log load"))
+    burden = np.log([row["mass"] / SUCCESS_MODEL["mass"]["usual"] for row in rows])
+    load = load - parameters["mass slope"] * burden
+    return expit(shape) * expit(load)
 
 
 def fit(rows: list[Row]) -> dict[str, float]:
@@ -195,11 +198,12 @@ def fit(rows: list[Row]) -> dict[str, float]:
     start = {
         "coulomb intercept": 6.0,
         "soft_finger intercept": 7.0,
-        **dict.fromkeys(SUCCESS_MODEL["offsets"], 0.8),
-        "coulomb log load": 1.3,
-        "soft_finger log load": 1.3,
+        "epsilon slope": 0.8,
+        "coulomb log load": 2.0,
+        "soft_finger log load": 2.0,
         "coulomb load slope": 3.0,
         "soft_finger load slope": 3.0,
+        "mass slope": 1.0,
     }
     first = np.array(list(start.values()))
 

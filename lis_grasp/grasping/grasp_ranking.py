@@ -71,7 +71,7 @@ class GraspScorer:
       fingers can add to holding the weight, within their joint efforts (`spare_accelerations`)
       [m/s^2]. Both are in the metric of `inertial_metric`.
     - ``success_probability``: the predicted probability that the hand lifts and holds the object,
-      a logistic function of ``epsilon_expected``, times another one of ``acceleration``
+      a logistic function of ``epsilon_expected``, times another one of ``acceleration`` and mass
       (`success_model`). The acceleration is part of it because heavy objects have more weight,
       and long ones more inertia, than the motors or the friction of fingers close together carry.
     - ``shape_probability``: the first of these two factors, which knowing the surface raises.
@@ -251,7 +251,9 @@ class GraspScorer:
         accelerations = spare_accelerations(
             wrenches, masses, scale=self._hand.max_contact_force, tolerance=tolerance
         )
-        return accelerations[0], weights @ load_probability(accelerations, models.plain)
+        return accelerations[0], weights @ load_probability(
+            accelerations, masses[:, None], models.plain
+        )
 
     def _over_surfaces(
         self,

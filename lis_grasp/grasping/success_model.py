@@ -14,19 +14,22 @@ from lis_grasp.typing import FloatArray
 SUCCESS_MODEL = json.loads(Path(__file__).with_name("success_model.json").read_text("utf-8"))
 """Constants of the model, and what they were fitted to."""
 
-LEAST_ACCELERATION = 0.02
-"""A smaller acceleration counts as this one [m/s^2]."""
 
+def load_probability(
+    acceleration: npt.ArrayLike, mass: npt.ArrayLike, model: WrenchModel
+) -> FloatArray:
+    """Return the predicted probability that grasps of some ``acceleration`` carry a mass [kg].
 
-def load_probability(acceleration: npt.ArrayLike, model: WrenchModel) -> FloatArray:
-    """Return the predicted probability that a grasp of some ``acceleration`` carries its load.
-
-    It is a logistic function of the logarithm. The success probability is its product with
-    `shape_probability`.
+    It is a logistic function of two logarithms: of ``acceleration``, plus an offset, because true
+    contacts may carry what those on an estimate do not; and of the mass, because fingers yield
+    under a load. The shapes of both arguments are broadcast. The success probability is the product
+    with `shape_probability`.
     """
-    load = SUCCESS_MODEL["load"][model.contact_model]
-    relative = np.maximum(acceleration, LEAST_ACCELERATION) / load["acceleration"]
-    return np.asarray(1.0 / (1.0 + relative ** -load["slope"]))
+    load, offset = SUCCESS_MODEL["load"][model.contact_model], SUCCESS_MODEL["offsets"]
+    spare = (np.asarray(acceleration) + offset["acceleration"]) / load["acceleration"]
+    burden = np.asarray(mass) / SUCCESS_MODEL["mass"]["usual"]
+    odds = spare ** load["slope"] / burden ** SUCCESS_MODEL["mass"]["slope"]
+    return np.asarray(odds / (1.0 + odds))
 
 
 def shape_probability(epsilon_expected: npt.ArrayLike, model: WrenchModel) -> FloatArray:
