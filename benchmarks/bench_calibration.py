@@ -30,7 +30,11 @@ from scipy.special import expit
 from scipy.stats import rankdata
 
 from lis_grasp import Hand, pipeline, shapes
-from lis_grasp.evaluation.calibration import calibration_bins, expected_calibration_error
+from lis_grasp.evaluation.calibration import (
+    calibration_bins,
+    chance_calibration_error,
+    expected_calibration_error,
+)
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.study.trial import Setup, find_object
@@ -142,12 +146,13 @@ def report(rows: list[Row]) -> None:
     parameters = fit(rows)
     print("fit of the success model:", {k: round(v, 2) for k, v in parameters.items()})
     probability = predicted_for_new_objects(rows)
-    for hand in dict.fromkeys(row["hand"] for row in rows):
-        mine = np.array([row["hand"] == hand for row in rows])
-        held = np.array([row["held"] for row in rows])
-        print(f"{hand}, each object predicted by a fit to the others:")
+    held = np.array([row["held"] for row in rows])
+    hands = np.array([row["hand"] for row in rows])
+    for name, mine in {"all": hands != "", **{h: hands == h for h in dict.fromkeys(hands)}}.items():
+        print(f"{name}, each object predicted by a fit to the others:")
         print_calibration(probability[mine], held[mine])
         print(f"area under the ROC curve: {_area(probability[mine], held[mine]):.3f}")
+        print_by_load([row for row, own in zip(rows, mine, strict=True) if own], probability[mine])
 
 
 def print_rates(rows: list[Row]) -> None:
@@ -161,11 +166,25 @@ def print_rates(rows: list[Row]) -> None:
         print(f"  {mass:4g} kg              " + "".join(cells))
 
 
+def print_by_load(rows: list[Row], predicted: np.ndarray) -> None:
+    """Print predicted and observed rates in percent, by mass and friction."""
+    print("predicted / held [%]   " + "".join(f"friction {f:<5g}" for f in FRICTIONS))
+    loads = np.array([(row["mass"], row["friction"]) for row in rows])
+    held = np.array([row["held"] for row in rows])
+    for mass in MASSES:
+        cells = [(loads == (mass, friction)).all(axis=1) for friction in FRICTIONS]
+        texts = [
+            f"{100 * predicted[c].mean():3.0f} /{100 * held[c].mean():4.0f}     " for c in cells
+        ]
+        print(f"  {mass:4g} kg              " + "".join(texts))
+
+
 def print_calibration(predicted: np.ndarray, held: np.ndarray) -> None:
     """Print observed rates by predicted probability, and the expected calibration error."""
     for count, probability, rate in calibration_bins(predicted, held):
         print(f"predicted {probability:.2f}: {rate:.2f} of {count} held")
-    print(f"expected calibration error {expected_calibration_error(predicted, held):.3f}")
+    error, chance = expected_calibration_error(predicted, held), chance_calibration_error(predicted)
+    print(f"expected calibration error {error:.3f}, by chance {chance:.3f}")
 
 
 def _area(values: np.ndarray, held: np.ndarray) -> float:
