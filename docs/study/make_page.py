@@ -21,6 +21,7 @@ from lis_grasp.experiments.statistics import (
     cluster_sums,
     clusters_of,
     holm,
+    numbered,
     objects_of,
     sign_flip_p_value,
 )
@@ -114,13 +115,16 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
     first = {(r["object"], r["hand"], r["seed"]) for r in rows}
     tools = means([pair for pair in pairs if _family(pair[0]) == _TOOLS], "held")
     model = fit_mixed_model(rows, _OURS, _REFERENCE)
-    of_objects = objects_of([mine for mine, _ in pairs])
+    mine = [row for row, _ in pairs]
+    of_objects, of_seeds = objects_of(mine), numbered([row["seed"] for row in mine])
     return {
         "held_ours": rates[_OURS],
         "held_reference": rates[_REFERENCE],
         "held_truth": rates[TRUTH],
         "effect": difference(pairs, over_objects=True),
-        "evaluation": difference([pair for pair in pairs if _family(pair[0]) in EVALUATION]),
+        "evaluation": difference(
+            [pair for pair in pairs if _family(pair[0]) in EVALUATION], over_objects=True
+        ),
         "tools": "{:.0f} and {:.0f} %".format(*(100.0 * rate for rate in tools or ())),
         "differ": str(found.wins + found.losses),
         "wins": str(found.wins),
@@ -140,6 +144,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "families_p": _families_p(pairs, families),
         "units": units_table(pairs, _family).markdown(),
         "p_objects": p_value(sign_flip_p_value(cluster_sums(gains(pairs), of_objects))),
+        "p_seeds": p_value(sign_flip_p_value(cluster_sums(gains(pairs), of_seeds))),
         "losses": object_losses_table(pairs).markdown(),
         "held_by_object": by_object_table(pairs, "held").markdown(),
         "errors": _errors(pairs).markdown(),
