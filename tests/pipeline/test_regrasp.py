@@ -182,9 +182,9 @@ def test_a_correct_estimate_passes_the_tactile_check_at_once() -> None:
 @pytest.mark.slow
 def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
     # The contacts are 30 mm off, so that the hand collides with the true box.
-    aside = np.array([0.0, 0.03, 0.0])
-    assert not _holds(_attempts(aside, 1))
-    made = _attempts(aside, 3)
+    aside, seed = np.array([0.0, 0.03, 0.0]), 1  # with seed 0 one attempt is lucky
+    assert not _holds(_attempts(aside, 1, seed))
+    made = _attempts(aside, 3, seed)
     for before, after in pairwise(made):
         assert before.outcome is not None
         assert before.outcome.reason == "aborted"
