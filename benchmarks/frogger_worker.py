@@ -115,7 +115,10 @@ def plan(job: dict, target, mode: str) -> list[dict]:
     sampler.sample_configuration, sampler.sample_palm_pose = counted_start, palm_in_time
     solver = FroggerConfig(model=model, sampler=sampler, **_SOLVER).create()
     grasps = []
+    start = model.plant.GetPositions(model.plant_context)
     for seed in [2**31, *job["seeds"]]:  # the first one is a warm-up: it may still compile
+        # It starts from its last posture: one that diverged would spoil all later attempts.
+        model.plant.SetPositions(model.plant_context, start)
         np.random.seed(seed)  # noqa: NPY002, FRoGGeR draws from the global state
         cpu, wall = time.process_time(), time.perf_counter()
         clock |= {"deadline": cpu + job["time_limit"], "starts": 0}
