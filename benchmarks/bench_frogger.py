@@ -15,7 +15,6 @@ import argparse
 import json
 import os
 import re
-import subprocess
 import sys
 import tempfile
 import time
@@ -26,6 +25,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from bench_run import wilson
+from peer_process import run_peer
 from scipy.stats import fisher_exact
 
 from lis_grasp import shapes
@@ -112,7 +112,6 @@ def our_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -> 
 def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -> list[dict]:
     modes = [f"{s}{m}" for s in options.scenes.split(",") for m in ("", " fixed")]
     with tempfile.TemporaryDirectory() as folder:
-        job_file, result_file = Path(folder) / "job.json", Path(folder) / "result.json"
         mesh.export(Path(folder) / "object.ply")
         job = {
             "mesh": str(Path(folder) / "object.ply"),
@@ -121,23 +120,8 @@ def their_rows(hand: Hand, mesh: trimesh.Trimesh, options: argparse.Namespace) -
             "time_limit": options.time_limit,
             "modes": modes,
         }
-        job_file.write_text(json.dumps(job))
-        worker = Path(__file__).with_name("frogger_worker.py")
-        command = [options.frogger_python, worker, options.frogger, job_file, result_file]
-        environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-        try:
-            process = subprocess.run(
-                [str(part) for part in command], env=environment, capture_output=True, text=True
-            )
-        except OSError as error:
-            sys.exit(f"--frogger-python must be an interpreter that runs: {error}")
-        if process.returncode:
-            last = (process.stderr.strip().splitlines() or ["no message"])[-1]
-            sys.exit(
-                f"FRoGGeR of {options.frogger} must run with {options.frogger_python}; it ended"
-                f" with: {last}"
-            )
-        result = json.loads(result_file.read_text())
+        source, python = options.frogger, options.frogger_python
+        result = run_peer(job, Path(folder), name="FRoGGeR", source=source, python=python)
     rows = []
     for mode, plans in result["plans"].items():
         scene, fixed = mode.split()[0], mode.endswith("fixed")

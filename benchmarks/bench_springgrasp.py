@@ -12,8 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,6 +23,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from bench_frogger import round_tipped_allegro
+from peer_process import run_peer
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from springgrasp_lift import LiftedObject, Springs
@@ -155,7 +154,9 @@ def their_row(
         "iterations": options.iterations,
         "seed": seed,
     }
-    result = run_worker(job, options)
+    source, python = options.springgrasp, options.springgrasp_python
+    with tempfile.TemporaryDirectory() as folder:
+        result = run_peer(job, Path(folder), name="SpringGrasp", source=source, python=python)
     plans = [our_plan(hand, result, i, X_WS) for i in range(len(result["costs"]))]
     apart = max(plan["apart"] for plan in plans)
     if apart > _SAME_HAND:
@@ -206,29 +207,6 @@ def lifts(
             outcome = target.lift(simulator, hand, grasp, options, springs)
             row[f"{execution}_{simulator}{place}"] = outcome.reason
     return row
-
-
-def run_worker(job: dict, options: argparse.Namespace) -> dict:
-    """Return the result of a job of springgrasp_worker.py."""
-    with tempfile.TemporaryDirectory() as folder:
-        job_file, result_file = Path(folder) / "job.json", Path(folder) / "result.json"
-        job_file.write_text(json.dumps(job))
-        worker = Path(__file__).with_name("springgrasp_worker.py")
-        command = [options.springgrasp_python, worker, options.springgrasp, job_file, result_file]
-        environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-        try:
-            process = subprocess.run(
-                [str(part) for part in command], env=environment, capture_output=True, text=True
-            )
-        except OSError as error:
-            sys.exit(f"--springgrasp-python must be an interpreter that runs: {error}")
-        if process.returncode:
-            last = (process.stderr.strip().splitlines() or ["no message"])[-1]
-            sys.exit(
-                f"SpringGrasp of {options.springgrasp} must run with"
-                f" {options.springgrasp_python}; it ended with: {last}"
-            )
-        return json.loads(result_file.read_text())
 
 
 def our_plan(hand: Hand, result: dict, i: int, X_WS: FloatArray) -> dict:
