@@ -19,7 +19,6 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +39,6 @@ from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.shipped_models import model_path
-from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
 from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
 from lis_grasp.simulation.simulate_lift import LiftOptions, simulate_lift
 
@@ -55,8 +53,6 @@ _OPENING = 0.02  # [m] of the pads before they close, as in ForceClosureSampler
 _SAME_HAND = 1e-4  # [m] within which the fingertips of both models must agree
 # Practically no approach: the trial begins with the opened hand at the grasp.
 _IN_PLACE = LiftOptions(standoff=0.002, approach_time=0.05)
-
-pieces_of = cache(convex_pieces)
 
 
 def main() -> None:
@@ -233,9 +229,8 @@ def lift_reasons(
     conditions |= {"mass": options.mass, "friction": options.friction}
     reasons = {}
     for name, simulate in SIMULATORS.items():
-        extra = {"pieces": pieces_of(mesh)} if name == "mujoco" else {}
         for trial in (LiftOptions(), _IN_PLACE):
-            outcome = simulate(mesh, hand, grasp, options=trial, **conditions, **extra)
+            outcome = simulate(mesh, hand, grasp, options=trial, **conditions)
             reasons.setdefault(name, outcome.reason)
             reasons[f"{name}_in_place"] = outcome.reason
             if outcome.held:  # no second trial, without the approach, is needed

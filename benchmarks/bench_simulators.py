@@ -36,7 +36,6 @@ from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
 from lis_grasp.lifting.lift_outcome import LiftOutcome
 from lis_grasp.motion import OBJECT
-from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
 from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
 from lis_grasp.pipeline import plan
 from lis_grasp.simulation.simulate_lift import simulate_lift
@@ -108,14 +107,8 @@ def lift(folder: Path, simulator: str, name: str, hand: str, rank: int, grasp: G
 def simulate(simulator: str, name: str, hand: Hand, grasp: Grasp, conditions: dict) -> LiftOutcome:
     """Return the outcome of a lift in a simulator."""
     mesh = mesh_of(name)
-    extra = {"pieces": pieces_of(name)} if simulator == "mujoco" else {}
     height = float(mesh.bounds[0, 2])
-    return SIMULATORS[simulator](mesh, hand, grasp, support_height=height, **conditions, **extra)
-
-
-@cache
-def pieces_of(name: str) -> tuple[trimesh.Trimesh, ...]:
-    return convex_pieces(mesh_of(name))
+    return SIMULATORS[simulator](mesh, hand, grasp, support_height=height, **conditions)
 
 
 def conditions_of(name: str, hand: str, rank: int, quality: str) -> dict:

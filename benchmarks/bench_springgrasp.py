@@ -36,7 +36,6 @@ from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.lifting.lift_outcome import LiftOptions
-from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
 from lis_grasp.pipeline.run_config import SIMULATORS
 from lis_grasp.shapes import STABLE, find, placed
 from lis_grasp.typing import FloatArray
@@ -103,7 +102,7 @@ def rows_of(
     shape = placed(shape, pipeline.pose_of(shape, config))
     contacts = pipeline.touch(shape, Hand.load("allegro"), config).contacts
     hand = round_tipped_allegro()
-    target = LiftedObject(shape.mesh, convex_pieces(shape.mesh), options.mass, options.friction)
+    target = LiftedObject(shape.mesh, options.mass, options.friction)
     for planner in planners:
         try:
             if planner in OURS:

@@ -8,7 +8,6 @@ to the targets within a second, and then lifts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,7 @@ from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lift_trial import LiftTrial
 from lis_grasp.lifting.lifting_scene import LiftingScene
+from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
 from lis_grasp.mujoco_simulation.mujoco_scene import MujocoScene
 from lis_grasp.simulation.lift_scene import LiftScene
 from lis_grasp.typing import FloatArray
@@ -90,10 +90,9 @@ class SpringControl(FingerControl):
 
 @dataclass(frozen=True, slots=True)
 class LiftedObject:
-    """An object on a table at its lowest point, and its convex pieces for MuJoCo."""
+    """An object on a table at its lowest point."""
 
     mesh: trimesh.Trimesh
-    pieces: Sequence[trimesh.Trimesh]
     mass: float
     friction: float
 
@@ -109,7 +108,8 @@ class LiftedObject:
         floor = float(self.mesh.bounds[0, 2])
         mass, friction = self.mass, self.friction
         setup = LiftSetup(self.mesh, hand, grasp, floor, mass, friction, options, np.eye(4))
-        scene = MujocoScene(setup, self.pieces) if simulator == "mujoco" else LiftScene(setup)
+        in_mujoco = simulator == "mujoco"
+        scene = MujocoScene(setup, convex_pieces(self.mesh)) if in_mujoco else LiftScene(setup)
         trial = LiftTrial(scene, setup, None)
         if springs is not None:
             trial._control = SpringControl(scene, setup, springs)

@@ -12,7 +12,7 @@ from string import Template
 
 import numpy as np
 from parts import parts_table
-from simulators import difference_table, held_table
+from simulators import KINDS, difference_table, disagreements_table, held_table
 from write_studies import SEEDS, facts_of, objects
 
 from lis_grasp.exceptions import InvalidFileError
@@ -158,12 +158,13 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
 
 def _further_tables(folder: Path) -> dict[str, str]:
     """Return the tables of both simulators and of the parts, from files of rows of their own."""
-    simulators, parts = (
+    simulators, limits, parts = (
         TrialResults(folder / f"{kind}.jsonl", kind).read(any_version=True)
-        for kind in ("simulators", "parts")
+        for kind in (*KINDS, "parts")
     )
     tables = {
         "simulators": [held_table(simulators), difference_table(simulators, _OURS, _REFERENCE)],
+        "disagreements": [disagreements_table(simulators, limits)],
         "parts": [parts_table(parts)],
     }
     return {

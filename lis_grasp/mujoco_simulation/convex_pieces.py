@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import trimesh
 
@@ -21,7 +23,8 @@ def convex_pieces(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, ...]:
 
     Collision-aware concavity and tree search (Wei, Liu, Ling and Su, 2022): the object is cut along
     planes, so that its pieces' hulls never recede from its surface; they protrude where it is
-    concave. A convex object is one piece: its hull. The same mesh gives the same pieces.
+    concave. A convex object is one piece: its hull. The same mesh gives the same pieces; those of
+    the last few objects are kept, because cutting takes seconds.
 
     Raises
     ------
@@ -30,11 +33,20 @@ def convex_pieces(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, ...]:
     """
     if _is_convex(mesh):
         return (mesh.convex_hull,)
+    return _cut(mesh.vertices.tobytes(), mesh.faces.tobytes())
+
+
+@lru_cache(maxsize=8)
+def _cut(vertices: bytes, faces: bytes) -> tuple[trimesh.Trimesh, ...]:
+    """Return the pieces of a mesh, by the bytes of its vertices (V, 3) and faces (F, 3)."""
     with needed_package("coacd", "mujoco", option="the simulator mujoco"):
         import coacd
     coacd.set_log_level("off")
     found = coacd.run_coacd(
-        coacd.Mesh(mesh.vertices, mesh.faces),
+        coacd.Mesh(
+            np.frombuffer(vertices).reshape(-1, 3),
+            np.frombuffer(faces, dtype=np.int64).reshape(-1, 3),
+        ),
         threshold=_CONCAVITY,
         preprocess_mode="off",  # the mesh is watertight
         mcts_iterations=_ITERATIONS,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import trimesh
 
@@ -31,21 +29,14 @@ def simulate_in_mujoco(
     options: LiftOptions | None = None,
     accept_grasp: AcceptGrasp | None = None,
     X_WO: FloatArray | None = None,
-    pieces: Sequence[trimesh.Trimesh] | None = None,
 ) -> LiftOutcome:
     """Execute one grasp on the true, free object in MuJoCo, and return whether it holds.
 
     Phases, control, outcome and arguments are those of `simulate_lift`, which uses Drake.
 
     Contact model: points with elliptic friction cones and torsional friction, MuJoCo's soft
-    constraints. The object is a union of convex pieces with the mass and inertia of its mesh;
-    links of the hand do not collide with each other.
-
-    Parameters
-    ----------
-    pieces
-        The object's convex pieces in O, by `convex_pieces`, which takes seconds for an object with
-        concavities; None to compute them.
+    constraints. The object is a union of convex pieces (`convex_pieces`), with the mass and inertia
+    of its mesh; links of the hand do not collide with each other.
 
     Raises
     ------
@@ -55,5 +46,5 @@ def simulate_in_mujoco(
     pose = np.eye(4) if X_WO is None else X_WO
     options = options or LiftOptions()
     setup = LiftSetup(mesh, hand, grasp, support_height, mass, friction, options, pose)
-    scene = MujocoScene(setup, convex_pieces(mesh) if pieces is None else pieces)
+    scene = MujocoScene(setup, convex_pieces(mesh))
     return LiftTrial(scene, setup, accept_grasp).run()

@@ -50,7 +50,7 @@ def lift(
     With a `station`, its arm carries the hand, and avoids the `estimate` of the object. The other
     arguments are those of `lis_grasp.simulation.simulate_lift.simulate_lift`.
     """
-    return _simulation_in(simulator, shape, station, estimate)(
+    return _simulation_in(simulator, station, estimate)(
         shape.mesh,
         hand,
         grasp,
@@ -82,7 +82,7 @@ def lift_each(
     Outcomes are in the order of the grasps, and the same for any number of processes.
     """
     simulate = partial(
-        _simulation_in(simulator, shape, station, estimate),
+        _simulation_in(simulator, station, estimate),
         shape.mesh,
         hand,
         support_height=support_height(shape),
@@ -99,16 +99,15 @@ def lift_each(
 
 
 def _simulation_in(
-    simulator: str, shape: Shape, station: Station | None, estimate: trimesh.Trimesh | None
+    simulator: str, station: Station | None, estimate: trimesh.Trimesh | None
 ) -> Callable[..., LiftOutcome]:
-    """Return the function that simulates lifts of an object, with its convex pieces if needed."""
+    """Return the function that simulates lifts."""
     if station is not None:
         return partial(_lift_with_arm, station, estimate)
     if simulator == "mujoco":
-        from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
         from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
 
-        return partial(simulate_in_mujoco, pieces=convex_pieces(shape.mesh))
+        return simulate_in_mujoco
     from lis_grasp.simulation.simulate_lift import simulate_lift
 
     return simulate_lift

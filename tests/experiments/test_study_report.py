@@ -312,10 +312,20 @@ def lifts_in_both() -> list[Row]:
     return [
         facts
         | {"object": name, "estimator": estimator, "simulator": simulator, "reason": reasons[name]}
-        | {"held": estimator == "blend" and outcome}
+        | {"held": estimator == "blend" and outcome, "slip": 0.003, "turn": 0.3}
         for name, outcomes in held.items()
         for estimator in ("gpis", "blend")
         for simulator, outcome in zip(("drake", "mujoco"), outcomes, strict=True)
+    ]
+
+
+def changed_lifts() -> list[Row]:
+    """Return rows of the pen, lifted again in changed conditions."""
+    facts = {"object": "pen", "hand": "wsg50", "seed": 4, "estimator": "blend"}
+    return [
+        facts | {"simulator": simulator, "change": change, "held": change == held_with}
+        for simulator, held_with in (("drake", "mass x 0.9"), ("mujoco", None))
+        for change in ("mass x 0.9", "mass x 1.1", "x + 0.5 mm")
     ]
 
 
@@ -342,11 +352,14 @@ def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(
     monkeypatch.syspath_prepend(here)
     module = runpy.run_path(str(here / "make_page.py"))
     TrialResults(tmp_path / "simulators.jsonl", "simulators").append(lifts_in_both())
+    TrialResults(tmp_path / "limits.jsonl", "limits").append(changed_lifts())
     TrialResults(tmp_path / "parts.jsonl", "parts").append(trials_of_parts())
     page = module["make_page"](tmp_path, tmp_path / "docs").read_text()
     # Of two trials MuJoCo dropped one; the third had no grasp, and is no agreement.
     assert "| blend | 3 | 67 | 33 | 1 of 2 (50 %) |" in page
     assert "| MuJoCo | +33.3 | +33.3 |" in page
+    told = "held, 3 mm, 17° | dropped, 3 mm, 17° | 1 of 3 | 0 of 3 |"
+    assert f"| pen | `wsg50` | blend | {told}" in page
     assert "| without free space | 4 | 50 | −50.0 | 1.000 |" in page
     assert f"of 8 objects so far, where the plan has 400; {len(rows)} rows" in page
     assert "| all but built-in shapes and scans | 4 |" in page

@@ -165,6 +165,8 @@ def test_a_concave_object_s_pieces_hold_its_surface_and_keep_its_groove() -> Non
     # CoACD writes single precision, and cuts 0.1 mm beside a face.
     assert np.abs(depth.min(axis=0)).max() < 5e-4
     assert len(pieces) > 1
+    assert convex_pieces(profile.copy()) is pieces  # kept, as cutting takes seconds
+    assert convex_pieces(profile.copy().apply_scale(2.0)) is not pieces
 
 
 def test_coupled_joints_keep_their_ratio_under_load() -> None:

@@ -104,7 +104,13 @@ def plan(trial: Trial, mesh: trimesh.Trimesh, shape: Shape, hand: Hand) -> Grasp
 
 
 def lift(
-    trial: Trial, grasp: Grasp, shape: Shape, hand: Hand, X_EO: FloatArray | None
+    trial: Trial,
+    grasp: Grasp,
+    shape: Shape,
+    hand: Hand,
+    X_EO: FloatArray | None,
+    *,
+    simulator: str = "drake",
 ) -> LiftOutcome:
     """Simulate the lift of a trial: the grasp on the true object, at a pose (4, 4)."""
     setup, prior = trial.setup, trial.run_config().load_prior(shape.mesh)
@@ -114,6 +120,7 @@ def lift(
         grasp,
         mass=setup.mass,
         friction=setup.friction,
+        simulator=simulator,
         X_WO=X_EO,
         options=lift_options(prior),
     )
