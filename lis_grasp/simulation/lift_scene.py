@@ -37,6 +37,10 @@ _FAR = 0.25
 # box: around larger ones of several faces, it contains nearly all of a fingertip, which is then
 # clipped by each of them.
 _LONGEST, _WIDEST = 0.1, 0.03
+# Speed up to which Drake regularises friction, so that held objects creep [m/s]. At Drake's default
+# of 1e-4 a screwdriver between two flat pads turns by 1.2 deg/s, far below the limit of friction.
+# At 1e-5 it turns by 0.25 deg/s; below, nothing changes.
+_STICTION_TOLERANCE = 1e-5
 
 
 class LiftScene:
@@ -55,6 +59,7 @@ class LiftScene:
                 time_step=setup.options.time_step,
                 contact_model="hydroelastic_with_fallback",
                 discrete_contact_approximation="lagged",
+                stiction_tolerance=_STICTION_TOLERANCE,
             ),
             builder,
         )
