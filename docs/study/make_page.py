@@ -12,7 +12,7 @@ from string import Template
 
 import numpy as np
 from parts import parts_table
-from simulators import KINDS, difference_table, disagreements_table, held_table
+from simulators import KINDS, difference_table, disagreements, disagreements_table, held_table
 from write_studies import SEEDS, facts_of, objects
 
 from lis_grasp.exceptions import InvalidFileError
@@ -53,6 +53,7 @@ from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
 from lis_grasp.experiments.trial_results import TrialResults
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
+from lis_grasp.pipeline.run_config import SIMULATORS
 from lis_grasp.shapes import NAMES
 
 _HERE = Path(__file__).parent
@@ -167,10 +168,27 @@ def _further_tables(folder: Path) -> dict[str, str]:
         "disagreements": [disagreements_table(simulators, limits)],
         "parts": [parts_table(parts)],
     }
-    return {
+    pages = {
         name: "\n".join(table.markdown() for table in some if table.body) or "Not measured yet.\n"
         for name, some in tables.items()
     }
+    return pages | _both_simulators(simulators)
+
+
+def _both_simulators(rows: Sequence[Row]) -> dict[str, str]:
+    """Return what the page's first paragraph says of the rows of both simulators."""
+    words = {"simulator_hands": " and ".join(f"`{name}`" for name in names(rows, "hand"))}
+    for simulator in SIMULATORS:
+        own = [row for row in rows if row["simulator"] == simulator]
+        held = {
+            name: [r["held"] for r in own if r["estimator"] == name] for name in (_OURS, _REFERENCE)
+        }
+        words["simulator_trials"] = str(len(held[_OURS]))
+        words[f"{simulator}_held"] = "{} and {}".format(*map(sum, held.values()))
+        words[f"{simulator}_effect"] = difference(
+            pairs_of(own, [_OURS], _REFERENCE), over_objects=True
+        )
+    return words | {"disagreements_count": str(len(disagreements(rows)))}
 
 
 _BUILT_IN, _SCANS, _TOOLS = "built-in", "scans", "tools and flat things"
