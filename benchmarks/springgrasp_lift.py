@@ -110,7 +110,5 @@ class LiftedObject:
         setup = LiftSetup(self.mesh, hand, grasp, floor, mass, friction, options, np.eye(4))
         in_mujoco = simulator == "mujoco"
         scene = MujocoScene(setup, convex_pieces(self.mesh)) if in_mujoco else LiftScene(setup)
-        trial = LiftTrial(scene, setup, None)
-        if springs is not None:
-            trial._control = SpringControl(scene, setup, springs)
-        return trial.run()
+        control = None if springs is None else SpringControl(scene, setup, springs)
+        return LiftTrial(scene, setup, None, control).run()

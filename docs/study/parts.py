@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +20,11 @@ from write_studies import SCANS, trials_of
 
 from lis_grasp import Contacts, GraspSearch, Hand
 from lis_grasp.experiments.report_page import TextTable
-from lis_grasp.experiments.runner import local_scheduler, run_trials, single_thread
+from lis_grasp.experiments.runner import local_scheduler, run_trials
 from lis_grasp.experiments.statistics import cluster_sums, objects_of, sign_flip_p_value
 from lis_grasp.experiments.study.paired_tables import Pairs, difference, gains
 from lis_grasp.experiments.study.study_tables import p_value
-from lis_grasp.experiments.study.study_trial import estimate, plan, touch
+from lis_grasp.experiments.study.study_trial import estimate, plan, single_threaded_drake, touch
 from lis_grasp.experiments.study.trial import Trial, label
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.io.json_lines import Row
@@ -84,8 +83,7 @@ def _key_of(row: Row) -> tuple:
 def run(job: Job) -> list[Row]:
     """Explore once, and return a row for each variant."""
     trial = job.trial
-    import_module("lis_grasp.simulation.simulate_lift")  # so that Drake's threads are limited, too
-    with single_thread():
+    with single_threaded_drake():
         touched = touch(trial, trial.explorer("blend"))
         return [
             {

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from lis_grasp import Grasp, Hand
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.experiments.figures.palette import estimator_label
 from lis_grasp.experiments.report_page import TextTable
-from lis_grasp.experiments.runner import Runner, local_scheduler, run_trials, single_thread
+from lis_grasp.experiments.runner import Runner, local_scheduler, run_trials
 from lis_grasp.experiments.study.comparison import names, pairs_of
 from lis_grasp.experiments.study.paired_tables import difference
 from lis_grasp.experiments.study.study_trial import (
@@ -32,6 +31,7 @@ from lis_grasp.experiments.study.study_trial import (
     lift,
     plan,
     shape_at,
+    single_threaded_drake,
     touch,
 )
 from lis_grasp.experiments.study.trial import TRUTH, Trial, label
@@ -62,8 +62,7 @@ def run_limits(job: Job) -> list[Row]:
 
 
 def _alone(rows: Callable[[Trial, str], list[Row]], job: Job) -> list[Row]:
-    import_module("lis_grasp.simulation.simulate_lift")  # so that Drake's threads are limited, too
-    with single_thread():
+    with single_threaded_drake():
         return [row for name in job.variants for row in rows(job.trial, name)]
 
 

@@ -55,12 +55,16 @@ class LiftTrial:
     """One simulated lift in a scene of any simulator; see `simulate_lift`."""
 
     def __init__(
-        self, scene: LiftingScene, setup: LiftSetup, accept_grasp: AcceptGrasp | None
+        self,
+        scene: LiftingScene,
+        setup: LiftSetup,
+        accept_grasp: AcceptGrasp | None,
+        control: FingerControl | None = None,
     ) -> None:
         self._setup, self._options = setup, setup.options
         self._accept_grasp = accept_grasp
         self._scene = scene
-        self._control = FingerControl(self._scene, setup)
+        self._control = control or FingerControl(scene, setup)
         grasp = setup.grasp
         retreat = -self._options.standoff * np.asarray(grasp.approach_O, dtype=np.float64)
         self._retreat = np.append(retreat, np.zeros(3))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,16 @@ from lis_grasp.experiments.figures.palette import estimator_label
 from lis_grasp.experiments.figures.static_scene import draw_still
 from lis_grasp.experiments.figures.style import add_panel, foot_note, head_estimator, new_figure
 from lis_grasp.experiments.report_page import Picture
-from lis_grasp.experiments.runner import single_thread
 from lis_grasp.experiments.study.comparison import clearest_pairs
 from lis_grasp.experiments.study.study_results import job_of
-from lis_grasp.experiments.study.study_trial import estimate, lift, plan, shape_at, touch
+from lis_grasp.experiments.study.study_trial import (
+    estimate,
+    lift,
+    plan,
+    shape_at,
+    single_threaded_drake,
+    touch,
+)
 from lis_grasp.experiments.study.trial import label
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.json_lines import Row
@@ -58,10 +63,9 @@ def _repeat(row: Row, files: Sequence[str]) -> dict[str, Any] | None:
     """Repeat a row, and return its scene by argument of `Scene`; None if that fails."""
     if row["version"] != lis_grasp.__version__:
         return None
-    import_module("lis_grasp.simulation.simulate_lift")  # so that Drake's threads are limited, too
     try:
         trial = job_of(row, files).trial
-        with single_thread():
+        with single_threaded_drake():
             shape, hand = trial.find_object(), Hand.load(trial.hand)
             touched = touch(trial, trial.explorer(row["estimator"]))
             mesh = estimate(trial, row["estimator"], touched.contacts)

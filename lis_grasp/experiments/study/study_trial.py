@@ -61,10 +61,17 @@ MACHINE = "versions"
 
 def run_trial(job: Job) -> list[Row]:
     """Return a row for each estimator of a job of a study's `Trial`."""
-    # Only libraries that are loaded can be limited to one thread, and Drake brings its own.
+    with single_threaded_drake():
+        return list(_rows(job))
+
+
+@contextmanager
+def single_threaded_drake() -> Iterator[None]:
+    """Limit numerical libraries to one thread, and those of Drake too; see `single_thread`."""
+    # Only libraries that are loaded can be limited.
     import_module("lis_grasp.simulation.simulate_lift")
     with single_thread():
-        return list(_rows(job))
+        yield
 
 
 @dataclass(frozen=True, slots=True, eq=False)
