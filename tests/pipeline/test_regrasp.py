@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -182,19 +182,21 @@ def test_a_correct_estimate_passes_the_tactile_check_at_once() -> None:
 @pytest.mark.slow
 def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
     # The contacts are 30 mm off, so that the hand collides with the true box.
-    aside, seed = np.array([0.0, 0.03, 0.0]), 1  # with seed 0 one attempt is lucky
-    assert not _holds(_attempts(aside, 1, seed))
-    made = _attempts(aside, 3, seed)
-    for before, after in pairwise(made):
+    aside, seeds = np.array([0.0, 0.03, 0.0]), (1, 2, 3)  # with seed 0 one attempt is lucky
+    assert not any(_holds(_attempts(aside, 1, seed)) for seed in seeds)
+    runs = [_attempts(aside, 3, seed) for seed in seeds]
+    for before, after in chain.from_iterable(map(pairwise, runs)):
         assert before.outcome is not None
         assert before.outcome.reason == "aborted"
         assert len(after.contacts) == len(before.contacts) + len(before.outcome.measured_contacts)
-    assert _holds(made)
+    assert sum(map(_holds, runs)) >= 2
     # The new contacts are on the true object, which was pushed by less than a centimetre.
-    measured = made[-1].contacts.points[12:]
-    assert len(measured)
-    outside = np.maximum(measured - BOX.mesh.bounds[1], BOX.mesh.bounds[0] - measured).max(axis=1)
-    assert np.abs(outside).max() < 0.01
+    for made in filter(_holds, runs):
+        measured = made[-1].contacts.points[12:]
+        assert len(measured)
+        low, high = BOX.mesh.bounds
+        outside = np.maximum(measured - high, low - measured).max(axis=1)
+        assert np.abs(outside).max() < 0.01
 
 
 @pytest.mark.slow
