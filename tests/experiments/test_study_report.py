@@ -308,11 +308,12 @@ def lifts_in_both() -> list[Row]:
     """Return rows of three trials of both simulators; GPIS held none."""
     facts = {"hand": "wsg50", "touches": 40, "noise": "none", "seed": 4}
     held = {"cup": (True, True), "pen": (True, False), "key": (False, False)}
-    reasons = {"cup": "held", "pen": "dropped", "key": "no_grasp"}
+    failures = {"cup": "dropped", "pen": "dropped", "key": "no_grasp"}
     return [
         facts
-        | {"object": name, "estimator": estimator, "simulator": simulator, "reason": reasons[name]}
-        | {"held": estimator == "blend" and outcome, "slip": 0.003, "turn": 0.3}
+        | {"object": name, "estimator": estimator, "simulator": simulator}
+        | {"held": (holds := estimator == "blend" and outcome), "slip": 0.003, "turn": 0.3}
+        | {"reason": "held" if holds else failures[name]}
         for name, outcomes in held.items()
         for estimator in ("gpis", "blend")
         for simulator, outcome in zip(("drake", "mujoco"), outcomes, strict=True)
@@ -358,6 +359,7 @@ def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(
     # Of two trials MuJoCo dropped one; the third had no grasp, and is no agreement.
     assert "| blend | 3 | 67 | 33 | 1 of 2 (50 %) |" in page
     assert "| MuJoCo | +33.3 | +33.3 |" in page
+    assert "Of 3 trials with 40 touches of `wsg50`, 1 and 0 held" in page
     told = "held, 3 mm, 17° | dropped, 3 mm, 17° | 1 of 3 | 0 of 3 |"
     assert f"| pen | `wsg50` | blend | {told}" in page
     assert "| without free space | 4 | 50 | −50.0 | 1.000 |" in page

@@ -104,15 +104,16 @@ def object_losses_table(pairs: Pairs) -> TextTable:
 
 
 def by_object_table(pairs: Pairs, measure: Measure) -> TextTable:
-    """Return estimator / reference by object, noise and touches; bold where it is worse."""
+    """Return estimator / reference by object, touches and noise; bold where it is worse."""
     budgets = sorted({mine["touches"] for mine, _ in pairs})
+    apart = len({mine["noise"] for mine, _ in pairs}) > 1
     found = cells(pairs, "object", "noise", "touches")
     body = []
     for name, noise in dict.fromkeys(key[:2] for key in found):
         texts = [beside(found.get((name, noise, n), []), measure) for n in budgets]
         if any(text != "–" for text in texts):
-            body.append((name, noise, *texts))
-    head = ("object", "noise", *(f"{n} touches" for n in budgets))
+            body.append((name, *([noise] if apart else []), *texts))
+    head = ("object", *(["noise"] if apart else []), *(f"{n} touches" for n in budgets))
     return TextTable(measure, MEASURE_LABELS[measure], head, tuple(body))
 
 
