@@ -136,6 +136,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
             f"`{hand}` {len({key[2] for key in first if key[1] == hand})} of {len(seeds)}"
             for hand, seeds in SEEDS.items()
         ),
+        "seed_count": str(len({key[1:] for key in first})),
         "explorations": str(len(first)),
         "objects": str(len({key[0] for key in first})),
         "rows": str(len(rows)),

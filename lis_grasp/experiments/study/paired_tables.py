@@ -61,7 +61,7 @@ def families_table(
             body.append((name, str(objects), *held, difference(of)))
     ours, reference = (estimator_label(pairs[0][k]["estimator"]) if pairs else "–" for k in (0, 1))
     rates = (f"{reference} [%]", f"{ours} [%]")
-    head = ("family", "objects", *rates, "difference in points (95 %)")
+    head = ("family", "objects", *rates, "difference in points (95 %, other seeds)")
     return TextTable("families", "By shape family", head, tuple(body))
 
 
