@@ -11,7 +11,7 @@ from pathlib import Path
 from string import Template
 
 import numpy as np
-from parts import parts_table
+from parts import GROUPS, parts_table
 from simulators import KINDS, difference_table, disagreements, disagreements_table, held_table
 from write_studies import SEEDS, facts_of, objects
 
@@ -167,7 +167,7 @@ def _further_tables(folder: Path) -> dict[str, str]:
     tables = {
         "simulators": [held_table(simulators), difference_table(simulators, _OURS, _REFERENCE)],
         "disagreements": [disagreements_table(simulators, limits)],
-        "parts": [parts_table(parts)],
+        "parts": [parts_table(parts, group) for group in GROUPS],
     }
     pages = {
         name: "\n".join(table.markdown() for table in some if table.body) or "Not measured yet.\n"

@@ -2,9 +2,9 @@
 
 python docs/study/parts.py --meshes ycb     # continues where it stopped
 
-Conditions are the study's; the built-in shapes and the scans, `allegro`, 20 touches. All variants
-get the same contacts. One grasp is executed, without a tactile check, unless the variant has three
-attempts.
+Conditions are the study's; the built-in shapes, the scans and the tools, `allegro`, 20 touches. All
+variants get the same contacts. One grasp is executed, without a tactile check, unless the variant
+has three attempts.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from lis_grasp.experiments.study.paired_tables import Pairs, difference, gains
 from lis_grasp.experiments.study.study_tables import p_value
 from lis_grasp.experiments.study.study_trial import estimate, plan, single_threaded_drake, touch
 from lis_grasp.experiments.study.trial import Trial, label
+from lis_grasp.experiments.test_objects.shape_sets import TOOLS
 from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
@@ -33,6 +34,7 @@ from lis_grasp.shapes import NAMES
 from lis_grasp.typing import FloatArray
 
 HAND, TOUCHES = "allegro", 20
+GROUPS = {"built-in shapes and scans": (*NAMES, *SCANS), "tools and flat things": TOOLS}
 WHOLE = "whole pipeline"
 
 
@@ -64,12 +66,14 @@ def main() -> None:
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--output", type=Path, default=Path("results/unknown/parts.jsonl"))
     options = parser.parse_args()
-    trials = trials_of(HAND, range(options.seeds), TOUCHES, options.meshes, (*NAMES, *SCANS))
+    names = [name for group in GROUPS.values() for name in group]
+    trials = trials_of(HAND, range(options.seeds), TOUCHES, options.meshes, names)
     results = TrialResults(options.output, "parts")
     jobs = missing_jobs(trials, list(VARIANTS), set(map(_key_of, results.read())), _key)
     for done, of in run_trials(jobs, len(trials), results, local_scheduler(options.jobs), run):
         print(f"\r{done} of {of}", end="", flush=True)
-    print("\n" + parts_table(results.read()).markdown())
+    rows = results.read()
+    print("\n" + "\n".join(parts_table(rows, group).markdown() for group in GROUPS))
 
 
 def _key(trial: Trial, variant: str) -> tuple:
@@ -120,8 +124,9 @@ def _outcome_of(trial: Trial, variant: Variant, contacts: Contacts, X_EO: FloatA
     }
 
 
-def parts_table(rows: Sequence[Row]) -> TextTable:
-    """Return the rate of each variant, and its difference from the whole pipeline, by objects."""
+def parts_table(rows: Sequence[Row], group: str) -> TextTable:
+    """Return the rate of each variant on a group of objects, and its difference from the whole."""
+    rows = [row for row in rows if row["object"] in GROUPS[group]]
     whole = {(row["object"], row["seed"]): row for row in rows if row["variant"] == WHOLE}
     body = []
     for variant in VARIANTS:
@@ -137,7 +142,7 @@ def parts_table(rows: Sequence[Row]) -> TextTable:
             compared = (difference(pairs, over_objects=True), p_value(sign_flip_p_value(sums)))
         rate = f"{100.0 * np.mean([row['held'] for row in own]):.0f}"
         body.append((variant, str(len(own)), rate, *compared))
-    head = ("variant", "trials", "held [%]", "minus the whole pipeline [points]", "p")
+    head = (group, "trials", "held [%]", "minus the whole pipeline [points]", "p")
     return TextTable("parts", "What each part is worth", head, tuple(body))
 
 

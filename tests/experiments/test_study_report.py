@@ -331,10 +331,10 @@ def changed_lifts() -> list[Row]:
 
 
 def trials_of_parts() -> list[Row]:
-    """Return rows of two objects and seeds: without free space one object is never held."""
+    """Return rows of two tools and seeds: without free space one tool is never held."""
     return [
-        {"object": name, "seed": seed, "variant": variant, "held": name == "cup" or whole}
-        for name in ("cup", "pen")
+        {"object": name, "seed": seed, "variant": variant, "held": name == "key" or whole}
+        for name in ("key", "pen")
         for seed in (0, 1)
         for variant, whole in (("whole pipeline", True), ("without free space", False))
     ]
