@@ -20,6 +20,7 @@ Continues where it stopped when run again with the same folder.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -148,35 +149,39 @@ def report(rows: list[Row]) -> None:
     probability = predicted_for_new_objects(rows)
     held = np.array([row["held"] for row in rows])
     hands = np.array([row["hand"] for row in rows])
-    for name, mine in {"all": hands != "", **{h: hands == h for h in dict.fromkeys(hands)}}.items():
+    each = {"all": np.full(len(rows), True), **{name: hands == name for name in np.unique(hands)}}
+    for name, mine in each.items():
         print(f"{name}, each object predicted by a fit to the others:")
         print_calibration(probability[mine], held[mine])
         print(f"area under the ROC curve: {_area(probability[mine], held[mine]):.3f}")
-        print_by_load([row for row, own in zip(rows, mine, strict=True) if own], probability[mine])
+        print_rates_beside(
+            [row for row, own in zip(rows, mine, strict=True) if own], probability[mine]
+        )
 
 
 def print_rates(rows: list[Row]) -> None:
     """Print how many best grasps held, by mass and friction."""
-    print("held after 20 touches  " + "".join(f"friction {f:<5g}" for f in FRICTIONS))
-    for mass in MASSES:
-        cells = []
-        for friction in FRICTIONS:
-            held = [r["held"] for r in rows if (r["mass"], r["friction"]) == (mass, friction)]
-            cells.append(f"{sum(held):3d} of {len(held):<7d}")
-        print(f"  {mass:4g} kg              " + "".join(cells))
-
-
-def print_by_load(rows: list[Row], predicted: np.ndarray) -> None:
-    """Print predicted and observed rates in percent, by mass and friction."""
-    print("predicted / held [%]   " + "".join(f"friction {f:<5g}" for f in FRICTIONS))
-    loads = np.array([(row["mass"], row["friction"]) for row in rows])
     held = np.array([row["held"] for row in rows])
+    print_by_load("held after 20 touches", rows, lambda of: f"{held[of].sum():3d} of {of.sum()}")
+
+
+def print_rates_beside(rows: list[Row], predicted: np.ndarray) -> None:
+    """Print predicted and observed rates in percent, by mass and friction."""
+    held = np.array([row["held"] for row in rows])
+    print_by_load(
+        "predicted / held [%]",
+        rows,
+        lambda of: f"{100 * predicted[of].mean():3.0f} / {100 * held[of].mean():3.0f}",
+    )
+
+
+def print_by_load(title: str, rows: list[Row], text_of: Callable[[np.ndarray], str]) -> None:
+    """Print a text for the rows of each mass (a line) and friction (a column)."""
+    loads = np.array([(row["mass"], row["friction"]) for row in rows])
+    print(f"{title:23}" + "".join(f"{f'friction {f:g}':14}" for f in FRICTIONS))
     for mass in MASSES:
-        cells = [(loads == (mass, friction)).all(axis=1) for friction in FRICTIONS]
-        texts = [
-            f"{100 * predicted[c].mean():3.0f} /{100 * held[c].mean():4.0f}     " for c in cells
-        ]
-        print(f"  {mass:4g} kg              " + "".join(texts))
+        cells = [text_of((loads == (mass, friction)).all(axis=1)) for friction in FRICTIONS]
+        print(f"{f'  {mass:4g} kg':23}" + "".join(f"{cell:14}" for cell in cells))
 
 
 def print_calibration(predicted: np.ndarray, held: np.ndarray) -> None:
