@@ -12,6 +12,7 @@ import numpy.typing as npt
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.array_files import read_arrays
 from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.poses import are_rigid
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
 
@@ -22,10 +23,6 @@ OBJECT = "object"
 def arm_body(link: str) -> str:
     """Return the name in `Motion.poses` of a link of an arm: hands have links of the same names."""
     return f"arm/{link}"
-
-
-# Rounding in products of rotations is far below this.
-_ROTATION_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,10 +117,7 @@ def _rigid_transforms(name: str, X: npt.ArrayLike, count: int) -> FloatArray:
     if poses.shape != (count, 4, 4):
         message = f"poses of '{name}' must have shape ({count}, 4, 4); got {poses.shape}"
         raise InvalidOptionError(message, option="poses", value=X)
-    rotations = poses[:, :3, :3]
-    error = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3))
-    rigid = np.isfinite(poses).all() and np.all(poses[:, 3] == [0.0, 0.0, 0.0, 1.0])
-    if not rigid or np.any(error > _ROTATION_TOLERANCE):
+    if not are_rigid(poses):
         message = f"poses of '{name}' must be finite rigid transforms"
         raise InvalidOptionError(message, option="poses", value=X)
     return read_only(poses)

@@ -13,6 +13,7 @@ from lis_grasp.arms.arm_ik import ArmSolutions
 from lis_grasp.arms.arm_mount import ArmMount, mount_of
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.hands.hand import Hand
+from lis_grasp.poses import checked_pose
 from lis_grasp.records import read_only
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -64,15 +65,8 @@ class Station:
         return cls(arm, hand, np.asarray(X_WA, np.float64), mount_of(arm, hand), table)
 
     def __post_init__(self) -> None:
-        X_WA = np.array(self.X_WA, np.float64)
-        rigid = X_WA.shape == (4, 4) and np.isfinite(X_WA).all()
-        if not (rigid and np.allclose(X_WA[:3, :3] @ X_WA[:3, :3].T, np.eye(3), atol=1e-6)):
-            raise InvalidOptionError(
-                "the arm's base must be a pose, a rigid transform of shape (4, 4)",
-                option="base",
-                value=self.X_WA,
-            )
-        object.__setattr__(self, "X_WA", read_only(X_WA))
+        X_WA = checked_pose("X_WA", self.X_WA)
+        object.__setattr__(self, "X_WA", X_WA)
         table = self.table
         if table is not None:
             aside = np.abs(X_WA[:2, 3] - table.center).max() > table.half_width

@@ -27,7 +27,7 @@ from lis_grasp.io.surface_files import load_surface
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
 from lis_grasp.lifting.wrist_trajectory import minimum_jerk
 from lis_grasp.pipeline.reasons import rejection_sentence
-from lis_grasp.shapes.placement import checked_pose
+from lis_grasp.poses import checked_pose
 
 _CLOSING, _STEP = 1.0, 0.02  # time in which the hand closes, and between two points of it [s]
 
@@ -136,7 +136,7 @@ def _stations(
         X_WA[:3, 3] = options.base + np.array([0.0, 0.0, height])
         return [Station.make(arm, hand, X_WA, table=table)]
     if options.arm is None and "X_EA" in recorded:
-        return [Station.make(arm, hand, checked_pose(recorded["X_EA"]), table=table)]
+        return [Station.make(arm, hand, checked_pose("X_EA", recorded["X_EA"]), table=table)]
     return best_bases(arm, hand, table=table)
 
 

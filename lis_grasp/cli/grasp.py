@@ -26,8 +26,8 @@ from lis_grasp.pipeline.arm_station import make_station, station_facts
 from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
 from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.poses import checked_pose
 from lis_grasp.shapes import load
-from lis_grasp.shapes.placement import checked_pose
 from lis_grasp.typing import FloatArray
 
 # docs/study.md: of 114 grasps planned on `lis` 58 held, with a mean prediction of 0.72.
@@ -153,7 +153,7 @@ def recorded_base(options: argparse.Namespace, recorded: dict[str, Any]) -> Floa
     """Return the recorded pose of the arm's base (4, 4), unless another arm or base is given."""
     if options.arm is not None or options.base is not None or "X_EA" not in recorded:
         return None
-    return checked_pose(recorded["X_EA"])
+    return checked_pose("X_EA", recorded["X_EA"])
 
 
 def say_search(search: GraspSearch) -> None:

@@ -13,6 +13,7 @@ from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.poses import checked_pose
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
 
@@ -92,14 +93,13 @@ class HandPose:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        for name, required in (("X_OH", "4 x 4"), ("joint_positions", "a list of")):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            fits = array.shape == (4, 4) if name == "X_OH" else array.ndim == 1
-            if not (fits and np.isfinite(array).all()):
-                raise InvalidOptionError.out_of_range(
-                    name, array.tolist(), f"{required} finite numbers"
-                )
-            object.__setattr__(self, name, read_only(array))
+        positions = np.array(self.joint_positions, dtype=np.float64)
+        if positions.ndim != 1 or not np.isfinite(positions).all():
+            raise InvalidOptionError.out_of_range(
+                "joint_positions", positions.tolist(), "a list of finite numbers"
+            )
+        object.__setattr__(self, "X_OH", checked_pose("X_OH", self.X_OH))
+        object.__setattr__(self, "joint_positions", read_only(positions))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,7 +182,7 @@ class ProbeOutcome:
         object.__setattr__(self, "free_points", read_only(free_points))
         object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
         if self.simulated_pose is not None:
-            pose = HandPose(self.simulated_pose, np.empty(0)).X_OH
+            pose = checked_pose("simulated_pose", self.simulated_pose)
             object.__setattr__(self, "simulated_pose", pose)
         require_at_least(0, duration=self.duration, moved=self.moved)
         if not isinstance(self.reason, str):

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from lis_grasp.exploration.probe import ProbeStatus
-from lis_grasp.io.schemas import Count, FileRecord, Number, Pose, Vector
+from lis_grasp.io.schemas import FileRecord, Number, Pose, Vector
 
 
 class BeliefEntry(FileRecord):
@@ -17,7 +17,7 @@ class BeliefEntry(FileRecord):
     means: list[Vector]
     covariances: list[Annotated[list[Vector], Field(min_length=3, max_length=3)]]
     log_weights: list[Number]
-    doubts: Count
+    doubts: int
     repeated: bool
     suspicious: bool
     lost: bool

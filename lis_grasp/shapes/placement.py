@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
+from lis_grasp.poses import checked_pose
 from lis_grasp.shapes.shape import Shape
 from lis_grasp.typing import FloatArray
 
@@ -77,25 +78,14 @@ def placed(shape: Shape, X_WO: npt.ArrayLike) -> Shape:
     Raises
     ------
     InvalidOptionError
-        If the pose is not 4 x 4 finite numbers.
+        If the pose is not a rigid transform.
     """
-    pose = checked_pose(X_WO)
+    pose = checked_pose("X_WO", X_WO)
     mesh = trimesh.Trimesh(
         trimesh.transform_points(shape.mesh.vertices, pose), shape.mesh.faces, process=False
     )
     edges = trimesh.transform_points(shape.edges.reshape(-1, 3), pose).reshape(-1, 2, 3)
     return replace(shape, mesh=mesh, edges=edges)
-
-
-def checked_pose(X_WO: npt.ArrayLike) -> FloatArray:
-    """Return a pose of a file's header; `InvalidOptionError` unless it is 4 x 4 finite numbers."""
-    try:
-        pose = np.array(X_WO, dtype=np.float64)
-    except (TypeError, ValueError):
-        pose = np.empty(0)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise InvalidOptionError.out_of_range("X_WO", X_WO, "4 x 4 finite numbers")
-    return pose
 
 
 def roll_to_rest(mesh: trimesh.Trimesh, *, rng: np.random.Generator) -> FloatArray:
@@ -165,4 +155,5 @@ def _load_pose(path: Path) -> FloatArray:
         )
     if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0.0:
         raise InvalidFileError(f"{required}; the last row of {path} is not 0 0 0 1", path=path)
-    return np.array(pose)
+    pose[:3, :3] = Rotation.from_matrix(rotation).as_matrix()  # the nearest rotation
+    return np.asarray(pose)

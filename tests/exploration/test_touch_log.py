@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,8 @@ from lis_grasp.exploration import (
     explore,
     load_outcomes,
 )
+from lis_grasp.exploration.planar_motion import planar_pose
+from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.surfaces import ESTIMATORS
@@ -146,7 +149,7 @@ def test_a_log_keeps_every_bit_of_its_outcomes(tmp_path: Path) -> None:
         for probe, contacts, pose in zip(
             probes,
             (bare, full),
-            (None, HandPose(rng.normal(size=(4, 4)), rng.random(3))),
+            (None, HandPose(planar_pose(rng.normal(size=3)), rng.random(3))),
             strict=True,
         )
     ]
@@ -184,6 +187,16 @@ def test_a_log_without_hand_poses_loads(tmp_path: Path) -> None:
     (outcome,) = load_outcomes(log.path)
     assert outcome.hand_pose is None
     assert len(outcome.contacts) == 1
+
+
+@pytest.mark.parametrize("doubts", [-5, 0, 3])  # below 0: the pose was found again
+def test_a_log_keeps_the_belief_of_an_object_that_was_lost(doubts: int, tmp_path: Path) -> None:
+    log = TouchLog(tmp_path / "touches.jsonl", FACTS)
+    belief = replace(PoseBelief.start(), doubts=doubts)
+    log.append(ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "missed", tracked=belief))
+    (outcome,) = load_outcomes(log.path)
+    assert outcome.tracked is not None
+    assert outcome.tracked.as_dict() == belief.as_dict()
 
 
 @pytest.mark.parametrize(
