@@ -10,7 +10,7 @@ from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.arm_mount import CLEARANCE, mount_of
 from lis_grasp.arms.base_search import REGION, choose_base, palm_targets, reach_fraction
 from lis_grasp.arms.find_flange import BEYOND
-from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.station import Station
 from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.arms.station_home import home_of
 from lis_grasp.exceptions import LisGraspError
@@ -30,11 +30,10 @@ _SLOWEST, _FASTEST = 0.005, 20.0
 _ROUNDING = 1e-6  # of a length [m]
 
 
-def check_arm(arm: Arm, hand: Hand, X_WA: FloatArray | None = None) -> list[Finding]:
+def check_arm(arm: Arm, hand: Hand) -> list[Finding]:
     """Return the findings on an arm with a hand, in the order in which to fix what failed.
 
-    The base is at X_WA (4, 4) in W, whose origin is the middle of the table; by default it is
-    chosen for its reach.
+    The base is chosen for its reach.
     """
     findings = [*_masses(arm), *_limits(arm), *_flange(arm)]
     try:
@@ -50,14 +49,11 @@ def check_arm(arm: Arm, hand: Hand, X_WA: FloatArray | None = None) -> list[Find
         )
     )
     try:
-        if X_WA is None:
-            station = choose_base(arm, hand)
-        else:
-            station = Station.make(arm, hand, X_WA, table=Table())
+        station = choose_base(arm, hand)
     except LisGraspError as error:
         return [*findings, Finding(False, str(error))]
     findings += _home(station)
-    findings += _reach(station, chosen=X_WA is None)
+    findings += _reach(station)
     return [*findings, *_efforts(station)]
 
 
@@ -130,13 +126,12 @@ def _home(station: Station) -> Iterator[Finding]:
     yield Finding(True, f"at the arm's own home {why}, so another is used: [{shown}]")
 
 
-def _reach(station: Station, *, chosen: bool) -> Iterator[Finding]:
+def _reach(station: Station) -> Iterator[Finding]:
     fraction = reach_fraction(station)
     place = ", ".join(f"{x:.2f}" for x in station.X_WA[:3, 3])
     size = " x ".join(f"{100 * side:g}" for side in REGION)
-    how = "chosen" if chosen else "given"
     text = (
-        f"from its base at ({place}), {how}, the hand reaches {100 * fraction:.0f} % of places and"
+        f"from its base at ({place}) the hand reaches {100 * fraction:.0f} % of places and"
         f" directions of {size} cm on the table"
     )
     advice = ": turn the hand on the flange (mount in its YAML), or move the base"

@@ -50,6 +50,15 @@ class ArmKinematics:
         """Return the poses X_AF, shape (..., 4, 4), at joint positions q (..., J) [rad or m]."""
         return np.asarray(self._moved(np.asarray(q, np.float64))[-1] @ self._X_AF)
 
+    def reach(self, q: FloatArray) -> tuple[FloatArray, float]:
+        """Return the middle (3,) of the flange's places in postures q (N, J), and the reach [m].
+
+        The reach is the distance from the middle that 98 % of the places are within.
+        """
+        places = self.flange_poses(q)[:, :3, 3]
+        middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+        return middle, float(np.quantile(np.linalg.norm(places - middle, axis=1), 0.98))
+
     def jacobians(self, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the flange's poses X_AF (..., 4, 4) and its Jacobians (..., 6, J) in A.
 

@@ -24,49 +24,25 @@ _TILT, _AROUND, _TURNS = np.pi / 3.0, 6, 2
 _SEEDS, _KEPT = 4, 2
 
 
-def choose_base(
-    arm: Arm,
-    hand: Hand,
-    *,
-    center: FloatArray | None = None,
-    table: Table | None = None,
-    region: tuple[float, float, float] = REGION,
-) -> Station:
-    """Return the station whose base reaches the most poses of the hand in a region, straight.
+def choose_base(arm: Arm, hand: Hand, *, table: Table | None = None) -> Station:
+    """Return the station whose base reaches the most poses of the hand in `REGION`, straight.
 
-    Parameters
-    ----------
-    arm, hand
-        Arm and hand.
-    center
-        Shape (3,): middle of the region's bottom in W [m]; by default the table's middle.
-    table
-        The table under the region; the base is on it, or on a pedestal on it.
-    region
-        Lengths of the region [m].
+    The base is on the table, or on a pedestal on it; the region is above the table's middle.
     """
-    return best_bases(arm, hand, center=center, table=table, region=region)[0]
+    return best_bases(arm, hand, table=table)[0]
 
 
-def best_bases(
-    arm: Arm,
-    hand: Hand,
-    *,
-    center: FloatArray | None = None,
-    table: Table | None = None,
-    region: tuple[float, float, float] = REGION,
-) -> list[Station]:
+def best_bases(arm: Arm, hand: Hand, *, table: Table | None = None) -> list[Station]:
     """Return the stations of all base poses that are tried, the one with the most reach first.
 
     Arguments are as of `choose_base`.
     """
     table = Table() if table is None else table
-    middle = np.array([*table.center, table.height]) if center is None else np.asarray(center)
-    start = Station.make(arm, hand, _base(middle, table.height, 0.0, 0.0), table=table)
-    targets = palm_targets(hand, middle, region, each=2)
-    reach = _reach(arm)
+    start = Station.make(arm, hand, _base(table, 0.0, 0.0), table=table)
+    targets = palm_targets(hand, _middle(table), REGION, each=2)
+    reach = arm.kinematics.reach(arm.ik.postures)[1]
     stations = [
-        start.moved(_base(middle, table.height, distance * reach, pedestal))
+        start.moved(_base(table, distance * reach, pedestal))
         for pedestal in _PEDESTALS
         for distance in _DISTANCES
     ]
@@ -74,18 +50,15 @@ def best_bases(
     return [stations[i] for i in np.argsort(-np.array(counts), kind="stable")]
 
 
-def reach_fraction(
-    station: Station, region: tuple[float, float, float] = REGION, *, each: int = 4
-) -> float:
-    """Return the fraction of places and directions in a region that the hand reaches straight.
+def reach_fraction(station: Station) -> float:
+    """Return the fraction of places and directions in `REGION` that the hand reaches straight.
 
-    Places are a grid of `each` points along each axis; at each the hand points down and obliquely,
+    Places are a grid of four points along each axis; at each the hand points down and obliquely,
     from all sides. One of two turns about its direction has to be reached, with a straight approach
     of 12 cm, within joint limits. Collisions are not checked.
     """
-    table = station.table or Table()
-    center = np.array([*table.center, table.height])
-    return float(reached(station, palm_targets(station.hand, center, region, each=each)).mean())
+    center = _middle(station.table or Table())
+    return float(reached(station, palm_targets(station.hand, center, REGION, each=4)).mean())
 
 
 def palm_targets(
@@ -145,14 +118,11 @@ def _directions(approach_H: FloatArray) -> FloatArray:
     return np.array(found)
 
 
-def _base(middle: FloatArray, height: float, distance: float, pedestal: float) -> FloatArray:
+def _middle(table: Table) -> FloatArray:
+    return np.array([*table.center, table.height])
+
+
+def _base(table: Table, distance: float, pedestal: float) -> FloatArray:
     X_WA = np.eye(4)
-    X_WA[:3, 3] = middle[0] - distance, middle[1], height + pedestal
+    X_WA[:3, 3] = _middle(table) + [-distance, 0.0, pedestal]
     return X_WA
-
-
-def _reach(arm: Arm) -> float:
-    """Return the largest distance of the flange from the middle of its reach [m]."""
-    points = arm.kinematics.flange_poses(arm.ik.postures)[:, :3, 3]
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return float(np.quantile(np.linalg.norm(points - middle, axis=1), 0.98))

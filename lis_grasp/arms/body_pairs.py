@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
 
 import fcl
 import numpy as np
 
 from lis_grasp.hands.collision import fcl_shape
 from lis_grasp.hands.hand_parts import LinkGeometry
+from lis_grasp.hands.link_tree import HandModel
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Largest number of balls that cover one body, and the radius at which they are small enough [m]:
@@ -124,3 +126,13 @@ def balls_around(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
     centers = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
     radius = 0.5 * float(np.linalg.norm(sides / cells))
     return centers, np.full(len(centers), radius)
+
+
+def pairs_of_bodies(model: HandModel, exclusions: frozenset[tuple[str, str]]) -> IndexArray:
+    """Return the indices of the bodies that must not touch each other, (P, 2)."""
+    pairs = [
+        (i, j)
+        for (i, a), (j, b) in combinations(enumerate(model.link_geometries), 2)
+        if a.link != b.link and (min(a.link, b.link), max(a.link, b.link)) not in exclusions
+    ]
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)

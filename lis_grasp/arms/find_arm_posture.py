@@ -9,11 +9,11 @@ import numpy as np
 
 from lis_grasp.arms.arm_ik import ArmIK
 from lis_grasp.arms.arm_kinematics import ArmKinematics
-from lis_grasp.arms.body_pairs import BodyPairs
+from lis_grasp.arms.body_pairs import BodyPairs, pairs_of_bodies
 from lis_grasp.hands.hand_parts import joints_to
 from lis_grasp.hands.kinematics import Kinematics
 from lis_grasp.hands.link_tree import HandModel
-from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 _SAMPLES = 120
 # A pair of links may touch if it collides in this fraction of random postures.
@@ -76,16 +76,6 @@ def find_arm_exclusions(model: HandModel) -> frozenset[tuple[str, str]]:
     return frozenset(excluded)
 
 
-def pairs_of_bodies(model: HandModel, exclusions: frozenset[tuple[str, str]]) -> IndexArray:
-    """Return the indices of the bodies that must not touch each other, (P, 2)."""
-    pairs = [
-        (i, j)
-        for (i, a), (j, b) in combinations(enumerate(model.link_geometries), 2)
-        if a.link != b.link and (min(a.link, b.link), max(a.link, b.link)) not in exclusions
-    ]
-    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
-
-
 def find_home(
     model: HandModel, kinematics: ArmKinematics, exclusions: frozenset[tuple[str, str]]
 ) -> FloatArray:
@@ -111,9 +101,7 @@ def find_home(
 
 
 def _targets_above(ik: ArmIK, kinematics: ArmKinematics) -> tuple[FloatArray, float]:
-    points = kinematics.flange_poses(ik.postures)[:, :3, 3]
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    reach = float(np.quantile(np.linalg.norm(points - middle, axis=1), 0.98))
+    middle, reach = kinematics.reach(ik.postures)
     yaw = 2.0 * np.pi * np.arange(_YAWS) / _YAWS
     down = np.zeros((_YAWS, 3, 3))
     down[:, 0, 0], down[:, 0, 1] = np.cos(yaw), np.sin(yaw)

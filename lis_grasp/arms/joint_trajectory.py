@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from lis_grasp.records import short_repr
 from lis_grasp.typing import FloatArray
 
@@ -35,18 +33,4 @@ class JointTrajectory:
             self.positions[::-1],
             -self.velocities[::-1],
             self.accelerations[::-1],
-        )
-
-    def at(self, times: FloatArray) -> FloatArray:
-        """Return the positions at other times (N,) [s], (N, J), by cubic Hermite interpolation."""
-        clipped = np.clip(times, 0.0, self.duration)
-        last = np.clip(np.searchsorted(self.times, clipped, side="right"), 1, len(self.times) - 1)
-        step = (self.times[last] - self.times[last - 1])[:, None]
-        u = (clipped - self.times[last - 1])[:, None] / step
-        p, v = self.positions, self.velocities * 1.0
-        return np.asarray(
-            (2 * u**3 - 3 * u**2 + 1) * p[last - 1]
-            + (u**3 - 2 * u**2 + u) * step * v[last - 1]
-            + (3 * u**2 - 2 * u**3) * p[last]
-            + (u**3 - u**2) * step * v[last]
         )

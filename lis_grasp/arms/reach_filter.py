@@ -37,11 +37,6 @@ class ArmGrasp:
         """Joint positions (J,) where the approach begins."""
         return self.approach[0]
 
-    @property
-    def grasp(self) -> FloatArray:
-        """Joint positions (J,) at the grasp."""
-        return self.approach[-1]
-
 
 class ReachFilter:
     """Finds which grasps an arm can carry out, and how.

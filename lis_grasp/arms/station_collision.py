@@ -10,7 +10,7 @@ import numpy.typing as npt
 import trimesh
 from trimesh.collision import mesh_to_BVH
 
-from lis_grasp.arms.body_pairs import BodyPairs, balls_around
+from lis_grasp.arms.body_pairs import BodyPairs, balls_around, pairs_of_bodies
 from lis_grasp.arms.station import Station
 from lis_grasp.hands.collision import outline
 from lis_grasp.typing import BoolArray, FloatArray
@@ -197,18 +197,12 @@ def _pairs(station: Station) -> npt.NDArray[np.intp]:
     arm, hand = station.arm, station.hand
     order, last = arm.joints_before, arm.joints_before[arm.flange]
     own = arm.link_geometries
-    pairs = [
-        (i, j)
-        for i, a in enumerate(own)
-        for j, b in enumerate(own[i + 1 :], i + 1)
-        if a.link != b.link
-        and (min(a.link, b.link), max(a.link, b.link)) not in arm.self_collision_exclusions
-    ]
     # The mount keeps the hand off the link that it is mounted on.
-    pairs += [
+    between = [
         (i, len(own) + j)
         for i, a in enumerate(own)
         for j in range(len(hand.link_geometries))
         if order[a.link] < last
     ]
-    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    pairs = pairs_of_bodies(arm, arm.self_collision_exclusions)
+    return np.vstack([pairs, np.array(between, dtype=np.intp).reshape(-1, 2)])

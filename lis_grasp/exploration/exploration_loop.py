@@ -142,8 +142,8 @@ def explore(
     progress
         Called after every probe with the contacts made and those wanted.
     observe
-        Called with the number of contacts and the surface estimated from them, without free space
-        whenever the surface has been estimated.
+        Called, whenever contacts were added, with their number and the surface estimated from them,
+        without free space. The surface is estimated when it is first used.
 
     Raises
     ------

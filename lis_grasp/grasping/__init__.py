@@ -1,4 +1,4 @@
-"""Grasping: hands, contact models, quality, collision, and the sampler of grasps; no Drake."""
+"""Grasping: contact models, quality, and the sampler of grasps; no Drake."""
 
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 

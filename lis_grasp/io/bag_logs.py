@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lis_grasp.exceptions import InvalidFileError, InvalidInputError
+from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.log_streams import Content, TimedForces, Topic
+from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.io.timed_poses import FrameTree, TimedPoses
 from lis_grasp.typing import FloatArray
 
@@ -121,38 +123,20 @@ class BagLog:
                 raise self._damaged(error) from None
 
     def _reader(self) -> Any:
-        try:
+        with needed_package("rosbags", "ros", option=str(self._path)):
             from rosbags.highlevel import AnyReader
             from rosbags.typesys import Stores, get_typestore
-        except ImportError:
-            raise InvalidInputError(
-                f"reading {self._path} needs the package rosbags: install the extra `ros`"
-                " (pip install 'lis-grasp[ros]')"
-            ) from None
         try:
             store = get_typestore(Stores.ROS2_HUMBLE)
             reader = AnyReader([self._path], default_typestore=store)
             reader.open()
         except Exception as error:  # noqa: BLE001 - a damaged bag raises anything
             raise self._damaged(error) from None
-        return _Closing(reader)
+        return closing(reader)
 
     def _damaged(self, error: Exception) -> InvalidFileError:
         message = f"{self._path} cannot be read as a ROS bag or MCAP file of ROS messages ({error})"
         return InvalidFileError(message, path=self._path)
-
-
-class _Closing:
-    """Context of a reader that is open already."""
-
-    def __init__(self, reader: Any) -> None:
-        self._reader = reader
-
-    def __enter__(self) -> Any:
-        return self._reader
-
-    def __exit__(self, *_: object) -> None:
-        self._reader.close()
 
 
 def _short(kind: str) -> str:

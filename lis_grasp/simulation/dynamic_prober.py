@@ -104,7 +104,7 @@ class DynamicProber:
         self._station = station
         self._ways: TransitScene | None = None
         if station is not None:
-            self._ways = TransitScene(station, mesh, arm_use or ArmUse(), on_table=True)
+            self._ways = TransitScene(station, mesh, arm_use or ArmUse())
         self._X_WE = np.eye(4)  # the plant is in W, where the arm's base stays
         self._hand = hand
         self._free = free

@@ -40,18 +40,14 @@ class TransitScene:
     Parameters
     ----------
     station
-        The station; without its table if `on_table` is false.
+        The station.
     mesh
         The true object, watertight.
     use
         Gets what the motions demand of the arm.
-    on_table
-        Whether the object is on the table; else it is held in the air.
     """
 
-    def __init__(
-        self, station: Station, mesh: trimesh.Trimesh, use: ArmUse, *, on_table: bool
-    ) -> None:
+    def __init__(self, station: Station, mesh: trimesh.Trimesh, use: ArmUse) -> None:
         hand, X_FB = station.hand, station.mount.X_FB
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlant(
@@ -82,7 +78,7 @@ class TransitScene:
             QuaternionFloatingJoint("fixture", plant.world_frame(), body.body_frame())
         )
         table: GeometryId | None = None
-        if on_table and station.table is not None:
+        if station.table is not None:
             table = add_table(plant, station.table.height, _FRICTION, under=mesh)
         plant.Finalize()
         ignore_self_collision(scene_graph, self._hand)

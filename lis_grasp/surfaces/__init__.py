@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
-from lis_grasp.surfaces.carved_implicit_surface import CarvedImplicitSurface, carved, uncarved
+from lis_grasp.surfaces.carved_implicit_surface import CarvedImplicitSurface, carved
 from lis_grasp.surfaces.contact_loading import load_contacts
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
@@ -37,5 +37,4 @@ __all__ = [
     "carved",
     "estimate_normals",
     "load_contacts",
-    "uncarved",
 ]

@@ -96,11 +96,6 @@ class CarvedImplicitSurface:
         return checked, found[:, 0], found[:, 1].astype(np.intp)
 
 
-def uncarved(surface: ImplicitSurface) -> ImplicitSurface:
-    """Return the estimate before carving, or the surface itself."""
-    return surface.surface if isinstance(surface, CarvedImplicitSurface) else surface
-
-
 def carved(
     surface: ImplicitSurface, contacts: Contacts, *, margin: float = 0.0, growth: float = 1.0
 ) -> ImplicitSurface:

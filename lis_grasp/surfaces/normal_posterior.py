@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
 from lis_grasp.surfaces.gaussian_process_regression import GradientRegression
-from lis_grasp.surfaces.kernel_expansion import ROWS
+from lis_grasp.surfaces.kernel_expansion import ROWS, cross_covariance
 from lis_grasp.surfaces.kernels import ThinPlate
 from lis_grasp.typing import FloatArray
 
@@ -83,7 +83,7 @@ class NormalPosterior:
         quadratic = blocks[:, 1:, :, 1:].reshape(3 * count, 3 * count)
         linear = -_MEAN * blocks[:, 1:, :, 0].sum(axis=2).reshape(-1)
         # f at a free point is linear in the targets: the mean of each unit target.
-        maps = _means(process, free_points) @ inverse  # (M, 4N)
+        maps = cross_covariance(process.kernel, free_points, points) @ inverse  # (M, 4N)
         maps = maps.reshape(len(free_points), count, ROWS)
         return cls(
             quadratic=quadratic,
@@ -174,15 +174,6 @@ class NormalPosterior:
             log_evidence=float(evidence - 0.5 * self.log_determinant),
             amplitude=float(np.sqrt(variance)),
         )
-
-
-def _means(process: GradientRegression, queries: FloatArray) -> FloatArray:
-    """Return covariances of f at queries (M, 3) with all observations, shape (M, 4N)."""
-    offsets = queries[:, None, :] - process.nodes  # (M, N, 3)
-    r = np.linalg.norm(offsets, axis=2)
-    values = process.kernel.value(r)[:, :, None]
-    slopes = process.kernel.first(r)[:, :, None] * offsets
-    return np.concatenate([values, slopes], axis=2).reshape(len(queries), process.targets.size)
 
 
 def _tangent_frames(normals: FloatArray) -> FloatArray:

@@ -159,7 +159,6 @@ class PatchEquations:
 class Patch:
     """A smooth patch: the posterior of `PatchEquations`, in metres."""
 
-    members: IndexArray  # (M,) indices of its contacts
     spacing: float  # of the contacts [m], its unit of length
     center: FloatArray  # (3,) [m], centroid of its contacts
     amplitude: float  # standard deviation of g, in spacings
@@ -184,7 +183,6 @@ class Patch:
             _KERNEL, equations.nodes, amplitude**2 * weights.reshape(-1, ROWS)
         )
         return cls(
-            members=members,
             spacing=contacts.spacing,
             center=contacts.spacing * contacts.points[members].mean(axis=0),
             amplitude=amplitude,

@@ -12,8 +12,8 @@ from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.arm_ik import ANGLE_TOLERANCE, POSITION_TOLERANCE, pose_error
 from lis_grasp.arms.arm_mount import CLEARANCE, back_on_flange, mount_of
 from lis_grasp.arms.arm_schema import ArmEntry
-from lis_grasp.arms.body_pairs import BodyPairs, balls_around
-from lis_grasp.arms.find_arm_posture import body_poses, find_home, pairs_of_bodies
+from lis_grasp.arms.body_pairs import BodyPairs, balls_around, pairs_of_bodies
+from lis_grasp.arms.find_arm_posture import body_poses, find_home
 from lis_grasp.exceptions import InvalidArmError, InvalidHandError
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.link_bodies import primitive

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
-from stations import station_with
+from stations import positions_between, station_with
 
 from lis_grasp.arms.grasp_motion import SPEED, GraspMotion, plan_grasp_motion
 from lis_grasp.arms.reach_filter import LIFT
@@ -39,7 +39,7 @@ def test_a_motion_leads_from_home_to_the_grasp_and_up(station: Station) -> None:
     risen = station.palm_poses(motion.lift.positions[-1])[2, 3] - X_WH[2, 3]
     assert risen == pytest.approx(LIFT, abs=1e-3)
     checker = StationChecker(station, box)
-    fine = motion.approach.at(np.arange(0.0, motion.approach.duration, 0.005))
+    fine = positions_between(motion.approach, 0.005)
     assert checker.free(fine, q_open).all()  # opened, the jaw is around the box
     heights = station.palm_poses(motion.lift.positions)[:, 2, 3]
     speeds = np.abs(np.diff(heights) / np.diff(motion.lift.times))

@@ -166,8 +166,8 @@ def test_grasps_are_kept_or_counted_by_reason(station: Station) -> None:
     assert others == [None, None]
     assert reach.rejected == {"out_of_arm_reach": 1, "arm_hits_table": 1}
     assert kept is not None
-    np.testing.assert_allclose(station.palm_poses(kept.grasp), down, atol=2e-3)
-    np.testing.assert_allclose(kept.lift[0], kept.grasp)
+    np.testing.assert_allclose(station.palm_poses(kept.approach[-1]), down, atol=2e-3)
+    np.testing.assert_allclose(kept.lift[0], kept.approach[-1])
     back = station.palm_poses(kept.standoff)[:3, 3] - down[:3, 3]
     np.testing.assert_allclose(back, [0.0, 0.0, APPROACH], atol=2e-4)
     np.testing.assert_allclose(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from stations import station_with
+from stations import positions_between, station_with
 
 from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.joint_trajectory import JointTrajectory
@@ -49,7 +49,7 @@ def test_a_path_leads_around_a_wall(station: Station, wall: trimesh.Trimesh) -> 
     again = planner.plan(start, goal, q_hand, rng=np.random.default_rng(0))
     np.testing.assert_array_equal(corners, again)
     motion = time_path(station.arm, corners, is_free=lambda q: planner.is_free(q, q_hand))
-    fine = motion.at(np.arange(0.0, motion.duration, 0.002))
+    fine = positions_between(motion, 0.002)
     assert checker.free(fine, q_hand).all()
     assert station.arm.within_limits(fine).all()
     _assert_consistent(station.arm, motion)
@@ -119,7 +119,7 @@ def test_joined_trajectories_follow_each_other(station: Station) -> None:
     assert both.duration == pytest.approx(there.duration + back.duration)
     assert (np.diff(both.times) > 0.0).all()
     np.testing.assert_allclose(both.positions[[0, -1]], [home, home], atol=1e-12)
-    np.testing.assert_allclose(both.at(np.array([there.duration]))[0], home + 0.2, atol=1e-9)
+    np.testing.assert_allclose(both.positions[len(there.times) - 1], home + 0.2, atol=1e-9)
 
 
 def _assert_consistent(arm: Arm, motion: JointTrajectory) -> None:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.experiments.study.mixed_model import fit_mixed_model
 
 statsmodels = pytest.importorskip("statsmodels.api", reason="needs lis-grasp[study]")
@@ -57,3 +58,13 @@ def test_model_finds_no_effect_where_there_is_none():
 def test_equal_rows_give_equal_models():
     rows = made_rows(0.5, np.random.default_rng(4))[:216]
     assert fit_mixed_model(rows, "blend", "gpis") == fit_mixed_model(rows, "blend", "gpis")
+
+
+def test_rows_that_cannot_be_fitted_are_refused():
+    rows = made_rows(0.5, np.random.default_rng(6))
+    few = [row for row in rows if row["object"] in ("object 0", "object 1")]
+    with pytest.raises(InvalidOptionError, match="3 objects or more; it got 2"):
+        fit_mixed_model(few, "blend", "gpis")
+    alike = [row | {"held": row["object"] != "object 7"} for row in rows]
+    with pytest.raises(InvalidOptionError, match="without object 7 all end alike"):
+        fit_mixed_model(alike, "blend", "gpis")

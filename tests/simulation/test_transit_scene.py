@@ -25,7 +25,7 @@ def use() -> ArmUse:
 
 @pytest.fixture(scope="module")
 def scene(use: ArmUse) -> TransitScene:
-    return TransitScene(STATION, POST, use, on_table=True)
+    return TransitScene(STATION, POST, use)
 
 
 def moved(joint: int, angle: float) -> np.ndarray:

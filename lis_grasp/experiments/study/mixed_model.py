@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.experiments.statistics import numbered
 from lis_grasp.io.json_lines import Row
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.typing import BoolArray, FloatArray, IntArray
 
 _INTERCEPT = "intercept"
+_FEWEST_OBJECTS = 3
 
 _PRIOR = 2.0
 """Standard deviation of the priors, of fixed effects in log odds and of the logarithm of random
@@ -55,14 +57,17 @@ def fit_mixed_model(rows: Sequence[Row], estimator: str, reference: str) -> Mixe
     Parameters
     ----------
     rows
-        Rows of a study, of three objects at least; those of other estimators are left out.
+        Rows of a study; those of other estimators are left out.
+    estimator, reference
+        Names of the two estimators.
 
     Raises
     ------
-    ValueError
-        If all trials end alike, also without one of the objects.
+    InvalidOptionError
+        If there are fewer than three objects, or all trials end alike, also without one object.
     """
     used = [row for row in rows if row["estimator"] in (estimator, reference)]
+    _require_fit_possible(used)
     design = _Design.of(used, estimator)
     means, deviations = design.fit(np.ones(len(used), dtype=bool))
     objects = design.random["object"].argmax(axis=1)
@@ -76,6 +81,22 @@ def fit_mixed_model(rows: Sequence[Row], estimator: str, reference: str) -> Mixe
         if name != _INTERCEPT
     )
     return MixedModel(ratios, dict(zip(design.random, deviations.tolist(), strict=True)))
+
+
+def _require_fit_possible(rows: Sequence[Row]) -> None:
+    names = {row["object"] for row in rows}
+    if len(names) < _FEWEST_OBJECTS:
+        raise InvalidOptionError(
+            f"a mixed model needs rows of {_FEWEST_OBJECTS} objects or more; it got {len(names)}",
+            option="rows",
+        )
+    for left_out in sorted(names):
+        if len({bool(row["held"]) for row in rows if row["object"] != left_out}) < 2:
+            raise InvalidOptionError(
+                "a mixed model needs trials that end differently, also without one of the objects;"
+                f" without {left_out} all end alike: add objects or seeds",
+                option="rows",
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

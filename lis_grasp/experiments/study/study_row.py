@@ -20,10 +20,6 @@ def column_type(name: str) -> type:
     return next((kind for kind, names in _TYPES.items() if name in names.split()), float)
 
 
-# Equal trials differ in their times; rows of versions before 0.11 do not have the others.
-_OPTIONAL = (*TIMES, "turn", "conditions")
-
-
 class RowKey(FileRecord):
     """What a row has in every version."""
 
@@ -40,7 +36,7 @@ StudyRow = create_model(
     "StudyRow",
     __base__=RowKey,
     **{  # type: ignore[call-overload]
-        name: (kind | None, None if name in _OPTIONAL else ...) for name, kind in _Columns.items()
+        name: (kind | None, None if name in TIMES else ...) for name, kind in _Columns.items()
     },
 )
 """A row of this version: all columns but times, each of its type or None."""

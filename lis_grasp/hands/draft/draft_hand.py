@@ -100,7 +100,7 @@ def draft_hand(
     wrist = shared_joints(model, fingers)
     if wrist:
         if len(wrist) > _WRIST:
-            edits = replace(edits, base_link=_root_of(model, wrist[-1].child))
+            edits = replace(edits, base_link=rigid_groups(model)[wrist[-1].child])
             notes.append(f"{len(wrist)} joints before the fingers are left out, by base_link")
         else:
             positions = {
@@ -153,7 +153,7 @@ def draft_hand(
     silent = [finger for finger in hand.fingers if finger not in postures]
     if silent:
         notes.append(f"no probe posture was found for {', '.join(silent)}")
-    held = 0.9 * float(forces_along_pads(hand).min())
+    held = _USED * float(forces_along_pads(hand).min())
     force = float(np.clip(held, _LEAST_FORCE, _MOST_FORCE[hand.kind]))
     hand = replace(
         hand,
@@ -272,10 +272,6 @@ def _repaired_links(robot: yourdfpy.Robot, model: HandModel, edits: DescriptionE
 def _listed(names: Sequence[str]) -> str:
     rest = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     return ", ".join(names[:_LISTED]) + rest
-
-
-def _root_of(model: HandModel, link: str) -> str:
-    return rigid_groups(model)[link]
 
 
 def _joined_pairs(model: HandModel) -> frozenset[tuple[str, str]]:

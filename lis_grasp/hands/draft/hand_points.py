@@ -37,10 +37,7 @@ def link_points(model: HandModel) -> dict[str, FloatArray]:
 
 
 def reach(p_L: FloatArray, origin_L: FloatArray, axis_L: FloatArray) -> FloatArray:
-    """Return the vector (3,) [m] from a joint to the points farthest from its axis, across it.
-
-    For a sliding joint `axis_L` is zero, and the vector is that to the farthest points.
-    """
+    """Return the vector (3,) [m] from a joint to the points farthest from its axis, across it."""
     arms = p_L - origin_L
     arms = arms - np.outer(arms @ axis_L, axis_L)
     lengths = np.linalg.norm(arms, axis=1)
