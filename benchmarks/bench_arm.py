@@ -23,7 +23,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from bench_run import wilson
+from scipy.stats import binomtest
 
 from lis_grasp import shapes
 from lis_grasp.io.json_lines import append_lines, read_lines
@@ -172,7 +172,7 @@ def summarise(station: str, rows: list[dict[str, Any]]) -> None:
         ("without a violation", [r for r in rows if not r.get("violations", ["failed"])]),
         ("held; unwanted at most of hand and object", [r for r in rows if mild(r)]),
     ):
-        low, high = wilson(len(chosen), len(rows))
+        low, high = binomtest(len(chosen), len(rows)).proportion_ci(method="wilson")
         rate = len(chosen) / len(rows)
         print(f"  {title}: {len(chosen)}, {rate:.1%} ({low:.1%} to {high:.1%})")
     by_object: dict[str, list[bool]] = {}

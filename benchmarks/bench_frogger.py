@@ -23,9 +23,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from bench_run import wilson
 from peer_process import run_peer
-from scipy.stats import fisher_exact
+from scipy.stats import binomtest, fisher_exact
 
 from lis_grasp import shapes
 from lis_grasp.grasping.contact_sets import ContactSets
@@ -39,8 +38,9 @@ from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.shipped_models import model_path
+from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
-from lis_grasp.simulation.simulate_lift import LiftOptions, simulate_lift
+from lis_grasp.simulation.simulate_lift import simulate_lift
 
 OURS, THEIRS, FIXED = "lis_grasp", "FRoGGeR", "FRoGGeR, fixed"
 PLANNERS = (OURS, THEIRS, FIXED)
@@ -277,7 +277,7 @@ def lift_line(rows: list[dict], planner: str, key: str) -> str:
         ends = [row.get(key) for row in rows if row["planner"] == name and row["scene"] == "table"]
         table.append((ends.count("held"), len(ends) - ends.count("held")))
     held, lost = table[1]
-    low, high = wilson(held, held + lost)
+    low, high = binomtest(held, held + lost).proportion_ci(method="wilson")
     test = f", p = {fisher_exact(table).pvalue:.3f} (Fisher's)" if planner != OURS else ""
     reasons = Counter(row[key] for row in rows if row["planner"] == planner and key in row)
     rate = f"{held} of {held + lost} held ({100 * low:.0f} to {100 * high:.0f} %)"

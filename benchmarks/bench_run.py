@@ -21,17 +21,10 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import binomtest
 
 from lis_grasp import shapes
 from lis_grasp.experiments.test_objects.shape_sets import TOOLS, build_shape
-
-
-def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """Return the 95 % score interval of a proportion (Wilson 1927)."""
-    z, p = 1.96, successes / trials
-    center = (p + z**2 / (2 * trials)) / (1 + z**2 / trials)
-    half = z * np.sqrt(p * (1 - p) / trials + z**2 / (4 * trials**2)) / (1 + z**2 / trials)
-    return center - half, center + half
 
 
 def run(name: str, seed: int, options: list[str], output: Path) -> dict | str:
@@ -92,7 +85,7 @@ def main() -> None:
                     reports.append(report)
                     print(line(report), flush=True)
     held = sum(report["lift"]["held"] for report in reports)
-    low, high = wilson(held, len(trials))
+    low, high = binomtest(held, len(trials)).proportion_ci(method="wilson")
     print(f"held {held} of {len(trials)} (95 % interval {100 * low:.0f} to {100 * high:.0f} %)")
     for title, unit, factor, value in (
         ("touches", "", 1.0, lambda r: r["exploration"]["contacts"]),

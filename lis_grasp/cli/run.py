@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import trimesh
 
@@ -27,6 +27,7 @@ from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.lifting.lift_outcome import LiftOutcome
 from lis_grasp.pipeline.arm_station import make_station, station_after, station_facts
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
@@ -35,10 +36,6 @@ from lis_grasp.pipeline.summary import run_lines
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.run_scene import write_scene_of
-
-if TYPE_CHECKING:
-    from lis_grasp.simulation.simulate_lift import LiftOutcome
-
 
 _LOG = logging.getLogger(__name__)
 

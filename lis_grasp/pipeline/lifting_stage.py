@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -14,13 +14,11 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_lift import plan_arm_lift
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.lift_trial import AcceptGrasp
 from lis_grasp.pipeline.object_setup import support_height
 from lis_grasp.pipeline.worker_pool import worker_pool
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
-
-if TYPE_CHECKING:
-    from lis_grasp.simulation.simulate_lift import AcceptGrasp
 
 
 def require_simulator(simulator: str, shape: Shape) -> None:

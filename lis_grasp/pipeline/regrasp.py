@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
@@ -16,7 +15,7 @@ from lis_grasp.grasping.grasp_ranking import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.hands.hand import Hand
-from lis_grasp.lifting.lift_outcome import LiftOptions
+from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
 from lis_grasp.pipeline.arm_station import moved_frame
 from lis_grasp.pipeline.lifting_stage import lift as lift_stage
 from lis_grasp.pipeline.object_setup import support_height, table_of
@@ -24,10 +23,6 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import estimate, plan
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
-
-if TYPE_CHECKING:
-    from lis_grasp.simulation.simulate_lift import LiftOutcome
-
 
 # Minimum distance [m] of new contacts to planned contacts at which a finger closed on nothing.
 _MISSED_RADIUS = 0.01

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import trimesh
 
@@ -18,15 +18,13 @@ from lis_grasp.exploration import STEP_FRACTION, Exploration
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.lifting.lift_outcome import LiftOutcome
 from lis_grasp.pipeline.arm_station import station_facts
 from lis_grasp.pipeline.object_motion import motion_facts, true_object
 from lis_grasp.pipeline.object_setup import support_height
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape, placed
-
-if TYPE_CHECKING:
-    from lis_grasp.simulation.simulate_lift import LiftOutcome
 
 
 def build_report(

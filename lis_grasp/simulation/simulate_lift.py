@@ -8,15 +8,13 @@ import trimesh
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_lift import ArmLift
-from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome, Reason
+from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lift_trial import AcceptGrasp, LiftTrial
 from lis_grasp.simulation.arm_carrier import ArmCarrier
 from lis_grasp.simulation.arm_lift_trial import ArmLiftTrial
 from lis_grasp.simulation.lift_scene import LiftScene
 from lis_grasp.typing import FloatArray
-
-__all__ = ["AcceptGrasp", "LiftOptions", "LiftOutcome", "Reason", "simulate_lift"]
 
 
 def simulate_lift(
