@@ -20,7 +20,7 @@ PACKAGE = Path(lis_grasp.__file__).resolve().parent
 
 # The flow: a module imports from its own folder and from those above it in this list, never below.
 LAYERS = [
-    ["exceptions", "typing", "records"],
+    ["exceptions", "typing", "records", "poses"],
     ["io"],
     ["contacts", "motion", "plugins"],
     ["shapes"],
