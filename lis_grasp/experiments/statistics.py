@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import block_array, coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.stats import binomtest, norm, rankdata
 from scipy.stats import t as student
 
@@ -22,10 +24,12 @@ LEAST_CLUSTERS = 10
 """Clusters that a bootstrap interval needs: fewer have too few resamples for tails of 2.5 %."""
 
 LEAST_SEEDS = 4
-"""Seeds that an interval over whole seeds needs."""
+"""Seeds that an interval over whole seeds needs, with one hand; with each further hand one more."""
+
+# Fraction of the pairs of seed and level that must be there for an interval over seeds.
+_COMPLETE = 0.9
 
 _RESAMPLES = 4000
-_TABLE_RESAMPLES = 2000
 
 # Summands of a sum of ranks whose exact distribution takes two seconds.
 _MOST_EXACT = 1000
@@ -126,28 +130,43 @@ def bootstrap_interval(
     return float(low), float(high)
 
 
-def crossed_interval(
-    values: npt.ArrayLike, drawn: npt.ArrayLike, fixed: npt.ArrayLike
-) -> tuple[float, float]:
+def crossed_interval(values: npt.ArrayLike, drawn: npt.ArrayLike, fixed: npt.ArrayLike) -> Interval:
     """Return the 95 % Student interval of a mean over random draws, crossed with a fixed factor.
 
-    Each draw (a seed) meets each level of the fixed factor (an object). The mean of its level is
-    subtracted from each value first, so that missing values matter little.
+    Each draw (a seed) meets each level of the fixed factor (a hand and an object) of its stratum;
+    draws that share a level are one stratum. The mean of its level is subtracted from each value,
+    so neither levels nor strata count as differences between draws. The variance of draws is
+    pooled over strata.
 
     Parameters
     ----------
     values
         Shape (N,).
     drawn
-        Shape (N,): index of the draw of each value, from 0 to D - 1; at least 2 draws.
+        Shape (N,): index of the draw of each value, from 0 to D - 1.
     fixed
         Shape (N,): index of the level of each value, from 0 to K - 1.
+
+    Returns
+    -------
+    low, high
+        None if draws less strata are fewer than `LEAST_SEEDS` - 1, or if more than a tenth of the
+        pairs of draw and level are missing: then level means are too uncertain.
     """
-    known, groups = np.asarray(values, dtype=np.float64), np.asarray(fixed)
-    ones = np.ones(len(known))
-    centres = cluster_sums(known, groups) / cluster_sums(ones, groups)
-    means = cluster_sums(known - centres[groups], drawn) / cluster_sums(ones, drawn)
-    half = student.ppf(0.975, len(means) - 1) * means.std(ddof=1) / np.sqrt(len(means))
+    known = np.asarray(values, dtype=np.float64)
+    draws, levels = np.asarray(drawn), np.asarray(fixed)
+    met = coo_array((np.ones(len(known)), (draws, levels))).tocsr()
+    count, strata = connected_components(block_array([[None, met], [met.T, None]]), directed=False)
+    of_draws, of_levels = np.split(strata, [met.shape[0]])
+    pairs = np.bincount(of_draws, minlength=count) @ np.bincount(of_levels, minlength=count)
+    degrees = len(of_draws) - count
+    if degrees < LEAST_SEEDS - 1 or met.nnz < _COMPLETE * pairs:
+        return None, None
+    sizes = np.bincount(draws)
+    centred = known - (cluster_sums(known, levels) / np.bincount(levels))[levels]
+    means = cluster_sums(centred, draws) / sizes
+    variance = float(means @ means) / degrees
+    half = student.ppf(0.975, degrees) * np.sqrt(variance * float(sizes @ sizes)) / len(known)
     return float(known.mean() - half), float(known.mean() + half)
 
 
@@ -168,11 +187,12 @@ def objects_of(rows: Sequence[Row]) -> IntArray:
 
 
 def interval_over_seeds(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
-    """Return the 95 % interval of a mean for other seeds on the same objects.
+    """Return the 95 % interval of a mean for other seeds on the same objects, with the same hands.
 
-    Whole seeds are the units, because a seed gives all objects the same random numbers. With fewer
-    than `LEAST_SEEDS` seeds, or without differences between seeds, clusters of object and seed are
-    drawn instead. The values have shape (N,), one for each row.
+    Whole seeds are the units, because a seed gives all objects the same random numbers; their
+    variance is pooled over the hands (`crossed_interval`). Where this needs more seeds, or more of
+    each seed, or seeds do not differ, clusters of object and seed are drawn instead. The values
+    have shape (N,), one for each row.
 
     Returns
     -------
@@ -180,11 +200,9 @@ def interval_over_seeds(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
         None with too few units, or if no value differs between units.
     """
     seeds = numbered([row["seed"] for row in rows])
-    if len(set(seeds)) >= LEAST_SEEDS:
-        found = _if_wide(crossed_interval(values, seeds, objects_of(rows)))
-        if found[0] is not None:
-            return found
-    return _of_clusters(values, clusters_of(rows))
+    cells = numbered([(row.get("hand"), row["object"]) for row in rows])
+    found = _if_wide(crossed_interval(values, seeds, cells))
+    return _of_clusters(values, clusters_of(rows)) if found[0] is None else found
 
 
 def interval_over_objects(rows: Sequence[Row], values: npt.ArrayLike) -> Interval:
@@ -255,20 +273,28 @@ class MeasureTable:
         """Return the mean over objects of the means over seeds."""
         return float(_mean(self.per_object(estimator), axis=0))
 
-    def reduction(self, estimator: str, reference: str) -> tuple[float, float, float]:
+    def reduction(self, estimator: str, reference: str) -> tuple[float, Interval]:
         """Return the relative reduction of the mean below the reference, and its 95 % interval.
 
-        Paired: only trials with a value of both count. The percentile bootstrap (Efron 1979)
-        draws seeds, the same for both estimators and all objects.
+        Paired: only trials with a value of both count. The interval is Student's for the logarithm
+        of the ratio of means, over seeds, which are the same for both estimators and all objects;
+        the variance of the logarithm is that of its linearisation. With fewer than `LEAST_SEEDS`
+        seeds, or a mean of 0, there is no interval.
         """
         both = np.stack([self.of(estimator), self.of(reference)])  # (2, objects, seeds)
         both[:, np.isnan(both).any(axis=0)] = np.nan
-        rng = np.random.default_rng(0)
-        drawn = rng.integers(len(self.seeds), size=(_TABLE_RESAMPLES, len(self.seeds)))
-        mine, theirs = _mean(_mean(both[:, :, drawn], axis=3), axis=1)  # (resamples,) each
-        low, high = np.quantile(1.0 - mine / theirs, [0.025, 0.975])
-        mean, reference_mean = _mean(_mean(both, axis=2), axis=1)
-        return float(1.0 - mean / reference_mean), float(low), float(high)
+        of_objects = _mean(both, axis=2)
+        means = _mean(of_objects, axis=1)
+        ratio, count = float(means[0] / means[1]), len(self.seeds)
+        if count < LEAST_SEEDS or not ratio > 0.0:
+            return 1.0 - ratio, (None, None)
+        relative = (both - of_objects[:, :, None]) / means[:, None, None]
+        known = ~np.isnan(both[0])
+        weights = known / np.maximum(known.sum(axis=1, keepdims=True), 1) / known.any(axis=1).sum()
+        deviations = np.sum(weights * np.where(known, relative[0] - relative[1], 0.0), axis=0)
+        error = np.sqrt(count / (count - 1) * np.sum(deviations**2))
+        half = student.ppf(0.975, count - 1) * error
+        return 1.0 - ratio, (1.0 - ratio * np.exp(half), 1.0 - ratio * np.exp(-half))
 
 
 def measure_table(rows: Sequence[Row], measure: str) -> MeasureTable:
@@ -294,5 +320,8 @@ def _of_clusters(values: npt.ArrayLike, clusters: IntArray) -> Interval:
     return _if_wide(bootstrap_interval(values, clusters, rng=np.random.default_rng(0)))
 
 
-def _if_wide(interval: tuple[float, float]) -> Interval:
-    return (None, None) if np.isclose(*interval, rtol=1e-9, atol=1e-12) else interval
+def _if_wide(interval: Interval) -> Interval:
+    low, high = interval
+    if low is None or high is None or np.isclose(low, high, rtol=1e-9, atol=1e-12):
+        return None, None
+    return low, high

@@ -34,6 +34,7 @@ from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import PatchImplicitSurface
 
+MEANS = {"lis": 1.0, "gpis": 2.0}
 WEDGE = [PaperTrial("wedge", "0", 0), PaperTrial("wedge", "2", 0), PaperTrial("wedge", "2", 1)]
 
 
@@ -195,11 +196,24 @@ def test_a_table_averages_seeds_then_objects() -> None:
     assert table.objects == ("o0", "o1")
     np.testing.assert_array_equal(table.per_object("lis"), [2.0, 5.0])
     assert table.overall("lis") == 3.5
-    reduction, low, high = table.reduction("lis", "gpis")
+    reduction, interval = table.reduction("lis", "gpis")
     assert reduction == pytest.approx(0.5)
-    # All resamples of two seeds: both first (1 + 4), both second (3 + 6), one of each.
-    assert low == pytest.approx(1.0 - 4.5 / 7.0)
-    assert high == pytest.approx(1.0 - 2.5 / 7.0)
+    assert interval == (None, None)  # of two seeds
+
+
+@pytest.mark.parametrize("seeds", [4, 10])
+def test_reductions_have_their_coverage(seeds: int) -> None:
+    rng = np.random.default_rng(0)
+    covered = []
+    for _ in range(200):
+        values = {name: c * rng.lognormal(0.0, 0.3, (6, seeds)) for name, c in MEANS.items()}
+        table = measure_table(rows_of({n: v.tolist() for n, v in values.items()}), "edge_rmsd")
+        _, (low, high) = table.reduction("lis", "gpis")
+        assert low is not None
+        assert high is not None
+        covered.append(low <= 1.0 - MEANS["lis"] / MEANS["gpis"] <= high)
+    # Three standard deviations of a rate of 95 % in 200 are 4.6 points.
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.05)
 
 
 def test_what_one_of_two_lacks_is_compared_for_neither() -> None:

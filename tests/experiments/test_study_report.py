@@ -245,10 +245,13 @@ def test_calibration_compares_predicted_and_observed_rates() -> None:
     assert line[2:] == (str(len(tried)), *(f"{100 * value:.1f}" for value in expected))
 
 
-def test_grasps_planned_on_the_truth_count_once_for_all_numbers_of_touches() -> None:
+def test_grasps_planned_on_the_truth_count_once_for_all_touches_of_a_fixed_object() -> None:
     rows = [row | {"estimator": "truth"} for row in rows_of() if row["estimator"] == "blend"]
     (line,) = calibration_table(rows).body
     assert line[2] == str(len({(row["object"], row["seed"]) for row in rows}))
+    # Touches move a free object, so each of its trials has a grasp of its own.
+    (line,) = calibration_table([row | {"conditions": "unknown"} for row in rows]).body
+    assert line[2] == str(sum(row["success_probability"] is not None for row in rows))
 
 
 def test_errors_and_success_are_listed_by_object_noise_and_touches() -> None:

@@ -133,7 +133,31 @@ def test_crossed_intervals_are_student_s_intervals_of_the_means() -> None:
     # Far apart as objects are, a value that is missing does not widen it much.
     some = np.arange(72) != 40
     low, high = crossed_interval(table.ravel()[some], drawn[some], kept[some])
-    assert high - low == pytest.approx(found[1] - found[0], rel=0.2)
+    assert low is not None
+    assert high is not None
+    assert high - low == pytest.approx(interval.high - interval.low, rel=0.2)
+    # With a quarter of them missing there is no interval.
+    some = np.arange(72) % 4 != 0
+    assert crossed_interval(table.ravel()[some], drawn[some], kept[some]) == (None, None)
+
+
+def test_the_levels_of_a_nested_factor_do_not_widen_the_interval_over_seeds() -> None:
+    # Seeds 0 to 2 with one hand and 3 to 6 with another: a hand's ease is not a seed's.
+    values = np.random.default_rng(0).random((7, 12))
+    first = np.arange(7) < 3
+    rows = [
+        {"object": o, "seed": s, "hand": "ab"[int(first[s])]} for s in range(7) for o in range(12)
+    ]
+    low, high = interval_over_seeds(rows, values.ravel())
+    eased = values + 5.0 * first[:, None] + 3.0 * np.arange(12) * ~first[:, None]
+    eased_low, eased_high = interval_over_seeds(rows, eased.ravel())
+    assert None not in (low, high, eased_low, eased_high)
+    assert eased_high - eased_low == pytest.approx(high - low, rel=1e-9)  # type: ignore[operator]
+    # The pooled variance of two samples, as in Student's test for two means.
+    means = values.mean(axis=1)
+    pooled = 2.0 * means[first].var(ddof=1) + 3.0 * means[~first].var(ddof=1)
+    width = 2.0 * stats.t.ppf(0.975, 5) * np.sqrt(pooled / 5.0 / 7.0)
+    assert high - low == pytest.approx(width, rel=1e-9)  # type: ignore[operator]
 
 
 def simulated(

@@ -206,8 +206,10 @@ def rows_as_csv(rows: Sequence[Row]) -> str:
 
 def change_text(table: MeasureTable, estimator: str) -> str:
     """Return the change of the mean from GPIS, with its interval: −59 % (−62 % to −55 %)."""
-    reduction, low, high = table.reduction(estimator, "gpis")
-    text = f"{-100 * reduction:+.0f} % ({-100 * high:+.0f} % to {-100 * low:+.0f} %)"
+    reduction, (low, high) = table.reduction(estimator, "gpis")
+    text = f"{-100 * reduction:+.0f} %"
+    if low is not None and high is not None:
+        text += f" ({-100 * high:+.0f} % to {-100 * low:+.0f} %)"
     return text.replace("-", "\N{MINUS SIGN}")
 
 

@@ -39,7 +39,9 @@ class MixedModel:
 
     odds_ratios: tuple[OddsRatio, ...]
     deviations: dict[str, float]
-    """Standard deviation of each kind of random effect, in log odds."""
+    """Standard deviation of each kind of random effect, in log odds. Small ones are too small: of
+    effects on an object with 0.8 and 0.5, twelve simulated studies of 40 objects found 0.46 and
+    0.17. Large ones are right."""
 
 
 def fit_mixed_model(rows: Sequence[Row], estimator: str, reference: str) -> MixedModel:

@@ -32,7 +32,7 @@ from lis_grasp.experiments.study.comparison import (
     value_of,
 )
 from lis_grasp.experiments.study.study_trial import COLUMNS
-from lis_grasp.experiments.study.trial import TRIAL_COLUMNS, TRUTH
+from lis_grasp.experiments.study.trial import DEFAULT_CONDITIONS, TRIAL_COLUMNS, TRUTH
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
 
@@ -198,8 +198,8 @@ def calibration_table(rows: Sequence[Row]) -> TextTable:
     for hand in [*hands, None] if len(hands) > 1 else hands:
         for name in names(rows, "estimator"):
             of = [row for row in _of(rows, estimator=name) if hand in (None, row["hand"])]
-            if name == TRUTH:  # the same grasp for every number of touches and every noise
-                of = list({(r["object"], r["hand"], r["seed"]): r for r in of}.values())
+            if name == TRUTH:
+                of = list({_planned_from(row): row for row in of}.values())
             tried = [r for r in of if r["success_probability"] is not None]
             if not tried:
                 continue
@@ -218,6 +218,13 @@ def calibration_table(rows: Sequence[Row]) -> TextTable:
     )
     title = "Predicted and observed success rates, in percent"
     return TextTable("calibration", title, head, tuple(body))
+
+
+def _planned_from(row: Row) -> tuple:
+    """Return what decides a grasp on the true mesh: touches and noise move only a free object."""
+    planned = (row["object"], row["hand"], row["seed"])
+    is_fixed = row.get("conditions") in (None, DEFAULT_CONDITIONS)
+    return planned if is_fixed else (*planned, row["touches"], row["noise"])
 
 
 def objects_table(rows: Sequence[Row], measure: Measure) -> TextTable:
