@@ -21,7 +21,8 @@ class UncertainSurface:
     The field is ``s g``: the estimate's own standard deviation s, which grows with the distance
     from a touch, times a field g of unit deviation and squared-exponential correlation. Errors of
     normals are its slope, ``s grad g + g grad s``. The slope of g has the deviation 1 over the
-    correlation length.
+    correlation length. Slopes of different contacts are drawn independently, and so of heights at
+    others: an approximation for contacts that are nearer to each other than two of these lengths.
     """
 
     vertices: cKDTree  # of V points [m]
