@@ -77,7 +77,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "pose": {
         "metavar": "POSE",
-        "help": "the object stands on a table: upright (as its mesh) or stable (in any stable"
+        "help": "the object is on a table: upright (as its mesh) or stable (in any stable"
         " pose), at a random place in the region; or a text file with its pose, four rows of four"
         " numbers [m]",
     },
@@ -221,14 +221,14 @@ def _add_to(
 
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:
-    """Add the options of what is known of the object, how it stands, and the sensor."""
+    """Add the options of what is known of the object, its pose, and the sensor."""
     conditions = parser.add_argument_group("conditions")
     given = conditions.add_mutually_exclusive_group()
     given.add_argument(
         "--unknown",
         action="store_true",
         default=None,
-        help="nothing is known but the region, not even mass and friction: the object stands free"
+        help="nothing is known but the region, not even mass and friction: the object is free"
         " on a table in a stable pose (fixed with --prober kinematic), and the sensor is realistic:"
         " 0.5 mm, 3 deg, 0.05 N, taxels 2 mm apart (default, unless there is a --cloud)",
     )
@@ -237,8 +237,8 @@ def add_conditions(parser: argparse.ArgumentParser) -> None:
         dest="unknown",
         action="store_false",
         default=None,
-        help="place, size, mass and friction of the object are known, it is fixed in the air as its"
-        " mesh stands, and the sensor is ideal; the options below change each of these",
+        help="place, size, mass and friction of the object are known, it is fixed in the air at"
+        " the pose of its mesh, and the sensor is ideal; the options below change each of these",
     )
     add_options(conditions, "pose", "region", "free", "load")
     conditions.add_argument(

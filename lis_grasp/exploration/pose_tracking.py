@@ -98,7 +98,7 @@ class PoseTracker:
         if belief.repeated and belief.doubts <= 0:
             return None
         # Blocked ones again are blocked; while in doubt, every probe comes once. What was repeated
-        # just now, and is still uncertain, lies so that it says little.
+        # just now, and is still uncertain, is where it says little.
         count, doubts = len(outcomes), max(belief.doubts, 0)
         tried = [
             outcome.probe.target

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from trimesh.graph import connected_component_labels
 
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.meshing.band import COARSE, sample_band
@@ -156,7 +155,9 @@ def _supported_faces(
     cell [m], and the median of the main body's. The solid round a kept cavity is kept.
     `uncertainty` is of vertices, (V,) [m].
     """
-    count, part = _parts(len(vertices), faces)
+    edges = np.concatenate([faces[:, :2], faces[:, 1:]])
+    part = connected_component_labels(edges, len(vertices)).astype(np.intp)
+    count = int(part.max()) + 1
     if count == 1:
         return np.ones(len(faces), dtype=bool)
     # method="lower": an uncertainty may be infinite.
@@ -169,16 +170,6 @@ def _supported_faces(
     if not supported.all():
         supported = _with_their_solids(supported, vertices, faces, part)
     return np.asarray(supported[part[faces[:, 0]]])
-
-
-def _parts(vertices: int, faces: IndexArray) -> tuple[int, IndexArray]:
-    """Return the number of connected parts, and the part of each vertex."""
-    first, second = faces.reshape(-1), np.roll(faces, 1, axis=1).reshape(-1)
-    links = coo_array(
-        (np.ones(len(first), dtype=bool), (first, second)), shape=(vertices, vertices)
-    )
-    count, part = connected_components(links, directed=False)
-    return int(count), part.astype(np.intp)
 
 
 def _with_their_solids(

@@ -1,4 +1,4 @@
-"""Conditions of a run: what is known of the object, how it stands, and the tactile sensor."""
+"""Conditions of a run: what is known of the object, its pose, and the tactile sensor."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ REAL_SENSOR: Mapping[str, float] = MappingProxyType(
 KNOWN: Mapping[str, Any] = MappingProxyType(
     {"pose": None, "region": None, "free": False, "load": "known", **IDEAL_SENSOR}
 )
-"""Place, size, mass and friction are known, the object is fixed as its mesh stands, the sensor is
-ideal."""
+"""Place, size, mass and friction are known, the object is fixed at the pose of its mesh, and the
+sensor is ideal."""
 
 UNKNOWN: Mapping[str, Any] = MappingProxyType(
     {
@@ -41,7 +41,7 @@ UNKNOWN: Mapping[str, Any] = MappingProxyType(
         **REAL_SENSOR,
     }
 )
-"""Only a region is known, not even mass and friction; the object stands free in a stable pose; the
+"""Only a region is known, not even mass and friction; the object is free, in a stable pose; the
 sensor is realistic."""
 
 CONDITIONS: Mapping[str, Mapping[str, Any]] = MappingProxyType({"known": KNOWN, "unknown": UNKNOWN})

@@ -50,7 +50,7 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " other fingers are apart: take a larger object, or bring these fingers closer together in"
         " the pregrasps of the hand's YAML",
         "no_flat_supported_surface": "no touched and flat part of the estimate is large and high"
-        " enough for a pad: turn the object so that more of it stands above the table, or make"
+        " enough for a pad: turn the object so that more of it is above the table, or make"
         " more touches (--touches)",
         "no_force_closure": "the contacts could not resist every force: raise --friction, or make"
         " more touches (--touches)",

@@ -65,8 +65,8 @@ class RunConfig:
         (kinematic prober only).
     pose
         "upright" or "stable": the object is placed in such a pose on a table, in the region, as
-        the seed decides; or the path of a text file with its pose. None: the object stands as its
-        mesh, which is touched in the air unless it is `free`.
+        the seed decides; or the path of a text file with its pose. None: the object has the pose of
+        its mesh, and is touched in the air unless it is `free`.
     region
         Lengths along x, y and z [m] of the box on the table that contains the object: the only
         prior knowledge. None: position and size of the object are known. Needs a pose.

@@ -1,6 +1,6 @@
 """True objects: the paper's shapes with exact edge lines, and mesh files.
 
-Every object stands upright on the plane z = (lowest z of its mesh), in metres, in its frame O.
+Every object is upright on the plane z = (lowest z of its mesh), in metres, in its frame O.
 """
 
 from lis_grasp.shapes.builtin import (

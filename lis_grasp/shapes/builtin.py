@@ -46,7 +46,7 @@ def cylinder(size: float = PAPER_SIZE) -> Shape:
 def half_cylinder(size: float = PAPER_SIZE) -> Shape:
     """Return half of a cylinder cut along its axis: `size` high, 0.8 `size` in diameter.
 
-    It stands on its half disc; the flat face looks to -y, the round one to +y.
+    It rests on its half disc; the flat face looks to -y, the round one to +y.
     """
     _require_size(size)
     radius = 0.4 * size
@@ -94,7 +94,7 @@ def pentagon(size: float = PAPER_SIZE) -> Shape:
 
 
 def mallet(size: float = PAPER_SIZE) -> Shape:
-    """Return a mallet standing on its head: a box with a round handle upwards, `size` in all.
+    """Return a mallet upright on its head: a box with a round handle upwards, `size` in all.
 
     The head is 0.7 by 0.4 `size` wide and 0.4 `size` high, the handle 0.28 `size` thick. Where the
     handle meets the head, the surface has a concave circular edge.

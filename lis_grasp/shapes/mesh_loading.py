@@ -81,7 +81,7 @@ def load(path: str | Path, units: str = "m") -> Shape:
     """Return the object in a mesh file, closed and outward whatever state the file is in.
 
     The frame O is the file's own, scaled to metres and neither shifted nor turned: the object
-    stands on its lowest z there. Several parts are one object. Repairs are listed in
+    rests on its lowest z there. Several parts are one object. Repairs are listed in
     `Shape.repairs`.
 
     Parameters

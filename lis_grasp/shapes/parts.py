@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from trimesh.graph import connected_component_labels
 
 from lis_grasp.shapes.mesh_union import unite
 from lis_grasp.shapes.shape import signed_volume
@@ -14,11 +13,7 @@ from lis_grasp.typing import FloatArray, IntArray
 
 def each_part(mesh: trimesh.Trimesh) -> list[IntArray]:
     """Return the face indices of every connected part of a mesh."""
-    count = len(mesh.faces)
-    pairs = mesh.face_adjacency
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    bodies, labels = connected_components(graph, directed=False)
-    return _rows_by_label(bodies, labels)
+    return _rows_by_label(connected_component_labels(mesh.face_adjacency, len(mesh.faces)))
 
 
 def unite_parts(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
@@ -81,15 +76,13 @@ def overlapping_groups(low: FloatArray, high: FloatArray) -> list[IntArray]:
         others = i + 1 + np.flatnonzero(meet)
         first.append(np.full(len(others), i))
         second.append(others)
-    rows, columns = np.concatenate(first), np.concatenate(second)
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(low), len(low)))
-    count, labels = connected_components(graph, directed=False)
-    return _rows_by_label(count, labels[np.argsort(order)])
+    pairs = np.column_stack([np.concatenate(first), np.concatenate(second)])
+    return _rows_by_label(connected_component_labels(pairs, len(low))[np.argsort(order)])
 
 
-def _rows_by_label(count: int, labels: IntArray) -> list[IntArray]:
-    """Return the rows of each label from 0 to `count` - 1, in order."""
-    if not count:
+def _rows_by_label(labels: IntArray) -> list[IntArray]:
+    """Return the rows of each label from 0, in order."""
+    if not len(labels):
         return []
     rows = np.argsort(labels, kind="stable")
-    return np.split(rows, np.cumsum(np.bincount(labels, minlength=count))[:-1])
+    return np.split(rows, np.cumsum(np.bincount(labels))[:-1])

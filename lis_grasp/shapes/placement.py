@@ -18,7 +18,7 @@ from lis_grasp.shapes.shape import Shape
 from lis_grasp.typing import FloatArray
 
 UPRIGHT, STABLE = "upright", "stable"
-"""Poses by name: as the mesh stands, and any stable one. Another name is a file."""
+"""Poses by name: that of the mesh, and any stable one. Another name is a file."""
 
 # Yaws drawn until the object fits into the region.
 _YAWS = 100

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
+from trimesh.graph import connected_component_labels
 
 from lis_grasp.typing import BoolArray, FloatArray, IntArray
 
@@ -48,10 +47,8 @@ def disagreeing_faces(faces: IntArray) -> BoolArray:
     two = by_edge[np.cumsum(count)[count == 2, None] - [2, 1]]  # (E2, 2), corners
     a, b = (two // 3).T
     disagree = forward.ravel()[two[:, 0]] == forward.ravel()[two[:, 1]]
-    rows = np.concatenate([a, a + n])
-    columns = np.concatenate([b + n * disagree, b + n * ~disagree])
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n))
-    _, label = connected_components(graph, directed=False)
+    links = np.concatenate([[a, b + n * disagree], [a + n, b + n * ~disagree]], axis=1).T
+    label = connected_component_labels(links, 2 * n)
     as_is, turned = label[:n], label[n:]
     kept = np.bincount(as_is, minlength=label.max(initial=-1) + 1)  # faces of each way as they are
     fewer = kept[turned] > kept[as_is]
@@ -98,10 +95,8 @@ def split_at_shared_edges(vertices: FloatArray, faces: IntArray) -> tuple[FloatA
     shared[faces[face, k]] = shared[faces[face, (k + 1) % 3]] = True
     _, first, inverse = np.unique(faces, return_index=True, return_inverse=True)
     whole = np.flatnonzero(~shared[faces.ravel()])
-    rows = np.concatenate([a, next_a, whole])
-    columns = np.concatenate([next_b, b, first[inverse.ravel()[whole]]])
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(faces.size, faces.size))
-    _, split = connected_components(graph, directed=False)
+    same = [[a, next_b], [next_a, b], [whole, first[inverse.ravel()[whole]]]]
+    split = connected_component_labels(np.concatenate(same, axis=1).T, faces.size)
     _, used = np.unique(split, return_index=True)
     return vertices[faces.ravel()[used]], split.astype(np.int64).reshape(-1, 3)
 

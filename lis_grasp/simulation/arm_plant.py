@@ -89,7 +89,7 @@ def ignore_mounting(
     """Exclude collisions that mean nothing.
 
     They are those between links of the arm that may touch by its file, between its foot and the
-    table on which it stands, and of the hand's base link with the flange that carries it.
+    table on which it is, and of the hand's base link with the flange that carries it.
     """
 
     def exclude(first: list[GeometryId], second: list[GeometryId]) -> None:

@@ -13,9 +13,8 @@ from pydrake.geometry import (
     TriangleSurfaceMesh,
 )
 from pydrake.multibody.plant import ContactResults
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from trimesh.graph import connected_component_labels
 
 from lis_grasp.typing import FloatArray, IntArray
 
@@ -146,7 +145,4 @@ def _connected_pieces(mesh: PolygonSurfaceMesh | TriangleSurfaceMesh) -> IntArra
         [mesh.vertex(face.vertex(k)) for face in faces for k in range(face.num_vertices())]
     )
     pairs = owners[cKDTree(vertices).query_pairs(_SAME_VERTEX, output_type="ndarray")]  # (K, 2)
-    shape = (len(faces), len(faces))
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=shape)
-    _, pieces = connected_components(graph, directed=False)
-    return np.asarray(pieces, dtype=np.int64)
+    return np.asarray(connected_component_labels(pairs, len(faces)), dtype=np.int64)

@@ -134,7 +134,7 @@ def _stable_modulus(mesh: trimesh.Trimesh, mass: float, time_step: float) -> flo
     lowest = mesh.vertices[heights < heights.min() + _ON_TABLE, :2]
     try:
         area = ConvexHull(lowest).volume  # what Qhull calls the area of a polygon is its border
-    except QhullError:  # the object stands on a point or a line
+    except QhullError:  # the object rests on a point or a line
         return np.inf
     gradient = _STIFFNESS_LIMIT * mass / (area * time_step**2)  # of the pressure [Pa/m]
     return 0.5 * _TABLE_THICKNESS * gradient

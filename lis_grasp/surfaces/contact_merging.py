@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from trimesh.graph import connected_component_labels
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.contact_noise import noise_of, noise_of_means, precisions_of
@@ -104,11 +103,9 @@ def _merged(contacts: Contacts, reach: float | FloatArray) -> Contacts:
         pairs = pairs[np.linalg.norm(np.diff(points[pairs], axis=1)[:, 0], axis=1) <= reaches]
     cosines = np.einsum("pk,pk->p", normals[pairs[:, 0]], normals[pairs[:, 1]])
     pairs = pairs[cosines > _SAME_NORMAL]  # (P, 2)
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    places, place = connected_components(links, directed=False)
-    if places == count:
+    if not len(pairs):
         return contacts
-    return average_groups(contacts, place)
+    return average_groups(contacts, connected_component_labels(pairs, count))
 
 
 def average_groups(contacts: Contacts, group: IndexArray) -> Contacts:

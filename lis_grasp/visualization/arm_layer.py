@@ -38,7 +38,7 @@ def draw_arm(canvas: Canvas, station: Station, *, first: int) -> None:
 
 
 def draw_pedestal(canvas: Canvas, station: Station) -> None:
-    """Draw the column on which the base stands, if it is above its table."""
+    """Draw the column on which the base is, if it is above its table."""
     table, base = station.table, station.X_WA[:3, 3]
     height = 0.0 if table is None else float(base[2] - table.height)
     if height < _LEAST_PEDESTAL:

@@ -103,7 +103,7 @@ class Setup:
     """Ranked grasps to plan; the first is executed."""
     conditions: StrictStr = _one_of(tuple(CONDITIONS), DEFAULT_CONDITIONS)
     """"known": place, size, mass and friction are known, and the object is fixed while it is
-    touched. "unknown": it stands free in a region of a table, in a stable pose; the sensor has a
+    touched. "unknown": it is free in a region of a table, in a stable pose; the sensor has a
     threshold and taxels; this needs the dynamic prober."""
 
     def __post_init__(self) -> None:
