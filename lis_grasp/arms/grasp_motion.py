@@ -8,10 +8,10 @@ import numpy as np
 import trimesh
 
 from lis_grasp.arms.joint_trajectory import JointTrajectory
-from lis_grasp.arms.reach_filter import ReachFilter
+from lis_grasp.arms.reach_filter import ArmGrasp, ReachFilter
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.station_home import home_of
-from lis_grasp.arms.time_scaling import joined, time_path
+from lis_grasp.arms.time_scaling import TIME_STEP, joined, time_path
 from lis_grasp.arms.transit import TransitPlanner
 from lis_grasp.typing import FloatArray
 
@@ -57,6 +57,30 @@ def plan_grasp_motion(
     rng
         For the path around the object.
     """
+    planned = plan_transit(station, mesh, X_WH, q_open, q_closed, rng=rng)
+    if isinstance(planned, str):
+        return planned
+    grasp, transit = planned
+    return GraspMotion(
+        joined([transit, _straight(station, grasp.approach)]), _straight(station, grasp.lift)
+    )
+
+
+def plan_transit(
+    station: Station,
+    mesh: trimesh.Trimesh | None,
+    X_WH: FloatArray,
+    q_open: FloatArray,
+    q_closed: FloatArray,
+    *,
+    rng: np.random.Generator,
+    step: float = TIME_STEP,
+) -> tuple[ArmGrasp, JointTrajectory] | str:
+    """Return the straight paths of a grasp, and the motion from home to where they begin.
+
+    Or the reason that there are none. Arguments are as of `plan_grasp_motion`; the motion has a
+    point each `step` [s].
+    """
     reach = ReachFilter(station, mesh)
     (found,) = reach.plan(X_WH[None], q_open[None], q_closed[None])
     if found is None:
@@ -65,9 +89,8 @@ def plan_grasp_motion(
     corners = planner.plan(home_of(station), found.standoff, q_open, rng=rng)
     if corners is None:
         return NO_PATH
-    transit = time_path(station.arm, corners, is_free=lambda q: planner.is_free(q, q_open))
-    return GraspMotion(
-        joined([transit, _straight(station, found.approach)]), _straight(station, found.lift)
+    return found, time_path(
+        station.arm, corners, is_free=lambda path: planner.is_free(path, q_open), step=step
     )
 
 

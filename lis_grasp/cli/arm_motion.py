@@ -18,6 +18,7 @@ from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.shipped_arms import ARM_NAMES
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.cli import options as opt
+from lis_grasp.cli.grasp import recorded_base
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError, LisGraspError
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
@@ -26,8 +27,8 @@ from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
 from lis_grasp.lifting.wrist_trajectory import minimum_jerk
+from lis_grasp.pipeline.arm_station import base_at
 from lis_grasp.pipeline.reasons import rejection_sentence
-from lis_grasp.poses import checked_pose
 
 _CLOSING, _STEP = 1.0, 0.02  # time in which the hand closes, and between two points of it [s]
 
@@ -130,14 +131,13 @@ def _stations(
     options: argparse.Namespace, recorded: dict[str, Any], arm: Arm, hand: Hand, height: float
 ) -> list[Station]:
     """Return the stations to try: base as given, else as recorded, else several, the best first."""
+    X_EA = recorded_base(options, recorded)
+    if X_EA is None and options.base is not None:
+        X_EA = base_at(options.base, height)
     table = Table(height)
-    if options.base is not None:
-        X_WA = np.eye(4)
-        X_WA[:3, 3] = options.base + np.array([0.0, 0.0, height])
-        return [Station.make(arm, hand, X_WA, table=table)]
-    if options.arm is None and "X_EA" in recorded:
-        return [Station.make(arm, hand, checked_pose("X_EA", recorded["X_EA"]), table=table)]
-    return best_bases(arm, hand, table=table)
+    if X_EA is None:
+        return best_bases(arm, hand, table=table)
+    return [Station.make(arm, hand, X_EA, table=table)]
 
 
 def _closing(hand: Hand, grasp: Grasp) -> JointTrajectory:

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.reach_filter import ReachFilter
+from lis_grasp.arms.grasp_motion import plan_transit
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.station_home import home_of
-from lis_grasp.arms.time_scaling import time_path
-from lis_grasp.arms.transit import TransitPlanner
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.joint_path import JointPath
 from lis_grasp.lifting.lift_outcome import Reason
@@ -44,21 +41,16 @@ def plan_arm_lift(
     The arm avoids the table and the `estimate` of the object; None for no object. Its path has a
     sample each `time_step` [s].
     """
-    opened = np.asarray(grasp.pregrasp_positions)
-    reach = ReachFilter(station, estimate)
-    pose, closed = np.array([grasp.X_OH]), np.array([grasp.joint_positions])
-    (motion,) = reach.plan(pose, opened[None], closed)
-    if motion is None:
-        return "no_arm_motion"
-    planner = TransitPlanner(station, estimate)
-    rng = np.random.default_rng(_SEED)
-    corners = planner.plan(home_of(station), motion.standoff, opened, rng=rng)
-    if corners is None:
-        return "no_arm_motion"
-    transit = time_path(
-        station.arm,
-        corners,
-        is_free=lambda path: planner.is_free(path, opened),
+    planned = plan_transit(
+        station,
+        estimate,
+        grasp.X_OH,
+        grasp.pregrasp_positions,
+        grasp.joint_positions,
+        rng=np.random.default_rng(_SEED),
         step=time_step,
     )
+    if isinstance(planned, str):
+        return "no_arm_motion"
+    _, transit = planned
     return ArmLift(station, JointPath.of(transit, time_step))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,9 +31,14 @@ def make_station(
         return Station.make(arm, hand, X_EA, table=table)
     if config.base is None:
         return choose_base(arm, hand, table=table)
+    return Station.make(arm, hand, base_at(config.base, height), table=table)
+
+
+def base_at(place: Sequence[float], height: float) -> FloatArray:
+    """Return the pose (4, 4) of an arm's base at x, y and z above a table of a height [m]."""
     X_WA = np.eye(4)
-    X_WA[:3, 3] = config.base + np.array([0.0, 0.0, height])
-    return Station.make(arm, hand, X_WA, table=table)
+    X_WA[:3, 3] = place + np.array([0.0, 0.0, height])
+    return X_WA
 
 
 def station_after(station: Station | None, exploration: Exploration) -> Station | None:
