@@ -173,7 +173,8 @@ def _further_tables(folder: Path) -> dict[str, str]:
         name: "\n".join(table.markdown() for table in some if table.body) or "Not measured yet.\n"
         for name, some in tables.items()
     }
-    return pages | _both_simulators(simulators)
+    seeds = f"{len(names(parts, 'seed'))} of the ten planned seeds"
+    return pages | _both_simulators(simulators) | {"parts_seeds": seeds}
 
 
 def _both_simulators(rows: Sequence[Row]) -> dict[str, str]:

@@ -149,8 +149,9 @@ def held_table(rows: Sequence[Row]) -> TextTable:
         executed = [key for key, row in both[0].items() if row["reason"] not in (FAILED, NO_GRASP)]
         agree = sum(both[0][key]["held"] == both[1][key]["held"] for key in executed)
         rates = [100.0 * np.mean([row["held"] for row in of.values()]) for of in both]
-        share = f"{agree} of {len(executed)} ({100.0 * agree / max(len(executed), 1):.0f} %)"
-        body.append((estimator_label(name), str(len(both[0])), *(f"{r:.0f}" for r in rates), share))
+        agreed = f"{agree} of {len(executed)} ({100.0 * agree / max(len(executed), 1):.0f} %)"
+        cells = (*(f"{rate:.0f}" for rate in rates), agreed)
+        body.append((estimator_label(name), str(len(both[0])), *cells))
     head = ("planned on", "trials", *(f"held in {x} [%]" for x in _LABELS.values()), "agree")
     return TextTable("simulators", "Held in both simulators", head, tuple(body))
 

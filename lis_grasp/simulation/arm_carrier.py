@@ -27,7 +27,7 @@ from lis_grasp.typing import FloatArray
 ShakeWith = Callable[[float], WristPath]
 
 # A shake uses at most this fraction of the arm's speed, acceleration and effort limits.
-_SHAKE_SHARE, _LESS = 0.9, 0.98
+_SHAKE_FRACTION, _LESS = 0.9, 0.98
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,15 +156,15 @@ class ArmCarrier:
         self, shake_with: ShakeWith, acceleration: float, duration: float, direction: str
     ) -> ArmMotion:
         """Return the motion of a shake, and forces on the object for what the arm cannot make."""
-        share = 1.0
+        fraction = 1.0
         while True:  # nearly linear in the amplitude, so that two rounds suffice
-            joints = self._track(shake_with(share * acceleration), duration)
+            joints = self._track(shake_with(fraction * acceleration), duration)
             use = max(*joints.use_of(*self._limits), self._effort_of(joints))
-            if use <= _SHAKE_SHARE:
+            if use <= _SHAKE_FRACTION:
                 break
-            share *= _LESS * _SHAKE_SHARE / use
-        self._watch.use.shakes.append(ArmShake(direction, acceleration, share * acceleration))
-        missing = None if share == 1.0 else shake_with((1.0 - share) * acceleration)
+            fraction *= _LESS * _SHAKE_FRACTION / use
+        self._watch.use.shakes.append(ArmShake(direction, acceleration, fraction * acceleration))
+        missing = None if fraction == 1.0 else shake_with((1.0 - fraction) * acceleration)
         return ArmMotion(self, joints, missing)
 
     def expect_contact(self, expected: bool) -> None:
