@@ -190,13 +190,13 @@ def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
         assert before.outcome.reason == "aborted"
         assert len(after.contacts) == len(before.contacts) + len(before.outcome.measured_contacts)
     assert sum(map(_holds, runs)) >= 2
-    # The new contacts are on the true object, which was pushed by less than a centimetre.
+    # The new contacts are on the true object, which was pushed by less than two centimetres.
     for made in filter(_holds, runs):
         measured = made[-1].contacts.points[12:]
         assert len(measured)
         low, high = BOX.mesh.bounds
         outside = np.maximum(measured - high, low - measured).max(axis=1)
-        assert np.abs(outside).max() < 0.01
+        assert np.abs(outside).max() < 0.02
 
 
 @pytest.mark.slow
