@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,34 +62,38 @@ def displacement_rows(points: FloatArray, normals: FloatArray) -> FloatArray:
     return np.column_stack([normals[:, :2], turn])
 
 
-def register_motion(contacts: Contacts, mesh: trimesh.Trimesh) -> FloatArray:
-    """Return the planar displacement (3,) of an object whose new contacts are off its estimate.
+def register_motions(sets: Sequence[Contacts], mesh: trimesh.Trimesh) -> FloatArray:
+    """Return the planar displacements (K, 3) of an object at K successive sets of contacts.
 
-    Gauss-Newton iterations of the most probable displacement d: a normal prior of 10 mm and
-    0.2 rad, and distances ``n . d(p)`` of the contacts from the estimated surface, to 2 mm
-    (point-to-plane registration: Chen and Medioni 1992).
+    Gauss-Newton iterations of the most probable displacements d_k from the estimate. Between two
+    sets the object moves by a normal displacement of 10 mm and 0.2 rad. The distances
+    ``n . d_k(p)`` of the contacts from the estimated surface are known to 2 mm (point-to-plane
+    registration: Chen and Medioni 1992). So later contacts correct earlier displacements too.
 
     Parameters
     ----------
-    contacts
-        New contacts, in the frame in which the object was estimated [m].
+    sets
+        Contacts in the order of their measurement, all in the frame of the estimate [m].
     mesh
-        The estimated surface before the motion, closed [m].
+        The surface estimated before the first motion, closed [m].
     """
-    displacement = np.zeros(3)
-    if not len(contacts):
-        return displacement
-    information = np.diag(_CLOSING_MOTION**-2.0)
-    for _ in range(_ITERATIONS):
-        back = np.linalg.inv(planar_pose(displacement))
-        points = trimesh.transform_points(contacts.points, back)
-        nearest, _, triangles = trimesh.proximity.closest_point(mesh, points)
-        normals = mesh.face_normals[triangles]
-        distances = np.einsum("ni,ni->n", points - nearest, normals)
-        rows = displacement_rows(nearest, normals) / _CONTACT_ERROR
-        step = np.linalg.solve(
-            information + rows.T @ rows,
-            rows.T @ distances / _CONTACT_ERROR - information @ displacement,
-        )
-        displacement = displacement + step
-    return np.asarray(displacement)
+    count = len(sets)
+    displacements = np.zeros((count, 3))
+    difference = np.eye(count) - np.eye(count, k=-1)
+    prior = np.kron(difference.T @ difference, np.diag(_CLOSING_MOTION**-2.0))
+    for _ in range(_ITERATIONS if any(map(len, sets)) else 0):
+        information, gradient = prior.copy(), -prior @ displacements.ravel()
+        for k, contacts in enumerate(sets):
+            if not len(contacts):
+                continue
+            back = np.linalg.inv(planar_pose(displacements[k]))
+            points = trimesh.transform_points(contacts.points, back)
+            nearest, _, triangles = trimesh.proximity.closest_point(mesh, points)
+            normals = mesh.face_normals[triangles]
+            distances = np.einsum("ni,ni->n", points - nearest, normals) / _CONTACT_ERROR
+            rows = displacement_rows(nearest, normals) / _CONTACT_ERROR
+            own = slice(3 * k, 3 * k + 3)
+            information[own, own] += rows.T @ rows
+            gradient[own] += rows.T @ distances
+        displacements += np.linalg.solve(information, gradient).reshape(count, 3)
+    return displacements

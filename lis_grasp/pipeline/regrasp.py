@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import trimesh
 
 from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.planar_motion import planar_pose, register_motion
+from lis_grasp.exploration.planar_motion import planar_pose, register_motions
 from lis_grasp.grasping.grasp_ranking import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
@@ -72,9 +72,9 @@ def grasp_with_tactile_check(
     An object that slips at the start of the lift is set down. The next grasp avoids places where a
     finger closed on nothing or slipped. The last of `RunConfig.attempts` is executed without the
     check. Where the arm has no way to a grasp, or has to stop on it, the next grasp of the plan is
-    executed instead, as part of the same attempt. An attempt may push the object: its motion is
-    estimated from the new contacts (`register_motion`), and the frame of contacts and grasps moves
-    with it.
+    executed instead, as part of the same attempt. An attempt may push the object. Its motions are
+    estimated from the contacts of all attempts (`register_motions`), and the frame of contacts and
+    grasps moves with it.
 
     `shape` is the true object, `contacts` are those of the exploration. `planner` estimates the
     surface and plans grasps; None does so as configured. `lift` is called as `pipeline.lift`.
@@ -83,9 +83,12 @@ def grasp_with_tactile_check(
     carries the hand, in that frame; None for none.
     """
     planner, prior = planner or make_planner(shape, hand, config), config.load_prior(shape.mesh)
-    missed = np.empty((0, 3))
+    explored, missed = contacts, np.empty((0, 3))
+    measured: list[Contacts] = []  # of each attempt, in the frame E of the explored ones
+    first_estimate, X_EF = None, np.eye(4)  # F moves with the object, as believed
     for left in reversed(range(config.attempts)):
         mesh, search = planner(contacts, X_WO, station)
+        first_estimate = mesh if first_estimate is None else first_estimate
         if not search.grasps:
             yield Attempt(contacts, mesh, search, 0, None, X_WO)
             return
@@ -109,11 +112,26 @@ def grasp_with_tactile_check(
             X_WO = outcome.X_WO if outcome.duration > 0.0 else X_WO
         if outcome.reason not in _TRIED_AGAIN:
             return
-        X_EF = planar_pose(register_motion(outcome.measured_contacts, mesh))
-        contacts = contacts.append(outcome.measured_contacts.in_frame(X_EF))
-        X_WO = np.linalg.inv(X_EF) @ outcome.X_WO
-        station = moved_frame(station, X_EF)
+        measured.append(outcome.measured_contacts.in_frame(np.linalg.inv(X_EF)))
+        contacts, X_EG = _on_the_object(explored, measured, first_estimate)
+        X_FG, X_EF = np.linalg.inv(X_EF) @ X_EG, X_EG
+        X_WO = np.linalg.inv(X_FG) @ outcome.X_WO
+        station = moved_frame(station, X_FG)
         missed = np.vstack([missed, _missed(grasp, outcome)])
+
+
+def _on_the_object(
+    explored: Contacts, measured: Sequence[Contacts], mesh: trimesh.Trimesh
+) -> tuple[Contacts, FloatArray]:
+    """Return all contacts in the frame F that moved with the object, and its pose X_EF (4, 4).
+
+    `measured` are those of each attempt, in the frame E of the explored ones and of their estimate.
+    """
+    contacts, X_EF = explored, np.eye(4)
+    for new, displacement in zip(measured, register_motions(measured, mesh), strict=True):
+        X_EF = planar_pose(displacement)
+        contacts = contacts.append(new.in_frame(X_EF))
+    return contacts, X_EF
 
 
 def lift_options(prior: LoadPrior) -> LiftOptions | None:

@@ -190,8 +190,8 @@ def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
         assert before.outcome is not None
         assert before.outcome.reason == "aborted"
         assert len(after.contacts) == len(before.contacts) + len(before.outcome.measured_contacts)
-        # The new contacts are on the true object, which was pushed by less than a centimetre since.
-        measured = after.contacts.points[len(before.contacts) :]
+        # The contacts of all attempts are on the true object, which each of them may have pushed.
+        measured = after.contacts.points[len(runs[0][0].contacts) :]
         assert len(measured)
         assert after.X_WO is not None
         on_object = trimesh.transform_points(measured, np.linalg.inv(after.X_WO))
