@@ -172,7 +172,10 @@ class PoseTracker:
             belief = replace(PoseBelief.start(), X_WE=belief.X_WE, lost=True)
         outcome = replace(outcome.object_moved(X_CF), tracked=belief)
         if belief.lost:
-            return replace(outcome, reason=LOST)
+            new = outcome.contacts
+            if len(new):  # they define the new frame: the doubt about the old pose is not theirs
+                new = replace(new, position_noise=np.full(len(new), self.position_noise))
+            return replace(outcome, contacts=new, reason=LOST)
         if usable:
             return outcome
         return replace(outcome, status="blocked", contacts=Contacts.empty(), reason=MOVED)

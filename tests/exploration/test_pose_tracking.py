@@ -146,6 +146,18 @@ def test_an_object_that_a_dozen_probes_miss_is_searched_again() -> None:
     assert not again.tracked.lost
 
 
+def test_the_contact_that_shows_a_loss_has_the_noise_of_the_sensor() -> None:
+    # It defines the object's new frame, so the doubt about the old one does not make it uncertain.
+    tracker = PoseTracker(lambda X_EF: None, position_noise=5e-4)
+    doubtful = replace(PoseBelief.start().loosened(np.array([0.015, 0.015, 0.3])), doubts=6)
+    known = touched_at(-0.03).contacts
+    five = Contacts(np.tile(known.points, (5, 1)), np.tile(known.normals, (5, 1)))
+    before = ProbeOutcome(PROBE, "missed", tracked=doubtful)
+    found = tracker.track(touched_at(-0.07), [before], five, None, repeated=False)
+    assert found.lost
+    np.testing.assert_array_equal(found.contacts.position_noise, [5e-4])
+
+
 def test_repeated_probes_add_no_contacts() -> None:
     repeated = replace(touched_at(-0.05), tracked=replace(PoseBelief.start(), repeated=True))
     assert len(Exploration.replay([touched_at(-0.03), repeated]).contacts) == 1
