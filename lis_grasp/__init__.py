@@ -1,4 +1,4 @@
-"""Learn an unknown object's shape by touch alone, edges included, and grasp it.
+"""Tactile exploration, implicit surface estimation and grasp planning for unknown objects.
 
 The public names, loaded on first use so that `import lis_grasp` costs next to nothing. None of
 them needs Drake; what does is in `lis_grasp.simulation`.

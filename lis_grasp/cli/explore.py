@@ -113,9 +113,9 @@ def explore_with_log(
 ) -> Exploration:
     """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
 
-    The shape is at its pose X_WO (4, 4), if it has one. contacts.ply has the touches, then
-    the points of the cloud. The station's arm carries the hand; None for a free hand.
-    What new touches demand of it is added to `arm_use`.
+    The shape is at its pose X_WO (4, 4), if it has one. contacts.ply has the touches, then the
+    points of the cloud, unless the object was lost. The station's arm carries the hand; None for a
+    free hand. What new touches demand of it is added to `arm_use`.
 
     An interrupted exploration is resumed from its log, and the touches of a finished one are used
     again. With another configuration or another state of the package it starts from the beginning,
@@ -142,7 +142,7 @@ def explore_with_log(
     }
     source = {"source": provenance.source_digest()} | content
     log = TouchLog(output / LOG, provenance.parse(header) | source)
-    differing, finished = log.differing(), log.has_ended()
+    differing, finished = log.differing(), log.ending() is not None
     if finished and station is not None:  # what touches demand of an arm is not in the log
         log.path.unlink()
     known = log.resume()
@@ -183,7 +183,9 @@ def explore_with_log(
             arm_use=arm_use,
         )
         stage.result = exploration.summary()
-    contacts = exploration.contacts if cloud is None else exploration.contacts.append(cloud)
+    contacts = exploration.contacts
+    if cloud is not None and not any(outcome.lost for outcome in exploration.outcomes):
+        contacts = contacts.append(cloud)
     end = exploration.simulated_pose  # of a free object, in the frame of the contacts
     moved = {} if end is None else {"X_EO": end.tolist()}
     moved |= station_facts(station_after(station, exploration))

@@ -106,7 +106,7 @@ def explore(
     probe left, or after ``4 touches + 20`` probes. Fewer contacts are a result, not an error.
 
     Every probe draws from a generator of its own, so a resumed exploration makes the same probes as
-    an uninterrupted one.
+    an uninterrupted one. Stop rules with a memory (`stop_when_graspable`) begin anew.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def explore(
     prior
         Contacts known before the first touch, for example of a camera; None for none. The surface
         is estimated from them and the touches, and touches go where both are missing. They are no
-        part of the result.
+        part of the result, and are dropped when the tracker loses the object.
     sensor
         Model of the tactile sensor; None for an ideal one.
     stop
@@ -158,7 +158,7 @@ def explore(
     for outcome in outcomes:  # as below; `sum` compensates for rounding from Python 3.12 on
         clock += outcome.duration
     margin = 0.0 if sensor is None else sensor.free_margin
-    before = Contacts.empty() if prior is None else prior
+    before = Contacts.empty() if prior is None or any(each.lost for each in outcomes) else prior
     estimated: ImplicitSurface | None = None
     estimated_from = 0  # contacts
     while True:
@@ -193,6 +193,8 @@ def explore(
         if record is not None:
             record(outcome)
         outcomes.append(outcome)
+        if outcome.lost:
+            before = Contacts.empty()
         contacts = _with_outcome(contacts, outcome, clock, touches)
         clock += outcome.duration
         if progress is not None:

@@ -139,6 +139,7 @@ def _touches(
 ) -> Touches:
     measured = log.forces(choose_topic(log, "force", finger.force, "--force"))
     valid = np.all(np.abs(measured.forces) < _LARGEST_FORCE, axis=1)  # False for NaN
+    valid &= np.isfinite(measured.times)
     if not valid.any():
         raise InvalidInputError("the topic of the force has no messages: choose another")
     measured = replace(measured, times=measured.times[valid], forces=measured.forces[valid])
@@ -148,18 +149,18 @@ def _touches(
         fixed = np.eye(4) if frames.object_frame is None else frames.object_frame
         X_PO = np.tile(fixed, (len(times), 1, 1))
     else:
-        other, X_BO, _ = _pose_of(log, frames.object_pose, None, times, "--object-pose")
+        other, X_BO, _ = _pose_of(log, frames.object_pose, None, times, "--object-pose", near=base)
         X_PO = _related(log, base, other, times) @ X_BO
     X_OP = inverse_poses(X_PO)
     X_OT = X_OP @ X_PT
     R_OF = _force_frame(measured, log, base, tip, X_OP, X_OT)
     forces = _conditioned(measured, frames)
+    known = np.isfinite(R_OF[:, 0, 0])
     if forces.shape[1] == 3:
         # A rotation that is unknown must not hide a touch.
-        known = np.isfinite(R_OF[:, 0, 0])
         forces[known] = np.einsum("tij,tj->ti", R_OF[known], forces[known])
     tips = X_OT[:, :3, 3] + X_OT[:, :3, :3] @ np.asarray(frames.tip_offset, dtype=np.float64)
-    return detect_touches(times, forces, tips, detection, finger=finger.name)
+    return detect_touches(times, forces, tips, detection, finger=finger.name, directed=known)
 
 
 def _pose_of(
@@ -168,15 +169,19 @@ def _pose_of(
     frames: LogFrames | None,
     times: FloatArray,
     option: str,
+    near: str = "",
 ) -> tuple[str, FloatArray, str]:
-    """Return the base frame, the poses (T, 4, 4) in it, and the frame of a topic or frame."""
+    """Return the base frame, the poses (T, 4, 4) in it, and the frame of a topic or frame.
+
+    `near` is the base of a frame in the log's transforms, if it is one of them.
+    """
     frame = None if given is None else given.lstrip("/")
     named = frames.tip_frame if frames is not None else ""
     topics = {topic.name for topic in log.topics if topic.content == "pose"}
     if given is not None and given not in topics:
         tree = log.frames()
         if frame in tree.frames:
-            base = named or _root(tree)
+            base = named or (near if near in tree.frames else _root(tree))
             return base, tree.pose(base, frame, times), frame
         raise InvalidInputError(
             f"{option} must be a topic of poses or a frame; '{given}' is not: the log has the"

@@ -129,7 +129,7 @@ class ProbeOutcome:
         Shape (K,) [m]: radius of the free ball around each free point; 0 if only the point is known
         to be free. Empty for all 0.
     hand_pose
-        Pose of the hand when it made the contacts, in the frame of the probe; None if unknown.
+        Pose of the hand when it made the contacts, in their frame; None if unknown.
     simulated_pose
         Shape (4, 4): true pose of a free object after the probe, in the frame of the contacts; None
         if unknown or fixed. It is for the evaluation and to resume a simulation: no policy,

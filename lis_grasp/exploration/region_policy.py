@@ -52,7 +52,7 @@ class RegionPolicy:
             return search_probe(self.region, outcomes, rng=rng)
         space = self.region.grown(contacts)
         since = _since_first_contact(outcomes)
-        if since:  # else the contacts are of a camera
+        if len(contacts) <= sum(len(outcome.contacts) for outcome in since):  # none of a camera
             opening = _opening_probe(space, since)
             if opening is not None:
                 return opening

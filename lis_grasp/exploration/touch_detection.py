@@ -94,6 +94,7 @@ def detect_touches(
     detection: TouchDetection,
     *,
     finger: str = "",
+    directed: BoolArray | None = None,
 ) -> Touches:
     """Find the touches of one finger.
 
@@ -112,6 +113,8 @@ def detect_touches(
         Thresholds and the tip.
     finger
         Its name.
+    directed
+        Shape (T,): whether the direction of the force in O is known; None for all.
     """
     magnitudes = np.linalg.norm(forces, axis=1)
     off = detection.release * detection.threshold
@@ -134,6 +137,8 @@ def detect_touches(
     directions = np.zeros((len(rows), 3))
     if forces.shape[1] == 3:
         directions = forces[rows] / np.maximum(magnitudes[rows], 1e-300)[:, None]
+        if directed is not None:
+            directions[~directed[rows]] = 0.0
     centers = tips[rows].reshape(-1, 3)
     return Touches(
         finger=finger,
@@ -169,7 +174,7 @@ def contacts_of_touches(fingers: list[Touches], detection: TouchDetection) -> Co
     radius = detection.tip_radius
     free = np.vstack([each.free for each in fingers])
     has_force = np.any(outward, axis=1)
-    if detection.normals == "force" and not np.all(has_force):
+    if detection.normals == "force" and not np.any(has_force):
         raise InvalidOptionError(
             "normals from forces need the three components of each force; the log has magnitudes:"
             " take the normals from the approach, or estimate them",

@@ -48,8 +48,8 @@ class TouchLog:
             return ()
         return _outcomes(self.path, [row for row in rows if _END not in row])
 
-    def has_ended(self) -> bool:
-        """Return whether the exploration in the file is finished.
+    def ending(self) -> str | None:
+        """Return the reason for which the exploration in the file ended; None if it did not.
 
         Raises
         ------
@@ -57,7 +57,7 @@ class TouchLog:
             If the file exists and is no touch log.
         """
         _, rows = self._read()
-        return _has_ended(rows)
+        return _ending(rows)
 
     def differing(self) -> tuple[str, ...]:
         """Return the names of the facts that prevent resuming an interrupted exploration.
@@ -68,7 +68,7 @@ class TouchLog:
             If the file exists and is no touch log.
         """
         header, rows = self._read()
-        if not rows or _has_ended(rows):
+        if not rows or _ending(rows) is not None:
             return ()
         ours = self._header()
         return tuple(
@@ -91,7 +91,7 @@ class TouchLog:
 
     def end(self, reason: str) -> None:
         """Mark the exploration as ended, with the reason, unless it is marked already."""
-        if not self.has_ended():
+        if self.ending() is None:
             append_lines(self.path, self._header(), [{_END: reason}])
 
     def _header(self) -> Row:
@@ -116,8 +116,8 @@ def load_outcomes(path: Path) -> tuple[ProbeOutcome, ...]:
     return _outcomes(path, [row for row in rows if _END not in row])
 
 
-def _has_ended(rows: list[Row]) -> bool:
-    return any(_END in row for row in rows)
+def _ending(rows: list[Row]) -> str | None:
+    return next((str(row[_END]) for row in rows if _END in row), None)
 
 
 def _row(outcome: ProbeOutcome) -> Row:

@@ -98,7 +98,11 @@ class BagLog:
                 for time, message in self._messages(topic.name, "transforms"):
                     for each in message.transforms:
                         pair = _frame(each), each.child_frame_id.lstrip("/")
-                        samples[pair].append([_stamp(each) or time, *_pose(each)])
+                        sample = [_stamp(each) or time, *_pose(each)]
+                        if topic.name.endswith("tf_static"):  # the last one is valid at all times
+                            samples[pair] = [sample]
+                        else:
+                            samples[pair].append(sample)
         tables = {pair: np.array(rows, np.float64) for pair, rows in samples.items()}
         return FrameTree(
             {

@@ -7,12 +7,13 @@ frame of the tip if that has an orientation, else in the frame of the poses.
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.csv_tables import read_csv_columns
+from lis_grasp.io.csv_tables import read_csv_columns, read_table
 from lis_grasp.io.log_streams import TimedForces, Topic
 from lis_grasp.io.timed_poses import FrameTree, TimedPoses
 from lis_grasp.typing import FloatArray
@@ -22,6 +23,7 @@ _POSES = {
     "tip": (("x", "y", "z"), ("qx", "qy", "qz", "qw")),
     "object": (("ox", "oy", "oz"), ("oqx", "oqy", "oqz", "oqw")),
 }
+_COLUMNS = {"time", *chain.from_iterable((*_FORCES, *chain.from_iterable(_POSES.values())))}
 
 
 class CsvLog:
@@ -29,13 +31,13 @@ class CsvLog:
 
     def __init__(self, path: Path) -> None:
         """Read a table; `InvalidFileError` if it is missing, damaged or lacks columns."""
-        self._columns = read_csv_columns(path)
+        self._columns = read_csv_columns(path, _COLUMNS)
         present = set(self._columns)
         self._force = next((names for names in _FORCES if present >= set(names)), ())
         if "time" not in present or not self._force or not present >= set("xyz"):
             raise InvalidFileError(
                 f"a log as CSV needs the columns time, fx,fy,fz or force, and x,y,z of the tip;"
-                f" {path} has {', '.join(self._columns)}",
+                f" {path} has {', '.join(read_table(path)[0])}",
                 path=path,
             )
         count = len(self._columns["time"])

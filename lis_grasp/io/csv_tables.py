@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Container
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ _LINE_END = re.compile("\r\n|\r|\n")
 _MOST_BYTES = 256 * MEBIBYTE
 
 
-def read_csv_columns(path: Path) -> dict[str, FloatArray]:
-    """Return the columns of a CSV table of numbers by name, in lower case.
+def read_csv_columns(path: Path, wanted: Container[str] | None = None) -> dict[str, FloatArray]:
+    """Return the wanted columns (None: all) of a CSV table by name, in lower case: numbers.
 
     Raises
     ------
@@ -30,6 +31,7 @@ def read_csv_columns(path: Path) -> dict[str, FloatArray]:
             [cell_number(path, row[i].strip(), n + 1, name) for n, row in enumerate(rows)]
         )
         for i, name in enumerate(names)
+        if wanted is None or name in wanted
     }
 
 

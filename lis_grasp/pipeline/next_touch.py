@@ -11,6 +11,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_positive
 from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Region, Workspace
+from lis_grasp.exploration.pose_tracking import since_loss
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
@@ -141,8 +142,9 @@ def next_touch(
         estimated = make_estimator(config.estimator, sensor)(contacts)
         surface = carved(estimated, contacts, margin=sensor.free_margin)
     obstacles = ObstacleModel(space.grown(contacts), contacts, surface)
-    tried = list(outcomes)
-    rng = np.random.default_rng([config.seed, len(contacts), len(tried)])
+    tried = list(since_loss(outcomes))
+    made = len(tried)
+    rng = np.random.default_rng([config.seed, len(contacts), made])
     for blocked in range(_MOST_BLOCKED):
         probe = policy.next_probe(contacts, estimated, outcomes=tried, rng=rng)
         if probe is None:
@@ -158,6 +160,6 @@ def next_touch(
         tried.append(ProbeOutcome(probe, "blocked", reason="no approach"))
     raise EstimationError(
         f"the policy {config.policy} has no probe that the hand {hand.name} can approach, after"
-        f" {len(tried) - len(outcomes)} tries: check --center, --size, --support or --region, or"
+        f" {len(tried) - made} tries: check --center, --size, --support or --region, or"
         " choose another policy"
     )

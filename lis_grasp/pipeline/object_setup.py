@@ -35,8 +35,9 @@ def support_height(shape: Shape, config: RunConfig | None = None) -> float:
 def table_of(config: RunConfig, support: float | None) -> float | None:
     """Return the height of the table under the object [m]; None for one that is held in the air.
 
-    Placed objects are on a table, and those of an arm: at the height of their `support` [m].
+    Placed and free objects are on a table, and those of an arm: at the height of their `support`
+    [m].
     """
     if config.pose is not None:
         return 0.0
-    return support if config.arm is not None else None
+    return support if config.free or config.arm is not None else None

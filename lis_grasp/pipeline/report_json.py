@@ -21,7 +21,7 @@ from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.lift_outcome import LiftOutcome
 from lis_grasp.pipeline.arm_station import station_facts
 from lis_grasp.pipeline.object_motion import motion_facts, true_object
-from lis_grasp.pipeline.object_setup import support_height
+from lis_grasp.pipeline.object_setup import support_height, table_of
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import Shape, placed
@@ -91,9 +91,7 @@ def exploration_facts(
             contacts,
             tip_radius=min(tips, default=0.1 * radius),
             radius=radius,
-            support_height=support_height(shape, config)
-            if config.free or config.pose is not None
-            else None,
+            support_height=table_of(config, support_height(shape, config)),
         ),
         "estimate_coverage": None
         if estimate is None

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from lis_grasp.arms.station import Station
-from lis_grasp.exceptions import InvalidMeshError
+from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import (
     STEP_FRACTION,
     Exploration,
@@ -85,7 +85,7 @@ def touch(
     station: Station | None = None,
     arm_use: ArmUse | None = None,
 ) -> Exploration:
-    """Explore the object by touch as configured; resume an interrupted log.
+    """Explore the object by touch as configured; resume an interrupted log, reuse an ended one.
 
     Your own `estimator`, `policy` or `prober` replaces the configured one. Without a log,
     `recorded` are the outcomes to resume: those of the same exploration for fewer touches. The
@@ -100,6 +100,9 @@ def touch(
     space = for_fingertips(prior_knowledge(shape, config), hand)
     policy = policy or make_policy(config, space)
     recorded = log.resume() if log is not None else recorded
+    ending = log.ending() if log is not None else None
+    if ending is not None:
+        return replace(Exploration.replay(recorded, touches=config.touches), ended=ending)
     cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
     prober = prober or make_prober(config, hand, shape, recorded, station, arm_use)
     exploration = explore(
@@ -137,7 +140,7 @@ def _grasp_rule(shape: Shape, hand: Hand, config: RunConfig) -> list[StopRule]:
     def predict(surface: ImplicitSurface) -> float:
         try:
             mesh = extract_mesh(above_table(surface, table))
-        except InvalidMeshError:  # too few contacts for a closed surface
+        except EstimationError:  # too few contacts for a closed surface
             return 0.0
         prior = replace(config.load_prior(mesh), friction_spread=0.0, mass_spread=0.0)
         search = plan(

@@ -14,7 +14,11 @@ from lis_grasp import Contacts
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError
 from lis_grasp.exploration.log_touches import Finger, LogFrames, contacts_from_log
-from lis_grasp.exploration.touch_detection import TouchDetection
+from lis_grasp.exploration.touch_detection import (
+    TouchDetection,
+    contacts_of_touches,
+    detect_touches,
+)
 from lis_grasp.io.robot_logs import open_log
 
 TOUCH = TouchDetection(threshold=1.0, tip_radius=RADIUS, normals="force")
@@ -69,9 +73,23 @@ def test_tip_and_object_may_be_transform_frames(recording: Recording, tmp_path: 
     pytest.importorskip("rosbags")
     log = open_log(write_bag(recording, tmp_path / "log", "sqlite3", with_tf=True))
     frames = LogFrames(object_pose="object")
+    for tip in ("tip", "finger"):  # the finger is fixed to the tip
+        contacts, touches = contacts_from_log(log, [Finger(tip=tip)], frames, TOUCH)
+        assert_true(contacts, recording)
+        assert touches[0].unposed == 0
+    assert log.frames().frames == ["finger", "object", "tip", "world"]
+
+
+def test_a_tree_of_its_own_does_not_hide_the_base(recording: Recording, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    log = open_log(write_bag(recording, tmp_path / "log", "sqlite3", with_tf=True))
+    tree = log.frames()
+    own = {("mount", "camera"): tree.transforms["world", "tip"]}
+    tree = replace(tree, transforms={**tree.transforms, **own})
+    log.frames = lambda: tree
+    frames = LogFrames(object_pose="object", tip_frame="world")
     contacts, _ = contacts_from_log(log, [Finger(tip="tip")], frames, TOUCH)
     assert_true(contacts, recording)
-    assert log.frames().frames == ["object", "tip", "world"]
 
 
 def test_a_sensor_may_report_the_opposite_force_and_an_offset(
@@ -165,6 +183,29 @@ def test_touches_in_a_gap_of_the_poses_are_counted_and_left_out(
     contacts, touches = contacts_from_log(open_log(tmp_path / "log.csv"), [Finger()], frames, TOUCH)
     assert len(contacts) == len(recording.points) - touches[0].unposed
     assert touches[0].unposed == 2  # those at about samples 120 and 360
+
+
+def test_a_row_without_time_and_columns_of_text_are_ignored(
+    recording: Recording, tmp_path: Path
+) -> None:
+    table = write_csv(recording, tmp_path / "log.csv").read_text().splitlines()
+    rows = [f"{row},{'phase' if i == 0 else 'probe'}" for i, row in enumerate(table)]
+    rows[5] = ",".join(["nan", *rows[5].split(",")[1:]])
+    (tmp_path / "log.csv").write_text("\n".join(rows))
+    frames = LogFrames(object_pose="object")
+    contacts, _ = contacts_from_log(open_log(tmp_path / "log.csv"), [Finger()], frames, TOUCH)
+    assert_true(contacts, recording)
+
+
+def test_a_force_in_an_unknown_frame_has_no_direction() -> None:
+    force = np.tile([0.0, 0.0, 2.0], (40, 1))
+    force[::10] = 0.0  # a touch after each
+    tips = np.column_stack([np.zeros((40, 2)), 0.1 - 0.02 * (np.arange(40) % 10)])
+    known = np.arange(40) < 20
+    found = detect_touches(np.arange(40.0), force, tips, TOUCH, directed=known)
+    assert np.linalg.norm(found.directions, axis=1) == pytest.approx([1.0, 1.0, 0.0, 0.0])
+    assert found.forces == pytest.approx(4 * [2.0])
+    assert contacts_of_touches([found], TOUCH).times == pytest.approx([1.0, 11.0])
 
 
 @pytest.mark.parametrize(

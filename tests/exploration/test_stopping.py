@@ -1,22 +1,29 @@
 """Stop rules, each on a surface of known measures."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from lis_grasp import Hand, shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
     Probe,
     ProbeOutcome,
+    TouchLog,
     Workspace,
     stop_after,
     stop_when_certain,
     stop_when_covered,
     stop_when_graspable,
 )
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.touching import _grasp_rule, make_prober, touch
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
 
+BOX, HAND = shapes.build("box"), Hand.load("allegro")
 RADIUS = 0.05
 SPACE = Workspace(0.025, np.zeros(3), 2.0 * RADIUS)
 
@@ -92,6 +99,39 @@ def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> 
     reasons = [rule(cap(0.5, count), Ball(), ()) for count in range(1, 17)]
     assert [reason is not None for reason in reasons] == 15 * [False] + [True]
     assert not list(predictions)
+
+
+def test_an_ended_exploration_is_not_continued(tmp_path: Path) -> None:
+    config = RunConfig(prober="kinematic", touches=14, until_success=0.5)
+    log, asked = TouchLog(tmp_path / "touches.jsonl", {}), []
+
+    class Once:
+        """A prober that counts the probes."""
+
+        def __init__(self) -> None:
+            self.prober = make_prober(config, HAND, BOX, ())
+
+        def probe(self, probe: Probe, obstacles: ObstacleModel | None) -> ProbeOutcome:
+            asked.append(probe)
+            return self.prober.probe(probe, obstacles)
+
+    first = touch(BOX, HAND, config, prober=Once(), log=log)
+    assert first.ended.startswith("with a probability")
+    made = len(asked)
+    again = touch(BOX, HAND, config, prober=Once(), log=log)
+    assert (len(asked), again.ended) == (made, first.ended)
+    np.testing.assert_array_equal(again.contacts.points, first.contacts.points)
+
+
+def test_an_estimate_that_cannot_be_meshed_allows_no_grasp() -> None:
+    class Nothing(Ball):
+        """A surface without an inside."""
+
+        def evaluate(self, points: np.ndarray) -> np.ndarray:
+            return np.ones(points.shape[:-1])
+
+    (rule,) = _grasp_rule(BOX, HAND, RunConfig(until_success=0.5))
+    assert rule(cap(0.5, 12), Nothing(), ()) is None
 
 
 @pytest.mark.parametrize("probability", [0.0, 1.0, np.nan])

@@ -118,10 +118,10 @@ def test_a_finished_exploration_is_not_touched_again(
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
     for outcome in undisturbed.outcomes:
         log.append(outcome)
-    assert not log.has_ended()
+    assert log.ending() is None
     log.end(undisturbed.ended)
     before = log.path.read_bytes()
-    assert log.has_ended()
+    assert log.ending() == undisturbed.ended
     # A new probe would raise KeyboardInterrupt.
     assert_same(explored(log, stop_after=1), undisturbed)
     assert log.path.read_bytes() == before

@@ -118,10 +118,19 @@ def _messages(
     def vector(name: str, numbers: FloatArray) -> Any:
         return make(f"geometry_msgs/msg/{name}", *(float(number) for number in numbers))
 
+    def mount(nanoseconds: int) -> tuple[str, int, Any]:
+        unturned = vector("Quaternion", np.array([0.0, 0.0, 0.0, 1.0]))
+        transform = make("geometry_msgs/msg/Transform", vector("Vector3", np.zeros(3)), unturned)
+        tip = header(nanoseconds, "tip")
+        each = make("geometry_msgs/msg/TransformStamped", tip, "finger", transform)
+        return "/tf_static", nanoseconds, make("tf2_msgs/msg/TFMessage", [each])
+
     def header(nanoseconds: int, frame: str) -> Any:
         stamp = make("builtin_interfaces/msg/Time", *divmod(nanoseconds, 1_000_000_000))
         return make("std_msgs/msg/Header", *((0,) if ros1 else ()), stamp, frame)
 
+    if with_tf:  # published again, as after a restart
+        yield from (mount(round(1e9 * recording.times[i])) for i in (0, len(recording.times) // 2))
     for i, time in enumerate(recording.times):
         now = round(1e9 * time)
         zero = vector("Vector3", np.zeros(3))

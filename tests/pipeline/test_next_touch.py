@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration, Region, Workspace
+from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.io import provenance
 from lis_grasp.pipeline.next_touch import next_touch, workspace_of
 
@@ -35,6 +37,15 @@ def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration)
     assert found.distance == pytest.approx(nearest)
     assert nearest > 0.5 * contacts.spacing
     again = next_touch(contacts, hand, pipeline.RunConfig(), space, outcomes=explored.outcomes)
+    assert again.facts(hand) == found.facts(hand)
+
+
+def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
+    contacts, hand, config = explored.contacts, Hand.load("allegro"), pipeline.RunConfig()
+    lost = replace(explored.outcomes[-1], tracked=replace(PoseBelief.start(), lost=True))
+    space, since = workspace_of(contacts), [lost]
+    found = next_touch(contacts, hand, config, space, outcomes=since)
+    again = next_touch(contacts, hand, config, space, outcomes=[*explored.outcomes, lost])
     assert again.facts(hand) == found.facts(hand)
 
 
