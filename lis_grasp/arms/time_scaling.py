@@ -133,8 +133,18 @@ def _sampled(
     arm: Arm, path: _Path, limits: tuple[FloatArray, FloatArray], step: float
 ) -> JointTrajectory:
     """Return the fastest trajectory along a path, at times `step` apart."""
+    squares = _squared_speeds(*path[1:], *limits)
+    trajectory = _with_speeds(arm, path, squares, step)
+    # Within a cell a joint may be faster than at its ends: slow down by as much.
+    while (over := float((np.abs(trajectory.velocities) / limits[0]).max())) > 1.0 + 1e-9:
+        squares = squares / over**2
+        trajectory = _with_speeds(arm, path, squares, step)
+    return trajectory
+
+
+def _with_speeds(arm: Arm, path: _Path, squares: FloatArray, step: float) -> JointTrajectory:
+    """Return the trajectory with squared speeds along a path at its grid points."""
     positions, first, second, grid = path
-    squares = _squared_speeds(first, second, grid, *limits)
     # Between grid points the path's acceleration is constant: times of a uniformly changing speed.
     speeds = np.sqrt(squares)
     gaps = np.diff(grid)

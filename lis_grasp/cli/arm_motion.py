@@ -20,7 +20,7 @@ from lis_grasp.arms.station import Station, Table
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.grasp import recorded_base
 from lis_grasp.cli.progress import Stage, say
-from lis_grasp.exceptions import InvalidOptionError, LisGraspError
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
@@ -67,6 +67,8 @@ def execute(options: argparse.Namespace) -> None:
     folder = options.output or options.grasps_file.parent / "motion"
     surface = options.grasps_file.with_name("surface.ply")
     mesh = load_surface(surface) if surface.is_file() else None
+    if mesh is None:
+        say(f"warning: without {surface} the paths do not avoid the object")
     height = float(recorded.get("support_height", 0.0))
     arm = Arm.load(name)
     with Stage(f"Planning the motion of {arm.name} with {hand.name}") as stage:
@@ -114,9 +116,10 @@ def _first_motion(
 def _grasps(path: Path, rank: int | None, hand: Hand) -> dict[int, Grasp]:
     """Return the grasps of a file by rank, or the one of the given rank."""
     grasps = dict(enumerate(GraspSearch.load(path).grasps, start=1))
-    if not grasps or rank not in (None, *grasps):
-        required = f"1 to {len(grasps)}" if grasps else "of a grasp, but there is none"
-        raise InvalidOptionError.out_of_range("rank", rank, f"{required} in {path.name}")
+    if not grasps:
+        raise InvalidFileError(f"{path} must have a grasp; it has none: plan again", path=path)
+    if rank not in (None, *grasps):
+        raise InvalidOptionError.out_of_range("rank", rank, f"1 to {len(grasps)} in {path.name}")
     names = {grasp.hand for grasp in grasps.values() if grasp.joint_names != hand.joint_names}
     if names:
         raise InvalidOptionError(

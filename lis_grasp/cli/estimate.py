@@ -16,7 +16,7 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import LOG, require_own, result_file
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidOptionError, LisGraspError
+from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
 from lis_grasp.io import provenance
 from lis_grasp.io.point_files import read_point_file
 from lis_grasp.io.surface_files import save_surface
@@ -70,6 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Estimate the surface, and write its mesh, with its contacts if the folder lacks them."""
     contacts, recorded = load_contacts(options)
+    if not len(contacts):
+        raise InvalidContactsError(f"{options.contacts[0]} has no contacts: add at least one row")
     config = opt.configure(options, recorded)
     folder: Path = options.output or options.contacts[0].parent
     kept = _require_contacts_fit(folder, contacts, options.contacts)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.grasp import load_mesh
 from lis_grasp.cli.progress import Stage, say
+from lis_grasp.exceptions import InvalidFileError, require_at_least
 from lis_grasp.io import provenance
-from lis_grasp.pipeline.object_models import FORMATS, ObjectModel
+from lis_grasp.pipeline.object_models import FORMATS, MARK, VISUAL, ObjectModel
 from lis_grasp.shapes.convex_parts import convex_parts
 
 _MOST_PARTS = 32
@@ -47,16 +49,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Split the mesh into convex parts, and write the descriptions."""
     recorded = provenance.read(options.mesh, usual="surface.ply")
+    require_at_least(1, parts=options.parts)
     config = opt.configure(options, recorded)
     mesh = load_mesh(options.mesh, options.units, recorded)
     folder = options.output or options.mesh.parent / "model"
     name = options.name or Path(recorded.get("object", options.mesh)).stem
+    name = re.sub(r"[^\w.-]", "_", name)
+    formats = dict.fromkeys(options.format)
+    _require_own(folder, name, formats, options.mesh)
     with Stage("Splitting into convex parts") as stage:
         parts = convex_parts(mesh, most=options.parts)
         volume = sum(part.volume for part in parts) / mesh.volume
         stage.result = f"{len(parts)}, of {100 * volume:.0f} % of the object's volume together"
     mass = config.mass_of(mesh)
-    model = ObjectModel(re.sub(r"[^\w.-]", "_", name), mesh, parts, mass, config.friction)
-    for format_name in dict.fromkeys(options.format):
+    model = ObjectModel(name, mesh, parts, mass, config.friction)
+    for format_name in formats:
         say(f"wrote {model.save(folder, format_name)}")
     say(f"object: {mass:.3g} kg of uniform density, friction {config.friction:g}")
+
+
+def _require_own(folder: Path, name: str, formats: Iterable[str], mesh: Path) -> None:
+    """Raise `InvalidFileError` if a model would replace its mesh, or a file of another program.
+
+    The drawn mesh is this package's if a description beside it is.
+    """
+    endings = {ending for ending, _ in FORMATS.values()}
+    ours = {
+        path
+        for path in folder.glob("*")
+        if path.suffix in endings and MARK in path.read_text(errors="replace")
+    }
+    if ours:
+        ours.add(folder / VISUAL)
+    for path in (folder / VISUAL, *(folder / f"{name}{FORMATS[each][0]}" for each in formats)):
+        if path.exists() and (path not in ours or path.samefile(mesh)):
+            raise InvalidFileError(
+                f"{path} would be replaced, and is not a model that lis_grasp wrote: name another"
+                " folder with --output",
+                path=path,
+            )

@@ -14,6 +14,8 @@ from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import result_file
+from lis_grasp.contacts import FARTHEST
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.hands.hand import Hand
@@ -76,6 +78,10 @@ def execute(options: argparse.Namespace) -> None:
     support = options.support
     if support is None:
         support = recorded.get("support_height", float(mesh.bounds[0, 2]))
+    if not abs(support) <= FARTHEST:
+        raise InvalidOptionError.out_of_range(
+            "support", support, f"a height in metres, from {-FARTHEST:g} to {FARTHEST:g}"
+        )
     station = make_station(config, hand, support, X_EA=recorded_base(options, recorded))
     recorded |= station_facts(station)
     path = (options.output or options.mesh.parent) / "grasps.json"

@@ -142,7 +142,7 @@ def execute(options: argparse.Namespace) -> None:
         lost = sum(each.unposed for each in touches)
         stage.result = f"{len(contacts)} contacts" + (f", {lost} without a pose" if lost else "")
     header = provenance.describe(source=options.log.name)
-    if path.name == "contacts.ply":
+    if path.suffix.lower() == ".ply":
         with result_file(path) as temporary:
             contacts.save(temporary, header=header)
     else:
@@ -153,7 +153,14 @@ def execute(options: argparse.Namespace) -> None:
 
 def _output(options: argparse.Namespace) -> Path:
     output = options.output or options.log.parent
-    return output if output.suffix.lower() in (".ply", ".csv") else output / "contacts.ply"
+    path = output if output.suffix.lower() in (".ply", ".csv") else output / "contacts.ply"
+    if path.exists() and path.samefile(options.log):
+        raise InvalidOptionError(
+            f"--output must be another file than the log; it is {path}: name a folder",
+            option="--output",
+            value=str(path),
+        )
+    return path
 
 
 def _pose(numbers: list[float] | None) -> FloatArray | None:

@@ -76,13 +76,13 @@ class _Model:
             )
             inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             mass = self._number(inertial, "mass", 0.0)
-            link.inertial = yourdfpy.Inertial(self._own_pose(inertial), mass, inertia)
+            link.inertial = yourdfpy.Inertial(self._pose_on(name, inertial), mass, inertia)
         for body in element.findall("collision"):
             geometry = self._geometry(body.find("geometry"))
-            link.collisions.append(yourdfpy.Collision("", self._own_pose(body), geometry))
+            link.collisions.append(yourdfpy.Collision("", self._pose_on(name, body), geometry))
         for body in element.findall("visual"):
             geometry = self._geometry(body.find("geometry"))
-            link.visuals.append(yourdfpy.Visual("", self._own_pose(body), geometry))
+            link.visuals.append(yourdfpy.Visual("", self._pose_on(name, body), geometry))
         return link
 
     def _geometry(self, shape: ET.Element | None) -> yourdfpy.Geometry:
@@ -186,6 +186,15 @@ class _Model:
         relative = base if pose is None else pose.get("relative_to") or base
         self._poses[name] = self._pose(relative, (*below, name)) @ self._own_pose(element)
         return self._poses[name]
+
+    def _pose_on(self, link: str, body: ET.Element) -> FloatArray:
+        """Return the pose (4, 4) of a body of a link in the link's frame."""
+        pose = body.find("pose")
+        relative = "" if pose is None else pose.get("relative_to", "")
+        if relative in ("", link):
+            return self._own_pose(body)
+        X_LR = np.linalg.inv(self._pose(link)) @ self._pose(relative)
+        return np.asarray(X_LR @ self._own_pose(body))
 
     def _own_pose(self, element: ET.Element) -> FloatArray:
         """Return the numbers of an element's pose as (4, 4)."""

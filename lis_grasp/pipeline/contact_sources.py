@@ -37,17 +37,21 @@ def load_source(
     the points may be centres of a fingertip: arguments and errors are those of `load_contacts`.
     """
     recorded = provenance.read(Path(path))
+    if position_noise is None:
+        position_noise = _positive(recorded.get("position_noise"))
+    if normal_noise is None:
+        normal_noise = _positive(recorded.get("normal_noise"))
     contacts = load_contacts(
         path,
         units=units,
         normals=normals,
         fingertip_radius=fingertip_radius,
-        position_noise=position_noise or _positive(recorded.get("position_noise")),
+        position_noise=position_noise,
     )
     position, normal = noise_of(
         contacts,
-        position_noise or _positive(recorded.get("position_noise")),
-        normal_noise or _positive(recorded.get("normal_noise")),
+        position_noise,
+        normal_noise,
         default=(np.nan, np.nan),
     )
     if np.isnan(position).any() or np.isnan(normal).any():

@@ -16,7 +16,13 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.typing import FloatArray
 
 _DRAKE = "http://drake.mit.edu"
-_VISUAL = "visual.obj"
+
+VISUAL = "visual.obj"
+"""File of the mesh that is drawn, in the folder of a model."""
+
+MARK = "<!-- lis-grasp export -->"
+"""Comment in each description, which shows that this package wrote the folder."""
+
 # MuJoCo's coefficients of torsional [m] and rolling friction [m], its defaults.
 _TORSION, _ROLLING = 0.005, 0.0001
 
@@ -89,14 +95,14 @@ class ObjectModel:
         if format_name not in FORMATS:
             raise InvalidOptionError.not_one_of("format", format_name, FORMATS)
         ending, describe = FORMATS[format_name]
-        for file, mesh in ((_VISUAL, self.mesh), *zip(_files(self), self.parts, strict=True)):
+        for file, mesh in ((VISUAL, self.mesh), *zip(_files(self), self.parts, strict=True)):
             plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
             write_text(folder / file, str(plain.export(file_type="obj", header="")))
         root = describe(self)
         ElementTree.indent(root)
         path = folder / f"{self.name}{ending}"
         text = ElementTree.tostring(root, encoding="unicode")
-        write_text(path, f'<?xml version="1.0"?>\n{text}\n')
+        write_text(path, f'<?xml version="1.0"?>\n{MARK}\n{text}\n')
         return path
 
 
@@ -137,7 +143,7 @@ def _urdf(model: ObjectModel) -> ElementTree.Element:
     _child(inertial, "origin", xyz=_numbers(*model.center), rpy="0 0 0")
     _child(inertial, "mass", value=_numbers(model.mass))
     _child(inertial, "inertia", **_moments(model))
-    _child(_child(_child(link, "visual"), "geometry"), "mesh", filename=_VISUAL)
+    _child(_child(_child(link, "visual"), "geometry"), "mesh", filename=VISUAL)
     for file in _files(model):
         collision = _child(link, "collision", name=Path(file).stem)
         mesh = _child(_child(collision, "geometry"), "mesh", filename=file)
@@ -156,7 +162,7 @@ def _sdf(model: ObjectModel) -> ElementTree.Element:
     for name, moment in _moments(model).items():
         _child(inertia, name, moment)
     visual = _child(link, "visual", name="visual")
-    _child(_child(_child(visual, "geometry"), "mesh"), "uri", _VISUAL)
+    _child(_child(_child(visual, "geometry"), "mesh"), "uri", VISUAL)
     for file in _files(model):
         collision = _child(link, "collision", name=Path(file).stem)
         mesh = _child(_child(collision, "geometry"), "mesh")
@@ -182,7 +188,7 @@ def _mjcf(model: ObjectModel) -> ElementTree.Element:
         mass=_numbers(model.mass),
         fullinertia=" ".join(moments[k] for k in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")),
     )
-    _child(assets, "mesh", name="visual", file=_VISUAL)
+    _child(assets, "mesh", name="visual", file=VISUAL)
     drawn = {"type": "mesh", "contype": "0", "conaffinity": "0", "group": "2"}
     _child(body, "geom", mesh="visual", **drawn)
     friction = _numbers(model.friction, _TORSION, _ROLLING)

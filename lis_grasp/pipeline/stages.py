@@ -47,15 +47,12 @@ class Stopwatch:
 def make_estimator(name: str, sensor: TactileSensor | None = None) -> Estimator:
     """Return an estimator, the package's or a plug-in, that is given the sensor's noise.
 
-    Without noise, the estimator estimates it from the contacts, or keeps its own default.
+    The estimator estimates a noise that is 0 from the contacts, or keeps its own default.
     """
-    if sensor is None or not (sensor.position_noise or sensor.normal_noise):
+    if sensor is None:
         return find_estimator(name)
-    return partial(
-        find_estimator(name),
-        position_noise=sensor.position_noise,
-        normal_noise=sensor.normal_noise,
-    )
+    noise = {"position_noise": sensor.position_noise, "normal_noise": sensor.normal_noise}
+    return partial(find_estimator(name), **{kind: value for kind, value in noise.items() if value})
 
 
 def estimate(

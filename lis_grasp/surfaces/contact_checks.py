@@ -23,7 +23,8 @@ _VIEW, _BORDER = 0.95, -0.1
 # Length of the mean of unit normals below which it has no direction: they are on all sides.
 _LEAST_MEAN = 0.1
 # Of 1560 sets of 5 to 400 contacts with outward normals on test objects, 2 have more in front.
-_INWARD = 0.75
+INWARD = 0.75
+"""Fraction in front above which normals point inward."""
 DOUBTFUL = 0.55
 """Fraction in front above which normals may point inward."""
 
@@ -31,10 +32,10 @@ DOUBTFUL = 0.55
 def require_plausible_size(points: FloatArray, units: str) -> None:
     """Raise `InvalidContactsError` if points (N, 3) [m], read in `units`, fit no object of a hand.
 
-    The message names the units that fit.
+    The message names the units that fit. Points that are not finite pass: `Contacts` names them.
     """
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    if extent == 0.0 or _LEAST_EXTENT <= extent <= LARGEST:
+    if extent == 0.0 or not np.isfinite(extent) or _LEAST_EXTENT <= extent <= LARGEST:
         return
     fitting = [
         f"{name} (then {1e3 * extent * metres / UNITS[units]:.3g} mm)"
@@ -73,7 +74,7 @@ def fraction_in_front(contacts: Contacts) -> float:
 def require_outward_normals(contacts: Contacts) -> None:
     """Raise `InvalidContactsError` if nearly all contacts are in front of the others."""
     fraction = fraction_in_front(contacts)
-    if fraction > _INWARD:
+    if fraction > INWARD:
         raise InvalidContactsError(
             "normals must point out of the object; these point inward: seen from a contact,"
             f" {100 * fraction:.0f} % of the others are in front of it. Change their sign"

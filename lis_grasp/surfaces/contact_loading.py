@@ -12,9 +12,15 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.io.point_files import read_point_file
 from lis_grasp.shapes import UNITS
-from lis_grasp.surfaces.contact_checks import require_outward_normals, require_plausible_size
+from lis_grasp.surfaces.contact_checks import (
+    INWARD,
+    fraction_in_front,
+    require_outward_normals,
+    require_plausible_size,
+)
 from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.queries import require_range
+from lis_grasp.typing import FloatArray
 
 NormalSide = Literal["outward", "inward"]
 """Side of the surface that a file's normals point to."""
@@ -74,14 +80,18 @@ def load_contacts(
         require_plausible_size(fields["points"], units)
         if own_normals is None:
             own = fields.get("position_noise")
+            known = position_noise if own is None else own
+            if own is not None and position_noise is not None:
+                known = np.where(np.isnan(own), position_noise, own)
             estimated = estimate_normals(
                 fields["points"],
                 approach=approach,
                 free_points=fields.get("free_points"),
                 free_radii=fields.get("free_radii"),
                 fingertip_radius=fingertip_radius,
-                position_noise=position_noise if own is None else own,
+                position_noise=known,
             )
+            _require_own_side(fields["points"], estimated, fingertip_radius)
             kept = {name: fields[name] for name in ("forces", "times", "fingers") if name in fields}
             return replace(estimated, **kept, position_noise=own)
         contacts = Contacts(**fields, normals=own_normals)
@@ -95,7 +105,22 @@ def load_contacts(
     if not fingertip_radius:
         return contacts
     surface = contacts.points - fingertip_radius * contacts.normals
-    return replace(contacts, points=np.asarray(surface))
+    centers, contacts = contacts.points, replace(contacts, points=np.asarray(surface))
+    _require_own_side(centers, contacts, fingertip_radius)
+    return contacts
+
+
+def _require_own_side(centers: FloatArray, contacts: Contacts, fingertip_radius: float) -> None:
+    """Raise if a fingertip's radius moved its centres (N, 3) to contacts behind the object."""
+    if not fingertip_radius or fraction_in_front(contacts) <= INWARD:
+        return
+    if fraction_in_front(replace(contacts, points=centers)) <= INWARD:
+        raise InvalidOptionError(
+            f"fingertip_radius must be that of the fingertip in metres; {fingertip_radius:g} moves"
+            " the contacts to the other side of the object",
+            option="fingertip_radius",
+            value=fingertip_radius,
+        )
 
 
 def _in_metres(fields: dict[str, Any], metres: float) -> dict[str, Any]:

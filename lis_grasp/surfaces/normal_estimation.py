@@ -171,7 +171,7 @@ def _estimate(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatA
     outward = scaled - scaled.mean(axis=0)
     likely = np.where(np.any(inward, axis=1, keepdims=True), -inward, outward)
     starts = [likely, outward, local_planes(points, likely)[0]]
-    own = centers.position_noise
+    own = _known_noise(centers)
     levels = _DEFAULT_NOISE if own is None else (own / scale,)
     for level in levels:
         found: list[EstimatedNormals] = []
@@ -192,6 +192,14 @@ def _estimate(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatA
         "the points do not say which side of the surface is outside: add directions of approach"
         " (columns ax,ay,az), points in free space or on other sides, or give --position-noise"
     )
+
+
+def _known_noise(centers: Contacts) -> FloatArray | None:
+    """Return the noise of positions (N,) [m], a mean where it is unknown; None if all of it is."""
+    noise = centers.position_noise
+    if noise is None or np.isnan(noise).all():
+        return None
+    return np.where(np.isnan(noise), np.sqrt(np.nanmean(noise**2)), noise)
 
 
 def _ambiguous(found: list[EstimatedNormals]) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -57,10 +58,11 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
     content: dict[str, Any] = {"support_height": facts.get("support_height"), "summary": summary}
     content["title"] = f"lis_grasp: {directory.name}"
     if "object" in facts:
-        truth = find(facts["object"], size=facts.get("size"), units=facts.get("units", "m"))
-        if facts.get("X_WO") is not None:
-            truth = placed(truth, facts["X_WO"])
-        content |= {"truth": truth.mesh, "title": f"lis_grasp: {truth.name}"}
+        with suppress(InvalidFileError):  # a mesh that is elsewhere now: the scene lacks the truth
+            truth = find(facts["object"], size=facts.get("size"), units=facts.get("units", "m"))
+            if facts.get("X_WO") is not None:
+                truth = placed(truth, facts["X_WO"])
+            content |= {"truth": truth.mesh, "title": f"lis_grasp: {truth.name}"}
     content["hand"] = hand = Hand.load(facts.get("hand", "allegro"))
     if facts.get("arm") is not None and "X_EA" in facts:
         height = facts.get("support_height")

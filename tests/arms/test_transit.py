@@ -102,7 +102,10 @@ def test_rounded_corners_are_faster_than_stops(station: Station) -> None:
 def test_random_paths_keep_the_limits(station: Station, seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners = station.arm.home + np.cumsum(rng.normal(scale=0.15, size=(6, 7)), axis=0)
-    _assert_consistent(station.arm, time_path(station.arm, corners))
+    motion = time_path(station.arm, corners)
+    _assert_consistent(station.arm, motion)
+    fastest = (np.abs(motion.velocities) / station.arm.velocity_limits).max()
+    assert fastest <= station.arm.speed_fraction * (1.0 + 1e-9)
 
 
 def test_no_motion_takes_no_time(station: Station) -> None:

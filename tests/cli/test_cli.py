@@ -15,10 +15,11 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import InvalidHandError, SimulationError
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError, SimulationError
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.visualization.run_scene import scene_of
 
 CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
 
@@ -146,6 +147,41 @@ def test_options_out_of_range_are_refused_before_work(
     arguments: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     _misuse(capsys, "explore", "box", *arguments)
+
+
+@pytest.mark.parametrize("height", ["nan", "inf", "1e13"])
+def test_a_support_is_a_height(height: str, cube: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (cube / "grasps.json").read_bytes()
+    assert "support" in _misuse(capsys, "grasp", str(cube / "surface.ply"), "--support", height)
+    assert (cube / "grasps.json").read_bytes() == before
+
+
+def test_a_log_is_not_replaced_by_its_contacts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("time,force,x,y,z\n0,0,0,0,0\n1,2,0,0,0.1\n")
+    before = log.read_bytes()
+    assert main(["contacts", str(log), "--output", str(log), "--normals", "approach"]) == 2
+    assert "another file than the log" in capsys.readouterr().err
+    assert log.read_bytes() == before
+
+
+def test_contacts_without_a_row_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "none.csv").write_text("x,y,z,nx,ny,nz\n")
+    assert "none.csv has no contacts" in _misuse(capsys, "estimate", str(tmp_path / "none.csv"))
+
+
+def test_a_scene_of_an_object_that_is_elsewhere_lacks_it(cube: Path, tmp_path: Path) -> None:
+    facts = {"object": str(tmp_path / "gone.stl"), "hand": "wsg50"}
+    Contacts.load(cube / "contacts.ply").save(
+        tmp_path / "contacts.ply", header=provenance.describe(**facts)
+    )
+    with pytest.raises(InvalidFileError):
+        shapes.find(facts["object"], size=None)
+    assert scene_of(tmp_path).truth is None
 
 
 def test_an_empty_folder_has_no_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -74,6 +74,17 @@ def test_limits_couplings_and_masses_are_those_of_the_file(tmp_path: Path) -> No
     assert kinds == {"palm": "box", "finger": "capsule", "tip": "sphere", "thumb": "cylinder"}
 
 
+def test_a_body_may_be_placed_relative_to_another_link(tmp_path: Path) -> None:
+    here = "<pose>0 0 0.03 0 0 0</pose><geometry><cylinder>"
+    there = '<pose relative_to="palm">-0.03 0 0.05 0 0 0</pose><geometry><cylinder>'
+    assert here in SDF
+    (tmp_path / "other").mkdir()
+    first = Hand.load(write(tmp_path)).link_geometries
+    second = Hand.load(write(tmp_path / "other", SDF.replace(here, there))).link_geometries
+    for ours, theirs in zip(first, second, strict=True):
+        np.testing.assert_allclose(ours.X_LG, theirs.X_LG, atol=1e-15)
+
+
 def test_a_shipped_hand_written_as_sdf_is_the_same_hand(tmp_path: Path) -> None:
     jaw, folder = Hand.load("wsg50"), model_path("hands/wsg50")
     ball = "<geometry><sphere><radius>0.001</radius></sphere></geometry>"

@@ -12,7 +12,7 @@ import trimesh
 from lis_grasp import pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import load_outcomes
+from lis_grasp.exploration import TactileSensor, load_outcomes
 from lis_grasp.hands.hand import Hand
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline import RunConfig
@@ -71,6 +71,22 @@ def test_the_noise_that_a_file_s_header_records_is_that_of_its_contacts(tmp_path
 
 
 @pytest.mark.slow
+def test_one_kind_of_noise_leaves_the_other_to_be_estimated(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.csv"
+    box_cloud(300, top=False).save(path)
+    exact = pipeline.load_source(path, position_noise=0.0)
+    np.testing.assert_array_equal(exact.position_noise, 0.0)
+    assert exact.normal_noise is not None
+    assert exact.normal_noise == pytest.approx(TILT, rel=0.5)
+    sensor = TactileSensor(position_noise=0.001)
+    surface = pipeline.make_estimator("blend", sensor)(Contacts.load(path))
+    both = TactileSensor(position_noise=0.001, normal_noise=TILT)
+    known = pipeline.make_estimator("blend", both)(Contacts.load(path))
+    points = 1.02 * Contacts.load(path).points
+    apart = surface.evaluate(points) - known.evaluate(points)
+    assert np.sqrt(np.mean(apart**2)) < 0.001
+
+
 def test_a_cloud_and_touches_are_estimated_together(tmp_path: Path) -> None:
     box_cloud(600, top=True).save(tmp_path / "cloud.ply")
     touches = box_cloud(80, top=False, noise=0.0)

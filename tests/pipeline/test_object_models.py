@@ -74,6 +74,22 @@ def test_the_hole_of_a_ring_is_in_no_part() -> None:
     assert all(np.array_equal(a.vertices, b.vertices) for a, b in zip(parts, again, strict=True))
 
 
+def test_the_command_replaces_its_own_models_only(tmp_path: Path) -> None:
+    mesh = tmp_path / "ball.stl"
+    trimesh.creation.icosphere(radius=0.03).export(mesh)
+    export = ["export", str(mesh), "--units", "m", "--format", "urdf", "--output", str(tmp_path)]
+    (tmp_path / "ball.urdf").write_text("<robot/>")
+    assert main(export) == 2
+    assert (tmp_path / "ball.urdf").read_text() == "<robot/>"
+    (tmp_path / "ball.urdf").unlink()
+    assert main(export) == 0
+    assert main(export) == 0  # its own
+    drawn = (tmp_path / "visual.obj").read_bytes()
+    export[1] = str(tmp_path / "visual.obj")
+    assert main(export) == 2  # its input
+    assert (tmp_path / "visual.obj").read_bytes() == drawn
+
+
 def test_the_command_writes_the_formats_that_are_named(tmp_path: Path) -> None:
     file = tmp_path / "cube.stl"
     trimesh.creation.box((40.0, 40.0, 40.0)).export(file)

@@ -11,7 +11,7 @@ from plyfile import PlyData, PlyElement
 
 from lis_grasp import Contacts, shapes
 from lis_grasp.cli.main import main
-from lis_grasp.exceptions import InvalidContactsError, InvalidFileError
+from lis_grasp.exceptions import InvalidContactsError, InvalidFileError, InvalidOptionError
 from lis_grasp.io.point_files import read_point_file
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_checks import fraction_in_front
@@ -39,6 +39,31 @@ def write(path: Path, points: FloatArray) -> Path:
         return path
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
     return path
+
+
+@pytest.mark.parametrize("radius", [0.2, 8.0])
+def test_a_fingertip_larger_than_the_object_is_refused(radius: float, tmp_path: Path) -> None:
+    points = trimesh.sample.sample_surface(shapes.build("sphere", size=0.06).mesh, 24, seed=0)[0]
+    normals = points / np.linalg.norm(points, axis=1, keepdims=True)
+    Contacts(points, normals).save(tmp_path / "contacts.csv")
+    with pytest.raises(InvalidOptionError, match="other side of the object"):
+        load_contacts(tmp_path / "contacts.csv", fingertip_radius=radius)
+
+
+def test_an_unknown_noise_of_some_points_is_as_given_or_as_that_of_the_others(
+    centers: FloatArray, tmp_path: Path
+) -> None:
+    def loaded(noise: list[str], given: float | None = None) -> Contacts:
+        points = write(tmp_path / "a.csv", centers).read_text().splitlines()[1:]
+        rows = zip(points, noise, strict=True)
+        text = "\n".join(["x,y,z,position_noise", *(f"{row},{own}" for row, own in rows)])
+        (tmp_path / "a.csv").write_text(text + "\n")
+        return load_contacts(tmp_path / "a.csv", position_noise=given)
+
+    all_known, some = loaded(12 * ["0.001", "0.001"]), 12 * ["0.001", ""]
+    for found in (loaded(some), loaded(some, 0.001), loaded(24 * [""], 0.001)):
+        np.testing.assert_allclose(found.normals, all_known.normals, atol=1e-9)
+        np.testing.assert_allclose(found.normal_noise, all_known.normal_noise, atol=1e-9)
 
 
 def test_further_columns_of_xyz_are_ignored(tmp_path: Path) -> None:
