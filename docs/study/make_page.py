@@ -37,7 +37,6 @@ from lis_grasp.experiments.study.paired_tables import (
     families_table,
     gains,
     means,
-    object_losses_table,
     units_table,
 )
 from lis_grasp.experiments.study.study_figures import draw_pictures
@@ -116,6 +115,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
     first = {(r["object"], r["hand"], r["seed"]) for r in rows}
     tools = means([pair for pair in pairs if _family(pair[0]) == _TOOLS], "held")
     model = fit_mixed_model(rows, _OURS, _REFERENCE)
+    calibration = calibration_table(rows)
     mine = [row for row, _ in pairs]
     of_objects, of_seeds = objects_of(mine), numbered([row["seed"] for row in mine])
     return {
@@ -123,6 +123,7 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "held_reference": rates[_REFERENCE],
         "held_truth": rates[TRUTH],
         "effect": difference(pairs, over_objects=True),
+        "effect_seeds": difference(pairs).partition(" ")[2].strip("()"),
         "evaluation": difference(
             [pair for pair in pairs if _family(pair[0]) in EVALUATION], over_objects=True
         ),
@@ -147,12 +148,12 @@ def _facts(rows: Sequence[Row]) -> dict[str, str]:
         "units": units_table(pairs, _family).markdown(),
         "p_objects": p_value(sign_flip_p_value(cluster_sums(gains(pairs), of_objects))),
         "p_seeds": p_value(sign_flip_p_value(cluster_sums(gains(pairs), of_seeds))),
-        "losses": object_losses_table(pairs).markdown(),
         "held_by_object": by_object_table(pairs, "held").markdown(),
         "errors": _errors(pairs).markdown(),
         "model": _model_table(model).markdown(),
         "deviations": ", ".join(f"{name} {sd:.1f}" for name, sd in model.deviations.items()),
-        "calibration": calibration_table(rows).markdown(),
+        "calibration": calibration.markdown(),
+        "predicted_minus_observed": _predicted_minus_observed(calibration),
         "reasons": reasons_table(rows).markdown(),
         "slips": _slips(rows),
     }
@@ -244,6 +245,12 @@ def _model_table(model: MixedModel) -> TextTable:
         for ratio in model.odds_ratios
     ]
     return TextTable("model", "Mixed model", ("effect", "odds ratio (95 %)"), tuple(body))
+
+
+def _predicted_minus_observed(calibration: TextTable) -> str:
+    """Return the difference of both rates over all hands, for each estimator [points]."""
+    body = [row for row in calibration.body if row[1] == "all"] or calibration.body
+    return ", ".join(f"{row[0]} {float(row[3]) - float(row[4]):+.1f}" for row in body)
 
 
 def _slips(rows: Sequence[Row]) -> str:
