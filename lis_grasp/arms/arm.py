@@ -16,7 +16,7 @@ from lis_grasp.arms.arm_ik import ArmIK
 from lis_grasp.arms.arm_kinematics import ArmKinematics
 from lis_grasp.arms.find_arm_posture import joints_before
 from lis_grasp.hands.kinematics import Kinematics
-from lis_grasp.hands.link_tree import HandModel, links_fixed_to
+from lis_grasp.hands.link_tree import HandModel, link_kinematics, links_fixed_to
 from lis_grasp.records import reduce_record
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -133,9 +133,7 @@ class Arm(HandModel):
 
     @cached_property
     def _links_kinematics(self) -> Kinematics:
-        return Kinematics(
-            self.links, self.joints, (), X_LH=np.eye(4), actuated=len(self.joint_names)
-        )
+        return link_kinematics(self)
 
     def clipped(self, q: npt.ArrayLike) -> FloatArray:
         """Return joint positions (..., J), moved to the nearest within the limits."""

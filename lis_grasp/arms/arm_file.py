@@ -18,10 +18,9 @@ from lis_grasp.arms.joint_numbers import JointNumbers, read_joint_numbers
 from lis_grasp.arms.shipped_arms import arm_path
 from lis_grasp.exceptions import InvalidArmError, InvalidFileError, InvalidHandError
 from lis_grasp.hands.description_edits import DescriptionEdits, links_below
-from lis_grasp.hands.hand_sdf import parse_sdf
-from lis_grasp.hands.hand_urdf import parse_urdf
-from lis_grasp.hands.link_tree import HandModel, build_hand_model, rpy_pose
+from lis_grasp.hands.link_tree import HandModel, build_hand_model, by_joint_kind, rpy_pose
 from lis_grasp.hands.model_uri import resolve_model
+from lis_grasp.hands.robot_description import parse_description
 from lis_grasp.io.schemas import parse_entry
 from lis_grasp.io.yaml_files import read_yaml
 from lis_grasp.records import fields_of, read_only
@@ -43,7 +42,7 @@ def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
     except InvalidFileError as error:
         raise InvalidArmError(str(error), file=path.name, key="urdf") from None
     try:
-        robot = parse_sdf(description) if description.suffix == ".sdf" else parse_urdf(description)
+        robot = parse_description(description)
         _cut_at_flange(robot, entry)
         edits = DescriptionEdits.of(entry)
         model = build_hand_model(robot, description, edits)
@@ -140,9 +139,7 @@ class _ArmAssembly:
             if given is None
             else rpy_pose(given.translation, given.rpy)
         )
-        kinds = {joint.index: joint.kind for joint in model.joints if joint.is_actuated}
-        speeds = np.array([_SPEED[kinds[j]] for j in range(len(names))])
-        speeds = self._limits("velocity", speeds)
+        speeds = self._limits("velocity", by_joint_kind(model, **_SPEED))
         effort = model.effort_limits
         exclusions = find_arm_exclusions(model) | self._exclusions()
         kinematics = ArmKinematics(model.joints, entry.flange, X_LF)

@@ -11,8 +11,7 @@ from lis_grasp.arms.arm_ik import ArmIK
 from lis_grasp.arms.arm_kinematics import ArmKinematics
 from lis_grasp.arms.body_pairs import BodyPairs, pairs_of_bodies
 from lis_grasp.hands.hand_parts import joints_to
-from lis_grasp.hands.kinematics import Kinematics
-from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.hands.link_tree import HandModel, link_kinematics
 from lis_grasp.typing import BoolArray, FloatArray
 
 _SAMPLES = 120
@@ -37,9 +36,7 @@ def joints_before(model: HandModel) -> Mapping[str, int]:
 
 def body_poses(model: HandModel, q: FloatArray) -> FloatArray:
     """Return the poses of all bodies in the base link, (N, G, 4, 4), at postures q (N, J)."""
-    kinematics = Kinematics(
-        model.links, model.joints, (), X_LH=np.eye(4), actuated=len(model.joint_names)
-    )
+    kinematics = link_kinematics(model)
     links = kinematics.poses(np.eye(4), q)
     return np.stack([links[g.link] @ g.X_LG for g in model.link_geometries], axis=1)
 

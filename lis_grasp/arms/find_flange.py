@@ -6,8 +6,7 @@ import numpy as np
 
 from lis_grasp.arms.find_arm_posture import joints_before
 from lis_grasp.hands.hand_parts import joints_to
-from lis_grasp.hands.kinematics import Kinematics
-from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.hands.link_tree import HandModel, link_kinematics
 from lis_grasp.typing import FloatArray
 
 BEYOND = 0.03
@@ -26,7 +25,7 @@ def flange_frame(model: HandModel, flange: str) -> FloatArray:
     order = joints_before(model)
     last = order[flange]
     middle = np.clip(0.0, model.lower, model.upper)
-    kinematics = Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=len(middle))
+    kinematics = link_kinematics(model)
     links = kinematics.poses(np.eye(4), middle)
     X_LA = np.linalg.inv(links[flange])
 

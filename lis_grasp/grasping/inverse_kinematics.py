@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.link_tree import by_joint_kind
 from lis_grasp.records import subset_of
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -106,10 +107,7 @@ class _Problem:
         self._half_angles = np.array([pad.half_angle for pad in hand.pads])
         self._least_cosine = np.cos(_PAD_FRACTION * self._half_angles)  # (F,)
         self._start_X, self._start_q = X_OH, q
-        revolute = np.array([j.kind == "revolute" for j in hand.joints if j.is_actuated])
-        index = np.array([j.index for j in hand.joints if j.is_actuated])
-        units = np.empty(len(hand.joint_names))
-        units[index] = np.where(revolute, _REVOLUTE_UNIT, _PRISMATIC_UNIT)
+        units = by_joint_kind(hand, revolute=_REVOLUTE_UNIT, prismatic=_PRISMATIC_UNIT)
         serving = np.zeros((len(hand.pads), len(units)), dtype=bool)
         for f, finger in enumerate(hand.fingers):
             serving[f, list(hand.finger_joints(finger))] = True

@@ -14,10 +14,9 @@ from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand_parts import Pad, ProbePosture
 from lis_grasp.hands.hand_plugins import hand_path
 from lis_grasp.hands.hand_schema import HandEntry
-from lis_grasp.hands.hand_sdf import read_sdf
-from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_tree import HandModel, rpy_pose
 from lis_grasp.hands.model_uri import resolve_model
+from lis_grasp.hands.robot_description import read_description
 from lis_grasp.hands.shipped_models import HAND_NAMES, READY_HANDS
 from lis_grasp.io.schemas import parse_entry
 from lis_grasp.io.yaml_files import find_yaml_file, read_yaml
@@ -32,8 +31,7 @@ def read_hand_file(path_or_name: str | Path) -> dict[str, Any]:
     """Return the fields of a `Hand`; arguments and errors as of `Hand.load`."""
     entry, description, edits, file = _read(path_or_name)
     try:
-        read = read_sdf if description.suffix == ".sdf" else read_urdf
-        model = read(description, edits)
+        model = read_description(description, edits)
     except InvalidFileError as error:
         raise InvalidHandError(f"{file}: {error}", file=file, key="urdf") from None
     return _Assembly(entry, model, file).fields()

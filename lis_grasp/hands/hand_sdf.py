@@ -11,10 +11,9 @@ import yourdfpy
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand_urdf import parse_xml
 from lis_grasp.hands.link_bodies import LARGEST, Capsule
-from lis_grasp.hands.link_tree import HandModel, build_hand_model, rpy_pose
+from lis_grasp.hands.link_tree import rpy_pose
 from lis_grasp.typing import FloatArray
 
 _DRAKE = "{http://drake.mit.edu}"
@@ -22,18 +21,12 @@ _DRAKE = "{http://drake.mit.edu}"
 _UNLIMITED = 1e15
 
 
-def read_sdf(path: Path, edits: DescriptionEdits | None = None) -> HandModel:
-    """Read links, joints, inertias and collision bodies of the file's one model.
-
-    The model is translated to what a URDF says, so that the same checks apply. A joint whose frame
-    is not the child link's gets a frame link ``<joint>_frame``, on which the child is fixed, so
-    that every link keeps the frame that the file gives it. Errors as `build_hand_model`.
-    """
-    return build_hand_model(parse_sdf(path), path, edits)
-
-
 def parse_sdf(path: Path) -> yourdfpy.Robot:
-    """Return the links and joints of an SDF file's one model as a URDF would have them."""
+    """Return the links and joints of an SDF file's one model as a URDF would have them.
+
+    A joint whose frame is not the child link's gets a frame link ``<joint>_frame``, on which the
+    child is fixed, so that every link keeps the frame that the file gives it.
+    """
     return _Model(parse_xml(path), path.name).robot()
 
 

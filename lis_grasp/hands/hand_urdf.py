@@ -13,17 +13,10 @@ import yourdfpy
 from defusedxml import DefusedXmlException
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
-from lis_grasp.hands.description_edits import DescriptionEdits
-from lis_grasp.hands.link_tree import HandModel, build_hand_model
 from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
 
 _MOST_BYTES = 64 * MEBIBYTE
 _NAMESPACES = {b"drake": b"http://drake.mit.edu"}
-
-
-def read_urdf(path: Path, edits: DescriptionEdits | None = None) -> HandModel:
-    """Read links, joints, inertias and collision bodies of a URDF; errors as `build_hand_model`."""
-    return build_hand_model(parse_urdf(path), path, edits)
 
 
 def parse_urdf(path: Path) -> yourdfpy.Robot:

@@ -34,6 +34,7 @@ from lis_grasp.hands.inertias import (
     impossible_inertias,
     repaired_inertial,
 )
+from lis_grasp.hands.kinematics import Kinematics
 from lis_grasp.hands.link_bodies import (
     convex_body,
     load_mesh,
@@ -70,6 +71,19 @@ class HandModel:
     link_geometries: tuple[LinkGeometry, ...]
     visuals: tuple[LinkVisual, ...]
     hulls_of_visuals: tuple[str, ...]
+
+
+def link_kinematics(model: HandModel) -> Kinematics:
+    """Return the kinematics of a tree without pads, in the frame of its base link."""
+    actuated = len(model.joint_names)
+    return Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
+
+
+def by_joint_kind(model: HandModel, *, revolute: float, prismatic: float) -> FloatArray:
+    """Return one of two values for each actuated joint, shape (J,)."""
+    values = {"revolute": revolute, "prismatic": prismatic}
+    kinds = {joint.index: joint.kind for joint in model.joints if joint.is_actuated}
+    return np.array([values[kinds[i]] for i in range(len(model.joint_names))])
 
 
 def build_hand_model(

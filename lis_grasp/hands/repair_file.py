@@ -12,9 +12,9 @@ import numpy as np
 
 from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand_parts import Inertial
-from lis_grasp.hands.hand_sdf import read_sdf
-from lis_grasp.hands.hand_urdf import parse_xml, read_urdf
+from lis_grasp.hands.hand_urdf import parse_xml
 from lis_grasp.hands.inertias import LEAST_MASS, is_possible
+from lis_grasp.hands.robot_description import read_description
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.typing import FloatArray
 
@@ -34,8 +34,8 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
     Paths of meshes are rewritten relative to the copy. The new values are those of
     `repaired_inertial`; the other links stay as they are. Errors as of `Hand.load`.
     """
-    read, form = (read_sdf, "sdf") if path.suffix == ".sdf" else (read_urdf, "urdf")
-    repaired = read(path, replace(edits, repair=True)).inertials
+    form = "sdf" if path.suffix == ".sdf" else "urdf"
+    repaired = read_description(path, replace(edits, repair=True)).inertials
     root = parse_xml(path)
     changed = []
     for link in root.iter("link"):

@@ -11,6 +11,7 @@ import numpy as np
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_mjcf import HandMjcf, hand_mjcf, numbers
 from lis_grasp.hands.hand_parts import Joint
+from lis_grasp.hands.link_tree import by_joint_kind
 from lis_grasp.typing import FloatArray
 
 # The own hands of the benchmark have 5 N m/rad. Servos of prismatic joints give 40 N at an error
@@ -69,5 +70,4 @@ def moving_joints(hand: Hand) -> list[Joint]:
 
 def servo_efforts(hand: Hand, efforts: FloatArray) -> FloatArray:
     """Return the errors of the servos (J,) [rad or m] at which they exert efforts (J,)."""
-    kinds = {joint.index: joint.kind for joint in hand.joints if joint.is_actuated}
-    return np.asarray(efforts / [SERVO_STIFFNESS[kinds[j]] for j in range(len(efforts))])
+    return np.asarray(efforts / by_joint_kind(hand, **SERVO_STIFFNESS))

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.link_tree import by_joint_kind
 from lis_grasp.typing import FloatArray
 
 _RESERVE = 3.0  # times the effort that the largest contact force needs
@@ -26,8 +27,7 @@ def useful_efforts(hand: Hand, q: npt.ArrayLike) -> FloatArray:
     """
     _, _, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
     levers = np.linalg.norm(jacobian[:, :, 6:], axis=1).max(axis=0)  # (J,) [m or 1]
-    kinds = {joint.index: joint.kind for joint in hand.joints if joint.is_actuated}
-    turning = np.array([kinds[j] == "revolute" for j in range(len(levers))], dtype=bool)
+    turning = by_joint_kind(hand, revolute=1.0, prismatic=0.0) > 0.0
     for kind in (turning, ~turning):
         levers[kind] = levers[kind].max(initial=0.0)
     return np.minimum(hand.effort_limits, _RESERVE * hand.max_contact_force * levers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -10,45 +10,47 @@ from lis_grasp.io.schemas import Count, FileRecord, Number, Pose
 
 _Name = Annotated[str, Field(min_length=1)]
 _Lengths = Annotated[list[Number], Field(min_length=3, max_length=3)]
+# Only types are checked; null is refused where it is no value.
+_ABSENT: Any = Field(default=None)
 
 
 class RecordedFacts(FileRecord):
     """Facts by name; each may be absent. Ranges are checked where a fact is used."""
 
-    version: str | None = None
-    object: _Name = "box"
-    size: Number | None = None
-    units: str = "m"
-    hand: _Name = "allegro"
-    estimator: _Name = "blend"
-    prober: str = "dynamic"
-    fingers: str = "one"
-    pose: str | None = None
-    region: _Lengths | None = None
-    free: bool = False
-    policy: _Name = "spread"
-    until_success: Number | None = None
-    until_coverage: Number | None = None
-    until_uncertainty: Number | None = None
-    max_seconds: Number | None = None
-    position_noise: Number = 0.0
-    normal_noise: Number = 0.0
-    force_threshold: Number = 0.0
-    taxel_pitch: Number = 0.0
-    free_space: bool = True
-    cloud: str | None = None
-    touches: Count = 0
-    seed: Count = 0
-    mass: Number | None = None
-    friction: Number = 0.8
-    load: str = "known"
-    simulator: str = "drake"
-    arm: str | None = None
-    base: _Lengths | None = None
-    grasps: Count = 1
-    attempts: Count = 1
-    support_height: Number = 0.0
-    X_WO: Pose | None = None
-    X_EO: Pose | None = None
-    X_EA: Pose | None = None
-    X_FB: Pose | None = None
+    version: str | None = _ABSENT
+    object: _Name = _ABSENT
+    size: Number | None = _ABSENT
+    units: str = _ABSENT
+    hand: _Name = _ABSENT
+    estimator: _Name = _ABSENT
+    prober: str = _ABSENT
+    fingers: str = _ABSENT
+    pose: str | None = _ABSENT
+    region: _Lengths | None = _ABSENT
+    free: bool = _ABSENT
+    policy: _Name = _ABSENT
+    until_success: Number | None = _ABSENT
+    until_coverage: Number | None = _ABSENT
+    until_uncertainty: Number | None = _ABSENT
+    max_seconds: Number | None = _ABSENT
+    position_noise: Number = _ABSENT
+    normal_noise: Number = _ABSENT
+    force_threshold: Number = _ABSENT
+    taxel_pitch: Number = _ABSENT
+    free_space: bool = _ABSENT
+    cloud: str | None = _ABSENT
+    touches: Count = _ABSENT
+    seed: Count = _ABSENT
+    mass: Number | None = _ABSENT
+    friction: Number = _ABSENT
+    load: str = _ABSENT
+    simulator: str = _ABSENT
+    arm: str | None = _ABSENT
+    base: _Lengths | None = _ABSENT
+    grasps: Count = _ABSENT
+    attempts: Count = _ABSENT
+    support_height: Number = _ABSENT
+    X_WO: Pose | None = _ABSENT
+    X_EO: Pose | None = _ABSENT
+    X_EA: Pose | None = _ABSENT
+    X_FB: Pose | None = _ABSENT

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.link_tree import by_joint_kind
 from lis_grasp.hands.useful_efforts import useful_efforts
 from lis_grasp.typing import FloatArray
 
@@ -24,7 +23,6 @@ _DAMPING_TIME = 0.035  # [s], damping by stiffness
 
 def finger_gains(hand: Hand, grasp: Grasp) -> tuple[FloatArray, FloatArray]:
     """Return stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; N/m, N s/m]."""
-    kinds = {joint.index: joint.kind for joint in hand.joints if joint.is_actuated}
-    errors = np.array([_FULL_EFFORT_ERROR[kinds[i]] for i in range(len(hand.joint_names))])
+    errors = by_joint_kind(hand, **_FULL_EFFORT_ERROR)
     stiffness = useful_efforts(hand, grasp.joint_positions) / errors
     return stiffness, _DAMPING_TIME * stiffness

@@ -96,13 +96,6 @@ class HandInPlant:
         return self.X_WL(plant_context, self.hand.base_link) @ self.hand.X_LH
 
 
-def by_joint_kind(hand: Hand, *, revolute: float, prismatic: float) -> FloatArray:
-    """Return one of two values for each actuated joint, shape (J,)."""
-    values = {"revolute": revolute, "prismatic": prismatic}
-    kinds = {joint.index: joint.kind for joint in hand.joints if joint.is_actuated}
-    return np.array([values[kinds[i]] for i in range(len(hand.joint_names))])
-
-
 def add_hand(
     plant: MultibodyPlant,
     hand: Hand,

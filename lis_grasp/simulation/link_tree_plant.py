@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from pydrake.common import MemoryFile
@@ -26,37 +25,9 @@ from pydrake.systems.framework import Context
 from lis_grasp.hands.hand_parts import Inertial, LinkGeometry
 from lis_grasp.hands.hand_parts import Joint as TreeJoint
 from lis_grasp.hands.inertias import LEAST_MASS
+from lis_grasp.hands.link_tree import HandModel
 from lis_grasp.simulation.object_plant import spatial_inertia
 from lis_grasp.typing import FloatArray
-
-
-class LinkTree(Protocol):
-    """Links and joints of a robot: a hand or an arm."""
-
-    @property
-    def links(self) -> tuple[str, ...]:
-        """Names of the links, a parent before its children."""
-        ...
-
-    @property
-    def joints(self) -> tuple[TreeJoint, ...]:
-        """Every joint, a parent before its children."""
-        ...
-
-    @property
-    def inertials(self) -> Mapping[str, Inertial]:
-        """Mass properties by link."""
-        ...
-
-    @property
-    def lower(self) -> FloatArray:
-        """Lower limits of the actuated joints, shape (J,)."""
-        ...
-
-    @property
-    def upper(self) -> FloatArray:
-        """Upper limits of the actuated joints, shape (J,)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +50,7 @@ class LinksInPlant:
                 joint.set_translation_rate(plant_context, 0.0)
 
 
-def add_links(plant: MultibodyPlant, tree: LinkTree, instance: ModelInstanceIndex) -> LinksInPlant:
+def add_links(plant: MultibodyPlant, tree: HandModel, instance: ModelInstanceIndex) -> LinksInPlant:
     """Add the links and joints of a tree; its root gets no joint.
 
     Joints have limits and no damping. Joints that follow another get a joint and, by

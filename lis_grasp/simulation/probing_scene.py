@@ -24,6 +24,7 @@ from pydrake.systems.framework import DiagramBuilder
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import require_positive
 from lis_grasp.hands.hand import Hand
+from lis_grasp.hands.link_tree import by_joint_kind
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.shapes.simplification import merge_flat_faces
 from lis_grasp.simulation.advance_simulation import advance
@@ -31,7 +32,6 @@ from lis_grasp.simulation.contact_patches import Patch, link_contacts
 from lis_grasp.simulation.hand_plant import (
     PROBING_SKIN,
     add_hand,
-    by_joint_kind,
     ignore_self_collision,
 )
 from lis_grasp.simulation.object_plant import add_object, add_support, add_table, let_rest

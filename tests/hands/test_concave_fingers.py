@@ -13,8 +13,8 @@ from lis_grasp.hands.draft.find_fingers import find_fingers
 from lis_grasp.hands.draft.fit_flat_pads import face_areas
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import check_hand
-from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.hand_yaml import hand_yaml
+from lis_grasp.hands.robot_description import read_description
 
 # An angular finger along z: a plate 24 to 30 mm from the middle, on a foot from 8 mm on.
 FOOT, PLATE = (0.008, 0.030), (0.024, 0.030)
@@ -65,8 +65,8 @@ def angular_jaw(tmp_path: Path) -> Path:
 
 
 def test_a_concave_link_collides_as_parts_that_leave_its_concavity_free(angular_jaw: Path) -> None:
-    whole = read_urdf(angular_jaw)
-    parted = read_urdf(angular_jaw, DescriptionEdits(convex_parts=("left",)))
+    whole = read_description(angular_jaw)
+    parted = read_description(angular_jaw, DescriptionEdits(convex_parts=("left",)))
     inner = np.array([0.0, 0.018, 0.02])  # above the foot, in front of the plate
     for model, count, solid in ((whole, 1, True), (parted, None, False)):
         bodies = [body for body in model.link_geometries if body.link == "left"]
@@ -79,13 +79,13 @@ def test_a_concave_link_collides_as_parts_that_leave_its_concavity_free(angular_
 
 def test_convex_parts_of_a_link_that_the_hand_lacks_are_refused(angular_jaw: Path) -> None:
     with pytest.raises(InvalidHandError, match="convex_parts") as caught:
-        read_urdf(angular_jaw, DescriptionEdits(convex_parts=("thumb",)))
+        read_description(angular_jaw, DescriptionEdits(convex_parts=("thumb",)))
     assert caught.value.key == "convex_parts"
 
 
 def test_faces_of_angular_fingers_are_hidden_by_their_hulls(angular_jaw: Path) -> None:
-    hulls = read_urdf(angular_jaw)
-    parts = read_urdf(angular_jaw, DescriptionEdits(convex_parts=("left", "right")))
+    hulls = read_description(angular_jaw)
+    parts = read_description(angular_jaw, DescriptionEdits(convex_parts=("left", "right")))
     foot, plate = WIDTH * FOOT_HEIGHT, WIDTH * (HEIGHT - FOOT_HEIGHT)
     np.testing.assert_allclose(face_areas(hulls, find_fingers(hulls)), foot, rtol=0.1)
     # A plate may be cut into two parts.

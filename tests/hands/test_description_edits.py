@@ -12,13 +12,13 @@ from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.description_edits import DescriptionEdits
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_parts import Inertial, LinkGeometry
-from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.inertias import is_possible, repaired_inertial, without_rounding
 from lis_grasp.hands.kinematics import Kinematics
 from lis_grasp.hands.link_bodies import convex_body
 from lis_grasp.hands.link_tree import HandModel
 from lis_grasp.hands.model_uri import resolve_uri
 from lis_grasp.hands.pose_filter import HandPoseFilter, balls_inside
+from lis_grasp.hands.robot_description import read_description
 from lis_grasp.hands.shipped_models import model_path
 
 ALLEGRO = model_path("hands/allegro/allegro.urdf")
@@ -33,13 +33,13 @@ def poses(model: HandModel, q: np.ndarray) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("urdf", [ALLEGRO, BARRETT], ids=["revolute", "with followers"])
 def test_a_locked_joint_is_where_the_movable_one_would_be(urdf: Path) -> None:
-    free = read_urdf(urdf)
+    free = read_description(urdf)
     q = 0.3 * free.lower + 0.7 * free.upper
     # The first joint that others follow, if there is one.
     led = [joint.index for joint in free.joints if joint.follows]
     locked = led[0] if led else 2
     name = free.joint_names[locked]
-    fixed = read_urdf(urdf, DescriptionEdits(locked_joints={name: float(q[locked])}))
+    fixed = read_description(urdf, DescriptionEdits(locked_joints={name: float(q[locked])}))
     assert name not in fixed.joint_names
     expected, found = poses(free, q), poses(fixed, np.delete(q, locked))
     for link, pose in expected.items():
@@ -47,9 +47,9 @@ def test_a_locked_joint_is_where_the_movable_one_would_be(urdf: Path) -> None:
 
 
 def test_a_hand_is_cut_off_before_its_base_link() -> None:
-    whole = read_urdf(ALLEGRO)
+    whole = read_description(ALLEGRO)
     base = next(joint.child for joint in whole.joints if joint.is_actuated)
-    part = read_urdf(ALLEGRO, DescriptionEdits(base_link=base))
+    part = read_description(ALLEGRO, DescriptionEdits(base_link=base))
     assert part.links[0] == base
     assert set(part.links) < set(whole.links)
     assert {body.link for body in part.link_geometries} <= set(part.links)
@@ -66,7 +66,7 @@ def test_a_hand_is_cut_off_before_its_base_link() -> None:
 )
 def test_an_edit_of_what_is_not_there_is_refused(edits: DescriptionEdits) -> None:
     with pytest.raises(InvalidHandError, match="elbow"):
-        read_urdf(ALLEGRO, edits)
+        read_description(ALLEGRO, edits)
 
 
 def test_a_repaired_inertia_is_that_of_the_bodies() -> None:
@@ -95,7 +95,10 @@ def test_repair_replaces_impossible_inertias_and_keeps_the_others(tmp_path: Path
     broken = tmp_path / "broken.urdf"
     text = ALLEGRO.read_text()
     broken.write_text(text.replace('ixx="1.960e-05"', 'ixx="1.960e-02"'))
-    before, after = read_urdf(broken), read_urdf(broken, DescriptionEdits(repair=True))
+    before, after = (
+        read_description(broken),
+        read_description(broken, DescriptionEdits(repair=True)),
+    )
     faults = {link for link, inertial in before.inertials.items() if not is_possible(inertial)}
     assert faults
     for link, inertial in after.inertials.items():
@@ -110,10 +113,10 @@ def test_a_body_without_extent_is_left_out(tmp_path: Path) -> None:
     dummy = '<link name="dummy"><collision><geometry><sphere radius="0"/></geometry></collision>'
     joint = '<joint name="to_dummy" type="fixed"><parent link="palm"/><child link="dummy"/></joint>'
     path = tmp_path / "with_dummy.urdf"
-    base = read_urdf(BARRETT).links[0]
+    base = read_description(BARRETT).links[0]
     joint = joint.replace("palm", base)
     path.write_text(text.replace("</robot>", f"{dummy}</link>{joint}</robot>"))
-    model = read_urdf(path)
+    model = read_description(path)
     assert "dummy" in model.links
     assert "dummy" not in {body.link for body in model.link_geometries}
 
@@ -121,7 +124,7 @@ def test_a_body_without_extent_is_left_out(tmp_path: Path) -> None:
 def test_an_undeclared_prefix_of_names_is_read(tmp_path: Path) -> None:
     path = tmp_path / "prefix.urdf"
     path.write_text(BARRETT.read_text().replace("</robot>", "<drake:note/></robot>"))
-    assert read_urdf(path).joint_names == read_urdf(BARRETT).joint_names
+    assert read_description(path).joint_names == read_description(BARRETT).joint_names
 
 
 def test_a_mesh_that_is_not_star_shaped_has_an_inner_ball_and_filters_poses() -> None:
@@ -148,13 +151,13 @@ def test_a_visual_mesh_serves_where_no_collision_body_is(tmp_path: Path) -> None
     trimesh.creation.icosphere(radius=0.01).export(tmp_path / "ball.stl")
     mesh = '<geometry><mesh filename="ball.stl"/></geometry>'
     link = f'<link name="extra"><visual>{mesh}</visual></link>'
-    base = read_urdf(BARRETT).links[0]
+    base = read_description(BARRETT).links[0]
     joint = (
         f'<joint name="to_extra" type="fixed"><parent link="{base}"/><child link="extra"/></joint>'
     )
     path = tmp_path / "visual.urdf"
     path.write_text(BARRETT.read_text().replace("</robot>", f"{link}{joint}</robot>"))
-    model = read_urdf(path)
+    model = read_description(path)
     assert model.hulls_of_visuals == ("extra",)
     (body,) = [body for body in model.link_geometries if body.link == "extra"]
     np.testing.assert_allclose(body.mesh.extents, 0.02, rtol=0.02)  # facets are inside the ball

@@ -14,8 +14,8 @@ from lis_grasp.hands.draft.find_fingers import find_fingers
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import check_hand
 from lis_grasp.hands.hand_parts import joints_to
-from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.hand_yaml import hand_yaml
+from lis_grasp.hands.robot_description import read_description
 from lis_grasp.hands.shipped_models import VENDOR_HANDS, model_path
 
 
@@ -79,7 +79,7 @@ def test_links_without_a_mass_are_named_in_a_note(tmp_path: Path) -> None:
 
 def test_fingers_are_the_leaf_links_of_the_shipped_hands() -> None:
     for name, count in {"allegro": 4, "wsg50": 2, "barrett": 3}.items():
-        model = read_urdf(urdf_of(name))
+        model = read_description(urdf_of(name))
         fingers = find_fingers(model)
         assert len(fingers) == count
         parents = {joint.parent for joint in model.joints if joint.kind != "fixed"}
@@ -87,7 +87,7 @@ def test_fingers_are_the_leaf_links_of_the_shipped_hands() -> None:
 
 
 def test_named_tips_are_the_fingers_and_unknown_ones_are_refused() -> None:
-    model = read_urdf(urdf_of("allegro"))
+    model = read_description(urdf_of("allegro"))
     tips = [pad.link for pad in Hand.load("allegro").pads[:3]]
     assert len(find_fingers(model, tips)) == 3
     with pytest.raises(InvalidHandError, match="elbow"):

@@ -18,8 +18,8 @@ from lis_grasp.hands.draft.find_probe_postures import find_probe_postures
 from lis_grasp.hands.draft.fit_pads import fit_pads
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import check_hand
-from lis_grasp.hands.hand_urdf import read_urdf
 from lis_grasp.hands.link_bodies import load_mesh
+from lis_grasp.hands.robot_description import read_description
 from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.hands.useful_efforts import useful_efforts
 
@@ -88,7 +88,7 @@ def test_a_joint_that_mimics_a_mimicking_joint_follows_the_leader(tmp_path: Path
             mimic='joint="two" multiplier="-3" offset="0.5"',
         ),
     ]
-    model = read_urdf(written(tmp_path, link(*BASE), *chain))
+    model = read_description(written(tmp_path, link(*BASE), *chain))
     assert model.joint_names == ("one",)
     positions = {j.name: float(j.position(np.array([0.1]))) for j in model.joints}
     assert positions == pytest.approx({"one": 0.1, "two": 0.2, "three": 0.5 - 3 * 0.2})
@@ -102,7 +102,7 @@ def test_a_loop_of_mimicking_joints_is_refused(tmp_path: Path) -> None:
         joint("two", "base", "b", (1, 0, 0), mimic='joint="one"'),
     ]
     with pytest.raises(InvalidHandError, match="mimics"):
-        read_urdf(written(tmp_path, link(*BASE), *parts))
+        read_description(written(tmp_path, link(*BASE), *parts))
 
 
 def test_a_xacro_file_is_refused_with_the_command_that_converts_it(tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_a_xacro_file_is_refused_with_the_command_that_converts_it(tmp_path: Pat
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="x"><xacro:arg name="a"/></robot>'
     )
     with pytest.raises(InvalidHandError, match=r"xacro hand\.urdf\.xacro >"):
-        read_urdf(path)
+        read_description(path)
 
 
 def test_the_pointer_of_a_large_file_is_no_mesh(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_the_pointer_of_a_large_file_is_no_mesh(tmp_path: Path) -> None:
 
 
 def test_pads_of_a_jaw_are_its_inner_faces_though_racks_cross(tmp_path: Path) -> None:
-    model = read_urdf(written(tmp_path, link(*BASE), *jaw(rack=True)))
+    model = read_description(written(tmp_path, link(*BASE), *jaw(rack=True)))
     left, right = fit_pads(model, find_fingers(model))
     for pad, sign in ((left, 1), (right, -1)):
         np.testing.assert_allclose(pad.axis_L, [0, -sign, 0], atol=1e-9)
@@ -137,7 +137,7 @@ def test_a_face_behind_another_body_is_no_pad(tmp_path: Path) -> None:
         parts[i] = link(
             "left" if sign > 0 else "right", [((0.02, 0.02, 0.06), (0, sign * 0.015, 0.05)), plate]
         )
-    model = read_urdf(written(tmp_path, link(*BASE), *parts))
+    model = read_description(written(tmp_path, link(*BASE), *parts))
     for pad, sign in zip(fit_pads(model, find_fingers(model)), (1, -1), strict=True):
         np.testing.assert_allclose(pad.center_L, [0, sign * 0.004, 0.05], atol=1e-6)
 
@@ -170,7 +170,7 @@ def test_bars_of_a_linkage_are_no_fingers_however_far_the_base_reaches(tmp_path:
                 mimic='joint="left_finger"',
             ),
         ]
-    model = read_urdf(written(tmp_path, link(*BASE), *parts))
+    model = read_description(written(tmp_path, link(*BASE), *parts))
     assert {finger.link for finger in find_fingers(model)} == {"left_tip", "right_tip"}
 
 
@@ -195,7 +195,7 @@ def robot(*hands: str) -> list[str]:
 
 def test_the_hand_of_a_whole_robot_is_found_at_the_end_of_its_arm(tmp_path: Path) -> None:
     path = written(tmp_path, *robot("grip"))
-    assert find_hand_bases(read_urdf(path)) == ("grip_palm",)
+    assert find_hand_bases(read_description(path)) == ("grip_palm",)
     draft = draft_hand(path, name="grip", rng=np.random.default_rng(0))
     assert draft.edits.base_link == "grip_palm"
     assert {pad.link for pad in draft.hand.pads} == {"grip_left", "grip_right"}
@@ -203,19 +203,19 @@ def test_the_hand_of_a_whole_robot_is_found_at_the_end_of_its_arm(tmp_path: Path
 
 
 def test_a_gripper_alone_has_no_arm_to_leave_out(tmp_path: Path) -> None:
-    assert find_hand_bases(read_urdf(written(tmp_path, link(*BASE), *jaw()))) == ()
+    assert find_hand_bases(read_description(written(tmp_path, link(*BASE), *jaw()))) == ()
 
 
 def test_fingers_without_bodies_are_refused_in_words(tmp_path: Path) -> None:
     bare = [part for part in jaw() if part.startswith("<joint")]
     bare += [link("left", []), link("right", [])]
-    model = read_urdf(written(tmp_path, link(*BASE), *bare))
+    model = read_description(written(tmp_path, link(*BASE), *bare))
     with pytest.raises(InvalidHandError, match="no bodies"):
         find_fingers(model)
 
 
 def test_one_finger_against_a_fixed_jaw_is_refused_in_words(tmp_path: Path) -> None:
-    model = read_urdf(written(tmp_path, link(*BASE), *jaw()[:2]))
+    model = read_description(written(tmp_path, link(*BASE), *jaw()[:2]))
     with pytest.raises(InvalidHandError, match="fixed jaw"):
         find_fingers(model)
 
@@ -239,7 +239,7 @@ def test_a_horn_that_turns_in_place_is_no_finger(tmp_path: Path) -> None:
         link("horn", [((0.03, 0.006, 0.006), (0.0, 0.0, 0.0))]),
         joint("turn", "base", "horn", (0, 0, 1), at=(0.05, 0, 0), kind="continuous"),
     ]
-    model = read_urdf(written(tmp_path, link(*BASE), *jaw(), *horn))
+    model = read_description(written(tmp_path, link(*BASE), *jaw(), *horn))
     assert {finger.name for finger in find_fingers(model)} == {"left", "right"}
 
 
@@ -371,7 +371,7 @@ def test_pads_of_tips_that_are_kept_parallel_face_each_other_straight(tmp_path: 
         *parallel_finger("two", -1, -0.03, follow),
         *parallel_finger("three", -1, 0.03, follow),
     ]
-    model = read_urdf(written(tmp_path, link(*BASE), *claws))
+    model = read_description(written(tmp_path, link(*BASE), *claws))
     fingers = find_fingers(model)
     assert [finger.name for finger in fingers] == ["one", "two", "three"]
     for pad, side in zip(fit_pads(model, fingers), (1, -1, -1), strict=True):
@@ -399,7 +399,7 @@ def test_a_short_name_of_a_finger_is_a_word_of_its_own(
     tmp_path: Path, name: str, expected: str
 ) -> None:
     parts = [part.replace('"left', f'"{name}') for part in jaw()]
-    fingers = find_fingers(read_urdf(written(tmp_path, link(*BASE), *parts)))
+    fingers = find_fingers(read_description(written(tmp_path, link(*BASE), *parts)))
     assert expected in {finger.name for finger in fingers}
 
 
@@ -434,7 +434,7 @@ def test_a_mark_at_the_end_of_a_finger_carries_no_pad(tmp_path: Path) -> None:
                 kind="fixed",
             ),
         ]
-    model = read_urdf(written(tmp_path, link(*BASE), *jaw(), *marks))
+    model = read_description(written(tmp_path, link(*BASE), *jaw(), *marks))
     assert {finger.link for finger in find_fingers(model)} == {"left", "right"}
 
 

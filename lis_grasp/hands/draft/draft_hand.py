@@ -31,9 +31,8 @@ from lis_grasp.hands.draft.palm_frame import find_palm_frame
 from lis_grasp.hands.efforts import is_plausible_effort, usual_effort
 from lis_grasp.hands.hand import Hand
 from lis_grasp.hands.hand_check import forces_along_pads
-from lis_grasp.hands.hand_sdf import parse_sdf
-from lis_grasp.hands.hand_urdf import parse_urdf
 from lis_grasp.hands.link_tree import HandModel, build_hand_model
+from lis_grasp.hands.robot_description import parse_description
 from lis_grasp.records import fields_of, read_only
 
 # Joints before all fingers that are locked, as of a wrist; more are an arm, which is left out.
@@ -88,7 +87,7 @@ def draft_hand(
         If the description cannot be read, has no fingers, or no posture with opposed pads exists.
     """
     notes: list[str] = []
-    robot = parse_sdf(path) if path.suffix == ".sdf" else parse_urdf(path)
+    robot = parse_description(path)
     edits = _edits(deepcopy(robot), base_link, notes)
     model = build_hand_model(deepcopy(robot), path, edits)
     if base_link is None and not tips:

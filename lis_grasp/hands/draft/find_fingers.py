@@ -11,8 +11,7 @@ import numpy as np
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.hands.draft.hand_points import points_of_bodies
 from lis_grasp.hands.hand_parts import Joint, joints_to
-from lis_grasp.hands.kinematics import Kinematics
-from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.hands.link_tree import HandModel, link_kinematics
 from lis_grasp.typing import FloatArray
 
 MOST_FINGERS = 6
@@ -154,9 +153,7 @@ def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
 
 def _without_knobs(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
     """Leave out what turns in place, as a wheel, a knob or a motor's horn; all stay if all do."""
-    kinematics = Kinematics(
-        model.links, model.joints, (), X_LH=np.eye(4), actuated=len(model.joint_names)
-    )
+    kinematics = link_kinematics(model)
     shared = {joint.index for joint in shared_joints(model, fingers)} if fingers else set()
     kept = []
     for finger in fingers:
@@ -178,8 +175,7 @@ def _without_linkages(model: HandModel, fingers: Sequence[Finger]) -> list[Finge
     The reach is measured from the first joint that this motor moves.
     """
     q = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
-    actuated = len(model.joint_names)
-    kinematics = Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
+    kinematics = link_kinematics(model)
     poses = kinematics.poses(np.eye(4), q)
     reached = {}
     for f in fingers:

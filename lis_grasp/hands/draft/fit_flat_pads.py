@@ -11,8 +11,7 @@ from scipy.spatial import ConvexHull
 from lis_grasp.hands.draft.find_fingers import Finger, FingerBody
 from lis_grasp.hands.draft.hand_points import link_points
 from lis_grasp.hands.hand_parts import Pad
-from lis_grasp.hands.kinematics import Kinematics
-from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.hands.link_tree import HandModel, link_kinematics
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
@@ -59,10 +58,7 @@ class _Gripper:
 
     def __init__(self, model: HandModel, fingers: Sequence[Finger]) -> None:
         self._model, self._fingers = model, fingers
-        actuated = len(model.joint_names)
-        self._kinematics = Kinematics(
-            model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated
-        )
+        self._kinematics = link_kinematics(model)
         poses = self.poses(0.5 * (model.lower + model.upper))
         p_B = [_placed(f.points_L, poses[f.link]) for f in fingers]
         palm = link_points(model).get(model.links[0], np.zeros((1, 3)))

@@ -12,7 +12,7 @@ from lis_grasp.hands.draft.hand_points import reach
 from lis_grasp.hands.hand_parts import Pad
 from lis_grasp.hands.kinematics import Kinematics
 from lis_grasp.hands.link_bodies import fibonacci_directions
-from lis_grasp.hands.link_tree import HandModel
+from lis_grasp.hands.link_tree import HandModel, link_kinematics
 from lis_grasp.records import read_only
 from lis_grasp.typing import FloatArray
 
@@ -41,8 +41,7 @@ def fit_pads(
     """
     if len(fingers) == 2:
         return fit_flat_pads(model, fingers)
-    actuated = len(model.joint_names)
-    kinematics = Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
+    kinematics = link_kinematics(model)
     poses = kinematics.poses(np.eye(4), 0.5 * (model.lower + model.upper))
     middles_B = np.array(
         [poses[f.link][:3, :3] @ f.points_L.mean(axis=0) + poses[f.link][:3, 3] for f in fingers]
