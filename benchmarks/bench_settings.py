@@ -16,7 +16,7 @@ import argparse
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lis_grasp.experiments.compared_estimators import Estimator
+from lis_grasp.experiments.compared_estimators import NoisyEstimator
 from lis_grasp.experiments.contact_study.competitors import (
     SEARCHED,
     studied_estimator,
@@ -27,7 +27,7 @@ from lis_grasp.experiments.contact_study.estimate_score import score_estimate
 from lis_grasp.experiments.contact_study.study_sets import ContactSet, development_sets
 
 
-def measure(estimator: Estimator, sets: list[ContactSet]) -> tuple[np.ndarray, int, float]:
+def measure(estimator: NoisyEstimator, sets: list[ContactSet]) -> tuple[np.ndarray, int, float]:
     """Return errors (S, 2) in sizes of the objects, the failures and the mean seconds of a fit."""
     scores = [score_estimate(estimator, data) for data in sets]
     errors = [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -50,8 +49,7 @@ def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
     except InvalidArmError as error:
         raise InvalidArmError(f"{path.name}: {error}", file=path.name, key=error.key) from None
     except (InvalidHandError, InvalidFileError) as error:
-        message = re.sub(r"\ba hand\b", "an arm", str(error)).replace("the hand's", "the arm's")
-        raise InvalidArmError(f"{path.name}: {message}", file=path.name, key="urdf") from None
+        raise InvalidArmError(f"{path.name}: {error}", file=path.name, key="urdf") from None
     return _ArmAssembly(entry, model, numbers, path.name, description).fields()
 
 

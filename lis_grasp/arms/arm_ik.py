@@ -51,15 +51,11 @@ class ArmIK:
         The arm's.
     lower, upper
         Shape (J,): joint limits [rad or m].
-    seed
-        Of the stored postures.
     """
 
-    def __init__(
-        self, kinematics: ArmKinematics, lower: FloatArray, upper: FloatArray, *, seed: int = 0
-    ) -> None:
+    def __init__(self, kinematics: ArmKinematics, lower: FloatArray, upper: FloatArray) -> None:
         self._kinematics, self._lower, self._upper = kinematics, lower, upper
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(0)
         # More than a turn of range only repeats postures.
         middle = np.clip(0.0, lower, upper)
         low, high = np.maximum(lower, middle - np.pi), np.minimum(upper, middle + np.pi)

@@ -55,7 +55,7 @@ class Noise:
         return {"position_noise": self.position, "normal_noise": self.normal}
 
 
-Estimator = Callable[[Contacts, Noise], ImplicitSurface]
+NoisyEstimator = Callable[[Contacts, Noise], ImplicitSurface]
 
 OURS: Mapping[str, Callable[..., ImplicitSurface]] = {
     "lis": partial(LocalImplicitSurface.from_contacts, beta="corrected"),
@@ -73,7 +73,7 @@ COMPARED = Registry("estimator", {**OURS, **BASELINES})
 """Every name that `compared_estimator` knows; some baselines need packages of their own."""
 
 
-def compared_estimator(name: str) -> Estimator:
+def compared_estimator(name: str) -> NoisyEstimator:
     """Return an estimator of this package, a baseline, or a plug-in, by its name.
 
     Baselines have no option for the sensor's noise. Errors as of `find_estimator`.
@@ -85,7 +85,7 @@ def compared_estimator(name: str) -> Estimator:
 
 
 def require_installed(
-    names: Iterable[str], find: Callable[[str], Estimator] = compared_estimator
+    names: Iterable[str], find: Callable[[str], NoisyEstimator] = compared_estimator
 ) -> None:
     """Raise `InvalidOptionError` if a package of an estimator is missing: every row would fail.
 

@@ -35,7 +35,7 @@ def joint_limits(joint: Any) -> tuple[float, float, float]:
     if effort is None or not (np.isfinite(effort) and effort > 0.0):
         raise InvalidHandError(
             f"joint '{joint.name}' must have a limit with an effort above 0; it is {effort}: give"
-            " it under effort_limits in the hand's YAML"
+            " it under effort_limits in the YAML"
         )
     if joint.type == "continuous":
         return -np.pi, np.pi, float(effort)

@@ -156,7 +156,7 @@ class _Builder:
             if not self._repair or joint.child in repair:
                 raise InvalidHandError(
                     f"link '{joint.child}' moves on joint '{joint.name}' and must have an inertial"
-                    " with a mass above 0; `repair: true` in the hand's YAML gives it one"
+                    " with a mass above 0; `repair: true` in the YAML gives it one"
                 )
             repair.add(joint.child)
             inertials[joint.child] = replace(inertials[joint.child], mass=LEAST_MASS)
@@ -218,7 +218,7 @@ class _Builder:
         for joint in self._joints:
             self._check(joint)
         if not self._actuated:
-            raise InvalidHandError("a hand must have movable joints; there are none")
+            raise InvalidHandError("there must be movable joints; there are none")
         ordered: list[Joint] = []
         joined, waiting = {roots[0]}, list(self._joints)
         while waiting:
@@ -233,7 +233,7 @@ class _Builder:
     def _check(self, joint: Any) -> None:
         if joint.type not in _JOINT_KINDS:
             raise InvalidHandError(
-                f"joint '{joint.name}' is of type '{joint.type}'; a hand's joints must be"
+                f"joint '{joint.name}' is of type '{joint.type}'; joints must be"
                 f" {', '.join(_JOINT_KINDS)}"
             )
         for link in (joint.parent, joint.child):

@@ -16,7 +16,7 @@ from lis_grasp.experiments.baselines import (
     OffsetSurface,
     PrimitiveCSGSurface,
 )
-from lis_grasp.experiments.compared_estimators import OURS, Estimator, Noise
+from lis_grasp.experiments.compared_estimators import OURS, Noise, NoisyEstimator
 from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.plugins import Registry
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
@@ -110,7 +110,7 @@ COMPETITORS: tuple[str, ...] = tuple(_MAKERS)
 """Names of the competitors; `poisson` needs pymeshlab."""
 
 
-def with_settings(name: str, settings: Settings) -> Estimator:
+def with_settings(name: str, settings: Settings) -> NoisyEstimator:
     """Return a competitor with settings of its own."""
     return partial(_MAKERS[name], **settings)
 
@@ -119,7 +119,7 @@ STUDIED = Registry("estimator", {**OURS, **{n: with_settings(n, CHOSEN[n]) for n
 """Every name that `studied_estimator` knows."""
 
 
-def studied_estimator(name: str) -> Estimator:
+def studied_estimator(name: str) -> NoisyEstimator:
     """Return an estimator of this package with its defaults, a competitor as chosen, or a plug-in.
 
     Errors as of `find_estimator`.

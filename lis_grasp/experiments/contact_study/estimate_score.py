@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import LisGraspError
-from lis_grasp.experiments.compared_estimators import Estimator
+from lis_grasp.experiments.compared_estimators import NoisyEstimator
 from lis_grasp.experiments.contact_study.study_sets import ContactSet
 from lis_grasp.experiments.test_objects.solid_modelling import Solid, mesh_of, solid_of
 from lis_grasp.exploration import STEP_FRACTION
@@ -81,7 +81,7 @@ class EstimateScore:
 
 
 def score_estimate(
-    estimator: Estimator, data: ContactSet, *, box: Box = "contacts"
+    estimator: NoisyEstimator, data: ContactSet, *, box: Box = "contacts"
 ) -> EstimateScore:
     """Fit an estimator to a contact set, mesh it and measure it.
 

@@ -77,9 +77,9 @@ def ball(radius: float) -> Solid:
     return Solid.sphere(radius, SEGMENTS)
 
 
-def revolve(profile: npt.ArrayLike, *, degrees: float = 360.0) -> Solid:
+def revolve(profile: npt.ArrayLike) -> Solid:
     """Revolve a closed profile, rows (radius, z) counterclockwise, about the z axis."""
-    return Solid.revolve(outline(profile), SEGMENTS, degrees)
+    return Solid.revolve(outline(profile), SEGMENTS)
 
 
 def curve(knots: npt.ArrayLike, count: int) -> FloatArray:
