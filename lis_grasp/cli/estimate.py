@@ -29,7 +29,7 @@ from lis_grasp.typing import FloatArray
 _NOISE = ("position_noise", "normal_noise")
 # Fields that distinguish contacts.
 _COMPARED = ("points", "normals", *_NOISE)
-# Fewer contacts show hardly more than place and size: a run plans no grasp on them either.
+# Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
 _FEW = 10
 
 
@@ -86,7 +86,7 @@ def execute(options: argparse.Namespace) -> None:
     path = folder / "surface.ply"
     if len(contacts) < _FEW:
         say(
-            f"warning: fewer than {_FEW} contacts show little more than place and size of an"
+            f"warning: fewer than {_FEW} contacts show little more than position and size of an"
             " object, and the standard deviation is too small"
         )
     with result_file(path) as temporary:

@@ -10,7 +10,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
         "run": (
             ("box --output results/demo", "a built-in shape, no prior knowledge"),
             ("part.stl --units mm --hand wsg50", "your own mesh, a parallel-jaw gripper"),
-            ("mallet --known --touches 20 --seed 3", "place and size known, an ideal sensor"),
+            ("mallet --known --touches 20 --seed 3", "position and size known, an ideal sensor"),
             ("box --arm iiwa14", "an arm carries the hand"),
         ),
         "explore": (

@@ -1,4 +1,4 @@
-"""`lis-grasp next`: where to touch next, given contacts so far."""
+"""`lis-grasp next`: choice of the next touch, given contacts so far."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "type": float,
         "nargs": 3,
         "metavar": ("X", "Y", "Z"),
-        "help": "lengths [m] of the box on the table that contains the object: place and size of"
+        "help": "lengths [m] of the box on the table that contains the object: position and size of"
         " the object are then unknown",
     },
     "policy": {

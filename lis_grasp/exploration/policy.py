@@ -1,4 +1,4 @@
-"""Exploration policies: decide what to touch next."""
+"""Exploration policies: choice of the next touch."""
 
 from __future__ import annotations
 

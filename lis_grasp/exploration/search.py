@@ -1,4 +1,4 @@
-"""Search for an object in a region: sweeps that rule out the most places a second."""
+"""Search for an object in a region: motions by their probability per second of meeting it."""
 
 from __future__ import annotations
 

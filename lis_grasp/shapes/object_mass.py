@@ -1,4 +1,4 @@
-"""Mass of a true object whose mass nobody gave: a table of the YCB set, or its volume."""
+"""Default mass of a true object: from a table of the YCB set, or from its volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulation in Drake, at both ends of the flow: touching an object, and lifting it."""
+"""Simulation in Drake: touching an object, and lifting it."""
 
 from lis_grasp.simulation.dynamic_prober import DynamicProber
 

@@ -1,4 +1,4 @@
-"""Evidence of a smooth surface that contacts have less noise than their neighbours suggest."""
+"""Marginal likelihood of a smooth surface with less noise than contacts' neighbours suggest."""
 
 from __future__ import annotations
 

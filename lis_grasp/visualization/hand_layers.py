@@ -68,7 +68,7 @@ def draw_grasps(canvas: Canvas, grasps: Sequence[Grasp]) -> None:
 def draw_motion(canvas: Canvas, motion: Motion, hand: Hand, station: Station | None = None) -> None:
     """Add the recorded poses of the object and the hand's links, for playback on demand."""
     times = motion.times - motion.times[0]
-    tracks = [(OBJECT_NODE, motion.poses[OBJECT])]
+    tracks = [(OBJECT_NODE, _since_the_start(motion))]
     tracks += [
         (f"{ROOT}/hand/{number}", motion.poses[link])
         for number, link in enumerate(hand.links)
@@ -167,13 +167,20 @@ def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> Float
         corners = trimesh.bounds.corners(geometry.mesh.bounds) @ X[:3, :3].T + X[:3, 3]
         outlines[geometry.link] = np.vstack([outlines.get(geometry.link, corners[:0]), corners])
     moments = np.unique(np.linspace(0, len(motion) - 1, _MOMENTS).astype(int))
+    poses = {**motion.poses, OBJECT: _since_the_start(motion)}
     points = [
         p_B @ X_WB[:3, :3].T + X_WB[:3, 3]
         for body, p_B in outlines.items()
-        if body in motion.poses
-        for X_WB in motion.poses[body][moments]
+        if body in poses
+        for X_WB in poses[body][moments]
     ]
     return outermost(np.vstack(points))
+
+
+def _since_the_start(motion: Motion) -> FloatArray:
+    """Return the object's motion (T, 4, 4) from where it was first, and where the scene has it."""
+    poses = motion.poses[OBJECT]
+    return np.asarray(poses @ np.linalg.inv(poses[0]))
 
 
 def _note(grasp: Grasp) -> str:

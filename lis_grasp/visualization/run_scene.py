@@ -60,8 +60,9 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
     if "object" in facts:
         with suppress(InvalidFileError):  # a mesh that is elsewhere now: the scene lacks the truth
             truth = find(facts["object"], size=facts.get("size"), units=facts.get("units", "m"))
-            if facts.get("X_WO") is not None:
-                truth = placed(truth, facts["X_WO"])
+            for pose in ("X_WO", "X_EO"):  # its place, and its motion since
+                if facts.get(pose) is not None:
+                    truth = placed(truth, facts[pose])
             content |= {"truth": truth.mesh, "title": f"lis_grasp: {truth.name}"}
     content["hand"] = hand = Hand.load(facts.get("hand", "allegro"))
     if facts.get("arm") is not None and "X_EA" in facts:

@@ -9,16 +9,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from random_directions import random_directions
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from lis_grasp import shapes
+from lis_grasp import Hand, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError, SimulationError
+from lis_grasp.exploration.planar_motion import planar_pose
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
+from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.visualization.drawing import OBJECT_NODE, Canvas, animate
+from lis_grasp.visualization.hand_layers import draw_motion
 from lis_grasp.visualization.run_scene import scene_of
 
 CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
@@ -182,6 +187,23 @@ def test_a_scene_of_an_object_that_is_elsewhere_lacks_it(cube: Path, tmp_path: P
     with pytest.raises(InvalidFileError):
         shapes.find(facts["object"], size=None)
     assert scene_of(tmp_path).truth is None
+
+
+def test_a_scene_shows_an_object_where_touches_left_it(cube: Path, tmp_path: Path) -> None:
+    X_WO, X_EO = (planar_pose(np.array(d)) for d in ([0.1, 0.0, 0.3], [-0.02, 0.01, 0.7]))
+    header = provenance.describe(object="box", hand="wsg50", X_WO=X_WO.tolist(), X_EO=X_EO.tolist())
+    Contacts.load(cube / "contacts.ply").save(tmp_path / "contacts.ply", header=header)
+    truth = scene_of(tmp_path).truth
+    assert truth is not None
+    expected = trimesh.transform_points(shapes.find("box", size=None).mesh.vertices, X_EO @ X_WO)
+    np.testing.assert_allclose(truth.vertices, expected, atol=1e-12)
+    # The lift begins there, and moves what is drawn from there on.
+    turns = np.stack([X_EO, planar_pose(np.array([0.0, 0.0, 0.1])) @ X_EO])
+    motion = Motion(np.array([0.0, 1.0]), {OBJECT: turns})
+    canvas = Canvas()
+    draw_motion(canvas, motion, Hand.load("wsg50"))
+    played = animate(motion.times, [(OBJECT_NODE, turns @ np.linalg.inv(X_EO))])
+    assert canvas.commands == [played]
 
 
 def test_an_empty_folder_has_no_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
