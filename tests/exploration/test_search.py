@@ -10,6 +10,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe, ProbeOutcome, Region, RegionPolicy, TargetPolicy
 from lis_grasp.exploration.search import PlaceBelief, search_probe
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.surfaces import GaussianProcessImplicitSurface
 from lis_grasp.typing import FloatArray
 
 REGION = Region()
@@ -129,6 +130,25 @@ def test_after_the_first_contact_the_other_sides_are_touched() -> None:
     space = REGION.grown(contacts)
     assert np.linalg.norm(space.center[:2] - [0.1, -0.05]) < 0.01
     assert space.size >= 0.08
+
+
+def test_a_cloud_makes_the_other_sides_known() -> None:
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(80, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    cloud = Contacts(0.04 * normals + [0.1, -0.05, 0.04], normals)
+    surface = GaussianProcessImplicitSurface.from_contacts(cloud)
+    touched = Ball(np.array([0.1, -0.05]), 0.04).probe(
+        Probe(np.array([0.14, -0.05, 0.04]), np.array([-1.0, 0.0, 0.0]), 0.1, 0.1)
+    )
+    known = cloud.append(touched.contacts)
+    probes = [
+        policy.next_probe(known, surface, outcomes=[touched], rng=np.random.default_rng(1))
+        for policy in (RegionPolicy(REGION, TargetPolicy), TargetPolicy(REGION.grown(known)))
+    ]
+    assert probes[0] is not None
+    assert probes[1] is not None
+    np.testing.assert_array_equal(probes[0].target, probes[1].target)
 
 
 @pytest.mark.parametrize("lengths", [(0.4, 0.4), (0.4, 0.4, 0.0), (0.4, np.nan, 0.3), "box", 0.4])
