@@ -180,7 +180,8 @@ def _further_tables(folder: Path) -> dict[str, str]:
 
 def _both_simulators(rows: Sequence[Row]) -> dict[str, str]:
     """Return what the page's first paragraph says of the rows of both simulators."""
-    words = {"simulator_hands": " and ".join(f"`{name}`" for name in names(rows, "hand"))}
+    *hands, last = (f"`{name}`" for name in names(rows, "hand"))
+    words = {"simulator_hands": " and ".join([", ".join(hands), last] if hands else [last])}
     for simulator in SIMULATORS:
         own = [row for row in rows if row["simulator"] == simulator]
         held = {
