@@ -367,7 +367,7 @@ def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(
     told = "held, 3 mm, 17° | dropped, 3 mm, 17° | 1 of 3 | 0 of 3 |"
     assert f"| pen | `wsg50` | blend | {told}" in page
     assert "| without free space | 4 | 50 | −50.0 | 1.000 |" in page
-    assert f"of 8 objects so far, where the plan has 400; {len(rows)} rows" in page
+    assert f"of the 400 planned explorations, of 8 objects; {len(rows)} rows" in page
     assert "| all but built-in shapes and scans | 4 |" in page
     mine = [row["held"] for row in rows if row["estimator"] == "blend"]
     assert f"held in {100.0 * np.mean(mine):.0f} % of {len(mine)} trials" in page
