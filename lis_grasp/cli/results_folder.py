@@ -119,7 +119,8 @@ def remove_made_from(path: Path, *, with_itself: bool = False) -> None:
     """
     if not path.exists() or not provenance.read(path):
         return
-    stage = next(number for number, names in enumerate(_STAGES) if path.name in names)
+    stages = (number for number, names in enumerate(_STAGES) if path.name in names)
+    stage = next(stages, len(_STAGES))  # nothing is made from a file of another name
     later = [path.with_name(name) for names in _STAGES[stage + 1 :] for name in names]
     made = [file for file in later if file.exists()]
     for file in reversed([path, *made] if with_itself else made):

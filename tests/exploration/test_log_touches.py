@@ -136,6 +136,18 @@ def test_a_fixed_object_has_a_given_frame(tmp_path: Path) -> None:
     assert_true(Contacts.load(tmp_path / "contacts.ply"), still)
 
 
+def test_contacts_of_another_name_are_replaced_by_the_next(
+    recording: Recording, tmp_path: Path
+) -> None:
+    log, output = write_csv(recording, tmp_path / "log.csv"), tmp_path / "mine.ply"
+    command = ["contacts", str(log), "--tip", "tip", "--object-pose", "object"]
+    command += ["--output", str(output), "--tip-radius", str(RADIUS), "--normals"]
+    assert main([*command, "force"]) == 0
+    before = output.read_bytes()
+    assert main([*command, "approach"]) == 0
+    assert output.read_bytes() != before
+
+
 def test_two_fingers_are_merged_in_time_order(recording: Recording, tmp_path: Path) -> None:
     log = open_log(write_csv(recording, tmp_path / "log.csv"))
     fingers = [Finger(tip="tip", name="index"), Finger(tip="tip", name="thumb")]
