@@ -71,17 +71,18 @@ def execute(options: argparse.Namespace) -> None:
 def _require_own(folder: Path, name: str, formats: Iterable[str], mesh: Path) -> None:
     """Raise `InvalidFileError` if a model would replace its mesh, or a file of another program.
 
-    The drawn mesh is this package's if a description beside it is.
+    The meshes are this package's if a description beside them is.
     """
     endings = {ending for ending, _ in FORMATS.values()}
     ours = {
         path
         for path in folder.glob("*")
-        if path.suffix in endings and MARK in path.read_text(errors="replace")
+        if path.suffix in endings and path.is_file() and MARK in path.read_text(errors="replace")
     }
+    meshes = [folder / VISUAL, *folder.glob("part_*.obj")]
     if ours:
-        ours.add(folder / VISUAL)
-    for path in (folder / VISUAL, *(folder / f"{name}{FORMATS[each][0]}" for each in formats)):
+        ours.update(meshes)
+    for path in (*meshes, *(folder / f"{name}{FORMATS[each][0]}" for each in formats)):
         if path.exists() and (path not in ours or path.samefile(mesh)):
             raise InvalidFileError(
                 f"{path} would be replaced, and is not a model that lis_grasp wrote: name another"

@@ -82,6 +82,9 @@ def test_the_command_replaces_its_own_models_only(tmp_path: Path) -> None:
     assert main(export) == 2
     assert (tmp_path / "ball.urdf").read_text() == "<robot/>"
     (tmp_path / "ball.urdf").unlink()
+    (tmp_path / "part_00.obj").write_text("o mine")
+    assert main(export) == 2
+    (tmp_path / "part_00.obj").unlink()
     assert main(export) == 0
     assert main(export) == 0  # its own
     drawn = (tmp_path / "visual.obj").read_bytes()
