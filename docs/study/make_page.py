@@ -180,8 +180,9 @@ def _further_tables(folder: Path) -> dict[str, str]:
 
 def _both_simulators(rows: Sequence[Row]) -> dict[str, str]:
     """Return what the page's first paragraph says of the rows of both simulators."""
-    *hands, last = (f"`{name}`" for name in names(rows, "hand"))
-    words = {"simulator_hands": " and ".join([", ".join(hands), last] if hands else [last])}
+    hands = [f"`{name}`" for name in names(rows, "hand")]
+    listed = [*filter(None, [", ".join(hands[:-1])]), *hands[-1:]]
+    words = {"simulator_hands": " and ".join(listed)}
     for simulator in SIMULATORS:
         own = [row for row in rows if row["simulator"] == simulator]
         held = {
