@@ -29,7 +29,7 @@ from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
 from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.poses import checked_pose
-from lis_grasp.shapes import load, placed
+from lis_grasp.shapes import load, placed_as_recorded
 from lis_grasp.typing import FloatArray
 
 # docs/study.md: of 114 grasps planned on `lis` 58 held, with a mean prediction of 0.72.
@@ -96,8 +96,7 @@ def execute(options: argparse.Namespace) -> None:
         say(f"wrote {path.with_name('grasps.isaac.yaml')}")
     if options.dexgraspbench:
         if "object" in recorded:
-            truth = opt.load_object(config, recorded.get("X_WO"))
-            mesh = (placed(truth, recorded["X_EO"]) if "X_EO" in recorded else truth).mesh
+            mesh = placed_as_recorded(opt.load_object(config), recorded).mesh
         name = Path(recorded.get("object", options.mesh)).stem
         folder = write_dexgraspbench(path.parent, name, mesh, hand, search, support)
         say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")

@@ -45,11 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def write_draft(options: argparse.Namespace) -> None:
     """Write the YAML, and print the findings on it; existing files are not replaced."""
-    path = Path(options.description)
-    if "://" in options.description:
-        path = resolve_uri(options.description, Path(), "lis-grasp hand new")
-    elif not path.is_file():
-        raise InvalidFileError(f"{path} must be a URDF or SDF file; it is not there", path=path)
+    path = resolve_uri(options.description, Path(), "the URDF or SDF")
     name = options.name or path.stem
     output = options.output or Path(f"{name}.yaml")
     if output.exists():

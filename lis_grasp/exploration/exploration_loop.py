@@ -158,11 +158,12 @@ def explore(
     for outcome in outcomes:  # as below; `sum` compensates for rounding from Python 3.12 on
         clock += outcome.duration
     margin = 0.0 if sensor is None else sensor.free_margin
-    before = Contacts.empty() if prior is None or any(each.lost for each in outcomes) else prior
+    before = Contacts.empty() if prior is None else prior
     estimated: ImplicitSurface | None = None
     estimated_from = 0  # contacts
     while True:
-        known = before.append(contacts)
+        # What was known before is not where a lost object is now.
+        known = contacts if any(each.lost for each in outcomes) else before.append(contacts)
         if len(known) < estimated_from:  # the object was lost
             estimated, estimated_from = None, 0
         is_new = len(known) > estimated_from
@@ -193,8 +194,6 @@ def explore(
         if record is not None:
             record(outcome)
         outcomes.append(outcome)
-        if outcome.lost:
-            before = Contacts.empty()
         contacts = _with_outcome(contacts, outcome, clock, touches)
         clock += outcome.duration
         if progress is not None:

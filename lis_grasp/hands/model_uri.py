@@ -56,6 +56,8 @@ def resolve_uri(uri: str | None, folder: Path, named_in: str) -> Path:
             f" {here} or in a listed one: list the folder that holds '{package}' in"
             f" {' or '.join(_LISTS)}"
         )
+    if not separator:
+        raise InvalidFileError(f"{named_in}: {shown(str(candidates[0]))} was not found")
     tried = ", ".join(str(candidate) for candidate in candidates)
     raise InvalidFileError(
         f"{named_in}: {uri} was not found; tried {tried}: folders that hold packages are listed in"

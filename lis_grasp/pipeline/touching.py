@@ -99,10 +99,10 @@ def touch(
     """
     space = for_fingertips(prior_knowledge(shape, config), hand)
     policy = policy or make_policy(config, space)
-    recorded = log.resume() if log is not None else recorded
-    ending = log.ending() if log is not None else None
-    if ending is not None:
-        return replace(Exploration.replay(recorded, touches=config.touches), ended=ending)
+    if log is not None:
+        recorded, ending = log.resume(), log.ending()
+        if ending is not None:
+            return replace(Exploration.replay(recorded, touches=config.touches), ended=ending)
     cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
     prober = prober or make_prober(config, hand, shape, recorded, station, arm_use)
     exploration = explore(

@@ -20,7 +20,14 @@ from lis_grasp.shapes.builtin import (
 )
 from lis_grasp.shapes.mesh_loading import FORMATS, UNITS, find, load
 from lis_grasp.shapes.object_mass import default_mass
-from lis_grasp.shapes.placement import STABLE, UPRIGHT, draw_pose, placed, roll_to_rest
+from lis_grasp.shapes.placement import (
+    STABLE,
+    UPRIGHT,
+    draw_pose,
+    placed,
+    placed_as_recorded,
+    roll_to_rest,
+)
 from lis_grasp.shapes.shape import SHARP_ANGLE, Shape, sharp_edges
 
 __all__ = [
@@ -46,6 +53,7 @@ __all__ = [
     "mallet",
     "pentagon",
     "placed",
+    "placed_as_recorded",
     "roll_to_rest",
     "sharp_edges",
     "sphere",

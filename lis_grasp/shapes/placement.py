@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -157,3 +158,15 @@ def _load_pose(path: Path) -> FloatArray:
         raise InvalidFileError(f"{required}; the last row of {path} is not 0 0 0 1", path=path)
     pose[:3, :3] = Rotation.from_matrix(rotation).as_matrix()  # the nearest rotation
     return np.asarray(pose)
+
+
+def placed_as_recorded(shape: Shape, facts: Mapping[str, Any]) -> Shape:
+    """Return a true object where the header of a results file has it.
+
+    It was put at the pose X_WO (4, 4), and touches moved it to X_EO (4, 4) in the frame of the
+    contacts; either may be absent. Errors as of `placed`.
+    """
+    for pose in ("X_WO", "X_EO"):
+        if facts.get(pose) is not None:
+            shape = placed(shape, facts[pose])
+    return shape

@@ -18,6 +18,7 @@ from lis_grasp.surfaces.contact_checks import (
     require_outward_normals,
     require_plausible_size,
 )
+from lis_grasp.surfaces.contact_noise import filled
 from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray
@@ -80,9 +81,9 @@ def load_contacts(
         require_plausible_size(fields["points"], units)
         if own_normals is None:
             own = fields.get("position_noise")
-            known = position_noise if own is None else own
-            if own is not None and position_noise is not None:
-                known = np.where(np.isnan(own), position_noise, own)
+            known = own
+            if position_noise is not None:
+                known = filled(own, position_noise, len(fields["points"]))
             estimated = estimate_normals(
                 fields["points"],
                 approach=approach,

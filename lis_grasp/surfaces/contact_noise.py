@@ -37,8 +37,8 @@ def noise_of(
     )
     count = len(contacts)
     return (
-        _filled(contacts.position_noise, position, count),
-        _filled(contacts.normal_noise, normal, count),
+        filled(contacts.position_noise, position, count),
+        filled(contacts.normal_noise, normal, count),
     )
 
 
@@ -50,11 +50,16 @@ def precisions_of(noise: FloatArray | None, count: int) -> FloatArray:
     """
     if noise is None:
         return np.ones(count)
-    known = np.where(np.isnan(noise), np.sqrt(np.nanmean(noise**2)), noise)
+    known = mean_where_unknown(noise)
     largest = known.max()
     if largest == 0.0:
         return np.ones(count)
     return np.asarray(1.0 / np.maximum(known / largest, _LEAST_NOISE) ** 2)
+
+
+def mean_where_unknown(noise: FloatArray) -> FloatArray:
+    """Return noise (N,), where it is unknown the root mean square of what is known."""
+    return np.where(np.isnan(noise), np.sqrt(np.nanmean(noise**2)), noise)
 
 
 def noise_of_means(noise: FloatArray | None, group: IndexArray) -> FloatArray | None:
@@ -73,5 +78,6 @@ def noise_of_means(noise: FloatArray | None, group: IndexArray) -> FloatArray | 
     return np.where(np.isin(np.arange(len(total)), group[known]), means, np.nan)
 
 
-def _filled(own: FloatArray | None, value: float, count: int) -> FloatArray:
+def filled(own: FloatArray | None, value: float, count: int) -> FloatArray:
+    """Return noise (N,) of so many contacts: their own, a value where it is unknown."""
     return np.full(count, value) if own is None else np.where(np.isnan(own), value, own)

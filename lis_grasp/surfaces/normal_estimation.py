@@ -14,6 +14,7 @@ from scipy.spatial.distance import pdist
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.surfaces.contact_merging import spacing_of
+from lis_grasp.surfaces.contact_noise import mean_where_unknown
 from lis_grasp.surfaces.local_planes import local_planes
 from lis_grasp.surfaces.normal_posterior import EstimatedNormals, NormalPosterior
 from lis_grasp.surfaces.queries import require_range
@@ -199,7 +200,7 @@ def _known_noise(centers: Contacts) -> FloatArray | None:
     noise = centers.position_noise
     if noise is None or np.isnan(noise).all():
         return None
-    return np.where(np.isnan(noise), np.sqrt(np.nanmean(noise**2)), noise)
+    return mean_where_unknown(noise)
 
 
 def _ambiguous(found: list[EstimatedNormals]) -> bool:

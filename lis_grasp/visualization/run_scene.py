@@ -20,7 +20,7 @@ from lis_grasp.io import provenance
 from lis_grasp.io.growth_files import load_growth
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
-from lis_grasp.shapes import find, placed
+from lis_grasp.shapes import find, placed_as_recorded
 from lis_grasp.visualization.scene import Scene
 from lis_grasp.visualization.search_layer import search_of
 
@@ -60,9 +60,7 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
     if "object" in facts:
         with suppress(InvalidFileError):  # a mesh that is elsewhere now: the scene lacks the truth
             truth = find(facts["object"], size=facts.get("size"), units=facts.get("units", "m"))
-            for pose in ("X_WO", "X_EO"):  # its place, and its motion since
-                if facts.get(pose) is not None:
-                    truth = placed(truth, facts[pose])
+            truth = placed_as_recorded(truth, facts)
             content |= {"truth": truth.mesh, "title": f"lis_grasp: {truth.name}"}
     content["hand"] = hand = Hand.load(facts.get("hand", "allegro"))
     if facts.get("arm") is not None and "X_EA" in facts:
