@@ -1,4 +1,4 @@
-"""Files of points that may lack normals: contact files, and .off and .xyz by trimesh."""
+"""Files of points that may lack normals: contact files, .off and .xyz."""
 
 from __future__ import annotations
 
@@ -52,20 +52,31 @@ def no_faces_error(path: Path) -> InvalidFileError:
 
 
 def _load_points(path: Path) -> FloatArray:
-    """Return the vertices of a file that trimesh reads, in the file's order."""
+    """Return the points of an .off or .xyz file, in the file's order."""
     try:
         require_file_size(path, _MOST_BYTES)
-        # trimesh takes further columns for colours, whatever they hold.
-        with path.open("rb") as file, np.errstate(invalid="ignore"):
-            loaded = trimesh.load(file, file_type=path.suffix[1:].lower(), process=False)
+        found = _vertices_of_off(path) if path.suffix.lower() == ".off" else _rows_of_xyz(path)
     except InvalidFileError:
         raise
     except OSError as error:
         raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
-    except Exception as error:  # noqa: BLE001 - trimesh raises anything on damaged files
+    except Exception as error:  # noqa: BLE001 - the readers raise anything on damaged files
         message = f"{path} cannot be read as points ({error}): write columns x,y,z as .csv"
         raise InvalidFileError(message, path=path) from None
-    points = np.asarray(getattr(loaded, "vertices", None), dtype=np.float64)
+    points = np.asarray(found, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise InvalidFileError(f"{path} has no points", path=path)
     return points
+
+
+def _vertices_of_off(path: Path) -> Any:
+    with path.open("rb") as file:
+        loaded = trimesh.load(file, file_type="off", process=False)
+    return getattr(loaded, "vertices", None)
+
+
+def _rows_of_xyz(path: Path) -> FloatArray:
+    """Return the first three columns; others, such as colours, may hold anything."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    rows = [line.replace(",", " ") for line in lines if line.strip()]
+    return np.loadtxt(rows, usecols=(0, 1, 2), ndmin=2) if rows else np.empty((0, 3))

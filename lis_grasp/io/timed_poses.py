@@ -106,7 +106,8 @@ class FrameTree:
         poses = np.tile(np.eye(4), (len(times), 1, 1))
         if base == frame:
             return poses
-        graph = nx.Graph(list(self.transforms))
+        graph = nx.Graph()
+        graph.add_edges_from(self.transforms)
         if base not in graph or frame not in graph or not nx.has_path(graph, base, frame):
             known = ", ".join(self.frames) or "none"
             raise InvalidInputError(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from analytic_surfaces import Analytic, cube_bounds, sphere
 from numpy.testing import assert_array_equal
 
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.deferred_surface import DeferredSurface
-from tests.analytic_surfaces import Analytic, cube_bounds, sphere
 
 
 def _ball() -> Analytic:

@@ -6,12 +6,12 @@ import re
 import numpy as np
 import trimesh
 from numpy.testing import assert_allclose
+from stations import station_with
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Probe, ProbeOutcome
 from lis_grasp.exploration.probe import HandPose
 from lis_grasp.visualization import Scene
-from tests.stations import station_with
 
 STATION = station_with("wsg50")
 BOX = trimesh.creation.box(extents=[0.06, 0.06, 0.12])
