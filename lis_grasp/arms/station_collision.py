@@ -22,6 +22,10 @@ ARM_CLEARANCE = 0.01
 HAND_CLEARANCE = 0.0003
 """Least distance of the hand's links from the table [m], which grasps of low objects need."""
 
+# How many times the margin a vertex is moved at the most, where faces meet at an edge: enough for
+# the corner of a box (1.7); on a rough mesh more would grow spikes.
+_LONGEST_MITRE = 2.0
+
 
 class StationChecker:
     """Checks postures of an arm with a hand for collisions.
@@ -174,13 +178,18 @@ class StationChecker:
 
 
 class _Enlarged:
-    """An obstacle's mesh, enlarged by a margin along its vertices' normals."""
+    """An obstacle's mesh, enlarged so that its faces move outwards by a margin."""
 
     def __init__(self, mesh: trimesh.Trimesh, margin: float) -> None:
         grown = mesh
         if margin:
+            normals = mesh.vertex_normals
+            slant = np.einsum("fk,fvk->fv", mesh.face_normals, normals[mesh.faces])
+            steepest = np.ones(len(normals))
+            np.minimum.at(steepest, mesh.faces, slant)
+            reach = margin * np.minimum(1.0 / np.maximum(steepest, 1e-6), _LONGEST_MITRE)
             grown = trimesh.Trimesh(
-                mesh.vertices + margin * mesh.vertex_normals, mesh.faces, process=False
+                mesh.vertices + reach[:, None] * normals, mesh.faces, process=False
             )
         self._low, self._high = np.asarray(grown.bounds)
         self._shape = mesh_to_BVH(grown)

@@ -2,6 +2,7 @@
 
 import pickle
 
+import fcl
 import numpy as np
 import pytest
 import trimesh
@@ -12,7 +13,7 @@ from lis_grasp.arms.arm_ik import pose_error
 from lis_grasp.arms.base_search import choose_base, reach_fraction
 from lis_grasp.arms.reach_filter import APPROACH, LIFT, ReachFilter
 from lis_grasp.arms.station import Station, Table
-from lis_grasp.arms.station_collision import ARM_CLEARANCE, StationChecker
+from lis_grasp.arms.station_collision import ARM_CLEARANCE, StationChecker, _Enlarged
 from lis_grasp.arms.station_home import HEADROOM, home_of
 from lis_grasp.arms.straight_motion import track
 from lis_grasp.exceptions import InvalidArmError, InvalidOptionError
@@ -103,6 +104,17 @@ def test_collisions_are_those_of_all_bodies_one_by_one(station: Station) -> None
             assert touching
         elif hit[0] == "table":
             assert low < 0.0
+
+
+@pytest.mark.parametrize("piece", [1.0, 0.01])
+def test_an_enlarged_obstacle_has_its_faces_moved_by_the_margin(piece: float) -> None:
+    mesh = trimesh.creation.box([0.1, 0.06, 0.2]).subdivide_to_size(piece)
+    margin = 0.01
+    grown = _Enlarged(mesh, margin).model
+    points, faces = trimesh.sample.sample_surface(mesh, 200, seed=3)
+    for point in points + margin * mesh.face_normals[faces]:
+        ball = fcl.CollisionObject(fcl.Sphere(1e-5), fcl.Transform(point))
+        assert fcl.distance(ball, grown) < 1e-5
 
 
 def test_a_folded_arm_hits_itself(station: Station) -> None:
