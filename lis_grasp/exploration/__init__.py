@@ -9,6 +9,7 @@ from lis_grasp.exploration.region import DEFAULT_REGION, Region
 from lis_grasp.exploration.region_policy import RegionPolicy
 from lis_grasp.exploration.stopping import (
     StopRule,
+    StopRuleWithMemory,
     stop_after,
     stop_when_certain,
     stop_when_covered,
@@ -37,6 +38,7 @@ __all__ = [
     "Region",
     "RegionPolicy",
     "StopRule",
+    "StopRuleWithMemory",
     "TactileSensor",
     "TargetPolicy",
     "TouchDetection",

@@ -16,7 +16,7 @@ from lis_grasp.exploration.policy import Policy
 from lis_grasp.exploration.pose_tracking import PoseTracker, since_loss
 from lis_grasp.exploration.probe import ProbeOutcome, Prober, ProbeStatus
 from lis_grasp.exploration.region import Region
-from lis_grasp.exploration.stopping import StopRule
+from lis_grasp.exploration.stopping import StopRule, StopRuleWithMemory
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.records import short_repr
@@ -106,7 +106,7 @@ def explore(
     probe left, or after ``4 touches + 20`` probes. Fewer contacts are a result, not an error.
 
     Every probe draws from a generator of its own, so a resumed exploration makes the same probes as
-    an uninterrupted one. Stop rules with a memory (`stop_when_graspable`) begin anew.
+    an uninterrupted one, and ends where that ends.
 
     Parameters
     ----------
@@ -132,6 +132,7 @@ def explore(
         Model of the tactile sensor; None for an ideal one.
     stop
         Rules that end the exploration early, checked after every probe once there is an estimate.
+        At a recorded probe none applied; there a `StopRuleWithMemory` is told the estimate.
     tracker
         Tracks the pose of an object that touches move, repeats touches for it, and keeps contacts
         in the object's frame; None if nothing moves.
@@ -151,70 +152,96 @@ def explore(
         If `touches` is below 1.
     """
     require_at_least(1, touches=touches)
-    rng.spawn(len(recorded))  # the generators of the recorded probes
-    outcomes = list(recorded)
-    contacts = Exploration.replay(outcomes, touches=touches).contacts
-    clock = 0.0
-    for outcome in outcomes:  # as below; `sum` compensates for rounding from Python 3.12 on
-        clock += outcome.duration
-    margin = 0.0 if sensor is None else sensor.free_margin
-    before = Contacts.empty() if prior is None else prior
-    estimated: ImplicitSurface | None = None
-    estimated_from = 0  # contacts
+    so_far = _SoFar(estimate, prior, sensor, touches)
+    for outcome in recorded:
+        for rule in stop:
+            if isinstance(rule, StopRuleWithMemory) and so_far.surface is not None:
+                rule.pass_over(so_far.known, so_far.surface)
+        rng.spawn(1)  # the generator of the recorded probe
+        so_far.add(outcome)
     while True:
-        # What was known before is not where a lost object is now.
-        known = contacts if any(each.lost for each in outcomes) else before.append(contacts)
-        if len(known) < estimated_from:  # the object was lost
-            estimated, estimated_from = None, 0
-        is_new = len(known) > estimated_from
-        if is_new:
-            estimated = DeferredSurface(partial(estimate, known))
-            estimated_from = len(known)
-        surface = None
-        if estimated is not None:
-            surface = DeferredSurface(partial(carved, estimated, known, margin=margin))
-        if observe is not None and is_new and surface is not None:
+        contacts, known, surface = so_far.contacts, so_far.known, so_far.surface
+        if observe is not None and so_far.is_new and surface is not None:
             observe(len(contacts), surface)
-        ended = _reason_to_end(len(contacts), known, surface, outcomes, touches, stop)
+            so_far.is_new = False
+        ended = _reason_to_end(so_far, touches, stop)
         if ended:
-            return Exploration(contacts, tuple(outcomes), ended)
+            return Exploration(contacts, tuple(so_far.outcomes), ended)
         draws = rng.spawn(1)[0]
-        again = None if tracker is None else tracker.probe_again(outcomes)
-        recent = since_loss(outcomes)
-        probe = again or policy.next_probe(known, estimated, outcomes=recent, rng=draws)
+        again = None if tracker is None else tracker.probe_again(so_far.outcomes)
+        recent = since_loss(so_far.outcomes)
+        probe = again or policy.next_probe(known, so_far.estimated, outcomes=recent, rng=draws)
         if probe is None:
-            return Exploration(contacts, tuple(outcomes), "the policy has no probe left")
+            return Exploration(contacts, tuple(so_far.outcomes), "the policy has no probe left")
         obstacles = None if space is None else ObstacleModel(space.grown(known), known, surface)
         outcome = prober.probe(probe, obstacles)
         if sensor is not None:
             outcome = sensor.report(outcome, rng=draws)
         if tracker is not None:
             repeated = again is not None
-            outcome = tracker.track(outcome, recent, known, estimated, repeated=repeated)
+            outcome = tracker.track(outcome, recent, known, so_far.estimated, repeated=repeated)
         if record is not None:
             record(outcome)
-        outcomes.append(outcome)
-        contacts = _with_outcome(contacts, outcome, clock, touches)
-        clock += outcome.duration
+        so_far.add(outcome)
         if progress is not None:
-            progress(len(contacts), touches)
+            progress(len(so_far.contacts), touches)
 
 
-def _reason_to_end(
-    made: int,
-    known: Contacts,
-    surface: ImplicitSurface | None,
-    outcomes: Sequence[ProbeOutcome],
-    touches: int,
-    stop: Sequence[StopRule],
-) -> str | None:
-    if made >= touches:
-        return f"{_count(made, 'contact')} made"
-    if len(outcomes) >= _PROBES_PER_TOUCH * touches + _SPARE_PROBES:
-        return f"{_count(len(outcomes), 'probe')} made"
-    if surface is not None:
+class _SoFar:
+    """Outcomes, contacts and estimate of an exploration that goes on.
+
+    Estimates are deferred; `is_new` says that the last has not been observed.
+    """
+
+    def __init__(
+        self,
+        estimate: Callable[[Contacts], ImplicitSurface],
+        prior: Contacts | None,
+        sensor: TactileSensor | None,
+        touches: int,
+    ) -> None:
+        self._estimate, self._touches = estimate, touches
+        self._before = Contacts.empty() if prior is None else prior
+        self._margin = 0.0 if sensor is None else sensor.free_margin
+        self._clock, self._estimated_from = 0.0, 0  # seconds, contacts
+        self.outcomes: list[ProbeOutcome] = []
+        self.contacts = Contacts.empty()
+        self.estimated: ImplicitSurface | None = None
+        self.is_new = False
+        self._update()
+
+    def add(self, outcome: ProbeOutcome) -> None:
+        """Add the outcome of a probe."""
+        self.outcomes.append(outcome)
+        self.contacts = _with_outcome(self.contacts, outcome, self._clock, self._touches)
+        self._clock += outcome.duration
+        if outcome.lost:  # what was known before is not where the object is now
+            self._before = Contacts.empty()
+        self._update()
+
+    def _update(self) -> None:
+        self.known = known = self._before.append(self.contacts)
+        if len(known) < self._estimated_from:  # the object was lost
+            self.estimated, self._estimated_from = None, 0
+        if len(known) > self._estimated_from:
+            self.estimated = DeferredSurface(partial(self._estimate, known))
+            self._estimated_from, self.is_new = len(known), True
+        self.surface: ImplicitSurface | None = None
+        """The estimate without the free space known by now."""
+        if self.estimated is not None:
+            self.surface = DeferredSurface(
+                partial(carved, self.estimated, known, margin=self._margin)
+            )
+
+
+def _reason_to_end(so_far: _SoFar, touches: int, stop: Sequence[StopRule]) -> str | None:
+    if len(so_far.contacts) >= touches:
+        return f"{_count(len(so_far.contacts), 'contact')} made"
+    if len(so_far.outcomes) >= _PROBES_PER_TOUCH * touches + _SPARE_PROBES:
+        return f"{_count(len(so_far.outcomes), 'probe')} made"
+    if so_far.surface is not None:
         for rule in stop:
-            reason = rule(known, surface, outcomes)
+            reason = rule(so_far.known, so_far.surface, so_far.outcomes)
             if reason:
                 return reason
     return None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache, partial
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,8 +20,23 @@ from lis_grasp.typing import FloatArray
 StopRule = Callable[[Contacts, ImplicitSurface, Sequence[ProbeOutcome]], "str | None"]
 """Returns the reason to stop, or None to continue, from contacts, estimate and outcomes."""
 
+
+@runtime_checkable
+class StopRuleWithMemory(Protocol):
+    """A stop rule that depends on earlier estimates too."""
+
+    def __call__(
+        self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome], /
+    ) -> str | None:
+        """Return the reason to stop, or None to continue."""
+
+    def pass_over(self, contacts: Contacts, surface: ImplicitSurface, /) -> None:
+        """Take note of an estimate at which an interrupted exploration went on."""
+
+
 # Contacts from which a grasp is planned, and after how many more another one.
 _FEW, _EVERY = 10, 2
+_NONE_PLANNED = _FEW - _EVERY
 # Quantile of the surface that has to be certain: the rest is extrapolated out of the workspace.
 _CERTAIN_QUANTILE = 0.95
 
@@ -93,23 +110,39 @@ def stop_when_graspable(
     """
     if not 0.0 < probability < 1.0:
         raise InvalidOptionError.out_of_range("success", probability, "above 0 and below 1")
-    planned, before = _FEW - _EVERY, 0.0  # contacts at the last prediction, and its result
+    return _StopWhenGraspable(probability, predict)
 
-    def rule(
-        contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
+
+class _StopWhenGraspable:
+    def __init__(self, probability: float, predict: Callable[[ImplicitSurface], float]) -> None:
+        self._probability, self._predict = probability, predict
+        self._planned = _NONE_PLANNED  # contacts at the last prediction
+        # The last two predictions, made when they are used.
+        self._before: Callable[[], float] = _nothing
+        self._last: Callable[[], float] = _nothing
+
+    def __call__(
+        self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        nonlocal planned, before
-        if len(contacts) < planned:  # the object was lost, and touching began again
-            planned, before = _FEW - _EVERY, 0.0
-        if len(contacts) < planned + _EVERY:
+        planned = self._planned
+        self.pass_over(contacts, surface)
+        if self._planned == planned:
             return None
-        planned, last = len(contacts), before
-        found = before = predict(surface)
-        if min(found, last) < probability:
+        found = self._last()
+        if found < self._probability or self._before() < self._probability:
             return None
         return f"with a probability of {found:.2f} the surface allows a grasp that holds"
 
-    return rule
+    def pass_over(self, contacts: Contacts, surface: ImplicitSurface) -> None:
+        if len(contacts) < self._planned:  # the object was lost, and touching began again
+            self._planned, self._before, self._last = _NONE_PLANNED, _nothing, _nothing
+        if len(contacts) >= self._planned + _EVERY:
+            self._planned = len(contacts)
+            self._before, self._last = self._last, cache(partial(self._predict, surface))
+
+
+def _nothing() -> float:
+    return 0.0
 
 
 def _touchable_samples(space: Workspace, surface: ImplicitSurface) -> tuple[FloatArray, FloatArray]:

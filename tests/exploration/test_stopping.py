@@ -1,5 +1,7 @@
 """Stop rules, each on a surface of known measures."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +15,17 @@ from lis_grasp.exploration import (
     ProbeOutcome,
     TouchLog,
     Workspace,
+    explore,
     stop_after,
     stop_when_certain,
     stop_when_covered,
     stop_when_graspable,
 )
+from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touching import _grasp_rule, make_prober, touch
-from lis_grasp.surfaces import GaussianProcessImplicitSurface
+from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
 
 BOX, HAND = shapes.build("box"), Hand.load("allegro")
 RADIUS = 0.05
@@ -99,6 +103,62 @@ def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> 
     reasons = [rule(cap(0.5, count), Ball(), ()) for count in range(1, 17)]
     assert [reason is not None for reason in reasons] == 15 * [False] + [True]
     assert not list(predictions)
+
+
+@pytest.mark.parametrize("lost_at", [None, 9])
+def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) -> None:
+    class Line:
+        """A prober and policy that touch along a line."""
+
+        def next_probe(self, *_: object, **__: object) -> Probe:
+            return Probe([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 0.03, 0.02)
+
+        def probe(self, probe: Probe, obstacles: object) -> ProbeOutcome:
+            self.made += 1
+            contact = Contacts([[0.0, 0.0, 0.01 * self.made]], [[0.0, 0.0, 1.0]])
+            belief = replace(PoseBelief.start(), lost=self.made == lost_at)
+            return ProbeOutcome(probe, "touched", contact, tracked=belief)
+
+        def __init__(self, made: int) -> None:
+            self.made = made
+
+    class Counted(Ball):
+        """An estimate that tells the number of its contacts."""
+
+        def __init__(self, contacts: Contacts) -> None:
+            self.count = len(contacts)
+
+        def evaluate(self, points: np.ndarray) -> np.ndarray:
+            return np.full(points.shape[:-1], float(self.count))
+
+    def explored(recorded: Sequence[ProbeOutcome]) -> tuple[int, int]:
+        asked = []
+
+        def predict(surface: ImplicitSurface) -> float:
+            count = surface.evaluate(np.zeros((1, 3)))[0]
+            asked.append(count)
+            return float(count in (10, 14, 16))
+
+        line = Line(len(recorded))
+        exploration = explore(
+            line,
+            line,
+            Counted,
+            touches=40,
+            rng=np.random.default_rng(0),
+            stop=[stop_when_graspable(0.8, predict)],
+            recorded=recorded,
+        )
+        outcomes.extend(exploration.outcomes[len(outcomes) :])
+        return len(exploration.outcomes), len(asked)
+
+    outcomes: list[ProbeOutcome] = []
+    ended, predictions = explored(())
+    assert (ended, predictions) == (16, 4) if lost_at is None else (24, 4)
+    for made in range(ended):
+        resumed, again = explored(outcomes[:made])
+        assert resumed == ended
+        assert again <= predictions  # what decided nothing is not predicted again
 
 
 def test_an_ended_exploration_is_not_continued(tmp_path: Path) -> None:
