@@ -14,6 +14,7 @@ from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.lifting.lift_gains import finger_gains
 from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.lifting.lift_setup import LiftSetup
+from lis_grasp.lifting.wrist_trajectory import shake_about
 from lis_grasp.motion import OBJECT
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: bootstrap.sh mujoco")
@@ -21,7 +22,7 @@ pytest.importorskip("coacd", reason="CoACD is not installed: bootstrap.sh mujoco
 
 from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces  # noqa: E402
 from lis_grasp.mujoco_simulation.mujoco_scene import MujocoScene  # noqa: E402
-from lis_grasp.mujoco_simulation.scene_mjcf import HAND, scene_mjcf  # noqa: E402
+from lis_grasp.mujoco_simulation.scene_mjcf import HAND, WRIST_JOINTS, scene_mjcf  # noqa: E402
 
 # A box off its frame's origin and oblique, so that every entry of its inertia is tested.
 BOX = trimesh.creation.box((0.04, 0.06, 0.1))
@@ -187,3 +188,29 @@ def test_coupled_joints_keep_their_ratio_under_load() -> None:
     for joint in followers:
         off = data.joint(HAND + joint.name).qpos[0] - joint.position(leaders)
         assert abs(off) < 1e-3
+
+
+def test_a_shaken_palm_accelerates_like_its_path(
+    hand: Hand, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setup = setup_of(hand, rng)
+    scene = MujocoScene(setup, [BOX])
+    scene.place_hand(np.zeros(6), setup.grasp.joint_positions)
+    accelerations, advance = [], mujoco.mj_step
+
+    def observed(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        advance(model, data)
+        accelerations.append(data.qacc[model.joint(WRIST_JOINTS[1]).dofadr[0]])
+
+    monkeypatch.setattr(mujoco, "mj_step", observed)
+    peak, duration, step = 9.81, 1.5, setup.options.time_step
+    shake = shake_about(np.zeros(6), np.eye(6)[1], peak, frequency=4.0, cycles=6)
+    motion = scene.follow(shake, duration)
+    for count in range(round(duration / step)):
+        motion.command((count + 1) * step)
+        scene.step()
+    rate = len(accelerations) / duration
+    velocities = [shake(k / rate)[1][1] for k in range(len(accelerations))]
+    wanted = np.gradient(velocities, 1.0 / rate)
+    # The springs of the wrist add some; commands that jump once a step would add twice the peak.
+    assert np.abs(accelerations - wanted).max() < 0.3 * peak
