@@ -22,9 +22,11 @@ ARM_CLEARANCE = 0.01
 HAND_CLEARANCE = 0.0003
 """Least distance of the hand's links from the table [m], which grasps of low objects need."""
 
-# How many times the margin a vertex is moved at the most, where faces meet at an edge: enough for
-# the corner of a box (1.7); on a rough mesh more would grow spikes.
+# Largest displacement of a vertex, in margins: enough for the corner of a box (1.7). More would
+# grow spikes on a rough mesh.
 _LONGEST_MITRE = 2.0
+# Cosine to the faces' normals from which a vertex lies on no edge.
+_FLAT = 0.99
 
 
 class StationChecker:
@@ -178,19 +180,16 @@ class StationChecker:
 
 
 class _Enlarged:
-    """An obstacle's mesh, enlarged so that its faces move outwards by a margin."""
+    """An obstacle's mesh, enlarged so that its faces move outwards by a margin [m].
+
+    At cones and sharp wedges they move less, because vertices move by at most two margins.
+    """
 
     def __init__(self, mesh: trimesh.Trimesh, margin: float) -> None:
         grown = mesh
         if margin:
-            normals = mesh.vertex_normals
-            slant = np.einsum("fk,fvk->fv", mesh.face_normals, normals[mesh.faces])
-            steepest = np.ones(len(normals))
-            np.minimum.at(steepest, mesh.faces, slant)
-            reach = margin * np.minimum(1.0 / np.maximum(steepest, 1e-6), _LONGEST_MITRE)
-            grown = trimesh.Trimesh(
-                mesh.vertices + reach[:, None] * normals, mesh.faces, process=False
-            )
+            vertices = mesh.vertices + margin * _displacements(mesh)
+            grown = trimesh.Trimesh(vertices, mesh.faces, process=False)
         self._low, self._high = np.asarray(grown.bounds)
         self._shape = mesh_to_BVH(grown)
         self.model = fcl.CollisionObject(self._shape, fcl.Transform())
@@ -199,6 +198,21 @@ class _Enlarged:
         """Return the distances of points (..., 3) from the bounding box, 0 inside, (...) [m]."""
         outside = np.maximum(np.maximum(self._low - points, points - self._high), 0.0)
         return np.asarray(np.linalg.norm(outside, axis=-1))
+
+
+def _displacements(mesh: trimesh.Trimesh) -> FloatArray:
+    """Return displacements of the vertices, (V, 3), that move each face by 1 along its normal."""
+    displacements = np.array(mesh.vertex_normals)
+    cosines = np.einsum("fk,fvk->fv", mesh.face_normals, displacements[mesh.faces])
+    least = np.ones(len(displacements))
+    np.minimum.at(least, mesh.faces, cosines)
+    for vertex in np.flatnonzero(least < _FLAT):
+        faces = mesh.vertex_faces[vertex]
+        normals = mesh.face_normals[faces[faces >= 0]]
+        normals = normals[normals.any(axis=1)]  # a face without area has none
+        found = np.linalg.lstsq(normals, np.ones(len(normals)))[0]
+        displacements[vertex] = found * min(1.0, _LONGEST_MITRE / np.linalg.norm(found))
+    return displacements
 
 
 def _pairs(station: Station) -> npt.NDArray[np.intp]:

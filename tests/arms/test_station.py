@@ -106,15 +106,33 @@ def test_collisions_are_those_of_all_bodies_one_by_one(station: Station) -> None
             assert low < 0.0
 
 
-@pytest.mark.parametrize("piece", [1.0, 0.01])
-def test_an_enlarged_obstacle_has_its_faces_moved_by_the_margin(piece: float) -> None:
-    mesh = trimesh.creation.box([0.1, 0.06, 0.2]).subdivide_to_size(piece)
+def _box(piece: float) -> trimesh.Trimesh:
+    return trimesh.creation.box([0.1, 0.06, 0.2]).subdivide_to_size(piece)
+
+
+def _bracket() -> trimesh.Trimesh:
+    upright = trimesh.creation.box([0.02, 0.06, 0.1])
+    foot = trimesh.creation.box(bounds=[[0.0, -0.03, -0.05], [0.08, 0.03, -0.03]])
+    return trimesh.boolean.union([upright, foot])
+
+
+@pytest.mark.parametrize(
+    "mesh", [_box(1.0), _box(0.01), _bracket()], ids=["box", "fine", "bracket"]
+)
+def test_an_enlarged_obstacle_has_its_faces_moved_by_the_margin(mesh: trimesh.Trimesh) -> None:
     margin = 0.01
     grown = _Enlarged(mesh, margin).model
-    points, faces = trimesh.sample.sample_surface(mesh, 200, seed=3)
-    for point in points + margin * mesh.face_normals[faces]:
-        ball = fcl.CollisionObject(fcl.Sphere(1e-5), fcl.Transform(point))
-        assert fcl.distance(ball, grown) < 1e-5
+    points, faces = trimesh.sample.sample_surface(mesh, 300, seed=3)
+
+    def apart(centers: np.ndarray, radius: float) -> np.ndarray:
+        ball = fcl.Sphere(radius)
+        balls = [fcl.CollisionObject(ball, fcl.Transform(center)) for center in centers]
+        return np.array([fcl.distance(each, grown) for each in balls])
+
+    assert apart(points, 0.99 * margin).min() > 0.0
+    outside = points + margin * mesh.face_normals[faces]
+    if mesh.is_convex:  # elsewhere such points may be in the enlarged obstacle
+        assert apart(outside, 1e-5).max() < 1e-5
 
 
 def test_a_folded_arm_hits_itself(station: Station) -> None:
