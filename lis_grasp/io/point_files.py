@@ -77,6 +77,8 @@ def _vertices_of_off(path: Path) -> Any:
 
 def _rows_of_xyz(path: Path) -> FloatArray:
     """Return the first three columns; others, such as colours, may hold anything."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    rows = [line.replace(",", " ") for line in lines if line.strip()]
-    return np.loadtxt(rows, usecols=(0, 1, 2), ndmin=2) if rows else np.empty((0, 3))
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    rows = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if not rows:
+        return np.empty((0, 3))
+    return np.loadtxt(rows, usecols=(0, 1, 2), ndmin=2, delimiter="," if "," in rows[0] else None)

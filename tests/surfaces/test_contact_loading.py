@@ -66,9 +66,17 @@ def test_an_unknown_noise_of_some_points_is_as_given_or_as_that_of_the_others(
         np.testing.assert_allclose(found.normal_noise, all_known.normal_noise, atol=1e-9)
 
 
-def test_further_columns_of_xyz_are_ignored(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"0 0 0 -0.5 1e30 0 2 3\n1 0 0 -0.5 1e30 0 2 3\n2 0 0 -0.5 1e30 0 2 3\n",
+        b"# x y z\n0 0 0 \xe9\n\n1\t0\t0 red\n2 0 0\n",
+        b"\xef\xbb\xbf0,0,0,red\r\n1, 0, 0, 255\r\n2,0,0\r\n",
+    ],
+)
+def test_rows_of_xyz_begin_with_the_point(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "a.xyz"
-    path.write_text("".join(f"{k} 0 0 -0.5 1e30 0 2 3\n" for k in range(3)))
+    path.write_bytes(content)
     np.testing.assert_array_equal(
         read_point_file(path)["points"], [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
     )
@@ -150,6 +158,9 @@ def test_a_cloud_and_fingertip_centres_are_joined(centers: FloatArray, tmp_path:
         ("a.off", "OFF\n0 0 0\n", "a.off "),
         ("a.off", "no points", "a.off "),
         ("a.xyz", "1 2\n", "a.xyz "),
+        ("a.xyz", "0.1,,0.3,255\n", "a.xyz cannot be read as points"),
+        ("a.xyz", "0,5 1,0 2,0\n", "a.xyz cannot be read as points"),
+        ("a.xyz", "# nothing\n", "a.xyz has no points"),
         ("a.pcd", "", ".ply, .csv, .off, .xyz"),
         ("a.stl", "", "lis-grasp grasp .*a.stl"),
         ("a.csv", "x,y,z,nx,ny,nz\n0,0,0,0,0,2\n", "by its length"),
