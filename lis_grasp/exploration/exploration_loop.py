@@ -132,7 +132,7 @@ def explore(
         Model of the tactile sensor; None for an ideal one.
     stop
         Rules that end the exploration early, checked after every probe once there is an estimate.
-        At a recorded probe none applied; there a `StopRuleWithMemory` is told the estimate.
+        None applied at a recorded probe; a `StopRuleWithMemory` is given the estimate there.
     tracker
         Tracks the pose of an object that touches move, repeats touches for it, and keeps contacts
         in the object's frame; None if nothing moves.
@@ -152,43 +152,43 @@ def explore(
         If `touches` is below 1.
     """
     require_at_least(1, touches=touches)
-    so_far = _SoFar(estimate, prior, sensor, touches)
+    state = _ExplorationState(estimate, prior, sensor, touches)
     for outcome in recorded:
         for rule in stop:
-            if isinstance(rule, StopRuleWithMemory) and so_far.surface is not None:
-                rule.pass_over(so_far.known, so_far.surface)
+            if isinstance(rule, StopRuleWithMemory) and state.surface is not None:
+                rule.note(state.known, state.surface)
         rng.spawn(1)  # the generator of the recorded probe
-        so_far.add(outcome)
+        state.add(outcome)
     while True:
-        contacts, known, surface = so_far.contacts, so_far.known, so_far.surface
-        if observe is not None and so_far.is_new and surface is not None:
+        contacts, known, surface = state.contacts, state.known, state.surface
+        if observe is not None and state.is_new and surface is not None:
             observe(len(contacts), surface)
-            so_far.is_new = False
-        ended = _reason_to_end(so_far, touches, stop)
+            state.is_new = False
+        ended = _reason_to_end(state, touches, stop)
         if ended:
-            return Exploration(contacts, tuple(so_far.outcomes), ended)
+            return Exploration(contacts, tuple(state.outcomes), ended)
         draws = rng.spawn(1)[0]
-        again = None if tracker is None else tracker.probe_again(so_far.outcomes)
-        recent = since_loss(so_far.outcomes)
-        probe = again or policy.next_probe(known, so_far.estimated, outcomes=recent, rng=draws)
+        again = None if tracker is None else tracker.probe_again(state.outcomes)
+        recent = since_loss(state.outcomes)
+        probe = again or policy.next_probe(known, state.estimated, outcomes=recent, rng=draws)
         if probe is None:
-            return Exploration(contacts, tuple(so_far.outcomes), "the policy has no probe left")
+            return Exploration(contacts, tuple(state.outcomes), "the policy has no probe left")
         obstacles = None if space is None else ObstacleModel(space.grown(known), known, surface)
         outcome = prober.probe(probe, obstacles)
         if sensor is not None:
             outcome = sensor.report(outcome, rng=draws)
         if tracker is not None:
             repeated = again is not None
-            outcome = tracker.track(outcome, recent, known, so_far.estimated, repeated=repeated)
+            outcome = tracker.track(outcome, recent, known, state.estimated, repeated=repeated)
         if record is not None:
             record(outcome)
-        so_far.add(outcome)
+        state.add(outcome)
         if progress is not None:
-            progress(len(so_far.contacts), touches)
+            progress(len(state.contacts), touches)
 
 
-class _SoFar:
-    """Outcomes, contacts and estimate of an exploration that goes on.
+class _ExplorationState:
+    """Outcomes, contacts and estimate of an exploration that continues.
 
     Estimates are deferred; `is_new` says that the last has not been observed.
     """
@@ -234,14 +234,14 @@ class _SoFar:
             )
 
 
-def _reason_to_end(so_far: _SoFar, touches: int, stop: Sequence[StopRule]) -> str | None:
-    if len(so_far.contacts) >= touches:
-        return f"{_count(len(so_far.contacts), 'contact')} made"
-    if len(so_far.outcomes) >= _PROBES_PER_TOUCH * touches + _SPARE_PROBES:
-        return f"{_count(len(so_far.outcomes), 'probe')} made"
-    if so_far.surface is not None:
+def _reason_to_end(state: _ExplorationState, touches: int, stop: Sequence[StopRule]) -> str | None:
+    if len(state.contacts) >= touches:
+        return f"{_count(len(state.contacts), 'contact')} made"
+    if len(state.outcomes) >= _PROBES_PER_TOUCH * touches + _SPARE_PROBES:
+        return f"{_count(len(state.outcomes), 'probe')} made"
+    if state.surface is not None:
         for rule in stop:
-            reason = rule(so_far.known, so_far.surface, so_far.outcomes)
+            reason = rule(state.known, state.surface, state.outcomes)
             if reason:
                 return reason
     return None

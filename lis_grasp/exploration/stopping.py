@@ -30,8 +30,8 @@ class StopRuleWithMemory(Protocol):
     ) -> str | None:
         """Return the reason to stop, or None to continue."""
 
-    def pass_over(self, contacts: Contacts, surface: ImplicitSurface, /) -> None:
-        """Take note of an estimate at which an interrupted exploration went on."""
+    def note(self, contacts: Contacts, surface: ImplicitSurface, /) -> None:
+        """Record an estimate at which an interrupted exploration continued."""
 
 
 # Contacts from which a grasp is planned, and after how many more another one.
@@ -125,7 +125,7 @@ class _StopWhenGraspable:
         self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
         planned = self._planned
-        self.pass_over(contacts, surface)
+        self.note(contacts, surface)
         if self._planned == planned:
             return None
         found = self._last()
@@ -133,7 +133,7 @@ class _StopWhenGraspable:
             return None
         return f"with a probability of {found:.2f} the surface allows a grasp that holds"
 
-    def pass_over(self, contacts: Contacts, surface: ImplicitSurface) -> None:
+    def note(self, contacts: Contacts, surface: ImplicitSurface) -> None:
         if len(contacts) < self._planned:  # the object was lost, and touching began again
             self._planned, self._before, self._last = _NONE_PLANNED, _nothing, _nothing
         if len(contacts) >= self._planned + _EVERY:

@@ -154,7 +154,7 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
 
     outcomes: list[ProbeOutcome] = []
     ended, predictions = explored(())
-    assert (ended, predictions) == (16, 4) if lost_at is None else (24, 4)
+    assert (ended, predictions) == ((16, 4) if lost_at is None else (24, 4))
     for made in range(ended):
         resumed, again = explored(outcomes[:made])
         assert resumed == ended
