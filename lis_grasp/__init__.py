@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lis_grasp.surfaces import LocalImplicitSurface as LocalImplicitSurface
     from lis_grasp.surfaces import PatchImplicitSurface as PatchImplicitSurface
 
-__version__ = "1.3.0"
+__version__ = "1.4.0"
 
 _HOMES = {
     "BlendedImplicitSurface": "lis_grasp.surfaces",
