@@ -217,21 +217,19 @@ class _ExplorationState:
         self._clock += outcome.duration
         if outcome.lost:  # what was known before is not where the object is now
             self._before = Contacts.empty()
+            self.estimated, self._estimated_from = None, 0
         self._update()
 
     def _update(self) -> None:
         self.known = known = self._before.append(self.contacts)
-        if len(known) < self._estimated_from:  # the object was lost
-            self.estimated, self._estimated_from = None, 0
         if len(known) > self._estimated_from:
             self.estimated = DeferredSurface(partial(self._estimate, known))
             self._estimated_from, self.is_new = len(known), True
+        # The estimate without the free space known by now.
         self.surface: ImplicitSurface | None = None
-        """The estimate without the free space known by now."""
         if self.estimated is not None:
-            self.surface = DeferredSurface(
-                partial(carved, self.estimated, known, margin=self._margin)
-            )
+            cut = partial(carved, self.estimated, known, margin=self._margin)
+            self.surface = DeferredSurface(cut)
 
 
 def _reason_to_end(state: _ExplorationState, touches: int, stop: Sequence[StopRule]) -> str | None:
