@@ -50,7 +50,7 @@ class MujocoScene:
         self._wrist_q = [model.joint(name).qposadr[0] for name in WRIST_JOINTS]
         self._lead = np.repeat(np.array(WRIST_DAMPING) / np.array(WRIST_STIFFNESS), 3)  # [s]
         self._stiffness, _ = finger_gains(hand, setup.grasp)
-        self._wrist_before = self._wrist_command = np.zeros(6)
+        self._wrist_command = np.zeros(6)
         self._center = np.asarray(mesh.center_mass)
         self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
 
@@ -71,7 +71,6 @@ class MujocoScene:
         for moved, joint in self._moved:
             self._data.qpos[moved.qposadr[0]] = joint.position(q)
         self._command_wrist(displacement, np.zeros(6))
-        self._wrist_before = self._wrist_command
         self._data.ctrl[:6] = self._wrist_command
         self.command_fingers(q, np.zeros(len(q)))
         mujoco.mj_forward(self._model, self._data)
@@ -102,7 +101,8 @@ class MujocoScene:
             If positions or velocities are no longer finite.
         """
         self._steps += 1
-        before, change = self._wrist_before, self._wrist_command - self._wrist_before
+        before = self._data.ctrl[:6].copy()
+        change = self._wrist_command - before
         for substep in range(1, self._substeps + 1):
             # A command that jumps once a step would shake the palm.
             self._data.ctrl[:6] = before + substep / self._substeps * change
@@ -110,7 +110,7 @@ class MujocoScene:
             if self._resting is not None:
                 self._data.qpos[self._object_q] = self._resting
                 self._data.qvel[self._object_v] = 0.0
-        self._wrist_before = self._wrist_command
+        self._data.ctrl[:6] = self._wrist_command  # without rounding
         if not (np.isfinite(self._data.qpos).all() and np.isfinite(self._data.qvel).all()):
             raise SimulationError(f"a lift diverged at {self.time:.3f} s")
         # A step ends with poses of its start.
