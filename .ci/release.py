@@ -25,7 +25,7 @@ def main(version: str, root: Path = ROOT) -> int:
 def mistakes_of(version: str, root: Path) -> list[str]:
     """Return a sentence for each file that is not of the version."""
     found = {
-        "lis_grasp/__init__.py": _first(root, "lis_grasp/__init__.py", r'__version__ = "([^"]+)"'),
+        "lis_grasp/version.py": _first(root, "lis_grasp/version.py", r'__version__ = "([^"]+)"'),
         "CITATION.cff": _first(root, "CITATION.cff", r"^version: (\S+)"),
         "CHANGELOG.md, with a date,": _first(
             root, "CHANGELOG.md", r"^## (\S+) \(\d{4}-\d\d-\d\d\)$"

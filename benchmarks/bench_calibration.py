@@ -37,10 +37,6 @@ from lis_grasp.evaluation.calibration import (
     expected_calibration_error,
 )
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
-from lis_grasp.experiments.runner import local_scheduler, run_trials
-from lis_grasp.experiments.study.trial import Setup, find_object
-from lis_grasp.experiments.test_objects.shape_sets import DEVELOPMENT
-from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.success_model import SUCCESS_MODEL
@@ -48,6 +44,10 @@ from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp_studies.runner import local_scheduler, run_trials
+from lis_grasp_studies.study.trial import Setup, find_object
+from lis_grasp_studies.test_objects.shape_sets import DEVELOPMENT
+from lis_grasp_studies.trial_results import Job, TrialResults, missing_jobs
 
 TOUCHES = (5, 10, 20)
 MASSES, FRICTIONS = (0.05, 0.2, 0.5, 1.0), (0.3, 0.5, 0.8)

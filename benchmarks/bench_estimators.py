@@ -25,8 +25,8 @@ from threadpoolctl import threadpool_limits
 from lis_grasp import Contacts, extract_mesh, shapes
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import LisGraspError
-from lis_grasp.experiments.baselines import BASELINES
 from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp_studies.baselines import BASELINES
 
 SIZES = (50, 100, 200, 500, 1000, 2000, 5000)
 QUERIES = 200_000

@@ -35,12 +35,12 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.hands.collision import HandCollisionChecker
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.shipped_models import model_path
 from lis_grasp.lifting.lift_outcome import LiftOptions
-from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
-from lis_grasp.simulation.simulate_lift import simulate_lift
+from lis_grasp.robots.collision import HandCollisionChecker
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.shipped_models import model_path
+from lis_grasp.simulation.drake.simulate_lift import simulate_lift
+from lis_grasp.simulation.mujoco.simulate_in_mujoco import simulate_in_mujoco
 
 OURS, THEIRS, FIXED = "lis_grasp", "FRoGGeR", "FRoGGeR, fixed"
 PLANNERS = (OURS, THEIRS, FIXED)

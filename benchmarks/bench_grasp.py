@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from lis_grasp import ForceClosureSampler, Hand, epsilon_quality, is_force_closure, shapes
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.epsilon import epsilon_by_expanding_polytope
-from lis_grasp.hands.collision import HandCollisionChecker
-from lis_grasp.hands.pose_filter import HandPoseFilter
+from lis_grasp.robots.collision import HandCollisionChecker
+from lis_grasp.robots.pose_filter import HandPoseFilter
 
 
 def main() -> None:

@@ -12,8 +12,8 @@ from collections import Counter
 import numpy as np
 
 from lis_grasp import ForceClosureSampler, Hand, shapes
-from lis_grasp.hands.shipped_models import HAND_NAMES
-from lis_grasp.simulation.simulate_lift import simulate_lift
+from lis_grasp.robots.shipped_models import HAND_NAMES
+from lis_grasp.simulation.drake.simulate_lift import simulate_lift
 
 
 def main() -> None:

@@ -25,7 +25,7 @@ import numpy as np
 from lis_grasp import ForceClosureSampler, Hand, shapes
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
-from lis_grasp.simulation.simulate_lift import simulate_lift
+from lis_grasp.simulation.drake.simulate_lift import simulate_lift
 
 _HERE = Path(__file__).parents[1]
 _MOVED = np.array([0.6e-4, 0.8e-4, 0.0])  # [m]

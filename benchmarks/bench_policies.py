@@ -26,8 +26,6 @@ import numpy as np
 from lis_grasp import Hand, extract_mesh, shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
-from lis_grasp.experiments.runner import local_scheduler, run_trials, single_thread
-from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.exploration import Exploration, Workspace, explore
 from lis_grasp.exploration.target_candidates import transfer_seconds
 from lis_grasp.io.json_lines import Row
@@ -37,6 +35,8 @@ from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp_studies.runner import local_scheduler, run_trials, single_thread
+from lis_grasp_studies.trial_results import Job, TrialResults, missing_jobs
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from lis_grasp import shapes
-from lis_grasp.experiments.test_objects.shape_sets import TOOLS, build_shape
+from lis_grasp_studies.test_objects.shape_sets import TOOLS, build_shape
 
 
 def run(name: str, seed: int, options: list[str], output: Path) -> dict | str:

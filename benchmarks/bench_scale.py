@@ -30,12 +30,12 @@ import psutil
 
 from lis_grasp import shapes
 from lis_grasp.exceptions import LisGraspError
-from lis_grasp.experiments.runner import DaskCluster, local_scheduler, run_trials
-from lis_grasp.experiments.study.study import Study
-from lis_grasp.experiments.study.study_results import StudyResults
-from lis_grasp.experiments.study.study_trial import MACHINE, TIMES, blank_row, run_trial
-from lis_grasp.experiments.trial_results import Job
 from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.runner import DaskCluster, local_scheduler, run_trials
+from lis_grasp_studies.study.study import Study
+from lis_grasp_studies.study.study_results import StudyResults
+from lis_grasp_studies.study.study_trial import MACHINE, TIMES, blank_row, run_trial
+from lis_grasp_studies.trial_results import Job
 
 _MEGABYTE = 1e6
 _MISSING = 8.0  # how long the mesh file is missing [s]

@@ -6,7 +6,7 @@
 Prints for each setting the geometric mean of its errors over those of `gpis` with its defaults
 (truth to estimate, estimate to truth), the number of failures and the mean time of a fit; the best
 setting, by the mean of both, belongs into `CHOSEN` of
-`lis_grasp/experiments/contact_study/competitors.py`.
+`lis_grasp_studies/contact_study/competitors.py`.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import argparse
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lis_grasp.experiments.compared_estimators import NoisyEstimator
-from lis_grasp.experiments.contact_study.competitors import (
+from lis_grasp_studies.compared_estimators import NoisyEstimator
+from lis_grasp_studies.contact_study.competitors import (
     SEARCHED,
     studied_estimator,
     with_settings,
 )
-from lis_grasp.experiments.contact_study.error_ratios import FLOOR
-from lis_grasp.experiments.contact_study.estimate_score import score_estimate
-from lis_grasp.experiments.contact_study.study_sets import ContactSet, development_sets
+from lis_grasp_studies.contact_study.error_ratios import FLOOR
+from lis_grasp_studies.contact_study.estimate_score import score_estimate
+from lis_grasp_studies.contact_study.study_sets import ContactSet, development_sets
 
 
 def measure(estimator: NoisyEstimator, sets: list[ContactSet]) -> tuple[np.ndarray, int, float]:

@@ -29,16 +29,16 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import Hand, shapes
-from lis_grasp.experiments.hand_table import FURTHER_OBJECTS
-from lis_grasp.experiments.test_objects.shape_sets import graspable_shape
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
 from lis_grasp.lifting.lift_outcome import LiftOutcome
 from lis_grasp.motion import OBJECT
-from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
 from lis_grasp.pipeline import plan
-from lis_grasp.simulation.simulate_lift import simulate_lift
+from lis_grasp.robots.shipped_models import HAND_NAMES
+from lis_grasp.simulation.drake.simulate_lift import simulate_lift
+from lis_grasp.simulation.mujoco.simulate_in_mujoco import simulate_in_mujoco
+from lis_grasp_studies.hand_table import FURTHER_OBJECTS
+from lis_grasp_studies.test_objects.shape_sets import graspable_shape
 
 SIMULATORS = {"drake": simulate_lift, "mujoco": simulate_in_mujoco}
 GOOD = {"mass": 0.2, "friction": 0.8}

@@ -17,10 +17,10 @@ from pathlib import Path
 
 from distributed import Client, LocalCluster
 
-from lis_grasp.experiments.runner import DaskCluster, run_trials
-from lis_grasp.experiments.study.study import Study
-from lis_grasp.experiments.study.study_results import StudyResults
-from lis_grasp.experiments.study.study_trial import run_trial
+from lis_grasp_studies.runner import DaskCluster, run_trials
+from lis_grasp_studies.study.study import Study
+from lis_grasp_studies.study.study_results import StudyResults
+from lis_grasp_studies.study.study_trial import run_trial
 
 OBJECTS = ("box", "mallet", "sphere", "hollow_cylinder")
 ESTIMATORS = ("gpis", "blend")

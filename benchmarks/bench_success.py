@@ -21,13 +21,13 @@ import numpy as np
 from bench_calibration import print_calibration
 
 from lis_grasp import Hand, shapes
-from lis_grasp.experiments.runner import local_scheduler, run_trials
-from lis_grasp.experiments.statistics import success_rate
-from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline import lift, plan, support_height, touch
 from lis_grasp.pipeline.regrasp import grasp_with_tactile_check
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp_studies.runner import local_scheduler, run_trials
+from lis_grasp_studies.statistics import success_rate
+from lis_grasp_studies.trial_results import Job, TrialResults, missing_jobs
 
 HANDS = {"allegro": ("truth", "40", "15"), "wsg50": ("truth", "40")}
 

@@ -21,7 +21,7 @@ from lis_grasp.exploration import Probe
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.simulation.dynamic_prober import DynamicProber
+from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 from lis_grasp.typing import FloatArray
 
 _TILT = np.deg2rad(40.0)

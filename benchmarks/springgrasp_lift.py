@@ -19,9 +19,9 @@ from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lift_trial import LiftTrial
 from lis_grasp.lifting.lifting_scene import LiftingScene
-from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
-from lis_grasp.mujoco_simulation.mujoco_scene import MujocoScene
-from lis_grasp.simulation.lift_scene import LiftScene
+from lis_grasp.simulation.drake.lift_scene import LiftScene
+from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
+from lis_grasp.simulation.mujoco.mujoco_scene import MujocoScene
 from lis_grasp.typing import FloatArray
 
 _STIFFENED = 2.0  # times the planned compliance

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from lis_grasp import ForceClosureSampler, Hand, pipeline, shapes
-from lis_grasp.hands.shipped_models import model_path
+from lis_grasp.robots.shipped_models import model_path
 
 
 def write_hand(folder: Path) -> Path:

@@ -7,6 +7,8 @@ them needs Drake; what does is in `lis_grasp.simulation`.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from lis_grasp.version import __version__
+
 if TYPE_CHECKING:
     from lis_grasp import pipeline as pipeline
     from lis_grasp import shapes as shapes
@@ -17,8 +19,8 @@ if TYPE_CHECKING:
     from lis_grasp.grasping.grasps import Grasp as Grasp
     from lis_grasp.grasping.grasps import GraspSearch as GraspSearch
     from lis_grasp.grasping.sampler import ForceClosureSampler as ForceClosureSampler
-    from lis_grasp.hands.hand import Hand as Hand
     from lis_grasp.meshing import extract_mesh as extract_mesh
+    from lis_grasp.robots.hand import Hand as Hand
     from lis_grasp.surfaces import BlendedImplicitSurface as BlendedImplicitSurface
     from lis_grasp.surfaces import (
         GaussianProcessImplicitSurface as GaussianProcessImplicitSurface,
@@ -27,8 +29,6 @@ if TYPE_CHECKING:
     from lis_grasp.surfaces import LocalImplicitSurface as LocalImplicitSurface
     from lis_grasp.surfaces import PatchImplicitSurface as PatchImplicitSurface
 
-__version__ = "1.4.0"
-
 _HOMES = {
     "BlendedImplicitSurface": "lis_grasp.surfaces",
     "Contacts": "lis_grasp.contacts",
@@ -36,7 +36,7 @@ _HOMES = {
     "GaussianProcessImplicitSurface": "lis_grasp.surfaces",
     "Grasp": "lis_grasp.grasping.grasps",
     "GraspSearch": "lis_grasp.grasping.grasps",
-    "Hand": "lis_grasp.hands.hand",
+    "Hand": "lis_grasp.robots.hand",
     "ImplicitSurface": "lis_grasp.surfaces",
     "LocalImplicitSurface": "lis_grasp.surfaces",
     "PatchImplicitSurface": "lis_grasp.surfaces",

@@ -12,10 +12,10 @@ import pytest
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-_EXPERIMENTS = Path(__file__).parent / "experiments"
+_STUDIES = Path(__file__).parent / "studies"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if _EXPERIMENTS in item.path.parents:
+        if _STUDIES in item.path.parents:
             item.add_marker(pytest.mark.experiments)

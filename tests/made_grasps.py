@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.hands.hand import Hand
+from lis_grasp.robots.hand import Hand
 
 
 def jaw_grasp(hand: Hand, center: np.ndarray, width: float) -> Grasp:

@@ -10,9 +10,9 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import HandPose, Probe, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import Joint, LinkGeometry, Pad
 from lis_grasp.motion import Motion
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import Joint, LinkGeometry, Pad
 from lis_grasp.visualization import Scene
 
 HALF = 0.03

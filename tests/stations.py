@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.station import Station, Table
-from lis_grasp.hands.hand import Hand
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
 
 
 def station_with(hand: str) -> Station:

@@ -5,7 +5,6 @@ import inspect
 import json
 import subprocess
 import sys
-from collections import Counter
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -20,25 +19,25 @@ PACKAGE = Path(lis_grasp.__file__).resolve().parent
 
 # The flow: a module imports from its own folder and from those above it in this list, never below.
 LAYERS = [
-    ["exceptions", "typing", "records", "poses"],
+    ["version", "exceptions", "typing", "records", "poses"],
     ["io"],
     ["contacts", "motion", "plugins"],
     ["shapes"],
     ["surfaces"],
     ["meshing"],
+    ["logs"],
     ["exploration"],
-    ["hands"],
+    ["robots"],
     ["arms"],
     ["probing"],
     ["grasping"],
     ["lifting"],
     ["simulation"],
-    ["mujoco_simulation"],
     ["evaluation"],
     ["visualization"],
     ["pipeline"],
-    ["experiments"],
     ["cli"],
+    ["lis_grasp"],
 ]
 # What decides for the robot: it may know the true object by contacts only.
 _ROBOT = ("exploration", "surfaces", "meshing", "grasping")
@@ -47,11 +46,11 @@ LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
 
 def _modules() -> list[Path]:
-    return [path for path in sorted(PACKAGE.rglob("*.py")) if path != PACKAGE / "__init__.py"]
+    return sorted(PACKAGE.rglob("*.py"))
 
 
 def _folder(module: str) -> str:
-    return module.split(".")[1]
+    return module.split(".")[1] if "." in module else "lis_grasp"
 
 
 @cache
@@ -114,14 +113,14 @@ def test_imports_follow_the_flow_without_circles() -> None:
 @pytest.mark.parametrize(
     ("package", "folder"),
     [
-        ("pydrake", "simulation"),
-        ("mujoco", "mujoco_simulation"),
-        ("coacd", "mujoco_simulation"),
+        ("pydrake", "lis_grasp.simulation.drake"),
+        ("mujoco", "lis_grasp.simulation.mujoco"),
+        ("coacd", "lis_grasp.simulation.mujoco"),
     ],
 )
 def test_a_simulator_is_imported_in_one_folder(package: str, folder: str) -> None:
     using = {
-        _folder(_module_name(path))
+        _module_name(path).rpartition(".")[0]
         for path in _modules()
         if any(name.split(".")[0] == package for name in _imports(path))
     }
@@ -129,14 +128,24 @@ def test_a_simulator_is_imported_in_one_folder(package: str, folder: str) -> Non
 
 
 def test_the_simulators_do_not_use_each_other() -> None:
-    folders = {"simulation", "mujoco_simulation"}
-    pairs = {(_folder(module), _folder(target)) for module, target in _import_graph().edges}
+    folders = {"lis_grasp.simulation.drake", "lis_grasp.simulation.mujoco"}
+    pairs = {
+        (module.rpartition(".")[0], target.rpartition(".")[0])
+        for module, target in _import_graph().edges
+    }
     assert not {(a, b) for a, b in pairs if {a, b} == folders}
 
 
-def test_a_file_name_occurs_once() -> None:
-    names = Counter(path.name for path in _modules() if path.name != "__init__.py")
-    assert not [name for name, count in names.items() if count > 1]
+def test_a_private_file_is_imported_in_its_own_folder_only() -> None:
+    for module, target in _import_graph().edges:
+        folder, _, name = target.rpartition(".")
+        if name.startswith("_"):
+            assert module == folder or module.startswith(f"{folder}."), f"{module}: {target}"
+
+
+def test_the_core_imports_no_studies() -> None:
+    for path in _modules():
+        assert not any(name.startswith("lis_grasp_studies") for name in _imports(path)), path
 
 
 @pytest.mark.slow

@@ -15,15 +15,15 @@ import yaml
 import lis_grasp
 from lis_grasp.cli.main import build_parser
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.experiments.study.study import load_study
 from lis_grasp.exploration import POLICIES, pose_tracking
 from lis_grasp.exploration.probe import ProbeStatus
-from lis_grasp.hands.shipped_models import READY_HANDS
 from lis_grasp.pipeline import RunConfig, reasons
 from lis_grasp.probing import approach_planner, guarded_motion
+from lis_grasp.robots.shipped_models import READY_HANDS
 from lis_grasp.shapes import NAMES
-from lis_grasp.simulation import dynamic_prober
+from lis_grasp.simulation.drake import dynamic_prober
 from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp_studies.study.study import load_study
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -124,7 +124,7 @@ def _options() -> dict[str, set[str]]:
         ]
         options[verb] = {name for p in nested for a in p._actions for name in a.option_strings}
     scripts = [*(ROOT / "benchmarks").glob("*.py"), *(ROOT / "tests/robustness").glob("*.py")]
-    scripts += [ROOT / "lis_grasp/experiments/hand_table.py", *DOCS.rglob("make_page.py")]
+    scripts += [ROOT / "lis_grasp_studies/hand_table.py", *DOCS.rglob("make_page.py")]
     elsewhere = set().union(*(re.findall(r"--[a-z][\w-]+", _text(script)) for script in scripts))
     return options | {"": set().union(*options.values(), elsewhere)}
 

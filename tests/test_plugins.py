@@ -12,15 +12,15 @@ import pytest
 from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import EstimationError, InvalidHandError, InvalidOptionError
-from lis_grasp.experiments.compared_estimators import compared_estimator
-from lis_grasp.experiments.contact_study.competitors import studied_estimator
-from lis_grasp.experiments.study.row_keys import row_key
-from lis_grasp.experiments.study.study import Study
-from lis_grasp.experiments.study.trial import Setup, Trial
-from lis_grasp.hands.hand_check import check_hand
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
+from lis_grasp.robots.hand_check import check_hand
 from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp_studies.compared_estimators import compared_estimator
+from lis_grasp_studies.contact_study.competitors import studied_estimator
+from lis_grasp_studies.study.row_keys import row_key
+from lis_grasp_studies.study.study import Study
+from lis_grasp_studies.study.trial import Setup, Trial
 
 tomllib = pytest.importorskip("tomllib")
 

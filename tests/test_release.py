@@ -21,7 +21,7 @@ release = runpy.run_path(str(ROOT / ".ci" / "release.py"))
 
 def _project(folder: Path, version: str, changelog: str) -> Path:
     (folder / "lis_grasp").mkdir()
-    (folder / "lis_grasp" / "__init__.py").write_text(f'__version__ = "{version}"\n')
+    (folder / "lis_grasp" / "version.py").write_text(f'__version__ = "{version}"\n')
     (folder / "CITATION.cff").write_text(f"version: {version}\n")
     (folder / "CHANGELOG.md").write_text(changelog)
     return folder
@@ -65,7 +65,7 @@ def test_the_version_is_written_in_one_place() -> None:
     files = [*(ROOT / "lis_grasp").rglob("*.py"), ROOT / "pyproject.toml"]
     texts = {path: path.read_text(encoding="utf-8") for path in files}
     holders = [path for path, text in texts.items() if f'"{lis_grasp.__version__}"' in text]
-    assert holders == [ROOT / "lis_grasp" / "__init__.py"]
+    assert holders == [ROOT / "lis_grasp" / "version.py"]
 
 
 def _workflow() -> dict[object, dict[str, dict[str, object]]]:

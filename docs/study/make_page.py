@@ -16,8 +16,12 @@ from simulators import KINDS, difference_table, disagreements, disagreements_tab
 from write_studies import SEEDS, facts_of, objects
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.experiments.report_page import TextTable
-from lis_grasp.experiments.statistics import (
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.io.json_lines import Row
+from lis_grasp.pipeline.run_config import SIMULATORS
+from lis_grasp.shapes import NAMES
+from lis_grasp_studies.report_page import TextTable
+from lis_grasp_studies.statistics import (
     cluster_sums,
     clusters_of,
     holm,
@@ -25,10 +29,10 @@ from lis_grasp.experiments.statistics import (
     objects_of,
     sign_flip_p_value,
 )
-from lis_grasp.experiments.study import StudyResults
-from lis_grasp.experiments.study.comparison import compare_one, names, pairs_of
-from lis_grasp.experiments.study.mixed_model import MixedModel, fit_mixed_model
-from lis_grasp.experiments.study.paired_tables import (
+from lis_grasp_studies.study import StudyResults
+from lis_grasp_studies.study.comparison import compare_one, names, pairs_of
+from lis_grasp_studies.study.mixed_model import MixedModel, fit_mixed_model
+from lis_grasp_studies.study.paired_tables import (
     Pairs,
     beside,
     by_object_table,
@@ -39,21 +43,17 @@ from lis_grasp.experiments.study.paired_tables import (
     means,
     units_table,
 )
-from lis_grasp.experiments.study.study_figures import draw_pictures
-from lis_grasp.experiments.study.study_tables import (
+from lis_grasp_studies.study.study_figures import draw_pictures
+from lis_grasp_studies.study.study_tables import (
     MEASURE_LABELS,
     calibration_table,
     p_value,
     reasons_table,
     summary_table,
 )
-from lis_grasp.experiments.study.trial import TRUTH
-from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
-from lis_grasp.experiments.trial_results import TrialResults
-from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline.run_config import SIMULATORS
-from lis_grasp.shapes import NAMES
+from lis_grasp_studies.study.trial import TRUTH
+from lis_grasp_studies.test_objects.shape_sets import EVALUATION, TOOLS
+from lis_grasp_studies.trial_results import TrialResults
 
 _HERE = Path(__file__).parent
 _DOCS = _HERE.parent

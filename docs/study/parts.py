@@ -19,19 +19,19 @@ import trimesh
 from write_studies import SCANS, trials_of
 
 from lis_grasp import Contacts, GraspSearch, Hand
-from lis_grasp.experiments.report_page import TextTable
-from lis_grasp.experiments.runner import local_scheduler, run_trials
-from lis_grasp.experiments.statistics import cluster_sums, objects_of, sign_flip_p_value
-from lis_grasp.experiments.study.paired_tables import Pairs, difference, gains
-from lis_grasp.experiments.study.study_tables import p_value
-from lis_grasp.experiments.study.study_trial import estimate, plan, single_threaded_drake, touch
-from lis_grasp.experiments.study.trial import Trial, label
-from lis_grasp.experiments.test_objects.shape_sets import TOOLS
-from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.shapes import NAMES
 from lis_grasp.typing import FloatArray
+from lis_grasp_studies.report_page import TextTable
+from lis_grasp_studies.runner import local_scheduler, run_trials
+from lis_grasp_studies.statistics import cluster_sums, objects_of, sign_flip_p_value
+from lis_grasp_studies.study.paired_tables import Pairs, difference, gains
+from lis_grasp_studies.study.study_tables import p_value
+from lis_grasp_studies.study.study_trial import estimate, plan, single_threaded_drake, touch
+from lis_grasp_studies.study.trial import Trial, label
+from lis_grasp_studies.test_objects.shape_sets import TOOLS
+from lis_grasp_studies.trial_results import Job, TrialResults, missing_jobs
 
 HAND, TOUCHES = "allegro", 20
 GROUPS = {"built-in shapes and scans": (*NAMES, *SCANS), "tools and flat things": TOOLS}

@@ -19,12 +19,16 @@ from write_studies import SEEDS, trials_of
 
 from lis_grasp import Grasp, Hand
 from lis_grasp.exceptions import LisGraspError
-from lis_grasp.experiments.figures.palette import estimator_label
-from lis_grasp.experiments.report_page import TextTable
-from lis_grasp.experiments.runner import Runner, local_scheduler, run_trials
-from lis_grasp.experiments.study.comparison import names, pairs_of
-from lis_grasp.experiments.study.paired_tables import difference
-from lis_grasp.experiments.study.study_trial import (
+from lis_grasp.io.json_lines import Row
+from lis_grasp.pipeline.run_config import SIMULATORS
+from lis_grasp.shapes import Shape
+from lis_grasp.typing import FloatArray
+from lis_grasp_studies.figures.palette import estimator_label
+from lis_grasp_studies.report_page import TextTable
+from lis_grasp_studies.runner import Runner, local_scheduler, run_trials
+from lis_grasp_studies.study.comparison import names, pairs_of
+from lis_grasp_studies.study.paired_tables import difference
+from lis_grasp_studies.study.study_trial import (
     FAILED,
     NO_GRASP,
     estimate,
@@ -34,12 +38,8 @@ from lis_grasp.experiments.study.study_trial import (
     single_threaded_drake,
     touch,
 )
-from lis_grasp.experiments.study.trial import TRUTH, Trial, label
-from lis_grasp.experiments.trial_results import Job, TrialResults, missing_jobs
-from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline.run_config import SIMULATORS
-from lis_grasp.shapes import Shape
-from lis_grasp.typing import FloatArray
+from lis_grasp_studies.study.trial import TRUTH, Trial, label
+from lis_grasp_studies.trial_results import Job, TrialResults, missing_jobs
 
 KINDS = ("simulators", "limits")
 """Files of rows: all grasps in both simulators; and again where these disagree."""

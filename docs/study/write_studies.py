@@ -12,9 +12,9 @@ from typing import Any
 
 import yaml
 
-from lis_grasp.experiments.study.trial import Setup, Trial
-from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, TOOLS
 from lis_grasp.shapes import NAMES
+from lis_grasp_studies.study.trial import Setup, Trial
+from lis_grasp_studies.test_objects.shape_sets import EVALUATION, TOOLS
 
 SCANS = (
     *("004_sugar_box.ply", "005_tomato_soup_can.ply", "006_mustard_bottle.ply"),

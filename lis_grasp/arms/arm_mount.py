@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lis_grasp.arms.arm import Arm
-from lis_grasp.arms.body_pairs import BodyPairs
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.link_tree import links_fixed_to
 from lis_grasp.records import read_only
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.body_pairs import BodyPairs
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.link_tree import links_fixed_to
 from lis_grasp.typing import FloatArray
 
 CLEARANCE = 0.005

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.reach_filter import APPROACH, best_solutions
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.arms.straight_motion import track
-from lis_grasp.hands.hand import Hand
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray
 
 REGION = (0.4, 0.4, 0.3)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.arm import Arm
-from lis_grasp.arms.arm_ik import ArmSolutions
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.arms.straight_motion import track
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.arm_ik import ArmSolutions
 from lis_grasp.typing import FloatArray, IndexArray
 
 APPROACH, LIFT = 0.12, 0.1

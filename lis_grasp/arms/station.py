@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.arms.arm import Arm
-from lis_grasp.arms.arm_ik import ArmSolutions
 from lis_grasp.arms.arm_mount import ArmMount, mount_of
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.hands.hand import Hand
 from lis_grasp.poses import checked_pose
 from lis_grasp.records import read_only
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.arm_ik import ArmSolutions
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray
 
 

@@ -10,9 +10,9 @@ import numpy.typing as npt
 import trimesh
 from trimesh.collision import mesh_to_BVH
 
-from lis_grasp.arms.body_pairs import BodyPairs, balls_around, pairs_of_bodies
 from lis_grasp.arms.station import Station
-from lis_grasp.hands.collision import outline
+from lis_grasp.robots.body_pairs import BodyPairs, balls_around, pairs_of_bodies
+from lis_grasp.robots.collision import outline
 from lis_grasp.typing import BoolArray, FloatArray
 
 Obstacle = Literal["table", "object", "self"]

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.robots.arm import Arm
 from lis_grasp.typing import FloatArray
 
 TIME_STEP = 0.01

@@ -20,10 +20,10 @@ from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.optional_packages import require_packages
 
 if TYPE_CHECKING:
-    from lis_grasp.experiments.runner import Scheduler
-    from lis_grasp.experiments.study.study import Study
-    from lis_grasp.experiments.study.study_results import StudyResults
     from lis_grasp.io.json_lines import Row
+    from lis_grasp_studies.runner import Scheduler
+    from lis_grasp_studies.study.study import Study
+    from lis_grasp_studies.study.study_results import StudyResults
 
 _LOG = logging.getLogger(__name__)
 
@@ -102,10 +102,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, and write tables and report; or repeat one row."""
-    from lis_grasp.experiments.runner import run_trials
-    from lis_grasp.experiments.study.study import Study
-    from lis_grasp.experiments.study.study_results import StudyResults
-    from lis_grasp.experiments.study.study_trial import run_trial
+    from lis_grasp_studies.runner import run_trials
+    from lis_grasp_studies.study.study import Study
+    from lis_grasp_studies.study.study_results import StudyResults
+    from lis_grasp_studies.study.study_trial import run_trial
 
     if options.schema:
         say(json.dumps(Study.schema(), indent=2))
@@ -142,7 +142,7 @@ def execute(options: argparse.Namespace) -> None:
 
 def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
     """Write the study's file into the folder; keep an equal one, with its comments."""
-    from lis_grasp.experiments.study.study import Study, load_study
+    from lis_grasp_studies.study.study import Study, load_study
 
     described = output / "study.yaml"
     known = load_study(described, options.meshes) if _study_file(options) == described else None
@@ -152,11 +152,11 @@ def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
 
 
 def _report(study: Study, rows: list[Row], output: Path) -> None:
-    from lis_grasp.experiments.study.cases import draw_cases
-    from lis_grasp.experiments.study.comparison import compare
-    from lis_grasp.experiments.study.study_figures import draw_pictures
-    from lis_grasp.experiments.study.study_page import write_report
-    from lis_grasp.experiments.study.study_tables import all_tables, write_tables
+    from lis_grasp_studies.study.cases import draw_cases
+    from lis_grasp_studies.study.comparison import compare
+    from lis_grasp_studies.study.study_figures import draw_pictures
+    from lis_grasp_studies.study.study_page import write_report
+    from lis_grasp_studies.study.study_tables import all_tables, write_tables
 
     with Stage("Reporting") as stage:
         _LOG.info("statistics of %d rows", len(rows))
@@ -177,7 +177,7 @@ def _report(study: Study, rows: list[Row], output: Path) -> None:
 
 def _facts(options: argparse.Namespace) -> dict[str, Any]:
     """Return the facts of a study: those of the file or --quick, overridden by options."""
-    from lis_grasp.experiments.study.study import Study, load_study, with_absolute_paths
+    from lis_grasp_studies.study.study import Study, load_study, with_absolute_paths
 
     if options.study is not None and options.quick:
         raise InvalidOptionError("--quick excludes --study", option="--quick")
@@ -209,7 +209,7 @@ def _study_file(options: argparse.Namespace) -> Path | None:
 
 
 def _scheduler(options: argparse.Namespace) -> Scheduler:
-    from lis_grasp.experiments.runner import DaskCluster, local_scheduler
+    from lis_grasp_studies.runner import DaskCluster, local_scheduler
 
     if options.scheduler is None:
         return local_scheduler(options.jobs)
@@ -219,9 +219,9 @@ def _scheduler(options: argparse.Namespace) -> Scheduler:
 
 
 def _rerun(results: StudyResults, options: argparse.Namespace) -> None:
-    from lis_grasp.experiments.study.study import Study
-    from lis_grasp.experiments.study.study_results import job_of, without_times
-    from lis_grasp.experiments.study.study_trial import run_trial
+    from lis_grasp_studies.study.study import Study
+    from lis_grasp_studies.study.study_results import job_of, without_times
+    from lis_grasp_studies.study.study_trial import run_trial
 
     recorded = results.row(options.rerun)
     study = Study.from_facts(_facts(options))

@@ -12,20 +12,20 @@ import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import lis_grasp
 from lis_grasp import pipeline
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.arm_check import check_arm
 from lis_grasp.cli.findings import say_findings
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_check import Finding, check_hand
-from lis_grasp.hands.hand_file import description_of
-from lis_grasp.hands.repair_file import write_repaired
 from lis_grasp.pipeline.regrasp import make_planner
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_check import Finding, check_hand
+from lis_grasp.robots.hand_file import description_of
+from lis_grasp.robots.repair_file import write_repaired
 from lis_grasp.shapes import find
+from lis_grasp.version import __version__
 
 _PACKAGES = ("drake", "numpy", "scipy", "trimesh", "python-fcl", "meshcat", "manifold3d")
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "firefox")
@@ -84,7 +84,7 @@ def _repair(hand: str | None, output: Path) -> None:
 def check_machine() -> list[Finding]:
     """Return the findings on versions, Drake, memory, browser, and a short run up to grasps."""
     machine = (
-        f"lis-grasp {lis_grasp.__version__}, Python {platform.python_version()},"
+        f"lis-grasp {__version__}, Python {platform.python_version()},"
         f" {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     )
     checks = _packages(), _drake(), _memory(), _browser(), _self_test()

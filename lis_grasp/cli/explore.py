@@ -16,7 +16,6 @@ from lis_grasp.cli.results_folder import LOG, remove_made_from, results_folder
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
 from lis_grasp.exploration import Exploration, TouchLog
 from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.growth_files import remove_growth, save_growth
@@ -26,6 +25,7 @@ from lis_grasp.pipeline.arm_station import make_station, station_after, station_
 from lis_grasp.pipeline.report_json import exploration_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.summary import exploration_lines
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.above_table_implicit_surface import above_table

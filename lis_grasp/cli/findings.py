@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from lis_grasp.cli.progress import say
-from lis_grasp.hands.hand_check import Finding
+from lis_grasp.robots.hand_check import Finding
 
 
 def say_findings(findings: Iterable[Finding]) -> None:

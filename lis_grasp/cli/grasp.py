@@ -18,18 +18,18 @@ from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.mujoco_simulation.convex_pieces import convex_pieces
 from lis_grasp.pipeline.arm_station import make_station, station_facts
 from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
 from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.poses import checked_pose
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load, placed_as_recorded
+from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
 from lis_grasp.typing import FloatArray
 
 # docs/study.md: of 114 grasps planned on `lis` 58 held, with a mean prediction of 0.72.
@@ -140,7 +140,7 @@ def write_dexgraspbench(
     output: Path, name: str, mesh: trimesh.Trimesh, hand: Hand, search: GraspSearch, support: float
 ) -> Path:
     """Write the folder of DexGraspBench in `output` and the results of its protocol; return it."""
-    from lis_grasp.mujoco_simulation.dexgraspbench_protocol import dexgraspbench_protocol
+    from lis_grasp.simulation.mujoco.dexgraspbench_protocol import dexgraspbench_protocol
 
     with Stage("Splitting into convex pieces") as stage:
         pieces = convex_pieces(mesh)

@@ -15,7 +15,6 @@ from lis_grasp.cli.grasp import recorded_base
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
@@ -26,6 +25,7 @@ from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.worker_pool import process_count
 from lis_grasp.poses import checked_pose
+from lis_grasp.robots.hand import Hand
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

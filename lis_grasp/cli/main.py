@@ -14,7 +14,6 @@ from typing import Any, NoReturn
 
 from threadpoolctl import threadpool_limits
 
-import lis_grasp
 from lis_grasp.cli.examples import examples_of
 from lis_grasp.cli.interrupts import interrupts_after_imports
 from lis_grasp.cli.progress import complain, open_missing_streams, say
@@ -25,6 +24,7 @@ from lis_grasp.exceptions import (
     nearest_of,
     shown,
 )
+from lis_grasp.version import __version__
 
 # Name, module in this folder, and help of each verb. A module is imported when its verb is used.
 _VERBS = (
@@ -103,7 +103,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
         prog="lis-grasp",
         description="Learn an unknown object's shape by touch alone, and grasp it.",
     )
-    parser.add_argument("--version", action="version", version=f"lis-grasp {lis_grasp.__version__}")
+    parser.add_argument("--version", action="version", version=f"lis-grasp {__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     for name, module, text in _VERBS:
         of_verb = verbs.add_parser(

@@ -13,11 +13,11 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region, Workspace, load_outcomes
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.pipeline.next_touch import NextTouch, next_touch, workspace_of
+from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.typing import FloatArray
 

@@ -9,25 +9,25 @@ from typing import get_args
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.experiments.baselines import BASELINES
-from lis_grasp.experiments.compared_estimators import (
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.pipeline.plugged_in import find_estimator
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp_studies.baselines import BASELINES
+from lis_grasp_studies.compared_estimators import (
     COMPARED,
     OURS,
     require_installed,
 )
-from lis_grasp.experiments.paper.paper_trials import (
+from lis_grasp_studies.paper.paper_trials import (
     Experiment,
     key_of,
     paper_trials,
     run_paper_trial,
     trial_key,
 )
-from lis_grasp.experiments.runner import local_scheduler, run_trials
-from lis_grasp.experiments.trial_results import TrialResults, missing_jobs
-from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.io.folder_lock import sole_writer
-from lis_grasp.pipeline.plugged_in import find_estimator
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp_studies.runner import local_scheduler, run_trials
+from lis_grasp_studies.trial_results import TrialResults, missing_jobs
 
 _OUTPUT = Path("results/paper")
 _SEEDS, _QUICK_SEEDS = 10, 2
@@ -61,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, draw the figures, write the report."""
-    from lis_grasp.experiments.paper.paper_report import draw_pictures, write_report
-    from lis_grasp.experiments.paper.paper_tables import rows_as_csv
+    from lis_grasp_studies.paper.paper_report import draw_pictures, write_report
+    from lis_grasp_studies.paper.paper_tables import rows_as_csv
 
     default = _QUICK_SEEDS if options.quick else _SEEDS
     seeds = default if options.seeds is None else options.seeds

@@ -20,8 +20,6 @@ from lis_grasp.cli.results_folder import results_folder
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.inertias import require_possible_inertias
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
@@ -33,6 +31,8 @@ from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.summary import run_lines
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.inertias import require_possible_inertias
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.run_scene import write_scene_of

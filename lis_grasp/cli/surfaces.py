@@ -81,17 +81,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, write the tables."""
-    from lis_grasp.experiments.contact_study.contact_cases import CASES
-    from lis_grasp.experiments.contact_study.contact_report import write_contact_report
-    from lis_grasp.experiments.contact_study.estimate_score import TRUTH
-    from lis_grasp.experiments.contact_study.surface_trials import (
+    from lis_grasp_studies.contact_study.contact_cases import CASES
+    from lis_grasp_studies.contact_study.contact_report import write_contact_report
+    from lis_grasp_studies.contact_study.estimate_score import TRUTH
+    from lis_grasp_studies.contact_study.surface_trials import (
         key_of,
         run_surface_trial,
         surface_trials,
         trial_key,
     )
-    from lis_grasp.experiments.runner import local_scheduler, run_trials
-    from lis_grasp.experiments.trial_results import TrialResults, missing_jobs
+    from lis_grasp_studies.runner import local_scheduler, run_trials
+    from lis_grasp_studies.trial_results import TrialResults, missing_jobs
 
     names = _estimators(options)
     shapes = _shapes(options)
@@ -128,9 +128,9 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
-    from lis_grasp.experiments.compared_estimators import require_installed
-    from lis_grasp.experiments.contact_study.competitors import STUDIED, studied_estimator
-    from lis_grasp.experiments.contact_study.estimate_score import Box
+    from lis_grasp_studies.compared_estimators import require_installed
+    from lis_grasp_studies.contact_study.competitors import STUDIED, studied_estimator
+    from lis_grasp_studies.contact_study.estimate_score import Box
 
     if options.box not in get_args(Box):
         raise InvalidOptionError.not_one_of("--box", options.box, get_args(Box))
@@ -161,7 +161,7 @@ def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _shapes(options: argparse.Namespace) -> list[str]:
-    from lis_grasp.experiments.test_objects.shape_sets import (
+    from lis_grasp_studies.test_objects.shape_sets import (
         DEVELOPMENT,
         EVALUATION,
         scans_in,

@@ -7,7 +7,7 @@ import trimesh
 
 from lis_grasp.grasping.grasp_ranking import epsilon_on
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.hands.hand import Hand
+from lis_grasp.robots.hand import Hand
 
 
 def epsilon_on_truth(grasp: Grasp, truth: trimesh.Trimesh, hand: Hand, *, friction: float) -> float:

@@ -1,7 +1,6 @@
 """Tactile exploration: choose the next touch, make it, estimate the surface, repeat."""
 
 from lis_grasp.exploration.exploration_loop import Exploration, explore
-from lis_grasp.exploration.log_touches import Finger, LogFrames, contacts_from_log
 from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy
 from lis_grasp.exploration.pose_tracking import PoseTracker
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, Prober, ProbeStatus
@@ -16,19 +15,15 @@ from lis_grasp.exploration.stopping import (
     stop_when_graspable,
 )
 from lis_grasp.exploration.tactile_sensor import TactileSensor
-from lis_grasp.exploration.touch_detection import TouchDetection
 from lis_grasp.exploration.touch_log import TouchLog, load_outcomes
 from lis_grasp.exploration.workspace import STEP_FRACTION, Workspace
-from lis_grasp.io.robot_logs import open_log
 
 __all__ = [
     "DEFAULT_REGION",
     "POLICIES",
     "STEP_FRACTION",
     "Exploration",
-    "Finger",
     "HandPose",
-    "LogFrames",
     "Policy",
     "PoseTracker",
     "Probe",
@@ -41,13 +36,10 @@ __all__ = [
     "StopRuleWithMemory",
     "TactileSensor",
     "TargetPolicy",
-    "TouchDetection",
     "TouchLog",
     "Workspace",
-    "contacts_from_log",
     "explore",
     "load_outcomes",
-    "open_log",
     "stop_after",
     "stop_when_certain",
     "stop_when_covered",

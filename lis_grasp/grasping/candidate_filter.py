@@ -13,9 +13,9 @@ from lis_grasp.arms.station import Station
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.inverse_kinematics import Postures, solve_ik
 from lis_grasp.grasping.pad_offsets import FingertipContacts
-from lis_grasp.hands.collision import HandCollisionChecker
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.pose_filter import HandPoseFilter
+from lis_grasp.robots.collision import HandCollisionChecker
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.pose_filter import HandPoseFilter
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact

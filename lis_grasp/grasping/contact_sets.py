@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.hands.hand import Hand
 from lis_grasp.records import subset_of
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 

@@ -26,8 +26,8 @@ from lis_grasp.grasping.load_capacity import largest_wrenches, spare_acceleratio
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.success_model import load_probability, shape_probability
 from lis_grasp.grasping.surface_uncertainty import UncertainSurface
-from lis_grasp.hands.hand import Hand
 from lis_grasp.records import subset_of
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Normals are known to a few degrees only: robust qualities use this fraction of the friction.

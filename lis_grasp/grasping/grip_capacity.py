@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.hands.hand import Hand
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
 EFFORT_FRACTION = 0.9

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull
 
-from lis_grasp.hands.hand import Hand
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
 # Postures sampled between the joints' limits; a fixed seed, as no result depends on the draw much.

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.grasping.contact_sets import ContactSets
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.link_tree import by_joint_kind
 from lis_grasp.records import subset_of
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.link_tree import by_joint_kind
 from lis_grasp.typing import FloatArray, IndexArray
 
 _ITERATIONS = 20

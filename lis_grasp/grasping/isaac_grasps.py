@@ -10,8 +10,8 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.robots.hand import Hand
 
 
 def save_isaac_grasps(path: Path | str, search: GraspSearch, hand: Hand) -> None:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.expanding_polytope import inscribed_ball_radii
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
-from lis_grasp.hands.hand import Hand
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 GRAVITY = 9.81

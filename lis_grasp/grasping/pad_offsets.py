@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from lis_grasp.grasping.contact_sets import ContactSets
-from lis_grasp.hands.collision import HandCollisionChecker
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import Pad
+from lis_grasp.robots.collision import HandCollisionChecker
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import Pad
 from lis_grasp.typing import FloatArray
 
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad

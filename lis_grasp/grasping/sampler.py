@@ -26,7 +26,7 @@ from lis_grasp.grasping.contact_sets import ContactSets, contacts_of
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.hands.hand import Hand
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray
 
 _LOG = logging.getLogger(__name__)

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.servo_hand import moving_joints, servo_efforts
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.servo_hand import moving_joints, servo_efforts
 from lis_grasp.typing import FloatArray
 
 

@@ -11,10 +11,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import lis_grasp
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.recorded_facts import RecordedFacts
 from lis_grasp.io.schemas import checked
+from lis_grasp.version import __version__
 
 _MARK = "lis_grasp "
 # A PLY header is a few hundred bytes; the rest is data.
@@ -28,13 +28,13 @@ def describe(**facts: Any) -> str:
     Give it only facts that are equal in equal runs (no times, no paths), so that equal runs write
     equal bytes.
     """
-    return _MARK + json.dumps({"version": lis_grasp.__version__, **facts}, sort_keys=True)
+    return _MARK + json.dumps({"version": __version__, **facts}, sort_keys=True)
 
 
 @lru_cache(maxsize=1)
 def source_digest() -> str:
     """Return a hash of the package's source, which distinguishes two states of one version."""
-    folder = Path(lis_grasp.__file__).parent
+    folder = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
         digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())

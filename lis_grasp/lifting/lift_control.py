@@ -12,9 +12,9 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.grasping.load_capacity import GRAVITY
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lifting_scene import HandContact, LiftingScene
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
 # Force at which a finger stops closing: the weight of a few coins.

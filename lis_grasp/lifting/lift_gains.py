@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.link_tree import by_joint_kind
-from lis_grasp.hands.useful_efforts import useful_efforts
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.link_tree import by_joint_kind
+from lis_grasp.robots.useful_efforts import useful_efforts
 from lis_grasp.typing import FloatArray
 
 # A hand of 1 kg follows 1 g within 1 mm.

@@ -9,9 +9,9 @@ import trimesh
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_positive
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.load_capacity import GRAVITY
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_lift import ArmLift
 from lis_grasp.lifting.lift_outcome import LiftOptions
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
 

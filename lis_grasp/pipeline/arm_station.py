@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.base_search import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.exploration import Exploration
-from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
 

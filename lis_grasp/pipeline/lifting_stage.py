@@ -11,12 +11,12 @@ import trimesh
 
 from lis_grasp.arms.station import Station
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_lift import plan_arm_lift
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.lift_trial import AcceptGrasp
 from lis_grasp.pipeline.object_setup import support_height
 from lis_grasp.pipeline.worker_pool import worker_pool
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 
@@ -24,7 +24,7 @@ from lis_grasp.typing import FloatArray
 def require_simulator(simulator: str, shape: Shape) -> None:
     """Raise `InvalidOptionError` if a package is missing that lifts in a simulator need."""
     if simulator == "mujoco":
-        from lis_grasp.mujoco_simulation.convex_pieces import require_mujoco
+        from lis_grasp.simulation.mujoco.convex_pieces import require_mujoco
 
         require_mujoco(shape.mesh)
 
@@ -46,7 +46,7 @@ def lift(
     """Simulate the lift of the true object in one of `SIMULATORS`.
 
     With a `station`, its arm carries the hand, and avoids the `estimate` of the object. The other
-    arguments are those of `lis_grasp.simulation.simulate_lift.simulate_lift`.
+    arguments are those of `lis_grasp.simulation.drake.simulate_lift.simulate_lift`.
     """
     return _simulation_in(simulator, station, estimate)(
         shape.mesh,
@@ -103,10 +103,10 @@ def _simulation_in(
     if station is not None:
         return partial(_lift_with_arm, station, estimate)
     if simulator == "mujoco":
-        from lis_grasp.mujoco_simulation.simulate_in_mujoco import simulate_in_mujoco
+        from lis_grasp.simulation.mujoco.simulate_in_mujoco import simulate_in_mujoco
 
         return simulate_in_mujoco
-    from lis_grasp.simulation.simulate_lift import simulate_lift
+    from lis_grasp.simulation.drake.simulate_lift import simulate_lift
 
     return simulate_lift
 
@@ -123,7 +123,7 @@ def _lift_with_arm(
     **arguments: Any,
 ) -> LiftOutcome:
     """Plan the arm's motion to a grasp on the estimate, and simulate the lift in Drake."""
-    from lis_grasp.simulation.simulate_lift import simulate_lift
+    from lis_grasp.simulation.drake.simulate_lift import simulate_lift
 
     options = options or LiftOptions()
     arm = plan_arm_lift(station, grasp, estimate, time_step=options.time_step)

@@ -13,11 +13,11 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_po
 from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Region, Workspace
 from lis_grasp.exploration.pose_tracking import since_loss
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import make_estimator
 from lis_grasp.pipeline.touching import for_fingertips, make_policy
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
+from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import FloatArray
 

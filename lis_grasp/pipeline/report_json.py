@@ -8,7 +8,6 @@ from typing import Any
 
 import trimesh
 
-import lis_grasp
 from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
@@ -16,7 +15,6 @@ from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_coverage, touch_radius
 from lis_grasp.exploration import STEP_FRACTION, Exploration
 from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.lift_outcome import LiftOutcome
 from lis_grasp.pipeline.arm_station import station_facts
@@ -24,7 +22,9 @@ from lis_grasp.pipeline.object_motion import motion_facts, true_object
 from lis_grasp.pipeline.object_setup import support_height, table_of
 from lis_grasp.pipeline.regrasp import Attempt
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
+from lis_grasp.version import __version__
 
 
 def build_report(
@@ -44,7 +44,7 @@ def build_report(
     last = attempts[-1]
     truth = shape if last.X_WO is None else placed(shape, last.X_WO)
     return {
-        "version": lis_grasp.__version__,
+        "version": __version__,
         "config": config.facts(),
         "object": shape.name,
         "hand": config.hand,

@@ -19,9 +19,9 @@ from lis_grasp.exploration import (
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.hands.hand import Hand
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.plugged_in import find_estimator
+from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import Estimator, ImplicitSurface, carved
 from lis_grasp.surfaces.above_table_implicit_surface import above_table
 

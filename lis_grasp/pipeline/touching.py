@@ -27,7 +27,6 @@ from lis_grasp.exploration import (
     stop_when_graspable,
 )
 from lis_grasp.exploration.policy import PolicyKind
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
@@ -35,6 +34,7 @@ from lis_grasp.pipeline.object_setup import support_height, table_of
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_policy
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import make_estimator, plan
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import Estimator, ImplicitSurface
 from lis_grasp.surfaces.above_table_implicit_surface import above_table
@@ -178,8 +178,8 @@ def make_prober(
 ) -> Prober:
     """Return the configured prober of the true object, in the state after recorded outcomes."""
     if config.prober == "dynamic":
-        from lis_grasp.simulation.dynamic_prober import DynamicProber
-        from lis_grasp.simulation.probing_scene import FreeObject
+        from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
+        from lis_grasp.simulation.drake.probing_scene import FreeObject
 
         free = None
         if config.free:

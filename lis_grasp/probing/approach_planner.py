@@ -13,10 +13,10 @@ from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import ProbePosture
 from lis_grasp.probing.keep_out import INSIDE, KeepOut
 from lis_grasp.probing.points_on_hand import PointsOnHand
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Rotations about the finger, +x, shape (8, 3, 3).

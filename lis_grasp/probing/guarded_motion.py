@@ -20,10 +20,6 @@ from lis_grasp.exploration.probe import (
     ProbeOutcome,
 )
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.hands.collision import HandCollisionChecker, NearestLink
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import ProbePosture
-from lis_grasp.hands.pose_filter import balls_inside
 from lis_grasp.probing.approach_planner import (
     NO_FREE_APPROACH,
     NO_FREE_START,
@@ -32,6 +28,10 @@ from lis_grasp.probing.approach_planner import (
     ApproachPlanner,
 )
 from lis_grasp.probing.arm_transit import ArmTransits
+from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import ProbePosture
+from lis_grasp.robots.pose_filter import balls_inside
 from lis_grasp.shapes.winding_number import any_inside
 from lis_grasp.typing import FloatArray
 

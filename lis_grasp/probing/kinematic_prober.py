@@ -12,10 +12,10 @@ from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.hands.collision import HandCollisionChecker, NearestLink
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import Joint
 from lis_grasp.probing.guarded_motion import TOUCHING, GuardedMotion
+from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import Joint
 from lis_grasp.typing import FloatArray
 
 Fingers = Literal["one", "all"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_parts import ProbePosture
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import ProbePosture
 from lis_grasp.typing import FloatArray
 
 # Spacing of the points; links are thicker [m].

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.time_scaling import joined
 from lis_grasp.exploration.probe import ARM_RETREAT_SPEED
 from lis_grasp.probing.guarded_motion import Course
+from lis_grasp.robots.arm import Arm
 from lis_grasp.typing import FloatArray
 
 # The palm starts and stops with this acceleration on straight legs [m/s^2].

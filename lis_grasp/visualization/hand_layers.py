@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
     from lis_grasp.exploration import ProbeOutcome
     from lis_grasp.grasping.grasps import Grasp
-    from lis_grasp.hands.hand import Hand
+    from lis_grasp.robots.hand import Hand
 
 
 PALM_COLOUR, LINK_COLOUR, PAD_COLOUR = "#3a3f47", "#565d68", "#e4e2dc"

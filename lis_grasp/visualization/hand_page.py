@@ -20,7 +20,7 @@ from lis_grasp.visualization.overlay import build_overlay
 from lis_grasp.visualization.story import Story
 
 if TYPE_CHECKING:
-    from lis_grasp.hands.hand import Hand
+    from lis_grasp.robots.hand import Hand
 
 AXIS_COLOURS = ("#d64545", "#3f9b50", "#3d6fd6")
 PAD_MARK, TIP_MARK = "#f2912c", "#b04fc4"

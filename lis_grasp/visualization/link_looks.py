@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
-from lis_grasp.hands.link_bodies import load_visual
+from lis_grasp.robots.link_bodies import load_visual
 
 if TYPE_CHECKING:
-    from lis_grasp.hands.link_tree import HandModel
+    from lis_grasp.robots.link_tree import HandModel
 
 _MOST_FACES = 4000  # of a link: a page holds all links, and a copy of each for every grasp
 _CELLS = 48  # along the largest extent of a mesh that is made coarser

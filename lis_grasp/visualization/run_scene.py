@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region, load_outcomes
 from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.io.growth_files import load_growth
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import Motion
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import find, placed_as_recorded
 from lis_grasp.visualization.scene import Scene
 from lis_grasp.visualization.search_layer import search_of

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
     from lis_grasp.exploration import ProbeOutcome, Region
     from lis_grasp.grasping.grasps import Grasp
-    from lis_grasp.hands.hand import Hand
+    from lis_grasp.robots.hand import Hand
 
 
 _NOTHING = np.empty((0, 3))

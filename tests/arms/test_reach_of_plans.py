@@ -12,10 +12,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.reasons import REJECTIONS
 from lis_grasp.probing.approach_planner import OUT_OF_ARM_REACH, ApproachPlanner
 from lis_grasp.probing.guarded_motion import GuardedMotion
+from lis_grasp.robots.hand import Hand
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,12 @@ import pytest
 import trimesh
 from stations import positions_between, station_with
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.arms.time_scaling import joined, time_path
 from lis_grasp.arms.transit import TransitPlanner
+from lis_grasp.robots.arm import Arm
 
 _SHARE = 0.5
 

@@ -8,9 +8,9 @@ import yaml
 
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_check import check_hand
-from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 
 
 @pytest.mark.parametrize("name", HAND_NAMES)

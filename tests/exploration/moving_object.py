@@ -10,8 +10,8 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.guarded_motion import GuardedMotion
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 

@@ -9,8 +9,8 @@ from lis_grasp.exploration import Probe, ProbeOutcome, Workspace
 from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.target_candidates import seconds_to_touch
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.robots.hand import Hand
 
 # A ball of radius 1 about the origin holds the object.
 SPACE = Workspace(0.1, np.zeros(3), 2.0 / np.sqrt(3.0))

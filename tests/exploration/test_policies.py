@@ -26,10 +26,10 @@ from lis_grasp.exploration.policy import (
 )
 from lis_grasp.exploration.probe_motions import surface_probe
 from lis_grasp.exploration.target_candidates import Targets
-from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touching import make_policy, workspace
 from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import ESTIMATORS
 
 RADIUS = 0.05

@@ -25,8 +25,8 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.planar_motion import Push, planar_pose, push_of
 from lis_grasp.exploration.policy import farthest
 from lis_grasp.exploration.pose_belief import PoseBelief
-from lis_grasp.hands.hand import Hand
 from lis_grasp.pipeline.touching import workspace
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS
 

@@ -26,8 +26,8 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.planar_motion import planar_pose
 from lis_grasp.exploration.pose_belief import PoseBelief
-from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import ESTIMATORS
 
 FACTS = {"object": "pentagon", "seed": 3}

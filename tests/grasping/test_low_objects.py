@@ -18,7 +18,7 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.pad_offsets import fingertip_offsets
-from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.robots.collision import HandCollisionChecker
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
 

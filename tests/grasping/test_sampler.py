@@ -18,7 +18,7 @@ from lis_grasp.grasping.contact_samples import SurfaceSamples
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import perturb_grasps
-from lis_grasp.hands.collision import HandCollisionChecker
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")

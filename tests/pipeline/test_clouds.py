@@ -13,9 +13,9 @@ from lis_grasp import pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import TactileSensor, load_outcomes
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline import RunConfig
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 NOISE, TILT = 0.001, 0.05

@@ -14,9 +14,9 @@ from made_grasps import jaw_grasp
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.servo_postures import squeeze_posture
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.shipped_models import HAND_NAMES
 from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.shipped_models import HAND_NAMES
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: bootstrap.sh mujoco")
 

@@ -9,7 +9,7 @@ import pytest
 from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, TouchLog
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.simulation.dynamic_prober import DynamicProber
+from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 
 # A ball of 50 g that rolls at every touch.
 BALL = shapes.build("sphere", None)

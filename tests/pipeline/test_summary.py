@@ -9,10 +9,10 @@ import trimesh
 from lis_grasp import shapes
 from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_outcome import Reason
 from lis_grasp.pipeline.reasons import LIFT_REASONS, REJECTIONS, lift_sentence
 from lis_grasp.pipeline.summary import exploration_lines, run_lines
+from lis_grasp.robots.hand import Hand
 
 
 def facts(**changed: Any) -> dict[str, Any]:

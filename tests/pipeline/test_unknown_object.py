@@ -15,7 +15,6 @@ from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration
-from lis_grasp.hands.hand import Hand
 from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig, pose_of, prior_knowledge, table_of, touch
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, UNKNOWN
@@ -23,6 +22,7 @@ from lis_grasp.pipeline.report_json import exploration_facts
 from lis_grasp.pipeline.stages import estimate
 from lis_grasp.pipeline.summary import exploration_lines
 from lis_grasp.pipeline.touching import make_prober
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
 
 CONFIG = RunConfig(

@@ -5,10 +5,10 @@ import pytest
 import trimesh
 
 from lis_grasp.exploration import Probe, ProbeOutcome, Prober
-from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.kinematic_prober import KinematicProber
-from lis_grasp.simulation.dynamic_prober import DynamicProber
-from lis_grasp.simulation.probing_scene import FreeObject
+from lis_grasp.robots.hand import Hand
+from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
+from lis_grasp.simulation.drake.probing_scene import FreeObject
 
 SIZE = 0.1
 

@@ -10,13 +10,13 @@ from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration import Workspace
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.hands.collision import HandCollisionChecker
-from lis_grasp.hands.hand import Hand
 from lis_grasp.probing.approach_planner import NO_FREE_APPROACH
 from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.robots.collision import HandCollisionChecker
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
-from lis_grasp.simulation.dynamic_prober import DynamicProber
+from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 from lis_grasp.surfaces import ESTIMATORS
 
 

@@ -40,7 +40,7 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp.cli.main import main as run_verb
-from lis_grasp.hands.shipped_models import HAND_NAMES
+from lis_grasp.robots.shipped_models import HAND_NAMES
 from lis_grasp.shapes import NAMES
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp.visualization.run_scene import write_scene_of

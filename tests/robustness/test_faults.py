@@ -16,13 +16,13 @@ from lis_grasp import Grasp, Hand
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.force_closure import is_force_closure, min_weight, resisted_force
-from lis_grasp.simulation.lift_scene import LiftScene
-from lis_grasp.simulation.simulate_lift import simulate_lift
+from lis_grasp.simulation.drake.lift_scene import LiftScene
+from lis_grasp.simulation.drake.simulate_lift import simulate_lift
 
 BOX = trimesh.creation.box((0.05, 0.05, 0.08))
 RUN = COMMANDS["run"].split()
 
-CHECKER = "lis_grasp.hands.collision.HandCollisionChecker"
+CHECKER = "lis_grasp.robots.collision.HandCollisionChecker"
 # Files of finished stages, one after the other.
 TOUCHED = {"touches.jsonl"}
 EXPLORED = {*TOUCHED, "contacts.ply"}
@@ -42,7 +42,7 @@ FAULTS = {
     ),
     "a linear programme": ("lis_grasp.grasping.force_closure.linprog", 0, ESTIMATED),
     "inverse kinematics": ("lis_grasp.grasping.candidate_filter.solve_ik", 1, ESTIMATED),
-    "Drake's plant": ("lis_grasp.simulation.lift_scene.add_object", 0, ESTIMATED),
+    "Drake's plant": ("lis_grasp.simulation.drake.lift_scene.add_object", 0, ESTIMATED),
 }
 
 

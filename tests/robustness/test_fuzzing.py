@@ -32,17 +32,17 @@ from lis_grasp.exceptions import (
     LisGraspError,
     shown,
 )
-from lis_grasp.experiments.study.study import load_study
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.link_bodies import load_mesh
 from lis_grasp.io.provenance import parse
 from lis_grasp.io.surface_files import load_surface, save_surface
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.motion import Motion
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.link_bodies import load_mesh
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS, LocalImplicitSurface
+from lis_grasp_studies.study.study import load_study
 
 every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))
 

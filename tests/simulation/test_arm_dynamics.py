@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.arm_check import gravity_efforts
 from lis_grasp.arms.station import Station, Table
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.joint_path import PalmPath, joint_path_along
 from lis_grasp.lifting.wrist_trajectory import line, rest_at, shake_about
-from lis_grasp.simulation.arm_dynamics import ArmDynamics
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
+from lis_grasp.simulation.drake.arm_dynamics import ArmDynamics
 
 STEP = 0.005
 

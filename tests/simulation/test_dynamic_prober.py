@@ -10,10 +10,10 @@ from random_directions import random_directions
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidHandError, InvalidMeshError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
-from lis_grasp.hands.hand import Hand
-from lis_grasp.simulation import dynamic_prober
-from lis_grasp.simulation.contact_patches import split_patch
-from lis_grasp.simulation.dynamic_prober import DynamicProber
+from lis_grasp.robots.hand import Hand
+from lis_grasp.simulation.drake import dynamic_prober
+from lis_grasp.simulation.drake.contact_patches import split_patch
+from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 
 RADIUS = 0.05
 

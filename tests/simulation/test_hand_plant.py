@@ -12,15 +12,15 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.shipped_models import HAND_NAMES, model_path
-from lis_grasp.simulation.free_wrist import add_wrist
-from lis_grasp.simulation.hand_plant import (
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
+from lis_grasp.simulation.drake.free_wrist import add_wrist
+from lis_grasp.simulation.drake.hand_plant import (
     HandInPlant,
     add_hand,
     ignore_self_collision,
 )
-from lis_grasp.simulation.object_plant import add_object
+from lis_grasp.simulation.drake.object_plant import add_object
 
 TIME_STEP = 0.002
 

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.base_search import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_lift import ArmLift, plan_arm_lift
 from lis_grasp.lifting.arm_use import violations
 from lis_grasp.lifting.joint_path import JointPath
 from lis_grasp.lifting.lift_outcome import LiftOptions
 from lis_grasp.motion import arm_body
-from lis_grasp.simulation.simulate_lift import simulate_lift
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
+from lis_grasp.simulation.drake.simulate_lift import simulate_lift
 
 BOX = trimesh.creation.box(extents=[0.05, 0.06, 0.10])
 HEIGHT = -0.05

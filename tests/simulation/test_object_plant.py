@@ -8,7 +8,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from lis_grasp.simulation.object_plant import add_object, add_support, add_table, let_rest
+from lis_grasp.simulation.drake.object_plant import add_object, add_support, add_table, let_rest
 
 
 def heights_after_a_fall(

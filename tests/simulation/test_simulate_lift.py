@@ -19,14 +19,14 @@ from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.wrist_trajectory import line, shake_about
 from lis_grasp.pipeline import lift_each
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.simplification import merge_flat_faces, split_large_faces
-from lis_grasp.simulation.simulate_lift import simulate_lift
+from lis_grasp.simulation.drake.simulate_lift import simulate_lift
 
 # The default trial with a shorter hold and one shake, and without any shake.
 SHORT = LiftOptions(hold_time=0.5, lift_time=0.6, shake_accelerations=(9.81,))

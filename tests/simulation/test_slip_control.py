@@ -9,7 +9,7 @@ from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
-from lis_grasp.simulation.simulate_lift import simulate_lift
+from lis_grasp.simulation.drake.simulate_lift import simulate_lift
 
 BOX = shapes.build("box")
 JAW = Hand.load("wsg50")

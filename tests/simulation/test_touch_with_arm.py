@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.arms.arm import Arm
 from lis_grasp.arms.base_search import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import ARM_PROBE_SPEED, Probe
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
-from lis_grasp.hands.hand import Hand
 from lis_grasp.lifting.arm_use import ArmUse
-from lis_grasp.simulation.dynamic_prober import DynamicProber
-from lis_grasp.simulation.probing_scene import FreeObject
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
+from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
+from lis_grasp.simulation.drake.probing_scene import FreeObject
 
 BOX = trimesh.creation.box(extents=[0.06, 0.06, 0.12])
 HEIGHT = -0.06

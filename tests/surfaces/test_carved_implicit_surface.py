@@ -17,11 +17,11 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, Workspace
 from lis_grasp.exploration.exploration_loop import explore
-from lis_grasp.hands.hand import Hand
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touching import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
+from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS, CarvedImplicitSurface, ImplicitSurface, carved
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space

@@ -17,7 +17,6 @@ from random_directions import random_directions
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
-from lis_grasp.experiments.test_objects.shape_sets import EVALUATION, graspable_shape
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import BlendedImplicitSurface, GaussianProcessImplicitSurface
 from lis_grasp.surfaces.contact_merging import LONE_CONTACT_SPACING
@@ -25,6 +24,7 @@ from lis_grasp.surfaces.contact_places import ContactPlaces, farthest_point_orde
 from lis_grasp.surfaces.gaussian_process_regression import GradientRegression
 from lis_grasp.surfaces.kernel_expansion import gradient_covariance
 from lis_grasp.surfaces.kernels import Matern52, RadialKernel, SquaredExponential, ThinPlate
+from lis_grasp_studies.test_objects.shape_sets import EVALUATION, graspable_shape
 
 KERNELS = ["rbf", "matern52", "thin_plate"]
 NO_NOISE = {"position_noise": 0.0, "normal_noise": 0.0}

@@ -19,9 +19,9 @@ from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, load_outcomes
-from lis_grasp.hands.collision import HandCollisionChecker
 from lis_grasp.io import provenance
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.visualization.run_scene import scene_of, write_scene_of
 from lis_grasp.visualization.story import Story
 

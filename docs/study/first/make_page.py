@@ -11,11 +11,13 @@ from pathlib import Path
 from string import Template
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.experiments.figures.palette import estimator_label
-from lis_grasp.experiments.report_page import TextTable
-from lis_grasp.experiments.study import Study, StudyResults, load_study
-from lis_grasp.experiments.study.comparison import compare_held, kind_of, names, pairs_of
-from lis_grasp.experiments.study.paired_tables import (
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.figures.palette import estimator_label
+from lis_grasp_studies.report_page import TextTable
+from lis_grasp_studies.study import Study, StudyResults, load_study
+from lis_grasp_studies.study.comparison import compare_held, kind_of, names, pairs_of
+from lis_grasp_studies.study.paired_tables import (
     Pairs,
     beside,
     by_object_table,
@@ -26,8 +28,8 @@ from lis_grasp.experiments.study.paired_tables import (
     object_losses_table,
     units_table,
 )
-from lis_grasp.experiments.study.study_figures import draw_pictures
-from lis_grasp.experiments.study.study_tables import (
+from lis_grasp_studies.study.study_figures import draw_pictures
+from lis_grasp_studies.study.study_tables import (
     MEASURE_LABELS,
     calibration_table,
     difference_text,
@@ -38,10 +40,8 @@ from lis_grasp.experiments.study.study_tables import (
     reasons_table,
     summary_table,
 )
-from lis_grasp.experiments.study.study_trial import TIMES
-from lis_grasp.experiments.study.trial import label
-from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.study.study_trial import TIMES
+from lis_grasp_studies.study.trial import label
 
 _HERE = Path(__file__).parent
 _DOCS = _HERE.parent.parent

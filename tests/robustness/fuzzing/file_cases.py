@@ -18,12 +18,12 @@ from fuzzing.hand_cases import check_loaded, write_hand
 from fuzzing.mesh_cases import check_shape
 from fuzzing.mutations import damage_bytes, damage_plain
 from lis_grasp import Contacts, shapes
-from lis_grasp.experiments.study.study import Study, load_study
 from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface, save_surface
 from lis_grasp.motion import Motion
+from lis_grasp_studies.study.study import Study, load_study
 
 Generator = np.random.Generator
 
@@ -264,8 +264,8 @@ def _rows_reader() -> dict[str, Any]:
         import pyarrow  # noqa: F401
     except ModuleNotFoundError:
         return {}
-    from lis_grasp.experiments.study.study_results import StudyResults
-    from lis_grasp.experiments.study.study_trial import COLUMNS
+    from lis_grasp_studies.study.study_results import StudyResults
+    from lis_grasp_studies.study.study_trial import COLUMNS
 
     @cache
     def content() -> bytes:

@@ -13,9 +13,9 @@ import yaml
 from fuzzing.cases import Case, Kind, require
 from fuzzing.claw import SDF, YAML
 from fuzzing.mutations import damage_bytes, damage_plain, damage_xml
-from lis_grasp.hands.hand import Hand
-from lis_grasp.hands.hand_check import check_hand
-from lis_grasp.hands.shipped_models import model_path
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.shipped_models import model_path
 
 Generator = np.random.Generator
 

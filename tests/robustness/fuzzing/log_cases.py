@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from fuzzing.cases import Case, Kind, require
 from fuzzing.mutations import damage_bytes
-from lis_grasp.exploration import Finger, LogFrames, TouchDetection, contacts_from_log, open_log
+from lis_grasp.logs import Finger, LogFrames, TouchDetection, contacts_from_log, open_log
 from lis_grasp.surfaces import load_contacts
 
 Generator = np.random.Generator

@@ -1,1 +1,0 @@
-"""Robot hands: description files (YAML, URDF, SDF), kinematics, collision, and checks; no Drake."""

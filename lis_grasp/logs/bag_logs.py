@@ -1,0 +1,171 @@
+"""ROS 1 bags, ROS 2 bags and MCAP files, read by the pure-Python package `rosbags`."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.optional_packages import needed_package
+from lis_grasp.logs.log_streams import Content, TimedForces, Topic
+from lis_grasp.logs.timed_poses import FrameTree, TimedPoses
+from lis_grasp.typing import FloatArray
+
+# Message types by what they contain, without package folders: geometry_msgs/msg/Wrench.
+_CONTENT: dict[str, Content] = {
+    "geometry_msgs/Wrench": "force",
+    "geometry_msgs/WrenchStamped": "force",
+    "geometry_msgs/Vector3Stamped": "force",
+    "std_msgs/Float32": "force",
+    "std_msgs/Float64": "force",
+    "geometry_msgs/Pose": "pose",
+    "geometry_msgs/PoseStamped": "pose",
+    "geometry_msgs/PoseWithCovarianceStamped": "pose",
+    "geometry_msgs/Transform": "pose",
+    "geometry_msgs/TransformStamped": "pose",
+    "nav_msgs/Odometry": "pose",
+    "tf/tfMessage": "transforms",
+    "tf2_msgs/TFMessage": "transforms",
+}
+
+
+class BagLog:
+    """Forces and poses of a bag. Times are those of the headers, or else of the recording."""
+
+    def __init__(self, path: Path) -> None:
+        """Open a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag.
+
+        Raises
+        ------
+        InvalidInputError
+            If the package `rosbags` is not installed.
+        InvalidFileError
+            If the file is missing, damaged, or not of its format.
+        """
+        self._path = path
+        self._frames: FrameTree | None = None
+        with self._reader() as reader:
+            counts: dict[tuple[str, str], int] = defaultdict(int)
+            for connection in reader.connections:
+                counts[connection.topic, _short(connection.msgtype)] += connection.msgcount
+        self.topics = tuple(
+            Topic(name, kind, count, _CONTENT.get(kind, "other"))
+            for (name, kind), count in sorted(counts.items())
+        )
+
+    def forces(self, topic: str) -> TimedForces:
+        """Return the forces of a topic (Wrench, Vector3 or Float), in time order."""
+        times, rows, frame = [], [], ""
+        for time, message in self._messages(topic, "force"):
+            value = getattr(message, "wrench", message)
+            value = getattr(value, "force", getattr(value, "vector", value))
+            rows.append([value.data] if hasattr(value, "data") else _xyz(value))
+            times.append(time)
+            frame = _frame(message) or frame
+        if len({len(row) for row in rows}) > 1:
+            message = f"{self._path}: the topic {topic} has forces with and without directions"
+            raise InvalidFileError(message, path=self._path)
+        order = np.argsort(times, kind="stable")
+        forces = np.array(rows, np.float64).reshape(len(rows), len(rows[0]) if rows else 1)
+        return TimedForces(np.array(times)[order], forces[order], frame)
+
+    def poses(self, topic: str) -> TimedPoses:
+        """Return the poses of a topic (Pose, Transform or Odometry)."""
+        times, rows, parent, child = [], [], "", ""
+        for time, message in self._messages(topic, "pose"):
+            times.append(time)
+            rows.append(_pose(message))
+            parent, child = _frame(message) or parent, getattr(message, "child_frame_id", child)
+        return TimedPoses.collect(
+            np.array(times), np.array(rows).reshape(-1, 7), parent=parent, child=child
+        )
+
+    def frames(self) -> FrameTree:
+        """Return the transforms of all topics of transforms (/tf, /tf_static), read once."""
+        if self._frames is None:
+            self._frames = self._read_frames()
+        return self._frames
+
+    def _read_frames(self) -> FrameTree:
+        samples: dict[tuple[str, str], list[list[float]]] = defaultdict(list)
+        for topic in self.topics:
+            if topic.content == "transforms":
+                for time, message in self._messages(topic.name, "transforms"):
+                    for each in message.transforms:
+                        pair = _frame(each), each.child_frame_id.lstrip("/")
+                        sample = [_stamp(each) or time, *_pose(each)]
+                        if topic.name.endswith("tf_static"):  # the last one is valid at all times
+                            samples[pair] = [sample]
+                        else:
+                            samples[pair].append(sample)
+        tables = {pair: np.array(rows, np.float64) for pair, rows in samples.items()}
+        return FrameTree(
+            {
+                pair: TimedPoses.collect(table[:, 0], table[:, 1:], parent=pair[0], child=pair[1])
+                for pair, table in tables.items()
+            }
+        )
+
+    def _messages(self, topic: str, content: Content) -> Iterator[tuple[float, Any]]:
+        """Yield the time [s] and message of each message of a topic."""
+        with self._reader() as reader:
+            chosen = [
+                each
+                for each in reader.connections
+                if each.topic == topic and _CONTENT.get(_short(each.msgtype)) == content
+            ]
+            try:
+                for connection, nanoseconds, raw in reader.messages(chosen):
+                    message = reader.deserialize(raw, connection.msgtype)
+                    yield _stamp(message) or 1e-9 * nanoseconds, message
+            except Exception as error:  # noqa: BLE001 - a damaged bag raises anything
+                raise self._damaged(error) from None
+
+    def _reader(self) -> Any:
+        with needed_package("rosbags", "ros", option=str(self._path)):
+            from rosbags.highlevel import AnyReader
+            from rosbags.typesys import Stores, get_typestore
+        try:
+            store = get_typestore(Stores.ROS2_HUMBLE)
+            reader = AnyReader([self._path], default_typestore=store)
+            reader.open()
+        except Exception as error:  # noqa: BLE001 - a damaged bag raises anything
+            raise self._damaged(error) from None
+        return closing(reader)
+
+    def _damaged(self, error: Exception) -> InvalidFileError:
+        message = f"{self._path} cannot be read as a ROS bag or MCAP file of ROS messages ({error})"
+        return InvalidFileError(message, path=self._path)
+
+
+def _short(kind: str) -> str:
+    return kind.replace("/msg/", "/")
+
+
+def _frame(message: Any) -> str:
+    header = getattr(message, "header", None)
+    return "" if header is None else str(header.frame_id).lstrip("/")
+
+
+def _stamp(message: Any) -> float:
+    """Return the header's time [s], or 0 where it is not set."""
+    header = getattr(message, "header", None)
+    return 0.0 if header is None else header.stamp.sec + 1e-9 * header.stamp.nanosec
+
+
+def _pose(message: Any) -> FloatArray:
+    """Return x y z qx qy qz qw of any message with a pose."""
+    for name in ("pose", "pose", "transform"):  # Odometry has pose.pose
+        message = getattr(message, name, message)
+    point = message.position if hasattr(message, "position") else message.translation
+    turn = message.orientation if hasattr(message, "orientation") else message.rotation
+    return np.array([*_xyz(point), turn.x, turn.y, turn.z, turn.w], dtype=np.float64)
+
+
+def _xyz(vector: Any) -> list[float]:
+    return [vector.x, vector.y, vector.z]

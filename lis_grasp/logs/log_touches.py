@@ -1,0 +1,250 @@
+"""Touches in a robot's log: forces, tip and object brought to the same times and frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, require_at_least
+from lis_grasp.logs.log_streams import Content, TimedForces
+from lis_grasp.logs.robot_logs import RobotLog
+from lis_grasp.logs.timed_poses import FrameTree, inverse_poses
+from lis_grasp.logs.touch_detection import (
+    TouchDetection,
+    Touches,
+    contacts_of_touches,
+    detect_touches,
+)
+from lis_grasp.typing import FloatArray
+
+_LARGEST_FORCE = 1e9  # [N]
+
+
+@dataclass(frozen=True, slots=True)
+class Finger:
+    """A finger of the log.
+
+    Parameters
+    ----------
+    force
+        Topic of its force; None takes the only one of the log.
+    tip
+        Topic or frame of its tip's pose; None takes the only topic of poses but the object's.
+    name
+        For the contacts.
+    """
+
+    force: str | None = None
+    tip: str | None = None
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogFrames:
+    """Frames of a log, and the object's.
+
+    Parameters
+    ----------
+    object_pose
+        Topic or frame of the object's pose; None if the object is fixed.
+    object_frame
+        Fixed pose of O in the frame of the tips' poses, (4, 4); None is the identity.
+    tip_frame
+        Name of the frame of the tips' poses where the log does not say; also the base frame of tips
+        that are frames themselves.
+    tip_offset
+        Centre of the tip in the frame of its pose, (3,) [m].
+    tare
+        Seconds at the start whose mean force is subtracted: the sensor's offset.
+    smoothing
+        Length [s] of a centred moving mean of the forces; 0 for none.
+    """
+
+    object_pose: str | None = None
+    object_frame: FloatArray | None = None
+    tip_frame: str = ""
+    tip_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tare: float = 0.0
+    smoothing: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_at_least(0.0, tare=self.tare, smoothing=self.smoothing)
+        if self.object_pose is not None and self.object_frame is not None:
+            raise InvalidOptionError(
+                "the object's pose is either a topic or fixed; both are given: give one"
+            )
+
+
+def contacts_from_log(
+    log: RobotLog,
+    fingers: list[Finger],
+    frames: LogFrames,
+    detection: TouchDetection,
+) -> tuple[Contacts, list[Touches]]:
+    """Detect the touches in a log; return the contacts in the object frame O, and the touches.
+
+    Poses are interpolated at the times of the forces. A force whose frame the log does not know is
+    taken to turn with the tip.
+
+    Raises
+    ------
+    InvalidInputError
+        If a topic is missing, ambiguous or unrelated to the others, or there is no touch.
+    """
+    touches = [_touches(log, finger, frames, detection) for finger in fingers]
+    if not any(len(each.times) for each in touches):
+        unposed = sum(each.unposed for each in touches)
+        raise InvalidInputError(
+            f"all {unposed} touches are at times without a pose of tip and object: check that the"
+            " topics overlap in time"
+            if unposed
+            else f"no force rises from below {detection.release * detection.threshold:g} N to"
+            f" {detection.threshold:g} N: lower the threshold, or subtract the sensor's offset"
+            " with --tare"
+        )
+    return contacts_of_touches(touches, detection), touches
+
+
+def choose_topic(log: RobotLog, content: Content, given: str | None, option: str, *but: str) -> str:
+    """Return the topic that is given, or the only one of the content (`but` others).
+
+    Raises
+    ------
+    InvalidInputError
+        If it is not there, or there is not exactly one.
+    """
+    names = [topic.name for topic in log.topics if topic.content == content]
+    known = ", ".join(names) or "none"
+    if given is not None:
+        if given not in names:
+            raise InvalidInputError(
+                f"{option} must be a topic of content '{content}'; '{given}' is not: the log has"
+                f" {known}"
+            )
+        return given
+    others = [name for name in names if name not in but]
+    if len(others) != 1:
+        raise InvalidInputError(
+            f"the log has {len(others) or 'no'} topics of content '{content}' to choose from"
+            f" ({known}): choose one with {option}"
+        )
+    return others[0]
+
+
+def _touches(
+    log: RobotLog, finger: Finger, frames: LogFrames, detection: TouchDetection
+) -> Touches:
+    measured = log.forces(choose_topic(log, "force", finger.force, "--force"))
+    valid = np.all(np.abs(measured.forces) < _LARGEST_FORCE, axis=1)  # False for NaN
+    valid &= np.isfinite(measured.times)
+    if not valid.any():
+        raise InvalidInputError("the topic of the force has no messages: choose another")
+    measured = replace(measured, times=measured.times[valid], forces=measured.forces[valid])
+    times = measured.times
+    base, X_PT, tip = _pose_of(log, finger.tip, frames, times, "--tip")
+    if frames.object_pose is None:
+        fixed = np.eye(4) if frames.object_frame is None else frames.object_frame
+        X_PO = np.tile(fixed, (len(times), 1, 1))
+    else:
+        other, X_BO, _ = _pose_of(log, frames.object_pose, None, times, "--object-pose", near=base)
+        X_PO = _related(log, base, other, times) @ X_BO
+    X_OP = inverse_poses(X_PO)
+    X_OT = X_OP @ X_PT
+    R_OF = _force_frame(measured, log, base, tip, X_OP, X_OT)
+    forces = _conditioned(measured, frames)
+    known = np.isfinite(R_OF[:, 0, 0])
+    if forces.shape[1] == 3:
+        # A rotation that is unknown must not hide a touch.
+        forces[known] = np.einsum("tij,tj->ti", R_OF[known], forces[known])
+    tips = X_OT[:, :3, 3] + X_OT[:, :3, :3] @ np.asarray(frames.tip_offset, dtype=np.float64)
+    return detect_touches(times, forces, tips, detection, finger=finger.name, directed=known)
+
+
+def _pose_of(
+    log: RobotLog,
+    given: str | None,
+    frames: LogFrames | None,
+    times: FloatArray,
+    option: str,
+    near: str = "",
+) -> tuple[str, FloatArray, str]:
+    """Return the base frame, the poses (T, 4, 4) in it, and the frame of a topic or frame.
+
+    `near` is the base of a frame in the log's transforms, if it is one of them.
+    """
+    frame = None if given is None else given.lstrip("/")
+    named = frames.tip_frame if frames is not None else ""
+    topics = {topic.name for topic in log.topics if topic.content == "pose"}
+    if given is not None and given not in topics:
+        tree = log.frames()
+        if frame in tree.frames:
+            base = named or (near if near in tree.frames else _root(tree))
+            return base, tree.pose(base, frame, times), frame
+        raise InvalidInputError(
+            f"{option} must be a topic of poses or a frame; '{given}' is not: the log has the"
+            f" topics {', '.join(sorted(topics)) or 'none'} and the frames"
+            f" {', '.join(tree.frames) or 'none'}"
+        )
+    but = frames.object_pose if frames is not None and frames.object_pose else ""
+    poses = log.poses(choose_topic(log, "pose", given, option, but))
+    return named or poses.parent, poses.at(times), poses.child
+
+
+def _root(tree: FrameTree) -> str:
+    children = {child for _, child in tree.transforms}
+    roots = sorted({parent for parent, _ in tree.transforms} - children)
+    if len(roots) != 1:
+        raise InvalidInputError(
+            f"the log's transforms have {len(roots)} root frames ({', '.join(roots)}): name the"
+            " base frame with --tip-frame"
+        )
+    return roots[0]
+
+
+def _related(log: RobotLog, base: str, other: str, times: FloatArray) -> FloatArray:
+    """Return poses of the object's base frame in the tip's, (T, 4, 4)."""
+    if base == other:
+        return np.tile(np.eye(4), (len(times), 1, 1))
+    tree = log.frames()
+    if not tree.transforms and "" in (base, other):
+        return np.tile(np.eye(4), (len(times), 1, 1))
+    if not base:
+        raise InvalidInputError(
+            f"the tip's poses have no frame, the object's are in '{other}': name the tips' frame"
+            f" with --tip-frame, one of {', '.join(tree.frames)}"
+        )
+    return tree.pose(base, other, times)
+
+
+def _force_frame(
+    measured: TimedForces,
+    log: RobotLog,
+    base: str,
+    tip: str,
+    X_OP: FloatArray,
+    X_OT: FloatArray,
+) -> FloatArray:
+    """Return rotations of the force's frame in O, (T, 3, 3)."""
+    if measured.frame and measured.frame == base:
+        return X_OP[:, :3, :3]
+    if measured.frame not in ("", tip):
+        tree = log.frames()
+        if {measured.frame, base} <= set(tree.frames):
+            return (X_OP @ tree.pose(base, measured.frame, measured.times))[:, :3, :3]
+    return X_OT[:, :3, :3]
+
+
+def _conditioned(measured: TimedForces, frames: LogFrames) -> FloatArray:
+    """Return the forces without their offset, smoothed."""
+    forces = measured.forces.copy()
+    if frames.tare > 0.0:
+        first = measured.times <= measured.times[0] + frames.tare
+        forces -= forces[first].mean(axis=0)
+    step = float(np.median(np.diff(measured.times))) if len(forces) > 1 else 0.0
+    if frames.smoothing > step > 0.0:
+        count = round(frames.smoothing / step)
+        forces = uniform_filter1d(forces, count, axis=0, mode="nearest")
+    return forces

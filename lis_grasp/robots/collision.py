@@ -1,0 +1,270 @@
+"""Collision checks of a hand with an object's mesh, its support, and itself (python-fcl)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import fcl
+import numpy as np
+import trimesh
+from trimesh.collision import mesh_to_BVH
+
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import LinkGeometry
+from lis_grasp.shapes.winding_number import InsideTest
+from lis_grasp.typing import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestLink:
+    """The link of a hand that is nearest to an object."""
+
+    link: str
+    distance: float  # between both [m], 0 or less where they touch
+    point: FloatArray  # (3,) [m], in O: the object's nearest point
+    face: int  # triangle of the object's mesh that the point is on
+
+
+class HandCollisionChecker:
+    """Checks a hand's links for collisions, and finds the link nearest to the object.
+
+    Bodies are built once and moved. A triangle mesh is a shell to FCL, so a body wholly inside the
+    object is found by the winding number of one of its points.
+
+    Parameters
+    ----------
+    hand
+        The hand.
+    mesh
+        Closed triangle mesh of the object in O [m].
+    support_height
+        Height of the supporting plane in O [m]; None without one.
+    clearance
+        Least distance of the hand from the support [m].
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        support_height: float | None = None,
+        clearance: float = 0.002,
+    ) -> None:
+        self._hand = hand
+        self._mesh, self._inside = mesh, InsideTest(mesh)
+        self._floor = None if support_height is None else support_height + clearance
+        self._model = mesh_to_BVH(mesh)
+        self._object = fcl.CollisionObject(self._model, fcl.Transform())
+        shapes = [fcl_shape(geometry) for geometry in hand.link_geometries]
+        self._bodies = [fcl.CollisionObject(shape, fcl.Transform()) for shape in shapes]
+        self._outlines = [outline(g) for g in hand.link_geometries]
+        self._points = np.array([_point_of(g) for g in hand.link_geometries])  # (G, 3)
+        self._manager = fcl.DynamicAABBTreeCollisionManager()
+        self._manager.registerObjects(self._bodies)
+        self._manager.setup()
+        self._inner = fcl.DynamicAABBTreeCollisionManager()
+        self._inner.registerObjects(
+            [
+                body
+                for body, geometry in zip(self._bodies, hand.link_geometries, strict=True)
+                if geometry.link not in hand.fingertip_links
+            ]
+        )
+        self._inner.setup()
+        # A contact names the two shapes that meet, by identity.
+        self._shapes = shapes
+        self._index = {id(shape): i for i, shape in enumerate(shapes)}
+        self._pads = hand.pad_links
+
+    def first_collision(
+        self, X_OH: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
+    ) -> str | None:
+        """Return the first collision: ``"support"``, ``"object"``, ``"self"`` or None.
+
+        `X_OH` is the pose of the palm in O, shape (4, 4), or poses along a path, (W, 4, 4); `q` are
+        the joint positions, (J,). With `pads_may_touch` the links that carry pads may touch the
+        object (not the support).
+        """
+        path = X_OH.reshape(1, -1, 4, 4)
+        return self.first_collisions(path, q[None], pads_may_touch=pads_may_touch)[0]
+
+    def first_collisions(
+        self, paths: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
+    ) -> list[str | None]:
+        """Return `first_collision` on each of N paths (N, W, 4, 4) at joint positions (N, J)."""
+        poses = self.poses_in_hand(q)  # (N, G, 4, 4)
+        heights = self.lowest(paths[:, :, None] @ poses[:, None])  # (N, W)
+        return [
+            self._first_collision(*each, pads_may_touch=pads_may_touch)
+            for each in zip(paths, heights, poses, strict=True)
+        ]
+
+    def touches_object(self, X_OH: FloatArray, q: FloatArray) -> bool:
+        """Return whether any link touches the object or is inside it."""
+        return bool(self.touch_object(X_OH[None], q[None])[0])
+
+    def touch_object(self, X_OH: FloatArray, q: FloatArray) -> BoolArray:
+        """Return `touches_object` of N postures, (N, 4, 4) and (N, J)."""
+        each = zip(X_OH, self.poses_in_hand(q), strict=True)
+        touching = [
+            self._touches_object(X, self._pose(poses), pads_may_touch=False) for X, poses in each
+        ]
+        return np.array(touching, dtype=bool)
+
+    def clearances(self, X_OH: FloatArray, q: FloatArray) -> FloatArray:
+        """Return how far links other than fingertips are off the object's surface [m], or 0.
+
+        Shape (N,), of N postures: (N, 4, 4) and (N, J).
+        """
+        poses = X_OH[:, None] @ self.poses_in_hand(q)  # (N, G, 4, 4)
+        return np.array([self._clearance(posture) for posture in poses])
+
+    def poses_in_hand(self, q: FloatArray) -> FloatArray:
+        """Return the poses X_HG (..., G, 4, 4) of all bodies at joint positions q, (..., J)."""
+        links = self._hand.forward_kinematics(np.eye(4), q)
+        return np.stack([links[g.link] @ g.X_LG for g in self._hand.link_geometries], axis=-3)
+
+    def place(self, X_OH: FloatArray, poses: FloatArray) -> bool:
+        """Place the hand for `nearest`, and return whether it meets the object's surface.
+
+        A hand wholly inside the object does not meet its surface. `poses` (G, 4, 4) are those of
+        `poses_in_hand`; `X_OH` (4, 4) is the pose of the palm in O.
+        """
+        self._pose(X_OH @ poses)
+        return self._meets_surface(pads_may_touch=False)
+
+    def nearest(self, moved: FloatArray) -> NearestLink:
+        """Return the link nearest to the object after moving the placed hand by (3,) [m] in O."""
+        self._object.setTranslation(-moved)  # equivalent, with one body to move
+        try:
+            data = fcl.DistanceData(request=fcl.DistanceRequest(enable_nearest_points=True))
+            self._manager.distance(self._object, data, fcl.defaultDistanceCallback)
+        finally:
+            self._object.setTranslation(np.zeros(3))
+        result = data.result
+        first = result.o1 is self._model
+        body = self._index[id(result.o2 if first else result.o1)]
+        face = int(result.b1 if first else result.b2)
+        if self._hand.link_geometries[body].kind == "sphere":
+            # FCL gives the nearest points of spheres in other frames.
+            near = self._bodies[body].getTranslation()
+        else:
+            near = np.asarray(result.nearest_points[0 if first else 1])
+        triangle = self._mesh.triangles[face][None]
+        point = trimesh.triangles.closest_point(triangle, (near + moved)[None])[0]
+        link = self._hand.link_geometries[body].link
+        return NearestLink(link, float(result.min_distance), point, face)
+
+    def _pose(self, poses: FloatArray) -> FloatArray:
+        for body, X_OG in zip(self._bodies, poses, strict=True):
+            body.setTransform(fcl.Transform(X_OG[:3, :3], X_OG[:3, 3]))
+        self._manager.update()
+        return poses
+
+    def lowest(self, poses: FloatArray) -> FloatArray:
+        """Return the height of the hand's lowest point [m], bodies at poses X_OG (..., G, 4, 4)."""
+        heights = [
+            (X[..., 2, :3] @ points.T).min(axis=-1) + X[..., 2, 3] - thickness
+            for (points, thickness), X in zip(
+                self._outlines, np.moveaxis(poses, -3, 0), strict=True
+            )
+        ]
+        return np.asarray(np.min(heights, axis=0))
+
+    def _first_collision(
+        self, path: FloatArray, heights: FloatArray, in_hand: FloatArray, *, pads_may_touch: bool
+    ) -> str | None:
+        self._pose(in_hand)
+        for w, (X, height) in enumerate(zip(path, heights, strict=True)):
+            if self._floor is not None and height < self._floor:
+                return "support"
+            if self._touches_object(X, in_hand, pads_may_touch=pads_may_touch):
+                return "object"
+            if w == 0 and self._self_collisions():
+                return "self"
+        return None
+
+    def _clearance(self, poses: FloatArray) -> float:
+        self._pose(poses)
+        self._inner.update()
+        data = fcl.DistanceData()
+        self._inner.distance(self._object, data, fcl.defaultDistanceCallback)
+        return max(float(data.result.min_distance), 0.0)
+
+    def _touches_object(
+        self, X_OH: FloatArray, in_hand: FloatArray, *, pads_may_touch: bool
+    ) -> bool:
+        """Return whether the hand at a pose touches the object; its bodies are posed in H."""
+        X_HO = np.linalg.inv(X_OH)  # one body to move, instead of all links
+        self._object.setTransform(fcl.Transform(X_HO[:3, :3], X_HO[:3, 3]))
+        try:
+            if self._meets_surface(pads_may_touch=pads_may_touch):
+                return True
+        finally:
+            self._object.setTransform(fcl.Transform())
+        inside = (in_hand[:, :3, :3] @ self._points[..., None])[..., 0] + in_hand[:, :3, 3]
+        return self._inside.any_inside(inside @ X_OH[:3, :3].T + X_OH[:3, 3])
+
+    def _meets_surface(self, *, pads_may_touch: bool) -> bool:
+        data = fcl.CollisionData()
+        self._manager.collide(self._object, data, fcl.defaultCollisionCallback)
+        if not data.result.is_collision or not pads_may_touch:
+            return bool(data.result.is_collision)
+        return any(
+            fcl.collide(body, self._object, fcl.CollisionRequest(), fcl.CollisionResult())
+            for body, geometry in zip(self._bodies, self._hand.link_geometries, strict=True)
+            if geometry.link not in self._pads
+        )
+
+    def self_collisions(self, q: FloatArray) -> set[tuple[str, str]]:
+        """Return the pairs of links that collide at joint positions q, (J,), each pair sorted.
+
+        Pairs that may touch (`Hand.self_collision_exclusions`) are left out.
+        """
+        self._pose(self.poses_in_hand(q))
+        return self._self_collisions()
+
+    def _self_collisions(self) -> set[tuple[str, str]]:
+        data = fcl.CollisionData(
+            request=fcl.CollisionRequest(num_max_contacts=100_000, enable_contact=True)
+        )
+        self._manager.collide(data, fcl.defaultCollisionCallback)
+        geometries, pairs = self._hand.link_geometries, set()
+        for contact in data.result.contacts:
+            first = geometries[self._index[id(contact.o1)]].link
+            second = geometries[self._index[id(contact.o2)]].link
+            if first != second:
+                pairs.add((min(first, second), max(first, second)))
+        return pairs - self._hand.self_collision_exclusions
+
+
+def checker_of(hand: Hand) -> HandCollisionChecker:
+    """Return a checker for collisions of a hand with itself alone."""
+    far_away = trimesh.creation.box(extents=[1e-3] * 3)
+    far_away.apply_translation([0.0, 0.0, 1e3])
+    return HandCollisionChecker(hand, far_away)
+
+
+def _point_of(geometry: LinkGeometry) -> FloatArray:
+    """Return a point of a link's body, shape (3,), in the body's frame."""
+    if geometry.kind == "mesh":
+        return np.asarray(geometry.mesh.vertices[0])
+    return np.zeros(3)
+
+
+def fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
+    """Return FCL's shape of a link's body."""
+    if geometry.kind == "mesh":
+        return mesh_to_BVH(geometry.mesh)
+    return getattr(fcl, geometry.kind.capitalize())(*geometry.dimensions)
+
+
+def outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
+    """Return points and a radius: balls of that radius about the points cover the body's hull."""
+    if geometry.kind == "sphere":
+        return np.zeros((1, 3)), geometry.dimensions[0]
+    if geometry.kind == "capsule":
+        radius, length = geometry.dimensions
+        return np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]]), radius
+    return np.asarray(geometry.mesh.vertices), 0.0

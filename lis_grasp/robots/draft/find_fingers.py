@@ -1,0 +1,207 @@
+"""Fingers of a robot description: rigid groups of links, leaf groups, and the joints to them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.robots.draft.hand_points import points_of_bodies
+from lis_grasp.robots.hand_parts import Joint, joints_to
+from lis_grasp.robots.link_tree import HandModel, link_kinematics
+from lis_grasp.typing import FloatArray
+
+MOST_FINGERS = 6
+# Of leaf links that one motor moves, those that reach less far than this fraction of the farthest
+# are parts of a linkage.
+_LINKAGE = 0.85
+_LEAST_MOTION = 0.006  # of a fingertip's middle over the ranges of its joints [m]
+# What may follow the short name of a finger, as of "thdistal" or "rh_ff3"; not "three".
+_PHALANX = "[^a-z]|$|tip|distal|middle|proximal|link|joint"
+_MARK = 0.004  # size of a body up to which it marks a place, and is no fingertip [m]
+_STEPS = 9  # positions of a joint at which that is measured
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FingerBody:
+    """One body of a fingertip's rigid group."""
+
+    link: str
+    X_LB: FloatArray  # (4, 4): pose of its link in the frame of the finger's link
+    points_L: FloatArray  # (N, 3) [m], in the frame of the finger's link
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finger:
+    """A chain of joints from the palm to a fingertip."""
+
+    name: str
+    link: str  # the link of the tip whose body, if not a mark, reaches farthest
+    bodies: tuple[FingerBody, ...]  # of the tip's rigid group
+    joint: Joint  # the last one that moves the tip
+    origin_L: FloatArray  # (3,) [m]: of that joint, in the link frame
+    axis_L: FloatArray  # (3,), unit: its axis
+    motors: tuple[int, ...]  # the actuated joints that move the tip, from the palm outwards
+
+    @property
+    def points_L(self) -> FloatArray:
+        """Points (N, 3) [m] of all its bodies, in the frame of `link`."""
+        return np.vstack([body.points_L for body in self.bodies])
+
+
+def find_fingers(model: HandModel, tips: Sequence[str] = ()) -> tuple[Finger, ...]:
+    """Return the fingers of a hand: one for each of the named tip links, else for each leaf.
+
+    A leaf is a rigid group of links with bodies that moves and carries no other such group. Raises
+    `InvalidHandError` if there are fewer than two, or more than a hand has.
+    """
+    groups = rigid_groups(model)
+    for tip in tips:
+        if tip not in groups:
+            raise InvalidHandError(f"a fingertip must be a link; there is no link '{tip}'")
+    leaves = [groups[tip] for tip in tips] if tips else leaf_groups(model)
+    fingers = [_finger(model, groups, leaf) for leaf in leaves]
+    if not tips:
+        fingers = _without_linkages(model, _without_knobs(model, fingers))
+    if not fingers:
+        moving = ", ".join(joint.child for joint in model.joints if joint.kind != "fixed")
+        raise InvalidHandError(
+            f"fingers must have collision bodies or visual meshes; what moves ({moving}) has no"
+            " bodies"
+        )
+    if len(fingers) == 1 and not tips:
+        raise InvalidHandError(
+            f"a hand must have 2 to {MOST_FINGERS} fingers that move; only {fingers[0].link} moves,"
+            " and a finger against a fixed jaw is not supported"
+        )
+    if not 2 <= len(fingers) <= MOST_FINGERS:
+        found = ", ".join(finger.link for finger in fingers)
+        raise InvalidHandError(
+            f"a hand must have 2 to {MOST_FINGERS} fingers; the movable leaf links are {found}:"
+            " name the link where the hand begins with --base, or the fingertips' links with --tips"
+        )
+    return tuple(_renamed(fingers))
+
+
+def rigid_groups(model: HandModel) -> dict[str, str]:
+    """Return by link the first link of those that are fixed to each other with it."""
+    groups = {model.links[0]: model.links[0]}
+    for joint in model.joints:  # parents come before their children
+        groups[joint.child] = groups[joint.parent] if joint.kind == "fixed" else joint.child
+    return groups
+
+
+def shared_joints(model: HandModel, fingers: Sequence[Finger]) -> list[Joint]:
+    """Return the movable joints before all fingers, as of a wrist or an arm, the first first."""
+    chains = [[j.name for j in joints_to(model.joints, f.link) if j.index >= 0] for f in fingers]
+    common = set(chains[0]).intersection(*chains[1:])
+    return [joint for joint in model.joints if joint.name in common]
+
+
+def leaf_groups(model: HandModel) -> list[str]:
+    """Return the first links of the rigid groups with bodies that move and carry no other such."""
+    groups = rigid_groups(model)
+    solid = {groups[body.link] for body in model.link_geometries} - {groups[model.links[0]]}
+    carriers = {
+        groups[joint.parent]
+        for leaf in solid
+        for joint in joints_to(model.joints, leaf)
+        if joint.kind != "fixed"
+    }
+    return [link for link in model.links if link in solid - carriers]
+
+
+def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
+    members = [link for link in model.links if groups[link] == leaf]
+    X_GL = {leaf: np.eye(4)}  # poses of the group's links in the first one
+    for joint in model.joints:
+        if joint.child in members and joint.kind == "fixed":
+            X_GL[joint.child] = X_GL[joint.parent] @ joint.X_PJ
+    chain = joints_to(model.joints, leaf)
+    last = chain[-1]
+    parts = [
+        (body.link, points_of_bodies([body])) for body in model.link_geometries if body.link in X_GL
+    ]
+    if not parts:
+        raise InvalidHandError(f"the fingertip '{leaf}' must have a body; it has none")
+    large = [np.ptp(p, axis=0).max() > _MARK for _, p in parts]
+    arms = [
+        float(np.linalg.norm(p @ X_GL[k][:3, :3].T + X_GL[k][:3, 3], axis=1).max())
+        * (is_large or not any(large))
+        for (k, p), is_large in zip(parts, large, strict=True)
+    ]
+    link = parts[int(np.argmax(arms))][0]
+    X_LG = np.linalg.inv(X_GL[link])
+    bodies = []
+    for name, p in parts:
+        X_LB = X_LG @ X_GL[name]
+        bodies.append(FingerBody(name, X_LB, p @ X_LB[:3, :3].T + X_LB[:3, 3]))
+    motors = tuple(dict.fromkeys(joint.index for joint in chain if joint.index >= 0))
+    return Finger(
+        name=link,
+        link=link,
+        bodies=tuple(bodies),
+        joint=last,
+        origin_L=np.array(X_LG[:3, 3], np.float64),
+        axis_L=X_LG[:3, :3] @ last.axis_J,
+        motors=motors,
+    )
+
+
+def _without_knobs(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
+    """Leave out what turns in place, as a wheel, a knob or a motor's horn; all stay if all do."""
+    kinematics = link_kinematics(model)
+    shared = {joint.index for joint in shared_joints(model, fingers)} if fingers else set()
+    kept = []
+    for finger in fingers:
+        middle_L = 0.5 * (finger.points_L.min(axis=0) + finger.points_L.max(axis=0))
+        moved = 0.0
+        for motor in set(finger.motors) - shared:
+            q = np.tile(np.clip(0.0, model.lower, model.upper), (_STEPS, 1))
+            q[:, motor] = np.linspace(model.lower[motor], model.upper[motor], _STEPS)
+            X = kinematics.poses(np.broadcast_to(np.eye(4), (_STEPS, 4, 4)), q)[finger.link]
+            moved += float(np.linalg.norm(np.ptp(X[:, :3, :3] @ middle_L + X[:, :3, 3], axis=0)))
+        if moved > _LEAST_MOTION:
+            kept.append(finger)
+    return kept or list(fingers)
+
+
+def _without_linkages(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
+    """Leave out bars of linkages: they move with the same motor as a tip, and reach less far.
+
+    The reach is measured from the first joint that this motor moves.
+    """
+    q = np.clip(np.zeros(len(model.joint_names)), model.lower, model.upper)
+    kinematics = link_kinematics(model)
+    poses = kinematics.poses(np.eye(4), q)
+    reached = {}
+    for f in fingers:
+        first = next(j for j in joints_to(model.joints, f.link) if j.index == f.motors[-1])
+        points = f.points_L @ poses[f.link][:3, :3].T + poses[f.link][:3, 3]
+        arms = np.linalg.norm(points - poses[first.child][:3, 3], axis=1)
+        reached[f.link] = float(arms.max())
+    kept = []
+    for finger in fingers:
+        rivals = [reached[f.link] for f in fingers if f.motors[-1] == finger.motors[-1]]
+        if reached[finger.link] >= _LINKAGE * max(rivals):
+            kept.append(finger)
+    return kept
+
+
+def _renamed(fingers: Sequence[Finger]) -> list[Finger]:
+    """Name fingers as people do where the names of links say so, else by the links."""
+    words = ("thumb", "index", "middle", "ring", "little", "pinky", "left", "right")
+    short = {"th": "thumb", "ff": "index", "mf": "middle", "rf": "ring", "lf": "little"}
+    names = []
+    for finger in fingers:
+        low = finger.link.lower()
+        found = [word for word in words if word in low] or [
+            word for key, word in short.items() if re.match(rf"(.*[^a-z])?{key}({_PHALANX})", low)
+        ]
+        names.append(found[0] if found else finger.link)
+    if len(set(names)) < len(names):
+        names = [finger.link for finger in fingers]
+    return [replace(finger, name=name) for finger, name in zip(fingers, names, strict=True)]

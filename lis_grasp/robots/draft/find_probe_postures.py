@@ -1,0 +1,215 @@
+"""Postures for touching by sampling: one fingertip ahead of the rest of the hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+
+from lis_grasp.records import read_only
+from lis_grasp.robots.collision import HandCollisionChecker
+from lis_grasp.robots.draft.find_fingers import rigid_groups
+from lis_grasp.robots.draft.hand_points import link_points, points_of_bodies
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import ProbePosture, joints_to
+from lis_grasp.robots.link_bodies import fibonacci_directions
+from lis_grasp.typing import FloatArray
+
+_SAMPLES = 300  # postures of each finger
+_DIRECTIONS = 200
+_TRIED = 40  # directions whose posture is checked for collisions
+_LEAST_LEAD, _ENOUGH_LEAD = 0.021, 0.06  # of the tip over all else [m]
+_TIP_RADII = (0.003, 0.008)  # [m]
+_BEHIND = 0.002  # least distance of the finger's other links behind its tip [m]
+_LEVEL = 0.002  # of the foremost points of a tip [m]
+# Directions whose collisions are resolved, steps for each, and postures that are tried in a step.
+_PARTED, _PARTINGS, _CHOICES = 8, 15, 6
+
+
+def find_probe_postures(
+    hand: Hand, checker: HandCollisionChecker, *, rng: np.random.Generator
+) -> dict[str, ProbePosture]:
+    """Return a posture by the name of the leading finger, for each finger that can lead.
+
+    For each direction, a finger takes the sampled posture in which its tip is foremost and the rest
+    of it behind, and every other finger the one in which it is farthest back. Of the directions
+    with the largest lead the first without a collision is chosen. If all have one, fingers that
+    collide take other sampled postures at random, one after the other, until none does (the
+    min-conflicts heuristic; Minton et al., 1992).
+    """
+    search = _Search(hand, rng)
+    found = {}
+    for finger in range(len(hand.pads)):
+        for posture in search.candidates(finger):
+            if not checker.self_collisions(posture.joint_positions):
+                found[hand.pads[finger].finger] = posture
+                break
+        else:
+            parted = search.parted(finger, checker, rng)
+            if parted is not None:
+                found[hand.pads[finger].finger] = parted
+    return found
+
+
+class _Search:
+    """Extents of links along directions, for sampled postures of each finger."""
+
+    def __init__(self, hand: Hand, rng: np.random.Generator) -> None:
+        self._hand = hand
+        self._points = link_points(hand)
+        self._vertices = {
+            link: points_of_bodies([g for g in hand.link_geometries if g.link == link])
+            for link in self._points
+        }
+        self._groups = rigid_groups(hand)
+        self._directions = fibonacci_directions(_DIRECTIONS)
+        self._joints = [list(hand.finger_joints(pad.finger)) for pad in hand.pads]
+        rest = np.clip(0.0, hand.lower, hand.upper)
+        self._samples = []
+        for joints in self._joints:
+            q = np.tile(rest, (_SAMPLES, 1))
+            fractions = rng.uniform(-0.25, 1.25, (_SAMPLES, len(joints))).clip(0.0, 1.0)
+            low, high = hand.lower[joints], hand.upper[joints]
+            q[:, joints] = low + fractions * (high - low)
+            q[0] = rest
+            self._samples.append(q)
+        chains = [{j.name for j in joints_to(hand.joints, pad.link)} for pad in hand.pads]
+        self._owned = [
+            self._moved_by(chain - set().union(*chains[:f], *chains[f + 1 :]))
+            for f, chain in enumerate(chains)
+        ]
+        # Extents (S, D) of each finger's links, by finger and link.
+        self._extents = [
+            self._along(q, owned) for q, owned in zip(self._samples, self._owned, strict=True)
+        ]
+
+    def candidates(self, finger: int) -> Iterator[ProbePosture]:
+        """Yield postures of a finger that leads, the largest lead first."""
+        hand, own = self._hand, self._extents[finger]
+        tips = self._group(hand.pads[finger].link)
+        ahead = np.max([own[link] for link in own if link in tips], axis=0)  # (S, D)
+        behind = [own[link] for link in own if link not in tips]
+        fine = np.all([extent < ahead - _BEHIND for extent in behind] or [ahead == ahead], axis=0)
+        free = {
+            other: sorted(set(self._joints[other]) - set(self._joints[finger]))
+            for other in range(len(hand.pads))
+            if other != finger
+        }
+        folded = {  # row of the sample of each direction, (D,), and its extent
+            other: np.max(list(self._extents[other].values()), axis=0).argmin(axis=0)
+            for other, joints in free.items()
+            if joints
+        }
+        rivals = set(self._points) - tips - self._owned[finger]
+        rivals -= set().union(*(self._owned[other] for other in folded))
+        extents = [*self._along(self._samples[finger], rivals).values()]
+        extents += [
+            np.broadcast_to(self._folded(other, rows, np.arange(_DIRECTIONS)), ahead.shape)
+            for other, rows in folded.items()
+        ]
+        lead = np.where(fine, ahead - np.max(extents, axis=0), -np.inf)  # (S, D)
+        best = lead.argmax(axis=0)
+        largest = lead.max(axis=0)
+        for d in np.argsort(-np.minimum(largest, _ENOUGH_LEAD), kind="stable")[:_TRIED]:
+            if largest[d] < _LEAST_LEAD:
+                return
+            q = self._samples[finger][best[d]].copy()
+            for other, rows in folded.items():
+                q[free[other]] = self._samples[other][rows[d], free[other]]
+            if self._lead(q, self._directions[d], tips) >= _LEAST_LEAD:
+                yield self._posture(finger, q, self._directions[d])
+
+    def parted(
+        self, finger: int, checker: HandCollisionChecker, rng: np.random.Generator
+    ) -> ProbePosture | None:
+        """Return a posture of a finger that leads, found by parting fingers that collide."""
+        tips = self._group(self._hand.pads[finger].link)
+        for posture in islice(self.candidates(finger), _PARTED):
+            q, direction = posture.joint_positions.copy(), posture.direction_H
+            d = int(np.argmax(self._directions @ direction))
+            front = max(e[0, d] for e in self._along(q[None], tips).values())
+            for _ in range(_PARTINGS):
+                colliding = {link for pair in checker.self_collisions(q) for link in pair}
+                if not colliding:
+                    return self._posture(finger, q, direction)
+                others = [
+                    f for f, owned in enumerate(self._owned) if f != finger and owned & colliding
+                ]
+                if not others:
+                    break
+                other = int(rng.choice(others))
+                joints = sorted(set(self._joints[other]) - set(self._joints[finger]))
+                behind = self._folded(other, np.arange(_SAMPLES), d) < front - _LEAST_LEAD
+                tried = [q]
+                for row in rng.permutation(np.flatnonzero(behind))[:_CHOICES]:
+                    tried.append(q.copy())
+                    tried[-1][joints] = self._samples[other][row, joints]
+                q = min(tried, key=lambda each: len(checker.self_collisions(each)))
+        return None
+
+    def _folded(self, finger: int, rows: np.ndarray, directions: np.ndarray | int) -> FloatArray:
+        """Return the extents of a finger in sampled postures along directions [m]."""
+        extent = np.max(list(self._extents[finger].values()), axis=0)
+        return np.asarray(extent[rows, directions])
+
+    def _posture(self, finger: int, q: FloatArray, direction: FloatArray) -> ProbePosture:
+        """Return the posture with the sphere that fits the foremost part of the tip."""
+        hand, pad = self._hand, self._hand.pads[finger]
+        poses = hand.forward_kinematics(np.eye(4), q)
+        placed = {
+            link: self._vertices[link] @ poses[link][:3, :3].T + poses[link][:3, 3]
+            for link in sorted(self._group(pad.link))
+        }
+        foremost = max(placed, key=lambda link: float((placed[link] @ direction).max()))
+        X_HL = poses[foremost]
+        p_L = (np.vstack(list(placed.values())) - X_HL[:3, 3]) @ X_HL[:3, :3]
+        d_L = X_HL[:3, :3].T @ direction
+        heights = p_L @ d_L
+        top = p_L[heights > heights.max() - _LEVEL]
+        middle = 0.5 * (top.min(axis=0) + top.max(axis=0))
+        thickness = 0.5 * float(np.ptp(p_L, axis=0).min())
+        radius = float(np.clip(min(thickness, pad.radius or np.inf), *_TIP_RADII))
+        center = middle + (heights.max() - radius - middle @ d_L) * d_L
+        return ProbePosture(
+            pad.finger,
+            read_only(q),
+            read_only(direction.copy()),
+            foremost,
+            read_only(center),
+            radius,
+        )
+
+    def _lead(self, q: FloatArray, direction: FloatArray, tips: set[str]) -> float:
+        """Return the lead of the tip's links over all others in a posture [m]."""
+        d = int(np.argmax(self._directions @ direction))
+        extents = {k: e[0, d] for k, e in self._along(q[None], set(self._points)).items()}
+        front = max(extents[link] for link in extents if link in tips)
+        return float(front - max(extents[link] for link in extents if link not in tips))
+
+    def _along(self, q: FloatArray, links: set[str]) -> dict[str, FloatArray]:
+        """Return the largest coordinate of links along all directions, (S, D) [m], by link."""
+        poses = self._hand.forward_kinematics(np.eye(4)[None].repeat(len(q), axis=0), q)
+        return {
+            link: np.max(
+                (
+                    self._points[link] @ np.swapaxes(poses[link][:, :3, :3], 1, 2)
+                    + poses[link][:, None, :3, 3]
+                )
+                @ self._directions.T,
+                axis=1,
+            )
+            for link in sorted(links)
+        }
+
+    def _moved_by(self, joints: set[str]) -> set[str]:
+        """Return the links with bodies that any of the joints moves, side links too."""
+        return {
+            link
+            for link in self._points
+            if any(j.name in joints and j.index >= 0 for j in joints_to(self._hand.joints, link))
+        }
+
+    def _group(self, link: str) -> set[str]:
+        """Return the links with bodies that are fixed to a link, and itself."""
+        return {other for other in self._points if self._groups[other] == self._groups[link]}

@@ -1,0 +1,246 @@
+"""Pads of a gripper: flat faces of two fingers, chosen where they are opposite to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from lis_grasp.records import read_only
+from lis_grasp.robots.draft.find_fingers import Finger, FingerBody
+from lis_grasp.robots.draft.hand_points import link_points
+from lis_grasp.robots.hand_parts import Pad
+from lis_grasp.robots.link_tree import HandModel, link_kinematics
+from lis_grasp.typing import FloatArray
+
+# Of the pads [rad]; those of a gripper whose faces turn must be about parallel when they touch.
+_HALF_ANGLE, _TURNING_HALF_ANGLE = 0.3, 0.15
+# A face counts as that of a gripper within these angles: to the other pad, and over itself [rad].
+_FACING, _FLAT = 0.7, 0.1
+_LEVEL = 0.0015  # of a face's corners [m]
+_OBLIQUE = 0.12  # angle to the closing direction at which a face's area counts 1/e [rad]
+_USUAL_GAP, _STEPS = 0.05, 21  # [m] at which faces are chosen, and postures that are tried
+_ALONG_GAP = 0.5  # cosine of the angle from the gap to the motion that closes it
+_OFFSET = 0.03  # by which two opposite faces may be displaced along themselves [m]
+_COVERED = 0.0003  # by which another body may be in front of a face [m]
+_RECESSED = 0.002  # by which a body nearer to the finger's end may be in front of a face [m]
+_TIP_LENGTH = 0.04  # part of a finger, from its end, that counts as its tip [m]
+
+
+def fit_flat_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
+    """Return the pads of a gripper's two fingers.
+
+    The fingers close along the motion of one tip relative to the other. The pad of each is the
+    largest flat face that looks about along it when the gap is usual for an object.
+    """
+    gripper = _Gripper(model, fingers)
+    poses, towards, outwards = gripper.towards()
+    pads = [flat_pad(*each) for each in zip(fingers, towards, outwards, strict=True)]
+    pads = _opposed(pads, poses)
+    half_angle = _TURNING_HALF_ANGLE if gripper.turns(pads) else _HALF_ANGLE
+    return tuple(replace(pad, half_angle=half_angle) for pad in pads)
+
+
+def face_areas(model: HandModel, fingers: Sequence[Finger]) -> FloatArray:
+    """Return the area of the flat face that each of a gripper's fingers closes with, (2,) [m^2].
+
+    An area counts less the more its face is oblique to the closing direction; 0 without a face.
+    """
+    _, towards, outwards = _Gripper(model, fingers).towards()
+    faces = [_largest_face(*each) for each in zip(fingers, towards, outwards, strict=True)]
+    return np.array([0.0 if face is None else face[0] for face in faces])
+
+
+class _Gripper:
+    """Two fingers' motion: their tips, the gap between them, and its direction."""
+
+    def __init__(self, model: HandModel, fingers: Sequence[Finger]) -> None:
+        self._model, self._fingers = model, fingers
+        self._kinematics = link_kinematics(model)
+        poses = self.poses(0.5 * (model.lower + model.upper))
+        p_B = [_placed(f.points_L, poses[f.link]) for f in fingers]
+        palm = link_points(model).get(model.links[0], np.zeros((1, 3)))
+        outward = np.mean([p.mean(axis=0) for p in p_B], axis=0) - palm.mean(axis=0)
+        self._outward_B = outward / max(float(np.linalg.norm(outward)), 1e-9)
+        ends = [p @ self._outward_B for p in p_B]
+        self._tips = [
+            finger.points_L[end > end.max() - _TIP_LENGTH]
+            for finger, end in zip(fingers, ends, strict=True)
+        ]
+
+    def poses(self, q: FloatArray) -> dict[str, FloatArray]:
+        """Return the poses of all links in the base link, for joint positions (..., J)."""
+        return self._kinematics.poses(np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4)), q)
+
+    def towards(self) -> tuple[dict[str, FloatArray], list[FloatArray], list[FloatArray]]:
+        """Return the links' poses at a usual gap; each tip's ways to the other one and outwards.
+
+        The ways are unit vectors (3,) in the frames of the tips' links.
+        """
+        q = self.opened()
+        poses, closing = self.poses(q), self.closing_direction(q)
+        turns = [poses[finger.link][:3, :3].T for finger in self._fingers]
+        towards = [sign * R_LB @ closing for R_LB, sign in zip(turns, (1.0, -1.0), strict=True)]
+        return poses, towards, [R_LB @ self._outward_B for R_LB in turns]
+
+    def gap_vector(self, q: FloatArray) -> FloatArray:
+        """Return the vector (3,) [m] from the first tip's middle to the second's."""
+        first, second = (p.mean(axis=0) for p in self._placed_tips(q))
+        return np.asarray(second - first)
+
+    def opened(self) -> FloatArray:
+        """Return joint positions (J,) in which the gap between the tips is usual for an object.
+
+        The motors move together, each from the end of its range at which the gap is wider.
+        """
+        low, high = self._model.lower, self._model.upper
+        middle = 0.5 * (low + high)
+        wide, narrow = low.copy(), high.copy()
+        for motor in range(len(middle)):
+            at_low, at_high = middle.copy(), middle.copy()
+            at_low[motor], at_high[motor] = low[motor], high[motor]
+            if np.linalg.norm(self.gap_vector(at_high)) > np.linalg.norm(self.gap_vector(at_low)):
+                wide[motor], narrow[motor] = high[motor], low[motor]
+        path = np.linspace(wide, narrow, _STEPS)
+        return np.asarray(path[np.argmin([abs(self._gap(q) - _USUAL_GAP) for q in path])])
+
+    def closing_direction(self, q: FloatArray) -> FloatArray:
+        """Return the unit vector (3,) along which the first tip moves relative to the second.
+
+        It is the sum over the motors, each turned so that the gap closes. If they hardly move
+        relative to each other along the gap, it is the direction of the gap.
+        """
+        gap = self.gap_vector(q)
+        gap /= np.linalg.norm(gap)
+        total = np.zeros(3)
+        for motor in sorted({m for finger in self._fingers for m in finger.motors}):
+            step = np.zeros(len(q))
+            step[motor] = 1e-3 * (self._model.upper[motor] - self._model.lower[motor])
+            change = self.gap_vector(q - step) - self.gap_vector(q + step)
+            total += np.sign(change @ gap) * change / max(float(np.linalg.norm(change)), 1e-12)
+        closing = total / max(float(np.linalg.norm(total)), 1e-12)
+        return np.asarray(closing if closing @ gap > _ALONG_GAP else gap)
+
+    def turns(self, pads: Sequence[Pad]) -> bool:
+        """Return whether two flat faces turn towards each other while the gripper closes."""
+        poses = self.poses(np.linspace(self._model.lower, self._model.upper, 9))
+        first, second = (poses[pad.link][:, :3, :3] @ pad.axis_L for pad in pads)
+        angles = np.arccos(np.clip(-(first * second).sum(axis=1), -1.0, 1.0))
+        return bool(np.ptp(angles) > _FLAT)
+
+    def _gap(self, q: FloatArray) -> float:
+        line = self.gap_vector(q)
+        line /= max(float(np.linalg.norm(line)), 1e-9)
+        first, second = (p @ line for p in self._placed_tips(q))
+        return float(second.min() - first.max())
+
+    def _placed_tips(self, q: FloatArray) -> list[FloatArray]:
+        poses = self.poses(q)
+        return [_placed(p, poses[f.link]) for p, f in zip(self._tips, self._fingers, strict=True)]
+
+
+def _placed(p_L: FloatArray, X_BL: FloatArray) -> FloatArray:
+    return np.asarray(p_L @ X_BL[:3, :3].T + X_BL[:3, 3])
+
+
+def _opposed(pads: Sequence[Pad], poses: Mapping[str, FloatArray]) -> list[Pad]:
+    """Move two flat pads along their faces until they are opposite to each other."""
+    links = [poses[pad.link] for pad in pads]
+    axes = [X[:3, :3] @ pad.axis_L for X, pad in zip(links, pads, strict=True)]
+    axis = axes[0] - axes[1]
+    axis /= np.linalg.norm(axis)
+    offset = (links[1][:3, :3] @ pads[1].center_L + links[1][:3, 3]) - (
+        links[0][:3, :3] @ pads[0].center_L + links[0][:3, 3]
+    )
+    across = offset - (offset @ axis) * axis
+    if np.linalg.norm(across) > _OFFSET or -axes[0] @ axes[1] < np.cos(_FACING):
+        return list(pads)
+    moved = []
+    for pad, X, sign in zip(pads, links, (1.0, -1.0), strict=True):
+        shift = X[:3, :3].T @ (sign * 0.5 * across)
+        shift = shift - (shift @ pad.axis_L) * pad.axis_L
+        moved.append(replace(pad, center_L=read_only(pad.center_L + shift)))
+    return moved
+
+
+def flat_pad(finger: Finger, towards_L: FloatArray, outward_L: FloatArray) -> Pad:
+    """Return a gripper finger's largest flat face that looks about along the closing direction.
+
+    It is a face of one body that no other body of the finger covers, nor protrudes over towards the
+    finger's end, if there is one: what is held meets the foremost face at the end first.
+    """
+    found = _largest_face(finger, towards_L, outward_L)
+    body, axis, center = (
+        found[1:] if found else (finger.bodies[0], towards_L, finger.points_L.mean(axis=0))
+    )
+    p_L = body.points_L if found else finger.points_L
+    center = center + ((p_L @ axis).max() - center @ axis) * axis
+    R = body.X_LB[:3, :3]
+    return Pad(
+        finger.name,
+        body.link,
+        read_only(R.T @ (center - body.X_LB[:3, 3])),
+        0.0,
+        read_only(R.T @ axis),
+        _HALF_ANGLE,
+    )
+
+
+def _largest_face(
+    finger: Finger, towards_L: FloatArray, outward_L: FloatArray
+) -> tuple[float, FingerBody, FloatArray, FloatArray] | None:
+    """Return the weighted area, body, normal and middle of a finger's largest uncovered face."""
+    best: tuple[float, FingerBody, FloatArray, FloatArray] | None = None
+    clear: tuple[float, FingerBody, FloatArray, FloatArray] | None = None
+    for body in finger.bodies:
+        others = [other.points_L for other in finger.bodies if other is not body]
+        hulls = [ConvexHull(p_L) for p_L in others]
+        for area, axis, center in _faces(body.points_L, towards_L):
+            if any(_is_covered(hull, axis, center) for hull in hulls):
+                continue
+            if best is None or area > best[0]:
+                best = (area, body, axis, center)
+            recessed = any(_protrudes(p_L, axis, center, outward_L) for p_L in others)
+            if not recessed and (clear is None or area > clear[0]):
+                clear = (area, body, axis, center)
+    return clear or best
+
+
+def _protrudes(
+    p_L: FloatArray, axis: FloatArray, center: FloatArray, outward_L: FloatArray
+) -> bool:
+    """Return whether a body is mainly beyond a face's middle outwards, and in front of the face."""
+    beyond = (p_L.mean(axis=0) - center) @ outward_L > 0.0
+    return bool(beyond and ((p_L - center) @ axis).max() > _RECESSED)
+
+
+def _faces(
+    p_L: FloatArray, towards_L: FloatArray
+) -> Iterator[tuple[float, FloatArray, FloatArray]]:
+    """Yield about flat faces of a convex hull: weighted area, normal, middle."""
+    hull = ConvexHull(p_L)
+    normals = hull.equations[:, :3]
+    corners = p_L[hull.simplices]  # (T, 3, 3)
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    for normal in normals[normals @ towards_L > np.cos(_FACING)]:
+        heights = corners.mean(axis=1) @ normal
+        face = (normals @ normal > np.cos(_FLAT)) & (heights > heights.max() - _LEVEL)
+        if areas[face].sum() > 0.0:
+            middle = (areas[face] / areas[face].sum()) @ corners[face].mean(axis=1)
+            angle = np.arccos(np.clip(normal @ towards_L, -1.0, 1.0))
+            weight = np.exp(-((angle / _OBLIQUE) ** 2))
+            yield float(areas[face].sum() * weight), normal, middle
+
+
+def _is_covered(hull: ConvexHull, axis: FloatArray, point: FloatArray) -> bool:
+    """Return whether a ray from a point (3,) along an axis leaves a convex hull further out."""
+    slopes = hull.equations[:, :3] @ axis
+    heights = -(hull.equations[:, :3] @ point + hull.equations[:, 3])  # inside: slope * t < height
+    out, into = slopes > 1e-9, slopes < -1e-9
+    leaves = float((heights[out] / slopes[out]).min())
+    enters = float((heights[into] / slopes[into]).max())
+    return bool((heights[~out & ~into] >= 0.0).all() and enters < leaves and leaves > _COVERED)

@@ -1,0 +1,174 @@
+"""Pads of fingertips: a sphere fitted to the closing side of each finger."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lis_grasp.records import read_only
+from lis_grasp.robots.draft.find_fingers import Finger
+from lis_grasp.robots.draft.fit_flat_pads import fit_flat_pads
+from lis_grasp.robots.draft.hand_points import reach
+from lis_grasp.robots.hand_parts import Pad
+from lis_grasp.robots.kinematics import Kinematics
+from lis_grasp.robots.link_bodies import fibonacci_directions
+from lis_grasp.robots.link_tree import HandModel, link_kinematics
+from lis_grasp.typing import FloatArray
+
+TILTS = (0.45, 0.25, 0.7, 0.0)
+"""Angles of a pad's axis from the closing direction towards the end of the finger [rad]."""
+
+_CONE = np.cos(0.9)  # directions to which the sphere is fitted
+_TIP_LENGTH = 0.03  # part of a finger, from its end, to which the sphere is fitted [m]
+_RADII = (0.004, 0.02)  # [m]
+_PROTRUSION = 0.004  # by which the link may reach beyond the pad's sphere [m]
+_HALF_ANGLES = (0.5, 1.2)  # [rad]
+# A tip does not turn if its rotation matrix changes by less, and moves if its path is longer [m].
+_PARALLEL, _LEAST_PATH = 0.05, 0.005
+_SYMMETRIC = 0.3  # a range of motion is one-sided if one end is farther from 0 by this fraction
+
+
+def fit_pads(
+    model: HandModel, fingers: Sequence[Finger], tilts: Sequence[float] = TILTS
+) -> tuple[Pad, ...]:
+    """Return one pad for each finger; the flat faces of a gripper's two, else spheres.
+
+    A finger closes in the direction in which its last joint bends farther from 0; if both are
+    alike, towards the other fingertips in the middle of all joints' ranges; a tip that is kept
+    parallel, along its motion relative to the others. `tilts` are angles of a
+    pad's axis from that direction towards the end of the finger [rad], of which the best is taken.
+    """
+    if len(fingers) == 2:
+        return fit_flat_pads(model, fingers)
+    kinematics = link_kinematics(model)
+    poses = kinematics.poses(np.eye(4), 0.5 * (model.lower + model.upper))
+    middles_B = np.array(
+        [poses[f.link][:3, :3] @ f.points_L.mean(axis=0) + poses[f.link][:3, 3] for f in fingers]
+    )
+    slides_B = _slides(model, fingers, kinematics)
+    pads = []
+    for i, finger in enumerate(fingers):
+        R_LB = poses[finger.link][:3, :3].T
+        towards_L = R_LB @ (np.delete(middles_B, i, axis=0).mean(axis=0) - middles_B[i])
+        towards_L /= np.linalg.norm(towards_L)
+        slide_B = slides_B.get(i)
+        if slide_B is None:
+            pads.append(round_pad(finger, *_closing(model, finger, towards_L), tilts))
+        else:
+            arm_L = R_LB @ (middles_B[i] - poses[model.links[0]][:3, 3])
+            pads.append(round_pad(finger, *_sliding(R_LB @ slide_B, towards_L, arm_L), (0.0,)))
+    return tuple(pads)
+
+
+def _slides(
+    model: HandModel, fingers: Sequence[Finger], kinematics: Kinematics
+) -> dict[int, FloatArray]:
+    """Return by finger the direction (3,) in which tips move without turning, relative to others.
+
+    Bars and joints that follow a motor keep such tips parallel, so that the last joint's axis does
+    not say how they close.
+    """
+    paths = {}  # displacements of tips that do not turn
+    for i, finger in enumerate(fingers):
+        if not finger.joint.follows or len(finger.motors) != 1:
+            continue
+        q = np.tile(0.5 * (model.lower + model.upper), (2, 1))
+        (motor,) = finger.motors
+        q[:, motor] = model.lower[motor], model.upper[motor]
+        X = kinematics.poses(np.broadcast_to(np.eye(4), (2, 4, 4)), q)[finger.link]
+        turned = np.linalg.norm(X[1, :3, :3] - X[0, :3, :3])
+        if turned <= _PARALLEL:
+            middle_L = finger.points_L.mean(axis=0)
+            paths[i] = (X[1] - X[0])[:3, :3] @ middle_L + (X[1] - X[0])[:3, 3]
+    slides = {}
+    for i, path in paths.items():
+        rivals = [other for j, other in paths.items() if j != i]
+        relative = path - np.mean(rivals, axis=0) if rivals else path
+        if np.linalg.norm(relative) > _LEAST_PATH:
+            slides[i] = relative / np.linalg.norm(relative)
+    return slides
+
+
+def _sliding(
+    slide_L: FloatArray, towards_L: FloatArray, arm_L: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return unit vectors in the link frame, as of `_closing`: the slide, and across it the arm."""
+    closing = slide_L * (np.sign(slide_L @ towards_L) or 1.0)
+    outward = arm_L - (arm_L @ closing) * closing
+    length = float(np.linalg.norm(outward))
+    return closing, outward / length if length > 1e-4 else _perpendicular(closing)
+
+
+def _closing(
+    model: HandModel, finger: Finger, towards_L: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return unit vectors in the link frame: the tip's motion when closing, and its far end."""
+    joint = finger.joint
+    if joint.kind == "prismatic":
+        axis = finger.axis_L
+        sign = np.sign(axis @ towards_L) or 1.0
+        arm = finger.points_L.mean(axis=0) - finger.origin_L
+        arm = arm - (arm @ axis) * axis
+        length = np.linalg.norm(arm)
+        outward = arm / length if length > 1e-4 else _perpendicular(axis)
+        return sign * axis, outward
+    outward = reach(finger.points_L, finger.origin_L, finger.axis_L)
+    outward /= np.linalg.norm(outward)
+    motion = np.cross(finger.axis_L, outward)
+    ends = joint.multiplier * np.array([model.lower[joint.index], model.upper[joint.index]])
+    ends = ends + joint.offset
+    low, high = ends.min(), ends.max()
+    if abs(low + high) > _SYMMETRIC * (high - low):
+        sign = np.sign(low + high)
+    else:
+        sign = np.sign(motion @ towards_L) or 1.0
+    return sign * motion, outward
+
+
+def _perpendicular(axis: FloatArray) -> FloatArray:
+    other = np.eye(3)[np.argmin(np.abs(axis))]
+    across = np.cross(axis, other)
+    return np.asarray(across / np.linalg.norm(across))
+
+
+def round_pad(
+    finger: Finger, closing_L: FloatArray, outward_L: FloatArray, tilts: Sequence[float] = TILTS
+) -> Pad:
+    """Return the sphere whose support function fits that of the finger's end best.
+
+    A sphere has the support function ``u @ center + radius``, so that the fit over directions u in
+    a cone about the pad's axis is linear. Its radius is at most half the
+    width of the finger. The half angle is the largest within which the whole link reaches at most
+    4 mm beyond the sphere.
+    """
+    along = finger.points_L @ outward_L
+    end = finger.points_L[along >= along.max() - _TIP_LENGTH]
+    lattice = fibonacci_directions(600)
+    width = float(np.ptp(end @ np.cross(closing_L, outward_L)))
+    largest = float(np.clip(0.5 * width, *_RADII))
+    fits = []
+    for tilt in tilts:
+        axis = np.cos(tilt) * closing_L + np.sin(tilt) * outward_L
+        cone = lattice[lattice @ axis >= _CONE]
+        support = (end @ cone.T).max(axis=0)
+        columns = np.column_stack([cone, np.ones(len(cone))])
+        solution = np.linalg.lstsq(columns, support, rcond=None)[0]
+        radius = float(np.clip(solution[3], _RADII[0], largest))
+        center = np.linalg.lstsq(cone, support - radius, rcond=None)[0]
+        # The sphere touches the face at the middle of the pad exactly.
+        center = center + ((end @ axis).max() - radius - center @ axis) * axis
+        error = float(np.sqrt(np.mean((support - cone @ center - radius) ** 2)))
+        # What is behind the finger's end should not be farther out.
+        error += float((finger.points_L @ axis).max() - (end @ axis).max())
+        fits.append((error, axis, center, radius))
+    best = min(fits, key=lambda fit: round(fit[0], 4))
+    _, axis, center, radius = best
+    beyond = (finger.points_L @ lattice.T).max(axis=0) - lattice @ center - radius
+    angles = np.arccos(np.clip(lattice @ axis, -1.0, 1.0))
+    reached = angles[beyond > _PROTRUSION]
+    half_angle = float(np.clip(reached.min(initial=np.pi), *_HALF_ANGLES))
+    axis = axis / np.linalg.norm(axis)
+    return Pad(
+        finger.name, finger.link, read_only(np.array(center)), radius, read_only(axis), half_angle
+    )

@@ -1,0 +1,57 @@
+"""Flange frame of an arm whose file gives the flange's link only."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lis_grasp.robots.find_arm_posture import joints_before
+from lis_grasp.robots.hand_parts import joints_to
+from lis_grasp.robots.link_tree import HandModel, link_kinematics
+from lis_grasp.typing import FloatArray
+
+BEYOND = 0.03
+"""Bodies of the last link may be as far beyond the flange frame [m]: mounts and their covers."""
+
+_ALONG = 0.999  # cosine of the angle between axes that are parallel
+
+
+def flange_frame(model: HandModel, flange: str) -> FloatArray:
+    """Return the flange frame F in the flange's link, X_LF (4, 4), from the bodies about it.
+
+    A flange points along the axis of the last joint, to the side where the last link reaches beyond
+    the link before. F is the link's frame if its +z does, else a frame at the same place that does.
+    If bodies of the last link are more than 3 cm beyond F, it is moved out to their end.
+    """
+    order = joints_before(model)
+    last = order[flange]
+    middle = np.clip(0.0, model.lower, model.upper)
+    kinematics = link_kinematics(model)
+    links = kinematics.poses(np.eye(4), middle)
+    X_LA = np.linalg.inv(links[flange])
+
+    def corners(number: int) -> FloatArray:
+        return np.vstack(
+            [np.zeros((1, 3))]
+            + [
+                np.asarray(g.mesh.vertices) @ X[:3, :3].T + X[:3, 3]
+                for g in model.link_geometries
+                if order[g.link] == number
+                for X in [X_LA @ links[g.link] @ g.X_LG]
+            ]
+        )
+
+    joint = next(j for j in reversed(joints_to(model.joints, flange)) if j.kind != "fixed")
+    axis = X_LA[:3, :3] @ links[joint.child][:3, :3] @ joint.axis_J
+    sides = np.array([axis, -axis])
+    own = (corners(last) @ sides.T).max(axis=0)  # (2,)
+    side = int(np.argmax(own - (corners(last - 1) @ sides.T).max(axis=0)))
+    out = sides[side]
+    X_LF = np.eye(4)
+    if out[2] < _ALONG:
+        x = np.eye(3)[np.argmin(np.abs(out))]
+        x = x - (x @ out) * out
+        x /= np.linalg.norm(x)
+        X_LF[:3, :3] = np.column_stack([x, np.cross(out, x), out])
+    if own[side] > BEYOND:
+        X_LF[:3, 3] = own[side] * out
+    return X_LF

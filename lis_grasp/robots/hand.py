@@ -1,0 +1,202 @@
+"""The robot hand: links, joints, pads, postures, and kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy.typing as npt
+
+from lis_grasp.records import reduce_record
+from lis_grasp.robots.hand_file import read_hand_file
+from lis_grasp.robots.hand_parts import HandKind, Pad, ProbePosture, joints_to
+from lis_grasp.robots.kinematics import Kinematics
+from lis_grasp.robots.link_tree import HandModel, links_fixed_to
+from lis_grasp.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False)  # no slots: for cached_property
+class Hand(HandModel):
+    """A robot hand, read by `Hand.load` from a URDF or SDF and one YAML file.
+
+    Frames: O the frame in which poses are given (the object's, or any other), H the palm frame,
+    L a link frame. F fingers, J actuated joints, in the URDF's order.
+
+    Parameters
+    ----------
+    name, kind
+        Its name; ``"parallel_jaw"`` for parallel flat pads, else ``"multi_finger"``.
+    joint_names, lower, upper, effort_limits
+        The J actuated joints: names, limits (J,) [rad or m] and largest effort (J,) [N m or N].
+    links
+        Names of all links, a parent before its children; the first is the base.
+    joints
+        Every joint, fixed ones too, a parent before its children.
+    inertials
+        Mass properties by link name.
+    link_geometries
+        The collision bodies.
+    visuals
+        What the links look like; drawn only.
+    hulls_of_visuals
+        Names of the links whose collision bodies are the convex hulls of their visual meshes.
+    pads
+        One a finger.
+    X_LH
+        Shape (4, 4): the palm frame in the base link's.
+    approach_H
+        Shape (3,), unit: direction of the hand's motion towards an object to grasp.
+    pregrasps
+        Opened postures (J,) by name.
+    probe_postures
+        By the leading finger's name.
+    self_collision_exclusions
+        Pairs of link names, each pair sorted, that may touch; those joined by a joint are included.
+    max_contact_force
+        Largest force of one finger [N].
+    X_FB
+        Shape (4, 4): the base link in the flange frame of an arm; None for the default mount.
+    """
+
+    name: str
+    kind: HandKind
+    pads: tuple[Pad, ...]
+    X_LH: FloatArray
+    approach_H: FloatArray
+    pregrasps: Mapping[str, FloatArray]
+    probe_postures: Mapping[str, ProbePosture]
+    self_collision_exclusions: frozenset[tuple[str, str]]
+    max_contact_force: float
+    X_FB: FloatArray | None = None
+
+    @classmethod
+    def load(cls, path_or_name: str | Path) -> Hand:
+        """Read a hand: one of `HAND_NAMES` or of an installed package, or a YAML file by its path.
+
+        Raises
+        ------
+        InvalidHandError
+            If there is no such hand, or its YAML or URDF is incomplete or contradicts itself.
+        """
+        return cls(**read_hand_file(path_or_name))
+
+    def __repr__(self) -> str:
+        joints, fingers = len(self.joint_names), ", ".join(self.fingers)
+        return f"Hand({self.name!r}, {self.kind}, {joints} joints, fingers: {fingers})"
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return reduce_record(self)
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """Names of the fingers, in the order of the pads."""
+        return tuple(pad.finger for pad in self.pads)
+
+    @property
+    def pad_links(self) -> frozenset[str]:
+        """The links that carry pads, and all that are fixed to those."""
+        links = {pad.link for pad in self.pads}
+        for joint in self.joints:  # parents come before their children
+            if joint.kind == "fixed" and joint.parent in links:
+                links.add(joint.child)
+        return frozenset(links)
+
+    @property
+    def fingertip_links(self) -> frozenset[str]:
+        """The links that carry a pad or lead in a probe posture, and those fixed to them."""
+        tips = {pad.link for pad in self.pads}
+        tips |= {posture.link for posture in self.probe_postures.values()}
+        return frozenset().union(*(links_fixed_to(self, tip) for tip in tips))
+
+    @property
+    def base_link(self) -> str:
+        """Name of the root of the link tree."""
+        return self.links[0]
+
+    @property
+    def mass(self) -> float:
+        """Mass of the whole hand [kg]."""
+        return float(sum(inertial.mass for inertial in self.inertials.values()))
+
+    @property
+    def link_fingers(self) -> Mapping[str, str]:
+        """Finger by link name; links of several fingers or of none are absent."""
+        owners: dict[str, set[str]] = {}
+        for pad in self.pads:
+            for joint in joints_to(self.joints, pad.link):
+                owners.setdefault(joint.child, set()).add(pad.finger)
+        # Side branches of a finger's links belong to the finger, too.
+        for joint in self.joints:
+            if joint.child not in owners and joint.parent in owners:
+                owners[joint.child] = owners[joint.parent]
+        single = {link: next(iter(o)) for link, o in owners.items() if len(o) == 1}
+        return MappingProxyType({link: single[link] for link in self.links if link in single})
+
+    def finger_joints(self, finger: str) -> tuple[int, ...]:
+        """Return the indices of the joints that move a finger's pad, from the palm outwards."""
+        pad = next(pad for pad in self.pads if pad.finger == finger)
+        moving = (joint.index for joint in joints_to(self.joints, pad.link) if joint.index >= 0)
+        return tuple(dict.fromkeys(moving))
+
+    def forward_kinematics(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> dict[str, FloatArray]:
+        """Return the pose of every link, for any number of hand poses at once.
+
+        Parameters
+        ----------
+        X_OH
+            Shape (..., 4, 4): poses of the palm.
+        q
+            Shape (..., J) [rad or m]: joint positions; its leading dimensions broadcast against
+            those of `X_OH`.
+
+        Returns
+        -------
+        dict
+            Link name -> poses X_OL, shape (..., 4, 4), in the order of `links`.
+        """
+        return self._kinematics.poses(X_OH, q)
+
+    def pad_centers(
+        self, X_OH: npt.ArrayLike, q: npt.ArrayLike, offsets: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the pads' centres in O, (..., F, 3) [m]; arguments as `forward_kinematics`.
+
+        With `offsets` (..., F, 3) [m], in the frames of the pads' links, return other points of the
+        pads: those as far from the centres.
+        """
+        return self._kinematics.pads(X_OH, q, offsets)[0]
+
+    def pad_axes(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
+        """Return the pads' axes in O, (..., F, 3); arguments as `forward_kinematics`."""
+        return self._kinematics.pads(X_OH, q)[1]
+
+    def pad_jacobians(
+        self, X_OH: npt.ArrayLike, q: npt.ArrayLike, offsets: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return the pads' centres and axes, and their Jacobians by palm and joints.
+
+        Parameters
+        ----------
+        X_OH, q, offsets
+            As in `pad_centers`.
+
+        Returns
+        -------
+        centers, axes
+            Shape (..., F, 3), as of `pad_centers` and `pad_axes`.
+        of_centers, of_axes
+            Shape (..., F, 3, 6 + J). Columns 0 to 2: turning the palm about O's axes through the
+            palm's origin [m/rad]; 3 to 5: moving the palm along O's axes; then the joints
+            [m/rad or 1], zero for those that do not move that pad.
+        """
+        return self._kinematics.pad_jacobians(X_OH, q, offsets)
+
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        return Kinematics(
+            self.links, self.joints, self.pads, X_LH=self.X_LH, actuated=len(self.joint_names)
+        )

@@ -1,0 +1,277 @@
+"""Checks of a hand for touching and grasping: masses, collisions, pads, postures, forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from lis_grasp.robots.collision import checker_of
+from lis_grasp.robots.efforts import is_plausible_effort
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import Inertial, LinkGeometry, Pad, ProbePosture
+from lis_grasp.robots.hand_yaml import exclusion_lines
+from lis_grasp.robots.inertias import impossible_inertias
+from lis_grasp.typing import FloatArray
+
+# A pad counts as covered by its link where the link is further out by more than this [m].
+_PAD_COVERED = 0.002
+_PARALLEL = 1e-9  # cosine between a line and a face's normal
+_ROUNDING = 1e-4  # of a position that is written with few digits [m]
+# Smallest useful lead of a probing tip over the rest of the hand [m].
+_LEAD = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """The result of one check."""
+
+    fine: bool  #: whether it passed
+    text: str  #: the observation, and what to change if the check failed
+
+
+def check_hand(hand: Hand) -> list[Finding]:
+    """Return the findings on a hand, in the order in which to fix what failed."""
+    checks = (
+        *(_masses, _efforts, _self_collisions),
+        *(_pads, _opposition, _probe_postures, _forces),
+    )
+    return [finding for check in checks for finding in check(hand)]
+
+
+def body_findings(
+    inertials: Mapping[str, Inertial], hulls_of_visuals: Sequence[str], *, also: str = ""
+) -> Iterator[Finding]:
+    """Find impossible inertias of links, and links without collision bodies.
+
+    `also` is another remedy of the inertias, in words that follow the first.
+    """
+    faults = impossible_inertias(inertials)
+    if faults:
+        yield Finding(
+            False,
+            f"the inertia of {', '.join(faults)} is impossible: principal moments must be positive,"
+            f" and none larger than the other two together. Add `repair: true` to the YAML{also}",
+        )
+    if hulls_of_visuals:
+        yield Finding(
+            True,
+            "without collision bodies, so the convex hulls of their visual meshes are used:"
+            f" {', '.join(hulls_of_visuals)}",
+        )
+
+
+def _masses(hand: Hand) -> Iterator[Finding]:
+    also = ", or write a corrected copy of the description with --repair OUT"
+    yield from body_findings(hand.inertials, hand.hulls_of_visuals, also=also)
+    weight = 0.05 <= hand.mass <= 10.0
+    advice = "" if weight else ": masses must be in kg, 0.05 to 10 in all"
+    yield Finding(weight, f"the hand weighs {hand.mass:.2f} kg{advice}")
+
+
+def _self_collisions(hand: Hand) -> Iterator[Finding]:
+    checker = checker_of(hand)
+    postures = {f"pregrasp {name}": q for name, q in hand.pregrasps.items()}
+    postures |= {f"probe posture {f}": p.joint_positions for f, p in hand.probe_postures.items()}
+    hits = {name: checker.self_collisions(q) for name, q in postures.items()}
+    pairs = sorted(set().union(*hits.values()))
+    if not pairs:
+        yield Finding(True, f"no links collide in {len(postures)} postures")
+        return
+    where = ", ".join(name for name, found in hits.items() if found)
+    lines = "\n".join(exclusion_lines(pairs))
+    yield Finding(
+        False,
+        f"links collide in {where}: change the positions or, where links may touch, paste below"
+        f" self_collision_exclusions:\n{lines}",
+    )
+
+
+def _efforts(hand: Hand) -> Iterator[Finding]:
+    kinds = {joint.index: joint.kind for joint in hand.joints if joint.is_actuated}
+    absurd = [
+        f"{name} {hand.effort_limits[j]:g} {'N m' if kinds[j] == 'revolute' else 'N'}"
+        for j, name in enumerate(hand.joint_names)
+        if not is_plausible_effort(kinds[j], float(hand.effort_limits[j]))
+    ]
+    if absurd:
+        yield Finding(
+            False,
+            f"no joint of a hand has an effort limit as large as {', '.join(absurd)}: give its own"
+            " under effort_limits in the YAML",
+        )
+
+
+def _pads(hand: Hand) -> Iterator[Finding]:
+    q = next(iter(hand.pregrasps.values()))
+    links = hand.forward_kinematics(np.eye(4), q)
+    for pad in hand.pads:
+        X_HL = links[pad.link]
+        axis = X_HL[:3, :3] @ pad.axis_L
+        face = float((X_HL[:3, :3] @ pad.center_L + X_HL[:3, 3]) @ axis) + pad.radius
+        depth = 1e3 * (_extent_along(hand, links, axis, _body_link(hand, pad)) - face)  # [mm]
+        if depth > 1e3 * _PAD_COVERED:
+            depth = 1e3 * (_height_over(hand, links, pad, axis) - face)
+        fine = -2e3 * _PAD_COVERED <= depth <= 1e3 * _PAD_COVERED
+        if fine:
+            place = f"on the surface of {pad.link}"
+        elif depth > 0.0:
+            place = (
+                f"{depth:.0f} mm below its link's surface: move its center or enlarge its radius"
+            )
+        else:
+            place = f"{-depth:.0f} mm outside of its link: grasps will stop so far from the object"
+        yield Finding(fine, f"pad {pad.finger} is {place}")
+
+
+def _opposition(hand: Hand) -> Iterator[Finding]:
+    gaps = []
+    for name, q in hand.pregrasps.items():
+        axes, centers = hand.pad_axes(np.eye(4), q), hand.pad_centers(np.eye(4), q)
+        for j, i in combinations(range(len(hand.pads)), 2):
+            apart = centers[j] - centers[i]
+            if axes[i] @ apart > 0.0 > axes[j] @ apart and axes[i] @ axes[j] < 0.0:
+                radii = hand.pads[i].radius + hand.pads[j].radius
+                gaps.append((float(np.linalg.norm(apart)) - radii, name))
+    if not gaps:
+        yield Finding(
+            False,
+            "no two pads face each other in any pregrasp, so nothing can be held between them:"
+            " open the hand with a thumb opposite to the fingers",
+        )
+        return
+    low, high = min(gaps), max(gaps)
+    yield Finding(
+        True,
+        f"opened, pads that face each other are {1e3 * low[0]:.0f} mm ({low[1]}) to"
+        f" {1e3 * high[0]:.0f} mm ({high[1]}) apart: objects up to about that can be grasped",
+    )
+
+
+def _probe_postures(hand: Hand) -> Iterator[Finding]:
+    for finger, posture in hand.probe_postures.items():
+        lead, rival = _lead(hand, posture)
+        own = hand.link_fingers.get(rival) == finger
+        if lead < -_ROUNDING:
+            text = (
+                f"{rival} is {-1e3 * lead:.0f} mm ahead of the tip's sphere: change direction,"
+                " positions or tip"
+            )
+        elif not own and lead < _LEAD:
+            text = (
+                f"the tip is only {1e3 * lead:.0f} mm ahead of {rival}, which will touch flat"
+                " objects first: fold the other fingers away"
+            )
+        else:
+            text = f"the tip is {1e3 * lead:.0f} mm ahead of {rival}"
+        fine = lead >= (-_ROUNDING if own else _LEAD)
+        yield Finding(fine, f"in probe posture {finger}, {text}")
+
+
+def _forces(hand: Hand) -> Iterator[Finding]:
+    """Compare the force limit with the pad forces that the motors can hold: |J^T f| <= effort."""
+    held = forces_along_pads(hand)
+    weakest = int(np.argmin(held))
+    fine = hand.max_contact_force <= 2.0 * held[weakest]
+    text = (
+        f"motors hold {held[weakest]:.1f} N along the axis of pad {hand.pads[weakest].finger};"
+        f" max_contact_force is {hand.max_contact_force:g} N"
+    )
+    yield Finding(fine, text if fine else f"{text}: lower it, or check the URDF's effort limits")
+
+
+def forces_along_pads(hand: Hand) -> FloatArray:
+    """Return the force along each pad's axis that the motors hold, (F,) [N].
+
+    In the mean pregrasp: the largest f with ``|J^T f| <= effort``.
+    """
+    q = np.mean(list(hand.pregrasps.values()), axis=0)
+    _, axes, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
+    levers = np.abs(np.einsum("fkj,fk->fj", jacobian[:, :, 6:], axes))
+    with np.errstate(divide="ignore", over="ignore"):
+        return np.asarray((hand.effort_limits / levers).min(axis=1))
+
+
+def _lead(hand: Hand, posture: ProbePosture) -> tuple[float, str]:
+    """Return the lead of the tip's sphere over the foremost other link [m], and that link."""
+    links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
+    tip = links[posture.link][:3, :3] @ posture.center_L + links[posture.link][:3, 3]
+    front = float(tip @ posture.direction_H) + posture.radius
+    ahead = {
+        link: _extent_along(hand, links, posture.direction_H, link)
+        for link in hand.links
+        if link != posture.link
+    }
+    # Links of the tip's own finger are normally just behind it: they count only if ahead of it.
+    own = {link for link in ahead if hand.link_fingers.get(link) == posture.finger}
+    others = [link for link in ahead if link not in own]
+    rival = max(others or ahead, key=lambda link: ahead[link])
+    worst_own = max(own, key=lambda link: ahead[link], default=rival)
+    if ahead[worst_own] > front + _ROUNDING:
+        rival = worst_own
+    return front - ahead[rival], rival
+
+
+def _extent_along(hand: Hand, links: dict[str, FloatArray], axis: FloatArray, link: str) -> float:
+    """Return the largest coordinate of a link's bodies along an axis of H [m]."""
+    return max(
+        (_support(g, links, axis) for g in hand.link_geometries if g.link == link), default=-np.inf
+    )
+
+
+def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: FloatArray) -> float:
+    """Return the largest coordinate of a pad's link along its axis [m], but for what is behind.
+
+    Counted are bodies that the axis crosses, and bodies mainly ahead of the pad: a foot behind the
+    pad, as of an angular finger, may be further out.
+    """
+    link = _body_link(hand, pad)
+    middle = links[pad.link][:3, :3] @ pad.center_L + links[pad.link][:3, 3]
+    bodies = [g for g in hand.link_geometries if g.link == link]
+    counted = [
+        g
+        for g in bodies
+        if (_middle(g, links) - middle) @ hand.approach_H > 0.0
+        or _is_crossed(g, links, middle, axis)
+    ]
+    return max((_support(g, links, axis) for g in counted or bodies), default=-np.inf)
+
+
+def _middle(geometry: LinkGeometry, links: dict[str, FloatArray]) -> FloatArray:
+    """Return the mean vertex of a body, in H (3,) [m]."""
+    X_HG = links[geometry.link] @ geometry.X_LG
+    return np.asarray(X_HG[:3, :3] @ geometry.mesh.vertices.mean(axis=0) + X_HG[:3, 3])
+
+
+def _support(geometry: LinkGeometry, links: dict[str, FloatArray], axis: FloatArray) -> float:
+    """Return the largest coordinate of a body along an axis of H [m]."""
+    X_HG = links[geometry.link] @ geometry.X_LG
+    points = np.asarray(geometry.mesh.vertices) @ X_HG[:3, :3].T + X_HG[:3, 3]
+    return float((points @ axis).max())
+
+
+def _is_crossed(
+    geometry: LinkGeometry, links: dict[str, FloatArray], point: FloatArray, axis: FloatArray
+) -> bool:
+    """Return whether the line through a point along an axis of H crosses a convex body."""
+    X_GH = np.linalg.inv(links[geometry.link] @ geometry.X_LG)
+    origin, direction = X_GH[:3, :3] @ point + X_GH[:3, 3], X_GH[:3, :3] @ axis
+    normals, corners = geometry.mesh.face_normals, geometry.mesh.triangles[:, 0]
+    heights = ((corners - origin) * normals).sum(axis=1)  # inside: slope * t <= height
+    slopes = normals @ direction
+    out, into = slopes > _PARALLEL, slopes < -_PARALLEL
+    leaves = float((heights[out] / slopes[out]).min(initial=np.inf))
+    enters = float((heights[into] / slopes[into]).max(initial=-np.inf))
+    return bool((heights[~out & ~into] >= 0.0).all() and enters <= leaves)
+
+
+def _body_link(hand: Hand, pad: Pad) -> str:
+    """Return the pad's link, or the nearest link with a body that it is fixed to."""
+    bodies = {geometry.link for geometry in hand.link_geometries}
+    link = pad.link
+    parents = {joint.child: joint for joint in hand.joints}
+    while link not in bodies and link in parents and parents[link].kind == "fixed":
+        link = parents[link].parent
+    return link

@@ -1,0 +1,133 @@
+"""Hand as MJCF, MuJoCo's description format: bodies, joints, inertias and collision bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_parts import Inertial, Joint, LinkGeometry
+from lis_grasp.robots.inertias import LEAST_MASS
+from lis_grasp.typing import FloatArray
+
+# As in Drake: a link without inertia gets that of a ball of a gram.
+_SMALL_BALL = 0.4 * LEAST_MASS * 0.01**2 * np.eye(3)  # [kg m^2], of 1 cm radius
+# With MuJoCo's default, coupled joints of a squeezing hand are off by 2 degrees, and the grip is a
+# tenth weaker; with a time constant of 2 ms [s] they chatter, and held objects creep.
+_COUPLING = {"solref": "0.005 1", "solimp": "0.999 0.9999 0.0001 0.5 2"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandMjcf:
+    """Elements of a hand for an MJCF file; lengths in metres, angles in radians."""
+
+    root: Element  # the base link's body, with those of all other links inside
+    meshes: list[Element]  # assets of the collision bodies, their vertices included
+    couplings: list[Element]  # equality constraints of the joints that follow another
+
+
+def hand_mjcf(
+    hand: Hand,
+    X_WL: npt.ArrayLike,
+    *,
+    prefix: str = "",
+    geom: Mapping[str, str] | None = None,
+) -> HandMjcf:
+    """Return a hand's links, joints and collision bodies as MJCF elements.
+
+    They are written from the hand's own tree, not read from its URDF by MuJoCo: so they have the
+    repairs and edits of its YAML, its coupled joints, and the convex bodies that planning uses.
+    Gravity is compensated. Joints have no actuators, damping or friction.
+
+    Parameters
+    ----------
+    hand
+        The hand.
+    X_WL
+        Shape (4, 4): pose of the base link in the body that it will be part of.
+    prefix
+        Put before the names of links and joints.
+    geom
+        Attributes of all collision bodies, as contact parameters.
+    """
+    bodies = {hand.base_link: _body(hand, hand.base_link, np.asarray(X_WL), prefix)}
+    couplings = []
+    for joint in hand.joints:
+        body = _body(hand, joint.child, joint.X_PJ, prefix)
+        bodies[joint.parent].append(body)
+        bodies[joint.child] = body
+        if joint.kind != "fixed":
+            body.insert(1, _joint(hand, joint, prefix))
+        if joint.follows:
+            couplings.append(_coupling(hand, joint, prefix))
+    meshes = []
+    for number, geometry in enumerate(hand.link_geometries):
+        name = f"{prefix}{geometry.link}_{number}"
+        element = SubElement(bodies[geometry.link], "geom", {"name": name, **(geom or {})})
+        element.attrib |= _shape(geometry, name)
+        if geometry.kind == "mesh":
+            meshes.append(mesh_asset(name, geometry.mesh.vertices))
+    return HandMjcf(bodies[hand.base_link], meshes, couplings)
+
+
+def mesh_asset(name: str, vertices: FloatArray) -> Element:
+    """Return the asset of a convex mesh: the hull of vertices (V, 3) [m]."""
+    return Element("mesh", {"name": name, "vertex": numbers(vertices), "inertia": "convex"})
+
+
+def numbers(values: npt.ArrayLike) -> str:
+    """Return numbers as an attribute of XML, with all digits."""
+    return " ".join(map(repr, np.ravel(np.asarray(values, np.float64)).tolist()))
+
+
+def pose(X: FloatArray) -> dict[str, str]:
+    """Return a pose (4, 4) as the attributes ``pos`` and ``quat``."""
+    quaternion = Rotation.from_matrix(X[:3, :3]).as_quat(scalar_first=True)
+    return {"pos": numbers(X[:3, 3]), "quat": numbers(quaternion)}
+
+
+def inertial(mass: float, center: FloatArray, matrix: FloatArray) -> Element:
+    """Return a mass [kg] at a centre (3,) [m] with its inertia (3, 3) [kg m^2] about it."""
+    moments = matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    attributes = {"pos": numbers(center), "mass": numbers(mass), "fullinertia": numbers(moments)}
+    return Element("inertial", attributes)
+
+
+def _body(hand: Hand, link: str, X: FloatArray, prefix: str) -> Element:
+    body = Element("body", {"name": prefix + link, **pose(X), "gravcomp": "1"})
+    given = hand.inertials.get(link)
+    if given is None or given.mass < LEAST_MASS:
+        given = Inertial(LEAST_MASS, np.zeros(3), _SMALL_BALL)
+    body.append(inertial(given.mass, given.center_L, given.inertia_L))
+    return body
+
+
+def _joint(hand: Hand, joint: Joint, prefix: str) -> Element:
+    kind = {"revolute": "hinge", "prismatic": "slide"}[joint.kind]
+    attributes = {"name": prefix + joint.name, "type": kind, "axis": numbers(joint.axis_J)}
+    limits = hand.lower[joint.index], hand.upper[joint.index]
+    if not joint.follows and np.isfinite(limits).all():
+        attributes["range"] = numbers(limits)
+    return Element("joint", attributes)
+
+
+def _coupling(hand: Hand, joint: Joint, prefix: str) -> Element:
+    leader = prefix + hand.joint_names[joint.index]
+    attributes = {"joint1": prefix + joint.name, "joint2": leader}
+    attributes["polycoef"] = numbers([joint.offset, joint.multiplier, 0.0, 0.0, 0.0])
+    return Element("joint", attributes | _COUPLING)
+
+
+def _shape(geometry: LinkGeometry, name: str) -> dict[str, str]:
+    placed = pose(geometry.X_LG)
+    if geometry.kind == "mesh":
+        return {"type": "mesh", "mesh": name, **placed}
+    # MuJoCo gives half of a box's sides, and of the length of a cylinder or capsule.
+    parts = {"box": [0.5, 0.5, 0.5], "sphere": [1.0]}.get(geometry.kind, [1.0, 0.5])
+    half = np.array(geometry.dimensions) * parts
+    return {"type": geometry.kind, "size": numbers(half), **placed}

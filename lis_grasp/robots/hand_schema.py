@@ -1,0 +1,126 @@
+"""Schema of a hand's YAML file, as pydantic models."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from lis_grasp.robots.hand_parts import HandKind
+
+# No length, angle or force of a hand is larger [m, rad, N].
+_LARGEST = 1e6
+
+
+def _not_zero(vector: list[float]) -> list[float]:
+    if not np.any(vector):
+        raise ValueError("must not be zero")
+    return vector
+
+
+Name = Annotated[str, Field(min_length=1)]
+Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
+Positive = Annotated[float, Field(gt=0.0, le=_LARGEST)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Direction = Annotated[Vector, AfterValidator(_not_zero)]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class PalmFrame(_Record):
+    """Pose of the palm frame H in the base link's frame."""
+
+    translation: Vector = Field(description="[m]")
+    rpy: Vector = Field(description="Fixed-axis roll, pitch, yaw, as in a URDF [rad].")
+
+
+class MountEntry(_Record):
+    """Pose of the base link in the flange frame F of an arm, +z out of the flange."""
+
+    translation: Vector = Field(description="[m]")
+    rpy: Vector = Field(default=[0.0, 0.0, 0.0], description="Fixed-axis roll, pitch, yaw [rad].")
+
+
+class PadEntry(_Record):
+    """The part of a finger that is meant to touch."""
+
+    link: Name = Field(description="The link that carries the pad.")
+    center: Vector = Field(description="Centre of the sphere or the flat face, in the link [m].")
+    radius: float = Field(ge=0.0, le=_LARGEST, description="Of the sphere [m]; 0: a flat face.")
+    axis: Direction = Field(description="Outward direction at the middle of the pad, in the link.")
+    half_angle: float = Field(
+        gt=0.0, le=np.pi, description="The pad covers directions within this angle of axis [rad]."
+    )
+
+
+class TipEntry(_Record):
+    """The sphere that touches in a probe posture."""
+
+    link: Name = Field(description="The link that carries the sphere.")
+    center: Vector = Field(description="In the link [m].")
+    radius: Positive = Field(description="[m]")
+
+
+class ProbeEntry(_Record):
+    """A posture in which one fingertip is ahead of the rest of the hand."""
+
+    positions: list[Number] = Field(description="One for each joint [rad or m].")
+    direction: Direction = Field(description="In H: the motion of the hand towards the object.")
+    tip: TipEntry
+
+
+class HandEntry(_Record):
+    """A hand's YAML file."""
+
+    name: Name
+    kind: HandKind = Field(
+        description="parallel_jaw: flat parallel pads; multi_finger: rounded pads."
+    )
+    urdf: Name = Field(description="URDF or SDF file: a path from this file, or package://NAME/...")
+    model_from: str = Field(
+        default="", description="How to get the URDF or SDF, for the message when it is missing."
+    )
+    base_link: Name | None = Field(
+        default=None, description="Root of the hand: links before it, an arm's, are left out."
+    )
+    locked_joints: dict[Name, Number] = Field(
+        default_factory=dict, description="Joints that do not move, at these positions [rad or m]."
+    )
+    effort_limits: dict[Name, Positive] = Field(
+        default_factory=dict, description="Instead of the file's, by joint [N m or N]."
+    )
+    repair: bool = Field(
+        default=False,
+        description="Replace impossible inertias and missing masses by those of the link's bodies.",
+    )
+    convex_parts: list[Name] = Field(
+        default_factory=list,
+        description="Links whose meshes collide as several convex parts, not as one convex hull.",
+    )
+    joints: list[Name] = Field(
+        description="Movable joints that mimic no other, in the URDF's order."
+    )
+    palm_frame: PalmFrame
+    approach: Direction = Field(description="In H: the motion of the hand towards an object.")
+    max_contact_force: Positive = Field(description="Of one finger [N].")
+    pads: dict[Name, PadEntry] = Field(min_length=2, description="By the finger's name.")
+    pregrasps: dict[Name, list[Number]] = Field(
+        min_length=1, description="Opened postures by name: one number for each joint [rad or m]."
+    )
+    probe_postures: dict[Name, ProbeEntry] = Field(
+        default_factory=dict,
+        description="By the name of the leading finger; none if the hand does not touch.",
+    )
+    mount: MountEntry | None = Field(
+        default=None,
+        description="Pose of the base link on an arm's flange; by default the back is on it.",
+    )
+    self_collision_exclusions: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = (
+        Field(
+            default_factory=list,
+            description="Pairs of links that may touch, besides those joined by a joint.",
+        )
+    )

@@ -1,0 +1,316 @@
+"""The tree of links and joints of a hand, built from a robot description and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+import yourdfpy
+
+from lis_grasp.exceptions import InvalidHandError, LisGraspError
+from lis_grasp.records import read_only
+from lis_grasp.robots.description_edits import DescriptionEdits, apply_edits
+from lis_grasp.robots.description_numbers import (
+    joint_limits,
+    link_inertial,
+    pose_matrix,
+    unit_axis,
+)
+from lis_grasp.robots.hand_parts import (
+    Inertial,
+    Joint,
+    JointKind,
+    LinkGeometry,
+    LinkVisual,
+    joints_to,
+)
+from lis_grasp.robots.inertias import (
+    LEAST_MASS,
+    impossible_inertias,
+    repaired_inertial,
+)
+from lis_grasp.robots.kinematics import Kinematics
+from lis_grasp.robots.link_bodies import (
+    convex_body,
+    load_mesh,
+    load_visual,
+    primitive,
+    shape_and_sizes,
+)
+from lis_grasp.robots.model_uri import resolve_uri
+from lis_grasp.shapes.convex_parts import convex_parts
+from lis_grasp.typing import FloatArray
+
+_JOINT_KINDS: Mapping[str, JointKind] = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+}
+# Of a concave mesh: its convex parts, and the voxels of their search.
+_MOST_PARTS, _VOXELS = 6, 50_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandModel:
+    """Links, joints and collision bodies of a URDF or SDF; the fields are those of `Hand`."""
+
+    joint_names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    effort_limits: FloatArray
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    inertials: Mapping[str, Inertial]
+    link_geometries: tuple[LinkGeometry, ...]
+    visuals: tuple[LinkVisual, ...]
+    hulls_of_visuals: tuple[str, ...]
+
+
+def link_kinematics(model: HandModel) -> Kinematics:
+    """Return the kinematics of a tree without pads, in the frame of its base link."""
+    actuated = len(model.joint_names)
+    return Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
+
+
+def by_joint_kind(model: HandModel, *, revolute: float, prismatic: float) -> FloatArray:
+    """Return one of two values for each actuated joint, shape (J,)."""
+    values = {"revolute": revolute, "prismatic": prismatic}
+    kinds = {joint.index: joint.kind for joint in model.joints if joint.is_actuated}
+    return np.array([values[kinds[i]] for i in range(len(model.joint_names))])
+
+
+def build_hand_model(
+    robot: yourdfpy.Robot, path: Path, edits: DescriptionEdits | None = None
+) -> HandModel:
+    """Return links, joints, inertias and collision bodies of the robot that a file describes.
+
+    The edits are applied to the robot first. A link that has visual meshes and no collision bodies
+    gets the meshes' convex hulls. Meshes of links in `edits.convex_parts` become several bodies.
+
+    Links and joints have the meaning of a URDF's. Raises `InvalidFileError` if a mesh file is
+    missing or unreadable, `InvalidHandError` if the tree cannot be used: a loop, several roots,
+    missing limits or masses.
+    """
+    try:
+        edits = edits or DescriptionEdits()
+        return _Builder(apply_edits(robot, edits), path, edits).model()
+    except InvalidHandError as error:
+        raise InvalidHandError(f"{path.name}: {error}", file=path.name, key=error.key) from None
+
+
+class _Builder:
+    """Checks the links and joints of one robot description and converts them to a hand's."""
+
+    def __init__(self, robot: yourdfpy.Robot, path: Path, edits: DescriptionEdits) -> None:
+        self._links = {link.name: link for link in robot.links}
+        self._joints, self._path, self._repair = robot.joints, path, edits.repair
+        self._split = frozenset(edits.convex_parts)
+        unknown = sorted(self._split - set(self._links))
+        if unknown:
+            raise InvalidHandError(
+                f"convex_parts must name links of the hand; it has no link '{unknown[0]}'",
+                key="convex_parts",
+            )
+        self._actuated = [j for j in robot.joints if j.type != "fixed" and j.mimic is None]
+        self._names = [joint.name for joint in self._actuated]
+
+    def model(self) -> HandModel:
+        joints = self._ordered_joints()
+        limits = np.array([joint_limits(joint) for joint in self._actuated])  # (J, 3)
+        names = (joints[0].parent, *(joint.child for joint in joints))
+        visuals = tuple(v for name in names for v in self._visuals(name))
+        bodies = [body for name in names for body in self._bodies(name)]
+        bare = {v.link for v in visuals} - {body.link for body in bodies}
+        hulls = [body for v in visuals if v.link in bare for body in self._hulls(v)]
+        bodies += hulls
+        inertials = self._inertials(names, joints, bodies)
+        lower, upper, effort = (read_only(column.copy()) for column in limits.T)
+        return HandModel(
+            joint_names=tuple(self._names),
+            lower=lower,
+            upper=upper,
+            effort_limits=effort,
+            links=names,
+            joints=joints,
+            inertials=MappingProxyType(inertials),
+            link_geometries=tuple(bodies),
+            visuals=visuals,
+            hulls_of_visuals=tuple(dict.fromkeys(hull.link for hull in hulls)),
+        )
+
+    def _inertials(
+        self, names: Sequence[str], joints: Sequence[Joint], bodies: Sequence[LinkGeometry]
+    ) -> dict[str, Inertial]:
+        """Return the mass properties by link; a link that moves must have, or carry, a mass."""
+        inertials = {name: link_inertial(self._links[name]) for name in names}
+        repair = set(impossible_inertias(inertials)) if self._repair else set()
+        while missing := _massless(inertials, joints):
+            joint = missing[0]
+            if not self._repair or joint.child in repair:
+                raise InvalidHandError(
+                    f"link '{joint.child}' moves on joint '{joint.name}' and must have an inertial"
+                    " with a mass above 0; `repair: true` in the YAML gives it one"
+                )
+            repair.add(joint.child)
+            inertials[joint.child] = replace(inertials[joint.child], mass=LEAST_MASS)
+        for link in repair:
+            placed = [_in_link(body) for body in bodies if body.link == link]
+            inertials[link] = repaired_inertial(link_inertial(self._links[link]), placed)
+        return inertials
+
+    def _visuals(self, link: str) -> Iterator[LinkVisual]:
+        for visual in self._links[link].visuals:
+            shape, X_LG = visual.geometry, pose_matrix(visual.origin)
+            try:
+                if shape is None or shape.mesh is None:
+                    body = self._geometry(link, visual)
+                    if body is not None:
+                        yield LinkVisual(link, X_LG, body.mesh)
+                else:
+                    file = resolve_uri(shape.mesh.filename, self._path.parent, self._path.name)
+                    scale = None if shape.mesh.scale is None else np.atleast_1d(shape.mesh.scale)
+                    yield LinkVisual(link, X_LG, file, scale)
+            except LisGraspError:  # a hand can do without its looks
+                continue
+
+    def _bodies(self, link: str) -> Iterator[LinkGeometry]:
+        for collision in self._links[link].collisions:
+            geometry = collision.geometry
+            if geometry is None or geometry.mesh is None:
+                body = self._geometry(link, collision)
+                if body is not None:
+                    yield body
+            else:
+                file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
+                mesh = load_mesh(file, geometry.mesh.scale)
+                yield from self._convex(link, pose_matrix(collision.origin), mesh)
+
+    def _hulls(self, visual: LinkVisual) -> Iterator[LinkGeometry]:
+        mesh = load_visual(visual)
+        if mesh is not None:
+            yield from self._convex(visual.link, visual.X_LG, mesh)
+
+    def _convex(self, link: str, X_LG: FloatArray, mesh: trimesh.Trimesh) -> Iterator[LinkGeometry]:
+        """Yield a mesh's convex hull, or its convex parts; nothing for a flat mesh."""
+        hull = convex_body(link, X_LG, mesh)
+        if hull is None or link not in self._split:
+            parts = [hull]
+        else:
+            found = convex_parts(mesh, most=_MOST_PARTS, voxels=_VOXELS)
+            parts = [convex_body(link, X_LG, part) for part in found]
+        yield from (part for part in parts if part is not None)
+
+    def _ordered_joints(self) -> tuple[Joint, ...]:
+        """Return the joints, a parent before its children, otherwise in the file's order."""
+        children = [joint.child for joint in self._joints]
+        roots = [name for name in self._links if name not in children]
+        if len(roots) != 1 or len(set(children)) != len(children):
+            raise InvalidHandError(
+                f"the links must form one tree; links without a parent: {', '.join(roots) or '-'}"
+            )
+        for joint in self._joints:
+            self._check(joint)
+        if not self._actuated:
+            raise InvalidHandError("there must be movable joints; there are none")
+        ordered: list[Joint] = []
+        joined, waiting = {roots[0]}, list(self._joints)
+        while waiting:
+            joint = next((joint for joint in waiting if joint.parent in joined), None)
+            if joint is None:
+                raise InvalidHandError(f"joint '{waiting[0].name}' is on a loop of links")
+            waiting.remove(joint)
+            joined.add(joint.child)
+            ordered.append(self._joint(joint))
+        return tuple(ordered)
+
+    def _check(self, joint: Any) -> None:
+        if joint.type not in _JOINT_KINDS:
+            raise InvalidHandError(
+                f"joint '{joint.name}' is of type '{joint.type}'; joints must be"
+                f" {', '.join(_JOINT_KINDS)}"
+            )
+        for link in (joint.parent, joint.child):
+            if link not in self._links:
+                raise InvalidHandError(f"joint '{joint.name}' joins '{link}', which is no link")
+        if joint.mimic is not None and joint.mimic.joint not in self._names:
+            raise InvalidHandError(
+                f"joint '{joint.name}' mimics '{joint.mimic.joint}', which must be a movable joint"
+                " that mimics no other"
+            )
+
+    def _joint(self, joint: Any) -> Joint:
+        kind, mimic = _JOINT_KINDS[joint.type], joint.mimic
+        axis = np.zeros(3) if kind == "fixed" else unit_axis(joint)
+        multiplier = 1.0 if mimic is None or mimic.multiplier is None else float(mimic.multiplier)
+        offset = 0.0 if mimic is None or mimic.offset is None else float(mimic.offset)
+        if not np.isfinite([multiplier, offset]).all():
+            raise InvalidHandError(f"joint '{joint.name}' must mimic by finite numbers")
+        leader = joint.name if mimic is None else mimic.joint
+        return Joint(
+            name=joint.name,
+            kind=kind,
+            parent=joint.parent,
+            child=joint.child,
+            X_PJ=pose_matrix(joint.origin),
+            axis_J=read_only(axis),
+            index=self._names.index(leader) if kind != "fixed" else -1,
+            follows=mimic is not None,
+            multiplier=multiplier,
+            offset=offset,
+        )
+
+    def _geometry(self, link: str, collision: Any) -> LinkGeometry | None:
+        """Return a simple body; None without extent, as frames that only carry a name have."""
+        shape, sizes = shape_and_sizes(collision.geometry)
+        if shape is None:
+            raise InvalidHandError(
+                f"a collision body of link '{link}' must be a box, sphere, cylinder, capsule or"
+                " mesh"
+            )
+        if 0.0 in sizes:
+            return None
+        return primitive(link, pose_matrix(collision.origin), shape, sizes)
+
+
+def _massless(inertials: Mapping[str, Inertial], joints: Sequence[Joint]) -> list[Joint]:
+    """Return the movable joints that move no mass, the outermost first."""
+    masses = {name: inertial.mass for name, inertial in inertials.items()}
+    found = []
+    for joint in reversed(joints):
+        if joint.kind == "fixed":
+            masses[joint.parent] += masses[joint.child]
+        elif masses[joint.child] <= 0.0:
+            found.append(joint)
+    return found
+
+
+def _in_link(body: LinkGeometry) -> trimesh.Trimesh:
+    return body.mesh.copy().apply_transform(body.X_LG)
+
+
+def rpy_pose(translation: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
+    """Return a pose (4, 4) from a translation [m] and the URDF's fixed-axis angles [rad]."""
+    pose = trimesh.transformations.euler_matrix(*np.asarray(rpy, np.float64), axes="sxyz")
+    pose[:3, 3] = translation
+    return np.asarray(pose, np.float64)
+
+
+def links_fixed_to(model: HandModel, link: str) -> frozenset[str]:
+    """Return a link, and all links that no movable joint separates from it."""
+    root = link
+    for joint in reversed(joints_to(model.joints, link)):
+        if joint.kind != "fixed":
+            break
+        root = joint.parent
+    group = {root}
+    for joint in model.joints:  # parents come before their children
+        if joint.kind == "fixed" and joint.parent in group:
+            group.add(joint.child)
+    return frozenset(group)

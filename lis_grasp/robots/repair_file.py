@@ -1,0 +1,117 @@
+"""Corrected copy of a URDF or SDF: impossible inertias and missing masses replaced."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.robots.description_edits import DescriptionEdits
+from lis_grasp.robots.hand_parts import Inertial
+from lis_grasp.robots.hand_urdf import parse_xml
+from lis_grasp.robots.inertias import LEAST_MASS, is_possible
+from lis_grasp.robots.robot_description import read_description
+from lis_grasp.typing import FloatArray
+
+_MOMENTS = {
+    "ixx": (0, 0),
+    "ixy": (0, 1),
+    "ixz": (0, 2),
+    "iyy": (1, 1),
+    "iyz": (1, 2),
+    "izz": (2, 2),
+}
+
+
+def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[str]:
+    """Write a copy of a description whose links have possible inertias, and return what changed.
+
+    Paths of meshes are rewritten relative to the copy. The new values are those of
+    `repaired_inertial`; the other links stay as they are. Errors as of `Hand.load`.
+    """
+    form = "sdf" if path.suffix == ".sdf" else "urdf"
+    repaired = read_description(path, replace(edits, repair=True)).inertials
+    root = parse_xml(path)
+    changed = []
+    for link in root.iter("link"):
+        name = link.get("name", "")
+        if name not in repaired or repaired[name].mass <= 0.0:
+            continue
+        before = _mass(link, form)
+        if before > 0.0 and _is_given(link, form, repaired[name]):
+            continue
+        _write(link, form, repaired[name])
+        mass = repaired[name].mass
+        moments = np.linalg.eigvalsh(repaired[name].inertia_L)
+        was = "" if before > 0.0 else " (was missing)"
+        shown = ", ".join(f"{moment:.3g}" for moment in moments)
+        changed.append(f"{name}: mass {mass:.4g} kg{was}, principal moments {shown} kg m^2")
+    for element in root.iter("mesh" if form == "urdf" else "uri"):
+        _move(element, form, path.resolve().parent, output.resolve().parent)
+    write_text(output, ET.tostring(root, encoding="unicode") + "\n")
+    return changed
+
+
+def _mass(link: ET.Element, form: str) -> float:
+    mass = link.find("inertial/mass")
+    if mass is None:
+        return 0.0
+    return float(mass.get("value", "0") if form == "urdf" else mass.text or "0")
+
+
+def _is_given(link: ET.Element, form: str, repaired: Inertial) -> bool:
+    """Return whether the file's own inertia of a link is possible, whatever its axes."""
+    inertia = link.find("inertial/inertia")
+    values = {} if inertia is None else _moments(inertia, form)
+    matrix = np.zeros((3, 3))
+    for name, (i, j) in _MOMENTS.items():
+        matrix[i, j] = matrix[j, i] = values.get(name, 0.0)
+    own = Inertial(_mass(link, form), repaired.center_L, matrix)
+    return own.mass < LEAST_MASS or is_possible(own)
+
+
+def _moments(inertia: ET.Element, form: str) -> Mapping[str, float]:
+    if form == "urdf":
+        return {name: float(inertia.get(name, "0")) for name in _MOMENTS}
+    return {name: float(inertia.findtext(name, "0")) for name in _MOMENTS}
+
+
+def _write(link: ET.Element, form: str, inertial: Inertial) -> None:
+    """Replace a link's inertial element: at the centre of mass, along the link's axes."""
+    old = link.find("inertial")
+    if old is not None:
+        link.remove(old)
+    element = ET.Element("inertial")
+    link.insert(0, element)
+    center, matrix = _numbers(inertial.center_L), inertial.inertia_L
+    if form == "urdf":
+        ET.SubElement(element, "origin", {"xyz": center, "rpy": "0 0 0"})
+        ET.SubElement(element, "mass", {"value": f"{inertial.mass:.8g}"})
+        moments = {name: f"{matrix[at]:.8g}" for name, at in _MOMENTS.items()}
+        ET.SubElement(element, "inertia", moments)
+        return
+    ET.SubElement(element, "pose").text = f"{center} 0 0 0"
+    ET.SubElement(element, "mass").text = f"{inertial.mass:.8g}"
+    inertia = ET.SubElement(element, "inertia")
+    for name, at in _MOMENTS.items():
+        ET.SubElement(inertia, name).text = f"{matrix[at]:.8g}"
+
+
+def _move(element: ET.Element, form: str, before: Path, after: Path) -> None:
+    uri = element.get("filename", "") if form == "urdf" else (element.text or "").strip()
+    if not uri or "://" in uri or os.path.isabs(uri):
+        return
+    moved = os.path.relpath(before / uri, after)
+    if form == "urdf":
+        element.set("filename", moved)
+    else:
+        element.text = moved
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(f"{value:.8g}" for value in values)

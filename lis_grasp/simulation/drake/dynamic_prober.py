@@ -1,0 +1,246 @@
+"""Dynamic prober: touch an object with a hand in Drake, by guarded motion and contact patches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import trimesh
+
+from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.arms.station import Station
+from lis_grasp.arms.time_scaling import TIME_STEP
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import require_positive
+from lis_grasp.exploration.probe import GENTLE_SPEED, PROBE_SPEED, HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.probing.guarded_motion import Course, GuardedMotion
+from lis_grasp.probing.probe_path import path_back, path_out
+from lis_grasp.records import read_only
+from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.hand import Hand
+from lis_grasp.simulation.drake.arm_watch import ArmStoppedError
+from lis_grasp.simulation.drake.contact_patches import Patch
+from lis_grasp.simulation.drake.probing_scene import FreeObject, ProbingScene
+from lis_grasp.simulation.drake.transit_scene import TransitScene
+from lis_grasp.typing import FloatArray
+
+# Free flight needs no dynamics: the simulation starts this far before the first contact [m]; an arm
+# first settles under its load.
+_BEFORE, _BEFORE_WITH_ARM = 0.0005, 0.002
+# A touch is detected within this distance of the first contact; later ones are grazes [m].
+_BEYOND = 0.01
+# From a free object the hand retreats this late after the detection [s]: a sensor of 100 Hz.
+_LATENCY = 0.01
+
+# Arm, course, distance of its end from the contact [m], time step [s] -> the arm's path.
+_PathOf = Callable[[Arm, Course, float, float], JointTrajectory]
+
+ARM_STOPPED = "the arm stopped"
+GRAZED = "a link grazed the object below the force threshold"
+
+
+class DynamicProber:
+    """Probes with the whole hand in Drake; every link can touch.
+
+    The hand rides on an arm along the probe's direction at 0.1 m/s, one finger extended in its
+    probe posture, the joints under PD control. Free flight is exact without integration and is
+    skipped (`GuardedMotion`). The motion is simulated from 0.5 mm before the first contact until a
+    contact's normal force exceeds the threshold.
+
+    Contact is Drake's hydroelastic one between the exact mesh and compliant links, so bores and
+    concave corners are true. A contact is the area-weighted centroid and normal of its patch, not
+    the force's direction, which friction tilts. A patch across an edge counts as two contacts. Each
+    is tagged with the link that touched.
+
+    A fixed object gives an outcome that depends on nothing but the probe. A free one stays where a
+    touch leaves it, toppled or rolled away. Probes and contacts are in the frame E in which the
+    hand is commanded: the prober measures by the hand's kinematics, and never by the object's pose.
+    E is the object's frame O before the first touch.
+
+    Parameters
+    ----------
+    hand, mesh
+        The hand and the true object; requirements and errors as of `KinematicProber`.
+    free
+        Makes the object free to move on a table, and touches slow; None fixes it.
+    force_threshold
+        Normal force that ends a touch [N]; None for 0.2 N, and 0.05 N on a free object. The motion
+        advances by 0.2 mm a step, or 0.06 mm if the object is free, so the force exceeds it a
+        little: by at most 1 N.
+    station
+        The arm that carries the hand, at 20 mm/s on probes and 50 mm/s on approaches; it retreats
+        at once after a touch. Probes beyond its reach are blocked, as are those on which a link of
+        it collides or a joint exceeds its largest effort. None for a hand on a rail.
+    arm_use
+        Gets what touches demand of the arm; None for a record that nobody reads.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the threshold is not above 0.
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        free: FreeObject | None = None,
+        force_threshold: float | None = None,
+        station: Station | None = None,
+        arm_use: ArmUse | None = None,
+    ) -> None:
+        if force_threshold is None:
+            force_threshold = 0.2 if free is None else 0.05
+        require_positive(force_threshold=force_threshold)
+        self._threshold = force_threshold
+        self._scene = ProbingScene(hand, mesh, free, station, arm_use)
+        self._speed = PROBE_SPEED if free is None else GENTLE_SPEED
+        self._motion = GuardedMotion(hand, mesh, station, probe_speed=self._speed)
+        self._station = station
+        self._ways: TransitScene | None = None
+        if station is not None:
+            self._ways = TransitScene(station, mesh, arm_use or ArmUse())
+        self._X_WE = np.eye(4)  # the plant is in W, where the arm's base stays
+        self._hand = hand
+        self._free = free
+        self._hull = np.asarray(mesh.convex_hull.vertices)
+        self._X_EO = np.eye(4)
+
+    def place_object(self, X_EO: FloatArray) -> None:
+        """Place the true object, free and at rest, at a pose, shape (4, 4): that of a record."""
+        self._X_EO = read_only(np.array(X_EO, dtype=np.float64))
+
+    def move_frame(self, X_EF: FloatArray) -> None:
+        """Give later probes in a frame F with pose X_EF, shape (4, 4), about the vertical axis."""
+        self.place_object(np.linalg.inv(X_EF) @ self._X_EO)
+        self.place_frame(self._X_WE @ X_EF)
+
+    def place_frame(self, X_WE: FloatArray) -> None:
+        """Give later probes in a frame E with pose X_WE, shape (4, 4), in the arm's world."""
+        if self._station is not None:
+            self._X_WE = X_WE
+            X_EA = np.linalg.inv(X_WE) @ self._station.X_WA
+            self._motion.place_station(self._station.moved(X_EA))
+
+    def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
+        """Carry out one probe; see `Prober`.
+
+        Raises
+        ------
+        SimulationError
+            If Drake's solver fails.
+        """
+        self._motion.place_object(self._X_EO)
+        missed, course = self._motion.outcome(probe, obstacles)
+        if self._free is not None:
+            missed = replace(missed, simulated_pose=self._X_EO)
+        if course is None:
+            return missed
+        try:
+            self._go(course, path_out)
+        except ArmStoppedError as stopped:
+            return replace(missed, status="blocked", reason=f"{ARM_STOPPED}: {stopped.reason}")
+        outcome = missed if course.touched is None else self._end_of(course, missed)
+        with suppress(ArmStoppedError):  # recorded; what was touched is known
+            self._go(course, path_back)
+        return outcome
+
+    def _go(self, course: Course, path: _PathOf) -> None:
+        """Simulate the arm's way of a course in free space; without an arm, there is none."""
+        if self._ways is not None and self._station is not None and course.way is not None:
+            posture = course.approach.posture.joint_positions
+            way = path(self._station.arm, course, _BEFORE, TIME_STEP)
+            touch: float | None = None
+            if course.touched is not None:
+                touch = way.duration if path is path_out else 0.0
+            self._ways.run(way, posture, self._in_world(self._X_EO), touch=touch)
+
+    def _end_of(self, course: Course, missed: ProbeOutcome) -> ProbeOutcome:
+        """Return the outcome of a course with a contact at its end."""
+        before, reason = self._X_EO, GRAZED
+        hand_pose: HandPose | None
+        try:
+            patches, hand_pose = self._touch(course)
+        except ArmStoppedError as stopped:
+            patches, hand_pose, reason = [], None, f"{ARM_STOPPED}: {stopped.reason}"
+        if self._free is not None:
+            missed = replace(missed, simulated_pose=self._X_EO, moved=self._displacement(before))
+        if not patches:
+            return replace(missed, status="blocked", reason=reason)
+        return replace(
+            missed,
+            status="touched",
+            contacts=_contacts(patches, course.until_contact),
+            hand_pose=hand_pose,
+        )
+
+    def _touch(self, course: Course) -> tuple[list[Patch], HandPose]:
+        """Simulate the last part of a course; return contact patches and the hand's pose."""
+        scene, posture = self._scene, course.approach.posture
+        palm_to_base = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
+        X_EB = course.X_OH @ palm_to_base[self._hand.base_link]
+        X_WB, X_WO = self._in_world(X_EB), self._in_world(self._X_EO)
+        direction = course.direction
+        if self._station is not None:
+            direction = self._X_WE[:3, :3] @ direction
+        scene.place(posture.joint_positions, X_WB, direction, X_WO, course.q_arm)
+        speed = self._speed if self._station is None else course.speed
+        before = _BEFORE if self._station is None else _BEFORE_WITH_ARM
+        start = max(course.travelled - before, 0.0)
+        scene.start_motion(start, speed)
+        step = speed * scene.time_step
+        end = course.travelled + min(_BEYOND, course.remaining)
+        patches: list[Patch] = []
+        scene.command(start + step, speed)
+        for n in range(1, int(np.ceil((end - start) / step)) + 1):
+            scene.advance()
+            scene.command(start + (n + 1) * step, speed)
+            if start + n * step > course.travelled:
+                patches = scene.patches(self._threshold)
+            if patches:
+                break
+        hand_pose = HandPose(self._from_world(scene.X_WH) + 0.0, scene.joint_positions)
+        patches = [self._seen(patch) for patch in patches]
+        if self._free is not None or self._station is not None:
+            late = n + (1 if self._station is not None else round(_LATENCY / scene.time_step))
+            for m in range(n + 1, late + 1):
+                scene.step(start + m * step, speed)
+            scene.retreat(start + late * step, PROBE_SPEED)
+        if self._free is not None:
+            self._X_EO = read_only(self._from_world(scene.X_WO))
+        return patches, hand_pose
+
+    def _in_world(self, X_E: FloatArray) -> FloatArray:
+        """Return a pose (4, 4) in the plant's world; without an arm, that is E."""
+        return X_E if self._station is None else self._X_WE @ X_E
+
+    def _from_world(self, X_W: FloatArray) -> FloatArray:
+        return X_W if self._station is None else np.linalg.inv(self._X_WE) @ X_W
+
+    def _seen(self, patch: Patch) -> Patch:
+        """Return a patch in E."""
+        if self._station is None:
+            return patch
+        X_EW = np.linalg.inv(self._X_WE)
+        point, normal = X_EW[:3, :3] @ patch.point + X_EW[:3, 3], X_EW[:3, :3] @ patch.normal
+        return replace(patch, point=point, normal=normal)
+
+    def _displacement(self, X_EO: FloatArray) -> float:
+        """Return the largest displacement of a point of the object from an earlier pose [m]."""
+        before, now = (trimesh.transform_points(self._hull, X) for X in (X_EO, self._X_EO))
+        return float(np.linalg.norm(now - before, axis=1).max())
+
+
+def _contacts(patches: list[Patch], time: float) -> Contacts:
+    return Contacts(
+        points=np.array([patch.point for patch in patches]) + 0.0,  # no negative zeros
+        normals=np.array([patch.normal for patch in patches]) + 0.0,
+        forces=np.array([patch.force for patch in patches]),
+        fingers=tuple(patch.link for patch in patches),
+        times=np.full(len(patches), time),
+    )

@@ -1,0 +1,180 @@
+"""MuJoCo scene of a lift: a free object on a table, and a hand on a wrist."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import trimesh
+
+from lis_grasp.exceptions import SimulationError
+from lis_grasp.lifting.lift_gains import WRIST_DAMPING, WRIST_STIFFNESS, finger_gains
+from lis_grasp.lifting.lift_setup import LiftSetup
+from lis_grasp.lifting.wrist_trajectory import WristMotion, WristPath
+from lis_grasp.motion import OBJECT
+from lis_grasp.simulation.mujoco.merged_contacts import MergedContact, merged_contacts
+from lis_grasp.simulation.mujoco.scene_mjcf import HAND, TIME_STEP, WRIST_JOINTS, scene_mjcf
+from lis_grasp.typing import FloatArray
+
+
+class MujocoScene:
+    """A MuJoCo simulation of hand, object and table; see `LiftingScene`.
+
+    The object collides as convex pieces, given in O. Contacts are points with elliptic friction
+    cones and torsional friction. The hand's links do not collide with each other.
+    """
+
+    def __init__(self, setup: LiftSetup, pieces: Sequence[trimesh.Trimesh]) -> None:
+        hand, mesh = setup.hand, setup.mesh
+        self._hand = hand
+        self._model = model = mujoco.MjModel.from_xml_string(scene_mjcf(setup, pieces))
+        self._data = mujoco.MjData(model)
+        self._time_step = setup.options.time_step
+        self._substeps = max(1, round(np.ceil(self._time_step / TIME_STEP - 1e-9)))
+        model.opt.timestep = self._time_step / self._substeps
+        self._steps = 0
+        self._bodies = {link: model.body(HAND + link).id for link in hand.links}
+        links = {number: link for link, number in self._bodies.items()}
+        bodies = enumerate(model.geom_bodyid)
+        self._link_of_geom = {geom: links[body] for geom, body in bodies if body in links}
+        self._object = model.body(OBJECT).id
+        free = model.joint(OBJECT)
+        self._object_q = slice(free.qposadr[0], free.qposadr[0] + 7)
+        self._object_v = slice(free.dofadr[0], free.dofadr[0] + 6)
+        self._resting: FloatArray | None = None  # the pose at which the object is kept, (7,)
+        moved = [joint for joint in hand.joints if joint.kind != "fixed"]
+        self._moved = [(model.joint(HAND + joint.name), joint) for joint in moved]
+        actuated = [model.joint(HAND + name) for name in hand.joint_names]
+        self._finger_q = [joint.qposadr[0] for joint in actuated]
+        self._wrist_q = [model.joint(name).qposadr[0] for name in WRIST_JOINTS]
+        self._lead = np.repeat(np.array(WRIST_DAMPING) / np.array(WRIST_STIFFNESS), 3)  # [s]
+        self._stiffness, _ = finger_gains(hand, setup.grasp)
+        self._wrist_command = np.zeros(6)
+        self._center = np.asarray(mesh.center_mass)
+        self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [s]."""
+        return self._steps * self._time_step
+
+    @property
+    def steps(self) -> int:
+        """Time steps since the start."""
+        return self._steps
+
+    def place_hand(self, displacement: FloatArray, q: FloatArray) -> None:
+        """Set the palm to a displacement (6,) and the joints to q, at rest."""
+        self._data.qvel[:] = 0.0
+        self._data.qpos[self._wrist_q] = displacement
+        for moved, joint in self._moved:
+            self._data.qpos[moved.qposadr[0]] = joint.position(q)
+        self._command_wrist(displacement, np.zeros(6))
+        self._data.ctrl[:6] = self._wrist_command
+        self.command_fingers(q, np.zeros(len(q)))
+        mujoco.mj_forward(self._model, self._data)
+
+    def follow(self, path: WristPath, duration: float) -> WristMotion:
+        """Return the palm's motion along a path of a duration [s]."""
+        return WristMotion(self._command_wrist, path, duration)
+
+    def _command_wrist(self, displacement: FloatArray, velocity: FloatArray) -> None:
+        """Command the palm's displacement (6,) from its zero, see `WristPath`, and its rate."""
+        # The servo damps the joint's velocity: a position ahead makes that the velocity's error.
+        self._wrist_command = displacement + self._lead * velocity
+
+    def command_fingers(self, q: FloatArray, efforts: FloatArray) -> None:
+        """Command joint positions q, shape (J,), and efforts (J,) on top of the springs'."""
+        self._data.ctrl[6:] = q + efforts / self._stiffness
+
+    def rest_object(self) -> None:
+        """Keep the object where it is until the hand touches it."""
+        self._resting = self._data.qpos[self._object_q].copy()
+
+    def step(self) -> None:
+        """Advance by one time step.
+
+        Raises
+        ------
+        SimulationError
+            If positions or velocities are no longer finite.
+        """
+        self._steps += 1
+        before = self._data.ctrl[:6].copy()
+        change = self._wrist_command - before
+        for substep in range(1, self._substeps + 1):
+            # A command that jumps once a step would shake the palm.
+            self._data.ctrl[:6] = before + substep / self._substeps * change
+            mujoco.mj_step(self._model, self._data)
+            if self._resting is not None:
+                self._data.qpos[self._object_q] = self._resting
+                self._data.qvel[self._object_v] = 0.0
+        self._data.ctrl[:6] = self._wrist_command  # without rounding
+        if not (np.isfinite(self._data.qpos).all() and np.isfinite(self._data.qvel).all()):
+            raise SimulationError(f"a lift diverged at {self.time:.3f} s")
+        # A step ends with poses of its start.
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        if self._resting is not None and self.contacts():
+            self._resting = None
+
+    @property
+    def joint_positions(self) -> FloatArray:
+        """Joint positions, shape (J,)."""
+        return np.array(self._data.qpos[self._finger_q])
+
+    @property
+    def X_WH(self) -> FloatArray:
+        """Pose of the palm, shape (4, 4)."""
+        return np.asarray(self.X_WL(self._hand.base_link) @ self._hand.X_LH)
+
+    @property
+    def X_WO(self) -> FloatArray:
+        """Pose of the object, shape (4, 4)."""
+        X_WO = self._pose(self._object)
+        X_WO[:3, 3] -= X_WO[:3, :3] @ self._center
+        return X_WO
+
+    @property
+    def object_center(self) -> FloatArray:
+        """The object's centre of mass, shape (3,) [m]."""
+        return np.array(self._data.xpos[self._object])
+
+    @property
+    def object_bottom(self) -> float:
+        """Height of the object's lowest point [m]."""
+        X_WO = self.X_WO
+        return float((self._vertices @ X_WO[2, :3]).min() + X_WO[2, 3])
+
+    def poses(self) -> dict[str, FloatArray]:
+        """Return the pose of every hand link and the object, each (4, 4)."""
+        return {**{link: self.X_WL(link) for link in self._bodies}, OBJECT: self.X_WO}
+
+    def contacts(self) -> list[MergedContact]:
+        """Return the contacts of the hand with the object, in a fixed order."""
+        return merged_contacts(self._model, self._data, self._object, self._link_of_geom)
+
+    def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
+        """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).
+
+        Joints that follow another move with it.
+        """
+        X_WL = self.X_WL(link)
+        every = np.zeros((3, self._model.nv))
+        point = X_WL[:3, :3] @ p_L + X_WL[:3, 3]
+        mujoco.mj_jac(self._model, self._data, every, None, point, self._bodies[link])
+        columns = np.zeros((3, len(self._hand.joint_names)))
+        for moved, joint in self._moved:
+            columns[:, joint.index] += joint.multiplier * every[:, moved.dofadr[0]]
+        return columns
+
+    def X_WL(self, link: str) -> FloatArray:
+        """Return the pose of a link, shape (4, 4)."""
+        return self._pose(self._bodies[link])
+
+    def _pose(self, body: int) -> FloatArray:
+        X = np.eye(4)
+        X[:3, :3] = self._data.xmat[body].reshape(3, 3)
+        X[:3, 3] = self._data.xpos[body]
+        return X

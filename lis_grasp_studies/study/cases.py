@@ -1,0 +1,118 @@
+"""Scenes and pictures of the clearest win and the clearest loss of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import trimesh
+
+from lis_grasp import pipeline
+from lis_grasp.exceptions import LisGraspError
+from lis_grasp.io.json_lines import Row
+from lis_grasp.robots.hand import Hand
+from lis_grasp.version import __version__
+from lis_grasp.visualization import Scene
+from lis_grasp.visualization.hand_layers import link_poses
+from lis_grasp_studies.figures import png_of
+from lis_grasp_studies.figures.palette import estimator_label
+from lis_grasp_studies.figures.static_scene import draw_still
+from lis_grasp_studies.figures.style import add_panel, foot_note, head_estimator, new_figure
+from lis_grasp_studies.report_page import Picture
+from lis_grasp_studies.study.comparison import clearest_pairs
+from lis_grasp_studies.study.study_results import job_of
+from lis_grasp_studies.study.study_trial import (
+    estimate,
+    lift,
+    plan,
+    shape_at,
+    single_threaded_drake,
+    touch,
+)
+from lis_grasp_studies.study.trial import label
+
+
+def draw_cases(
+    folder: Path, rows: Sequence[Row], reference: str, files: Sequence[str]
+) -> Iterator[Picture]:
+    """Draw the clearest win and the clearest loss of a study, and write a scene of each row.
+
+    Scenes are ``cases/<key>.html`` in the study's folder. The files are paths of objects and hands.
+    Rows whose files are missing, or that another version made, are left out.
+    """
+    for winner, loser in clearest_pairs(rows, reference):
+        first, second = (_repeat(row, files) for row in (winner, loser))
+        if first is None or second is None:
+            continue
+        for row, case in ((winner, first), (loser, second)):
+            _write(folder / "cases" / f"{row['key']}.html", row, case)
+        won = winner["estimator"] != reference
+        best = (winner if won else loser)["estimator"]
+        yield Picture(
+            f"The clearest {'win' if won else 'loss'} of {estimator_label(best)}",
+            f"{label(winner['object'])}, {winner['hand']}, {winner['touches']} touches, noise"
+            f" {winner['noise']}, seed {winner['seed']}: both estimates and their contacts, the"
+            " true edges as lines, and the hand at its best grasp. Interactive scenes with the"
+            f" lift: cases/{winner['key']}.html and cases/{loser['key']}.html.",
+            _picture([(winner, first), (loser, second)]),
+        )
+
+
+def _repeat(row: Row, files: Sequence[str]) -> dict[str, Any] | None:
+    """Repeat a row, and return its scene by argument of `Scene`; None if that fails."""
+    if row["version"] != __version__:
+        return None
+    try:
+        trial = job_of(row, files).trial
+        with single_threaded_drake():
+            shape, hand = trial.find_object(), Hand.load(trial.hand)
+            touched = touch(trial, trial.explorer(row["estimator"]))
+            mesh = estimate(trial, row["estimator"], touched.contacts)
+            grasps = plan(trial, mesh, shape, hand).grasps
+            outcome = lift(trial, grasps[0], shape, hand, touched.X_EO) if grasps else None
+    except LisGraspError:  # no surface, or no file: nothing to draw
+        return None
+    return {
+        "truth": shape_at(shape, touched.X_EO),
+        "estimate": mesh,
+        "contacts": touched.contacts,
+        "grasps": grasps,
+        "hand": hand,
+        "motion": None if outcome is None else outcome.motion,
+        "support_height": pipeline.support_height(shape, trial.run_config()),
+    }
+
+
+def _write(path: Path, row: Row, scene: dict[str, Any]) -> None:
+    lines = (
+        f"{estimator_label(row['estimator'])}, {row['touches']} touches, noise {row['noise']},"
+        f" seed {row['seed']}",
+        _result(row),
+    )
+    content = scene | {"truth": scene["truth"].mesh}
+    Scene(**content, title=f"lis_grasp: {row['object']}", summary=lines).save(path)
+
+
+def _picture(shown: Sequence[tuple[Row, dict[str, Any]]]) -> bytes:
+    figure = new_figure(4.4)
+    for k, (row, scene) in enumerate(shown):
+        axes = add_panel(figure, 0.02 + 0.49 * k, 0.1, 0.47, 0.8)
+        mesh, hand, grasps = scene["estimate"], scene["hand"], scene["grasps"]
+        # One colour scale for both would hide the more certain surface: no colours.
+        plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        poses = dict(zip(hand.links, link_poses(hand, grasps[0]), strict=True)) if grasps else None
+        as_in_scene = {name: scene[name] for name in ("truth", "contacts", "hand")}
+        draw_still(axes, estimate=plain, links=poses, **as_in_scene)
+        head_estimator(axes, row["estimator"])
+        foot_note(axes, _result(row))
+    return png_of(figure)
+
+
+def _result(row: Row) -> str:
+    if row["epsilon_truth"] is None:
+        return str(row["reason"])
+    return (
+        f"{row['reason']}; epsilon {row['epsilon_estimate']:.3f} on the estimate,"
+        f" {row['epsilon_truth']:.3f} on the truth"
+    )

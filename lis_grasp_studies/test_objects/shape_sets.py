@@ -1,0 +1,187 @@
+"""The test objects by name: development and evaluation shapes, disjoint, each with its family.
+
+Settings and constants are chosen on DEVELOPMENT shapes only. EVALUATION shapes, and scans from a
+folder, measure what was chosen. No evaluation shape is a rescaled development shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, get_args
+
+import numpy as np
+
+from lis_grasp import shapes
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.shapes import Shape
+from lis_grasp_studies.test_objects import curved_solids as curved
+from lis_grasp_studies.test_objects import mixed_solids as mixed
+from lis_grasp_studies.test_objects import organic_solids as organic
+from lis_grasp_studies.test_objects import prismatic_solids as prismatic
+from lis_grasp_studies.test_objects import thin_solids as thin
+from lis_grasp_studies.test_objects import tools
+from lis_grasp_studies.test_objects.solid_modelling import Solid, mesh_of
+
+Family = Literal["prismatic", "curved", "organic", "mixed", "thin", "scans"]
+"""Planes only; bodies of revolution and cylinders; smooth everywhere; planes, curves and fillets
+joined; plates, sheets and rods; scans of real objects."""
+
+FAMILIES: tuple[Family, ...] = get_args(Family)
+
+BUILT_IN_SIZES: Mapping[str, float] = MappingProxyType(
+    {
+        "box": 0.16,
+        "cylinder": 0.20,
+        "half_cylinder": 0.12,
+        "hollow_cylinder": 0.18,
+        "sphere": 0.10,
+        "torus": 0.20,
+        "pentagon": 0.14,
+        "mallet": 0.22,
+    }
+)
+"""Largest extent of the built-in shapes among the development shapes [m]."""
+
+DEVELOPMENT: Mapping[Family, tuple[str, ...]] = MappingProxyType(
+    {
+        "prismatic": ("box", "pentagon", "l_bracket", "stairs"),
+        "curved": (
+            *("cylinder", "half_cylinder", "hollow_cylinder"),
+            *("sphere", "torus", "vase", "pinched"),
+        ),
+        "organic": ("lumpy", "bean", "dumbbell"),
+        "mixed": ("mallet", "rounded_box", "screw", "socket"),
+        "thin": ("plate", "hook", "dish"),
+    }
+)
+"""Names of the shapes that settings may be chosen on, by family."""
+
+_EVALUATION: Mapping[Family, tuple[Callable[[], Solid], ...]] = MappingProxyType(
+    {
+        "prismatic": (
+            *(prismatic.roof, prismatic.truncated_pyramid, prismatic.dodecahedron),
+            *(prismatic.t_profile, prismatic.u_channel, prismatic.star_prism),
+            *(prismatic.faceted_rock, prismatic.gear, prismatic.corner_cube),
+        ),
+        "curved": (
+            *(curved.cone, curved.capsule, curved.lens, curved.bottle, curved.hourglass),
+            *(curved.cut_ellipse, curved.dome, curved.stepped_shaft, curved.quarter_ring),
+            *(curved.goblet, curved.saddle_block),
+        ),
+        "organic": (
+            *(organic.egg, organic.pear, organic.banana, organic.potato, organic.peanut),
+            *(organic.soft_cube, organic.toy_duck, organic.twisted_pebble, organic.tripod_knob),
+        ),
+        "mixed": (
+            *(mixed.mug, mixed.hammer, mixed.pipe_tee, mixed.fluted_knob, mixed.kettlebell),
+            *(mixed.screwdriver, mixed.drilled_block, mixed.filleted_angle, mixed.camera),
+            *(mixed.pillow_plate, mixed.pulley),
+        ),
+        "thin": (
+            *(thin.spoon, thin.angle_sheet, thin.bowl, thin.wrench, thin.bangle),
+            *(thin.s_rod, thin.comb, thin.spatula),
+        ),
+    }
+)
+
+EVALUATION: Mapping[Family, tuple[str, ...]] = MappingProxyType(
+    {family: tuple(build.__name__ for build in builds) for family, builds in _EVALUATION.items()}
+)
+"""Names of the shapes that nothing may be chosen on, by family."""
+
+TOOLS = ("hammer", "screwdriver", "clamp", "plate", "ruler", "key", "spoon", "pen")
+"""Names of tools and flat things, for lifts of long and low objects."""
+
+_DEVELOPMENT_ONLY = (
+    *(prismatic.l_bracket, prismatic.stairs, curved.vase, curved.pinched),
+    *(organic.lumpy, organic.bean, organic.dumbbell),
+    *(mixed.rounded_box, mixed.screw, mixed.socket, thin.plate, thin.hook, thin.dish),
+)
+
+_BUILDERS: Mapping[str, Callable[[], Solid]] = MappingProxyType(
+    {
+        build.__name__: build
+        for build in (
+            *_DEVELOPMENT_ONLY,
+            *(b for some in _EVALUATION.values() for b in some),
+            *(tools.clamp, tools.ruler, tools.key, tools.pen),
+        )
+    }
+)
+
+_FAMILY: Mapping[str, Family] = MappingProxyType(
+    {
+        name: family
+        for shape_set in (DEVELOPMENT, EVALUATION)
+        for family, names in shape_set.items()
+        for name in names
+    }
+)
+
+
+GRASPABLE_SIZE = 0.1
+"""Largest extent of test objects that a hand is to grasp, but for tools [m]."""
+
+TEST_OBJECTS = tuple(sorted(_BUILDERS))
+"""Names of all test objects that are not built into the package."""
+
+
+@lru_cache(maxsize=8)
+def graspable_shape(name: str, size: float | None = None) -> Shape:
+    """Return one of `TEST_OBJECTS` in a size that a hand can grasp.
+
+    Tools have their own size, others a largest extent of `GRASPABLE_SIZE`; `size` [m] replaces it.
+    """
+    shape = build_shape(name)
+    if size is None:
+        size = shape.size if name in TOOLS else GRASPABLE_SIZE
+    factor = size / shape.size
+    mesh = shape.mesh.copy()
+    mesh.apply_scale(factor)
+    return Shape(name, mesh, factor * shape.edges)
+
+
+def family_of(name: str) -> Family:
+    """Return the family of a test object; that of a mesh file is "scans"."""
+    return _FAMILY.get(name, "scans")
+
+
+@lru_cache(maxsize=8)
+def build_shape(name: str) -> Shape:
+    """Return a test object by its name, or the object in a mesh file by its path.
+
+    Raises
+    ------
+    InvalidOptionError
+        If there is neither such an object nor such a file.
+    """
+    if name in BUILT_IN_SIZES:
+        return shapes.build(name, BUILT_IN_SIZES[name])
+    if name not in _BUILDERS:
+        if Path(name).suffix:
+            return shapes.load(name)
+        raise InvalidOptionError.not_one_of("shape", name, tuple(_FAMILY))
+    mesh = mesh_of(_BUILDERS[name]())
+    mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    if family_of(name) == "organic":
+        return Shape(name, mesh, np.empty((0, 2, 3)))
+    return Shape.from_mesh(name, mesh)
+
+
+def scans_in(folder: Path) -> tuple[str, ...]:
+    """Return the paths of the mesh files in a folder, sorted.
+
+    Raises
+    ------
+    InvalidFileError
+        If the folder has none.
+    """
+    found = sorted(str(p) for p in folder.glob("*") if p.suffix.lower() in shapes.FORMATS)
+    if not found:
+        raise InvalidFileError(
+            f"{folder} must hold mesh files ({', '.join(shapes.FORMATS)}); it has none", path=folder
+        )
+    return tuple(found)
