@@ -31,11 +31,6 @@ from scipy.special import expit
 from scipy.stats import rankdata
 
 from lis_grasp import Hand, pipeline, shapes
-from lis_grasp.evaluation.calibration import (
-    calibration_bins,
-    chance_calibration_error,
-    expected_calibration_error,
-)
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
@@ -44,6 +39,11 @@ from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp_studies.calibration import (
+    calibration_bins,
+    chance_calibration_error,
+    expected_calibration_error,
+)
 from lis_grasp_studies.runner import local_scheduler, run_trials
 from lis_grasp_studies.study.trial import Setup, find_object
 from lis_grasp_studies.test_objects.shape_sets import DEVELOPMENT

@@ -1,8 +1,8 @@
-"""Registry of what users can plug in by name: estimators, exploration policies and hands.
+"""Registry of what users can plug in by name: estimators, exploration policies, hands and verbs.
 
 A name is one of the package's own, one that an installed package registers as an entry point of
-the group ``lis_grasp.estimators``, ``lis_grasp.policies`` or ``lis_grasp.hands``, or
-``my.module:Class``, which is imported; the current folder is searched too.
+the group ``lis_grasp.estimators``, ``lis_grasp.policies``, ``lis_grasp.hands`` or
+``lis_grasp.verbs``, or ``my.module:Class``, which is imported; the current folder is searched too.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from typing import Any, Literal
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.provenance import digest_of
 
-Role = Literal["estimator", "policy", "hand"]
+Role = Literal["estimator", "policy", "hand", "verb"]
 
 _GROUPS = {
     "estimator": "lis_grasp.estimators",
     "policy": "lis_grasp.policies",
     "hand": "lis_grasp.hands",
+    "verb": "lis_grasp.verbs",
 }
 
 
@@ -107,7 +108,8 @@ def _source_file(found: Any) -> Path | None:
 def _loaded(point: EntryPoint, name: str, option: str) -> Any:
     module, _, attribute = point.value.partition(":")
     try:
-        return attrgetter(attribute)(import_module(module))
+        found = import_module(module)
+        return attrgetter(attribute)(found) if attribute else found
     # An import runs a user's code, which may raise anything.
     except Exception as error:  # noqa: BLE001
         reason = " ".join(str(error).split())

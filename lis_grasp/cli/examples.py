@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
@@ -36,12 +36,6 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
         ),
         "motion": (("out/grasps.json --arm iiwa14", "trajectories of an arm"),),
         "export": (("out/surface.ply --mass 0.3", "the estimate for other simulators"),),
-        "compare": (
-            ("--quick", "24 trials in a few minutes"),
-            ("--study study.yaml --jobs 2", "a study file; run again, it continues"),
-        ),
-        "surfaces": (("--quick --estimator my.module:Class", "your estimator beside ours"),),
-        "paper": (("--quick", "the figures and tables with few seeds"),),
         "view": (("results/demo", "then open the address that is printed"),),
         "hand": (
             ("new my_hand.urdf", "a first YAML of your hand"),
@@ -56,8 +50,8 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = MappingProxyType(
 """For each verb the arguments of some calls, and what they are for."""
 
 
-def examples_of(verb: str) -> str:
-    """Return the examples of a verb as lines of text."""
-    calls = [(f"lis-grasp {verb} {call}".rstrip(), purpose) for call, purpose in EXAMPLES[verb]]
+def format_examples(verb: str, examples: Sequence[tuple[str, str]]) -> str:
+    """Return the arguments and purposes of calls of a verb as lines of text."""
+    calls = [(f"lis-grasp {verb} {call}".rstrip(), purpose) for call, purpose in examples]
     width = max(len(call) for call, _ in calls)
     return "\n".join(["examples:", *(f"  {call:<{width}}  # {purpose}" for call, purpose in calls)])

@@ -8,13 +8,14 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from importlib import import_module
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from threadpoolctl import threadpool_limits
 
-from lis_grasp.cli.examples import examples_of
+from lis_grasp.cli.examples import EXAMPLES, format_examples
 from lis_grasp.cli.interrupts import interrupts_after_imports
 from lis_grasp.cli.progress import complain, open_missing_streams, say
 from lis_grasp.exceptions import (
@@ -26,7 +27,11 @@ from lis_grasp.exceptions import (
 )
 from lis_grasp.version import __version__
 
+if TYPE_CHECKING:
+    from lis_grasp.plugins import Registry
+
 # Name, module in this folder, and help of each verb. A module is imported when its verb is used.
+# Other packages add verbs, see `_verb_registry`.
 _VERBS = (
     ("run", "run", "touch -> estimate -> mesh -> grasp -> lift and shake, one folder of results"),
     ("explore", "explore", "touch an object, write contacts.ply"),
@@ -41,21 +46,11 @@ _VERBS = (
     ("lift", "lift", "simulate the lift of the true object, write lifts.json"),
     ("motion", "arm_motion", "write joint trajectories of an arm for a grasp and its lift"),
     ("export", "export", "write an object as URDF, SDF and MJCF with mass, inertia, convex parts"),
-    (
-        "compare",
-        "compare",
-        "compare estimators by surface and grasp success in many trials, one report.html",
-    ),
-    (
-        "surfaces",
-        "surfaces",
-        "compare estimates on even, random, clustered and noisy contacts of many objects",
-    ),
-    ("paper", "paper", "reproduce every figure and table of the paper in one report.html"),
     ("view", "view", "show the scene of a folder of results in the browser"),
     ("hand", "hand_files", "write the first YAML of a hand, or draw a hand"),
     ("doctor", "doctor", "check this machine, or the files of a hand, and list fixes"),
 )
+_CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
 # Objects created between garbage collections, by generation. Arrays, which take the memory, are not
 # in cycles; Python's own threshold of 700 costs a twentieth of a run.
@@ -105,27 +100,51 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"lis-grasp {__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for name, module, text in _VERBS:
-        of_verb = verbs.add_parser(
+
+    def add_verb(name: str, text: str, examples: Sequence[tuple[str, str]]) -> _Parser:
+        return verbs.add_parser(
             name,
             help=text,
             description=text,
-            epilog=examples_of(name),
+            epilog=format_examples(name, examples),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
+
+    for name, module, text in _VERBS:
+        verb_parser = add_verb(name, text, EXAMPLES[name])
         if verb in (None, name):
-            _import_uncollected(f"lis_grasp.cli.{module}").add_arguments(of_verb)
+            load = partial(import_module, f"lis_grasp.cli.{module}")
+            _import_uncollected(load).add_arguments(verb_parser)
+    if verb not in _CORE_VERBS:
+        registry = _verb_registry()
+        for name in (verb,) if verb else registry.names[len(_CORE_VERBS) :]:
+            added = _import_uncollected(partial(registry.find, name))
+            verb_parser = add_verb(name, added.HELP, added.EXAMPLES)
+            if verb in (None, name):
+                added.add_arguments(verb_parser)
     return parser
 
 
-def _import_uncollected(name: str) -> ModuleType:
+def _verb_registry() -> Registry:
+    """Return the names of all verbs, the core's first, then those that other packages register.
+
+    The value of an entry point of the group ``lis_grasp.verbs`` is a module with a text `HELP`,
+    `EXAMPLES` as those in `cli.examples`, and a function ``add_arguments(parser)``, which sets the
+    parser's default ``execute``, a function of the parsed arguments.
+    """
+    from lis_grasp.plugins import Registry
+
+    return Registry("verb", dict.fromkeys(_CORE_VERBS))
+
+
+def _import_uncollected(load: Callable[[], ModuleType]) -> ModuleType:
     """Import a module without garbage collection, which is seldom from then on.
 
     What modules create stays.
     """
     gc.disable()
     try:
-        return import_module(name)
+        return load()
     finally:
         if not gc.get_freeze_count():  # once a process: garbage that is frozen stays for ever
             gc.freeze()
@@ -147,7 +166,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         if not arguments:
             say(build_parser("").format_help().rstrip())
             return 2
-        if verb and verb not in (names := [name for name, _, _ in _VERBS]):
+        if verb and verb not in _CORE_VERBS and verb not in (names := _verb_registry().names):
             raise InvalidOptionError.not_one_of("VERB", verb, names)
         options = build_parser(verb).parse_args(arguments)
         # Threads change the order of sums, and so the last digits of results.

@@ -1,4 +1,4 @@
-"""Evaluation against the truth: surface errors, grasp quality, calibration."""
+"""Evaluation against the truth: surface errors, grasp quality."""
 
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import SurfaceError, surface_error

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lis_grasp.evaluation.calibration import (
+from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.calibration import (
     chance_calibration_error,
     expected_calibration_error,
 )
-from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.io.json_lines import Row
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.report_page import TextTable, csv_text
 from lis_grasp_studies.statistics import SuccessRate, cluster_sums, objects_of, success_rate

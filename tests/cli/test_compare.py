@@ -15,8 +15,8 @@ import pytest
 import yaml
 
 from lis_grasp import shapes
-from lis_grasp.cli.compare import QUICK
 from lis_grasp.cli.main import main
+from lis_grasp_studies.cli.compare import QUICK
 from lis_grasp_studies.study.study import Study, load_study
 from lis_grasp_studies.study.study_results import StudyResults, without_times
 from lis_grasp_studies.study.study_trial import blank_row

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import lis_grasp
-from lis_grasp.evaluation.calibration import chance_calibration_error
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.calibration import chance_calibration_error
 from lis_grasp_studies.report_page import Picture, TextTable
 from lis_grasp_studies.study.cases import draw_cases
 from lis_grasp_studies.study.comparison import clearest_pairs, compare

@@ -13,30 +13,20 @@ from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp_studies.baselines import BASELINES
-from lis_grasp_studies.compared_estimators import (
-    COMPARED,
-    OURS,
-    require_installed,
-)
-from lis_grasp_studies.paper.paper_trials import (
-    Experiment,
-    key_of,
-    paper_trials,
-    run_paper_trial,
-    trial_key,
-)
-from lis_grasp_studies.runner import local_scheduler, run_trials
-from lis_grasp_studies.trial_results import TrialResults, missing_jobs
+
+HELP = "reproduce every figure and table of the paper in one report.html"
+EXAMPLES = (("--quick", "the figures and tables with few seeds"),)
 
 _OUTPUT = Path("results/paper")
 _SEEDS, _QUICK_SEEDS = 10, 2
 _QUICK_ESTIMATORS = ("lis", "lis_as_published", "gpis", "blend")
-_ESTIMATORS = (*OURS, "hermite_rbf", "offset_rbf")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
+    from lis_grasp_studies.baselines import BASELINES
+
+    names = _default_estimators()
     parser.add_argument(
         "--quick",
         action="store_true",
@@ -50,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--estimators",
         nargs="+",
         metavar="NAME",
-        help=f"estimators to compare (default: {', '.join(_ESTIMATORS)}; also"
-        f" {', '.join(name for name in BASELINES if name not in _ESTIMATORS)}, most of"
+        help=f"estimators to compare (default: {', '.join(names)}; also"
+        f" {', '.join(name for name in BASELINES if name not in names)}, most of"
         " which need lis-grasp[baselines])",
     )
     opt.add_jobs(parser)
@@ -59,10 +49,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(execute=execute)
 
 
+def _default_estimators() -> tuple[str, ...]:
+    from lis_grasp_studies.compared_estimators import OURS
+
+    return (*OURS, "hermite_rbf", "offset_rbf")
+
+
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, draw the figures, write the report."""
+    from lis_grasp_studies.compared_estimators import COMPARED, require_installed
     from lis_grasp_studies.paper.paper_report import draw_pictures, write_report
     from lis_grasp_studies.paper.paper_tables import rows_as_csv
+    from lis_grasp_studies.paper.paper_trials import (
+        Experiment,
+        key_of,
+        paper_trials,
+        run_paper_trial,
+        trial_key,
+    )
+    from lis_grasp_studies.runner import local_scheduler, run_trials
+    from lis_grasp_studies.trial_results import TrialResults, missing_jobs
 
     default = _QUICK_SEEDS if options.quick else _SEEDS
     seeds = default if options.seeds is None else options.seeds
@@ -71,7 +77,9 @@ def execute(options: argparse.Namespace) -> None:
         raise InvalidOptionError.out_of_range("--seeds", seeds, "at least 1")
     output = options.output or _OUTPUT
     options.until_end.enter_context(sole_writer(output))
-    names = tuple(options.estimators or (_QUICK_ESTIMATORS if options.quick else _ESTIMATORS))
+    names = tuple(
+        options.estimators or (_QUICK_ESTIMATORS if options.quick else _default_estimators())
+    )
     for name in names:
         find_estimator(name, registry=COMPARED, option="--estimators")
     require_installed(names)

@@ -15,6 +15,9 @@ from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.pipeline.run_config import RunConfig
 
+HELP = "compare estimates on even, random, clustered and noisy contacts of many objects"
+EXAMPLES = (("--quick --estimator my.module:Class", "your estimator beside ours"),)
+
 _OUTPUT = Path("results/surfaces")
 _PART, _QUICK_PART = 4, 30
 _REFERENCE = "gpis_best"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lis_grasp.evaluation.calibration import (
+from lis_grasp_studies.calibration import (
     chance_calibration_error,
     expected_calibration_error,
 )

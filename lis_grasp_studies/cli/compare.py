@@ -27,6 +27,12 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 
+HELP = "compare estimators by surface and grasp success in many trials, one report.html"
+EXAMPLES = (
+    ("--quick", "24 trials in a few minutes"),
+    ("--study study.yaml --jobs 2", "a study file; run again, it continues"),
+)
+
 _OUTPUT = Path("results/compare")
 
 QUICK: dict[str, Any] = {

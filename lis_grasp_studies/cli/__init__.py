@@ -1,0 +1,1 @@
+"""Verbs of the command line, which the core finds by their entry points."""
