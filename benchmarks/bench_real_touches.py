@@ -111,7 +111,7 @@ def main() -> None:
             f" normals {angle.mean():.0f} deg off (median {np.median(angle):.0f}), stated"
             f" {stated:.0f} deg"
         )
-        truth = Shape.from_mesh(model, mesh)
+        truth = Shape.from_mesh(mesh, model)
         if options.picture:
             axis = figure.add_subplot(rows, columns, row * columns + 1, projection="3d")
             draw(axis, mesh, points, f"{name}: model")

@@ -13,7 +13,7 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidFileError, require_at_least
 from lis_grasp.io import provenance
 from lis_grasp.pipeline.object_models import FORMATS, MARK, VISUAL, ObjectModel
-from lis_grasp.shapes.convex_parts import convex_parts
+from lis_grasp.shapes.solids import convex_parts
 
 _MOST_PARTS = 32
 

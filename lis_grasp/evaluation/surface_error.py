@@ -1,4 +1,4 @@
-"""Errors of an estimated surface against the true one, over the explored part."""
+"""Errors of an estimated surface against the true one, over the explored part or everywhere."""
 
 from __future__ import annotations
 
@@ -14,11 +14,13 @@ from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
 from lis_grasp.exceptions import (
     EstimationError,
     InvalidContactsError,
+    InvalidOptionError,
     require_at_least,
     require_positive,
 )
-from lis_grasp.shapes import Shape
+from lis_grasp.shapes import Shape, sharp_edges
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.shapes.solids import solid_of
 from lis_grasp.typing import BoolArray, FloatArray
 
 SAMPLES = 10_000
@@ -30,8 +32,8 @@ class SurfaceError:
     """Deviations between an estimate and the truth, over the explored part.
 
     Explored are points within `explored_radius` of a contact (Ottenhaus et al. 2016, section IV.D,
-    with 50 mm). RMSD is the root mean squared distance to the nearest point of the other surface,
-    averaged over area (edges: over length).
+    with 50 mm); without contacts, all points. RMSD is the root mean squared distance to the nearest
+    point of the other surface, averaged over area (edges: over length).
 
     Parameters
     ----------
@@ -51,15 +53,15 @@ class SurfaceError:
         Park, Zhou and Koltun 2017).
     iou
         Volume of the intersection over that of the union, from 0 to 1. It covers everything,
-        explored or not: where nothing was touched the bounds close the estimate. None if the
-        estimate is not closed.
+        explored or not: where nothing was touched the bounds close the estimate. None if
+        either is not closed.
     normal_error
         Mean angle between the estimate's normals and those of the nearest true points [rad]; at a
         true edge, the normal of either side.
     coverage
         Explored part of the true area, from 0 to 1.
     explored_radius
-        [m].
+        Distance to a contact up to which a point is explored [m]; None where all points are.
     """
 
     rmsd: float
@@ -73,96 +75,104 @@ class SurfaceError:
     iou: float | None
     normal_error: float
     coverage: float
-    explored_radius: float
+    explored_radius: float | None
 
 
 def surface_error(
     estimate: trimesh.Trimesh,
-    truth: Shape,
-    contacts: Contacts,
+    truth: Shape | trimesh.Trimesh,
+    contacts: Contacts | None = None,
     *,
-    explored_radius: float,
+    explored_radius: float | None = None,
     samples: int = SAMPLES,
 ) -> SurfaceError:
     """Measure the errors of an estimate against the truth, over the explored part.
 
-    Distances are exact; they are averaged over even samples, without random numbers.
+    Without contacts, the whole surfaces are compared. Distances are exact; they are averaged over
+    even samples, without random numbers.
 
     Parameters
     ----------
     estimate
         Mesh of the estimated surface, in O [m].
     truth
-        The true object, with its sharp edges, in O [m].
+        The true object in O [m]; a mesh has the edges that `shapes.sharp_edges` finds.
     contacts
-        Of the estimate, in O.
+        Of the estimate, in O; None if everything is explored.
     explored_radius
-        Points nearer to a contact than this count as explored [m].
+        Points nearer to a contact than this count as explored [m]; required with contacts.
     samples
         Number of points on each surface and along the edges.
 
     Raises
     ------
     InvalidOptionError
-        If the radius or the number of samples is not above 0.
+        If the radius or the number of samples is not above 0, or one of the contacts and the radius
+        is given without the other.
     InvalidContactsError
         If no part of the true surface is within the radius of a contact.
     EstimationError
         If no part of the estimate is.
     """
-    require_positive(explored_radius=explored_radius)
     require_at_least(1, samples=samples)
+    if explored_radius is not None:
+        require_positive(explored_radius=explored_radius)
+    if (contacts is None) != (explored_radius is None):
+        raise InvalidOptionError(
+            "contacts and explored_radius must be given together; one of them is missing",
+            option="explored_radius",
+            value=explored_radius,
+        )
+    if isinstance(truth, Shape):
+        true_mesh, edges = truth.mesh, truth.edges
+    else:
+        true_mesh, edges = truth, sharp_edges(truth)
+
+    def is_explored(points: FloatArray) -> BoolArray:
+        if contacts is None or explored_radius is None:
+            return np.ones(len(points), dtype=bool)
+        return _are_near(points, contacts, explored_radius)
+
     on_estimate, estimate_faces = sample_mesh(estimate, samples)
-    on_truth, _ = sample_mesh(truth.mesh, samples)
-    known = _explored(on_estimate, contacts, explored_radius)
-    of_truth = _explored(on_truth, contacts, explored_radius)
-    if not of_truth.any():
+    on_truth, _ = sample_mesh(true_mesh, samples)
+    compared, covered = is_explored(on_estimate), is_explored(on_truth)
+    if not covered.any():
         raise InvalidContactsError(
             f"some contact must be within {explored_radius:g} m of the true surface; none of"
-            f" {len(contacts)} is: check that both are in the same frame and in metres"
+            f" {len(contacts or ())} is: check that both are in the same frame and in metres"
         )
-    if not known.any():
+    if not compared.any():
         raise EstimationError(
             f"the estimate must come within {explored_radius:g} m of some contact; it is farther"
             " from all of them: check that it was made from these contacts"
         )
-    to_truth, true_faces = distances_to_mesh(on_estimate[known], truth.mesh)
-    to_estimate, _ = distances_to_mesh(on_truth[of_truth], estimate)
+    to_truth, true_faces = distances_to_mesh(on_estimate[compared], true_mesh)
+    to_estimate, _ = distances_to_mesh(on_truth[covered], estimate)
     cosines = np.einsum(
         "pk,pk->p",
-        estimate.face_normals[estimate_faces[known]],
-        truth.mesh.face_normals[true_faces],
+        estimate.face_normals[estimate_faces[compared]],
+        true_mesh.face_normals[true_faces],
     )
+    on_edges = sample_segments(edges, samples) if len(edges) else np.empty((0, 3))
+    on_edges = on_edges[is_explored(on_edges)]
     return SurfaceError(
         rmsd=_root_mean_square(to_truth),
         rmsd_truth_to_estimate=_root_mean_square(to_estimate),
-        edge_rmsd=_edge_rmsd(estimate, truth.edges, contacts, explored_radius, samples),
+        edge_rmsd=_edge_rmsd(on_edges, estimate),
         hausdorff_95=float(max(np.quantile(d, 0.95) for d in (to_truth, to_estimate))),
         chamfer=0.5 * float(to_truth.mean() + to_estimate.mean()),
         f_score_1mm=_f_score(to_truth, to_estimate, 0.001),
         f_score_2mm=_f_score(to_truth, to_estimate, 0.002),
         f_score_5mm=_f_score(to_truth, to_estimate, 0.005),
-        iou=_intersection_over_union(estimate, truth.mesh),
+        iou=_intersection_over_union(estimate, true_mesh),
         normal_error=float(np.arccos(np.clip(cosines, -1.0, 1.0)).mean()),
-        coverage=float(of_truth.mean()),
-        explored_radius=float(explored_radius),
+        coverage=float(covered.mean()),
+        explored_radius=explored_radius if explored_radius is None else float(explored_radius),
     )
 
 
-def _edge_rmsd(
-    estimate: trimesh.Trimesh,
-    edges: FloatArray,
-    contacts: Contacts,
-    explored_radius: float,
-    samples: int,
-) -> float | None:
-    if not len(edges):
-        return None
-    points = sample_segments(edges, samples)
-    points = points[_explored(points, contacts, explored_radius)]
-    if not len(points):
-        return None
-    return _root_mean_square(distances_to_mesh(points, estimate)[0])
+def _edge_rmsd(points: FloatArray, estimate: trimesh.Trimesh) -> float | None:
+    return _root_mean_square(distances_to_mesh(points, estimate)[0]) if len(points) else None
 
 
 def _f_score(to_truth: FloatArray, to_estimate: FloatArray, threshold: float) -> float:
@@ -171,24 +181,14 @@ def _f_score(to_truth: FloatArray, to_estimate: FloatArray, threshold: float) ->
 
 
 def _intersection_over_union(estimate: trimesh.Trimesh, truth: trimesh.Trimesh) -> float | None:
-    first, second = _solid(estimate), _solid(truth)
-    if first.status() != manifold3d.Error.NoError:
+    first, second = solid_of(estimate), solid_of(truth)
+    if any(solid.status() != manifold3d.Error.NoError for solid in (first, second)):
         return None
     both, either = (first ^ second).volume(), (first + second).volume()
     return float(both / either)
 
 
-def _solid(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
-    """Return a closed mesh as a solid of manifold3d, whose booleans are exact."""
-    return manifold3d.Manifold(
-        manifold3d.Mesh64(
-            vert_properties=np.ascontiguousarray(mesh.vertices, dtype=np.float64),
-            tri_verts=np.ascontiguousarray(mesh.faces, dtype=np.uint64),
-        )
-    )
-
-
-def _explored(points: FloatArray, contacts: Contacts, radius: float) -> BoolArray:
+def _are_near(points: FloatArray, contacts: Contacts, radius: float) -> BoolArray:
     if not len(contacts):
         return np.zeros(len(points), dtype=bool)
     distances, _ = cKDTree(contacts.points).query(points)

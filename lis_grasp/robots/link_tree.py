@@ -44,7 +44,7 @@ from lis_grasp.robots.link_bodies import (
     shape_and_sizes,
 )
 from lis_grasp.robots.model_uri import resolve_uri
-from lis_grasp.shapes.convex_parts import convex_parts
+from lis_grasp.shapes.solids import convex_parts
 from lis_grasp.typing import FloatArray
 
 _JOINT_KINDS: Mapping[str, JointKind] = {

@@ -12,9 +12,10 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
+import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError, shown
-from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape
+from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape, sharp_edges
 from lis_grasp.shapes.tessellation import (
     at_height,
     cap,
@@ -34,13 +35,13 @@ def box(size: float = PAPER_SIZE) -> Shape:
     """Return an upright box, `size` high, 0.7 by 0.5 `size` wide; its faces look along the axes."""
     _require_size(size)
     outline = polygon(_rectangle(0.35 * size, 0.25 * size), 14)
-    return Shape.from_mesh("box", prism(outline, size, sectors=4, rows=22))
+    return _shape("box", prism(outline, size, sectors=4, rows=22))
 
 
 def cylinder(size: float = PAPER_SIZE) -> Shape:
     """Return an upright cylinder, `size` high and 0.6 `size` in diameter."""
     _require_size(size)
-    return Shape.from_mesh("cylinder", prism(circle(0.3 * size, 96), size, sectors=6, rows=32))
+    return _shape("cylinder", prism(circle(0.3 * size, 96), size, sectors=6, rows=32))
 
 
 def half_cylinder(size: float = PAPER_SIZE) -> Shape:
@@ -53,7 +54,7 @@ def half_cylinder(size: float = PAPER_SIZE) -> Shape:
     arc = circle(radius, 128)[:65]  # both ends included
     flat = np.linspace(arc[-1], arc[0], 33)[1:-1]
     outline = np.concatenate([arc, flat]) - [0.0, radius / 2.0]
-    return Shape.from_mesh("half_cylinder", prism(outline, size, sectors=6, rows=32))
+    return _shape("half_cylinder", prism(outline, size, sectors=6, rows=32))
 
 
 def hollow_cylinder(size: float = PAPER_SIZE) -> Shape:
@@ -64,13 +65,13 @@ def hollow_cylinder(size: float = PAPER_SIZE) -> Shape:
     places = ((outer, low), (outer, high), (inner, high), (inner, low))
     rings = [at_height(ring, z) for ring, z in places]
     mesh = join([stack(rings, [32, 6, 32, 6], closed=True)])
-    return Shape.from_mesh("hollow_cylinder", mesh)
+    return _shape("hollow_cylinder", mesh)
 
 
 def sphere(size: float = PAPER_SIZE) -> Shape:
     """Return a sphere of diameter `size`."""
     _require_size(size)
-    return Shape.from_mesh("sphere", geodesic_sphere(size / 2.0, 22))
+    return _shape("sphere", geodesic_sphere(size / 2.0, 22))
 
 
 def torus(size: float = PAPER_SIZE) -> Shape:
@@ -78,7 +79,7 @@ def torus(size: float = PAPER_SIZE) -> Shape:
     _require_size(size)
     tube = circle(size / 6.0, 60)  # (radial, z) about the tube's centre
     rings = [at_height(circle(size / 3.0 + r, 128), z) for r, z in tube]
-    return Shape.from_mesh("torus", join([stack(rings, [1] * len(rings), closed=True)]))
+    return _shape("torus", join([stack(rings, [1] * len(rings), closed=True)]))
 
 
 def pentagon(size: float = PAPER_SIZE) -> Shape:
@@ -90,7 +91,7 @@ def pentagon(size: float = PAPER_SIZE) -> Shape:
     radius = 0.375 * size
     corners = circle(radius, 5, start=np.pi / 2.0)
     corners[:, 1] -= radius * (1.0 - np.cos(np.pi / 5.0)) / 2.0  # bounding box about the origin
-    return Shape.from_mesh("pentagon", prism(polygon(corners, 12), size, sectors=5, rows=24))
+    return _shape("pentagon", prism(polygon(corners, 12), size, sectors=5, rows=24))
 
 
 def mallet(size: float = PAPER_SIZE) -> Shape:
@@ -106,7 +107,7 @@ def mallet(size: float = PAPER_SIZE) -> Shape:
     places = ((head, low), (head, neck), (handle, neck), (handle, high))
     rings = [at_height(ring, z) for ring, z in places]
     caps = [cap(rings[0], 4, up=False), cap(rings[-1], 4, up=True)]
-    return Shape.from_mesh("mallet", join([caps[0], stack(rings, [12, 8, 40]), caps[1]]))
+    return _shape("mallet", join([caps[0], stack(rings, [12, 8, 40]), caps[1]]))
 
 
 _ALL = (box, cylinder, half_cylinder, hollow_cylinder, sphere, torus, pentagon, mallet)
@@ -143,6 +144,10 @@ def build(name: str, size: float | None = None) -> Shape:
     if name not in BUILDERS:
         raise InvalidOptionError.not_one_of("shape", name, NAMES)
     return BUILDERS[name](GRASPABLE_SIZES[name] if size is None else size)
+
+
+def _shape(name: str, mesh: trimesh.Trimesh) -> Shape:
+    return Shape(name, mesh, sharp_edges(mesh))
 
 
 def _rectangle(a: float, b: float) -> list[tuple[float, float]]:

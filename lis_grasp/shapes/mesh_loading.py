@@ -19,7 +19,7 @@ from lis_grasp.io.mesh_files import read_mesh
 from lis_grasp.io.point_files import POINT_FORMATS, no_faces_error
 from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
 from lis_grasp.shapes.repair import repair_mesh
-from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape
+from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape, sharp_edges
 from lis_grasp.typing import FloatArray, IntArray
 
 UNITS: Mapping[str, float] = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254})
@@ -117,7 +117,7 @@ def load(path: str | Path, units: str = "m") -> Shape:
         mesh, repairs = repair_mesh(vertices * UNITS[units], faces)
     except InvalidMeshError as error:
         raise InvalidMeshError(f"{path} {error}") from None
-    return Shape.from_mesh(path.stem, mesh, repairs)
+    return Shape(path.stem, mesh, sharp_edges(mesh), repairs)
 
 
 def _read(path: Path) -> tuple[FloatArray, IntArray]:

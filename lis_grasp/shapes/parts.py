@@ -7,7 +7,7 @@ import trimesh
 from trimesh.graph import connected_component_labels
 
 from lis_grasp.shapes.mesh_union import unite
-from lis_grasp.shapes.shape import signed_volume
+from lis_grasp.shapes.topology import signed_volume
 from lis_grasp.typing import FloatArray, IntArray
 
 

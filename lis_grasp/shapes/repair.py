@@ -14,7 +14,6 @@ import trimesh
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.shapes.hole_filling import fill_loop
 from lis_grasp.shapes.parts import boxes, each_part, unite_parts
-from lis_grasp.shapes.shape import signed_volume
 from lis_grasp.shapes.slivers import flip_slivers
 from lis_grasp.shapes.topology import (
     boundary_loops,
@@ -22,6 +21,7 @@ from lis_grasp.shapes.topology import (
     drop_fins,
     edge_groups,
     is_bad_edge,
+    signed_volume,
     split_at_shared_edges,
 )
 from lis_grasp.shapes.winding_number import winding_numbers

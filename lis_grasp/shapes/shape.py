@@ -9,6 +9,8 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.records import read_only
+from lis_grasp.shapes.repair import repair_mesh
+from lis_grasp.shapes.topology import signed_volume
 from lis_grasp.typing import FloatArray
 
 SHARP_ANGLE = float(np.radians(30.0))
@@ -26,12 +28,6 @@ def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatAr
     """
     sharp = mesh.face_adjacency_angles > angle
     return np.array(mesh.vertices[mesh.face_adjacency_edges[sharp]]).reshape(-1, 2, 3)
-
-
-def signed_volume(triangles: FloatArray) -> float:
-    """Return the volume that closed triangles (F, 3, 3) enclose [m^3], negative if inside out."""
-    about_middle = triangles - triangles.reshape(-1, 3).mean(axis=0)
-    return float(np.linalg.det(about_middle).sum() / 6.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +60,7 @@ class Shape:
         if not self.mesh.is_watertight or not self.mesh.is_winding_consistent:
             raise InvalidMeshError(
                 f"the mesh of {self.name} must be closed, with two faces of like orientation at"
-                " every edge; it is not: read it from a file by shapes.load, which repairs it"
+                " every edge; it is not: Shape.from_mesh repairs it"
             )
         volume = signed_volume(np.asarray(self.mesh.triangles))
         if not volume > 0.0:
@@ -78,9 +74,22 @@ class Shape:
         object.__setattr__(self, "edges", read_only(edges))
 
     @classmethod
-    def from_mesh(cls, name: str, mesh: trimesh.Trimesh, repairs: tuple[str, ...] = ()) -> Shape:
-        """Return the object of a closed mesh, with the edges that the mesh shows."""
-        return cls(name, mesh, sharp_edges(mesh), repairs)
+    def from_mesh(cls, mesh: trimesh.Trimesh, name: str = "object") -> Shape:
+        """Return the object of any triangle mesh in metres, closed and outward.
+
+        The frame O is that of the mesh. Its repairs are those of a file (`shapes.load`) and are
+        listed in `repairs`; the given mesh stays as it is.
+
+        Raises
+        ------
+        InvalidMeshError
+            If the mesh encloses no volume, or could not be closed.
+        """
+        try:
+            closed, repairs = repair_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        except InvalidMeshError as error:
+            raise InvalidMeshError(f"the mesh of {name} {error}") from None
+        return cls(name, closed, sharp_edges(closed), repairs)
 
     @property
     def size(self) -> float:

@@ -11,6 +11,12 @@ from lis_grasp.typing import BoolArray, FloatArray, IntArray
 _SAME_ANGLE = 1e-6
 
 
+def signed_volume(triangles: FloatArray) -> float:
+    """Return the volume that closed triangles (F, 3, 3) enclose [m^3], negative if inside out."""
+    about_middle = triangles - triangles.reshape(-1, 3).mean(axis=0)
+    return float(np.linalg.det(about_middle).sum() / 6.0)
+
+
 def edge_keys(start: IntArray, end: IntArray, base: int) -> IntArray:
     """Return one number for each edge, whichever way it runs; vertices are below `base`."""
     return np.minimum(start, end) * base + np.maximum(start, end)

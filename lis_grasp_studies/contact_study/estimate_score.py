@@ -16,12 +16,13 @@ from lis_grasp.exceptions import LisGraspError
 from lis_grasp.exploration import STEP_FRACTION
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.shapes.solids import solid_of
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.contact_merging import padded_bounds, spacing_of
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.compared_estimators import NoisyEstimator
 from lis_grasp_studies.contact_study.study_sets import ContactSet
-from lis_grasp_studies.test_objects.solid_modelling import Solid, mesh_of, solid_of
+from lis_grasp_studies.test_objects.solid_modelling import Solid, mesh_of
 
 CELLS = 48
 """Cells along the box."""

@@ -103,7 +103,7 @@ def wedge() -> Shape:
     """Return a large cube with an edge along y at the origin; its other edges are far away."""
     half = 0.5 * _SIDE
     cube = trimesh.creation.box(bounds=[[-_SIDE, -half, -_SIDE], [0.0, half, 0.0]])
-    return Shape.from_mesh("wedge", cube)
+    return Shape.from_mesh(cube, "wedge")
 
 
 def touch_wedge() -> Contacts:

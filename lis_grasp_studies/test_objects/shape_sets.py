@@ -168,7 +168,7 @@ def build_shape(name: str) -> Shape:
     mesh.apply_translation(-mesh.bounds.mean(axis=0))
     if family_of(name) == "organic":
         return Shape(name, mesh, np.empty((0, 2, 3)))
-    return Shape.from_mesh(name, mesh)
+    return Shape(name, mesh, shapes.sharp_edges(mesh))
 
 
 def scans_in(folder: Path) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import trimesh
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 
+from lis_grasp.shapes.solids import solid_of
 from lis_grasp.shapes.tessellation import circle
 from lis_grasp.typing import FloatArray
 
@@ -186,13 +187,3 @@ def mesh_of(solid: Solid) -> trimesh.Trimesh:
     found = solid.simplify(1e-6).to_mesh64()
     vertices, faces = np.array(found.vert_properties[:, :3]), np.array(found.tri_verts, np.int64)
     return trimesh.Trimesh(vertices, faces, process=False)
-
-
-def solid_of(mesh: trimesh.Trimesh) -> Solid:
-    """Return the solid of a closed mesh."""
-    return Solid(
-        manifold3d.Mesh64(
-            vert_properties=np.ascontiguousarray(mesh.vertices, dtype=np.float64),
-            tri_verts=np.ascontiguousarray(mesh.faces, dtype=np.uint64),
-        )
-    )

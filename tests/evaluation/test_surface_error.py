@@ -39,7 +39,7 @@ def touches(points: npt.ArrayLike, normals: npt.ArrayLike | None = None) -> Cont
 @pytest.fixture
 def truth() -> Shape:
     """A cube with a side of 20 cm."""
-    return Shape.from_mesh("cube", cube(0.2))
+    return Shape.from_mesh(cube(0.2), "cube")
 
 
 ON_CUBE = Contacts(0.1 * AXES, AXES)
@@ -59,7 +59,7 @@ def test_the_truth_has_no_error(truth: Shape) -> None:
 
 
 def test_the_error_of_concentric_spheres_is_the_difference_of_radii() -> None:
-    sphere = Shape.from_mesh("sphere", ball(0.1))
+    sphere = Shape.from_mesh(ball(0.1), "sphere")
     error = surface_error(ball(0.104), sphere, touches(AXES * 0.1, AXES), explored_radius=1.0)
     # The icosphere's triangles lie up to 0.1 (1 - cos 1.1 deg) = 18 um inside of the sphere, the
     # same part of both radii.
@@ -187,6 +187,26 @@ def test_a_radius_that_is_no_length_is_refused(truth: Shape, radius: float) -> N
     with pytest.raises(InvalidOptionError) as error:
         surface_error(truth.mesh, truth, ON_CUBE, explored_radius=radius)
     assert error.value.option == "explored_radius"
+
+
+def test_without_contacts_the_whole_surfaces_are_compared(truth: Shape) -> None:
+    estimate = cube(0.2, (0.02, 0.0, 0.0))
+    whole = surface_error(estimate, truth)
+    explored = surface_error(estimate, truth, ON_CUBE, explored_radius=EVERYWHERE)
+    assert whole.explored_radius is None
+    assert dataclasses.replace(whole, explored_radius=EVERYWHERE) == explored
+
+
+def test_a_mesh_can_be_the_truth(truth: Shape) -> None:
+    estimate = cube(0.18)
+    assert surface_error(estimate, truth.mesh) == surface_error(estimate, truth)
+
+
+def test_contacts_and_their_radius_are_given_together(truth: Shape) -> None:
+    with pytest.raises(InvalidOptionError):
+        surface_error(truth.mesh, truth, ON_CUBE)
+    with pytest.raises(InvalidOptionError):
+        surface_error(truth.mesh, truth, explored_radius=0.05)
 
 
 def test_no_samples_are_refused(truth: Shape) -> None:

@@ -184,7 +184,7 @@ def test_bars_and_plates_are_covered_with_few_missed_probes(
     size: tuple[float, float, float], turn: tuple[float, float, float]
 ) -> None:
     mesh = bar(size, turn)
-    shape = shapes.Shape.from_mesh("bar", mesh)
+    shape = shapes.Shape.from_mesh(mesh, "bar")
     hand, space = Hand.load("allegro"), workspace(shape)
     exploration = explore(
         KinematicProber(hand, mesh),

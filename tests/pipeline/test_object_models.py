@@ -12,7 +12,7 @@ from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.pipeline.object_models import FORMATS, ObjectModel
-from lis_grasp.shapes.convex_parts import convex_parts
+from lis_grasp.shapes.solids import convex_parts
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import numpy.testing as npt
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
@@ -295,10 +296,32 @@ def test_a_record_of_an_open_or_inverted_mesh_is_refused() -> None:
     inverted = mesh.copy()
     inverted.invert()
     with pytest.raises(InvalidMeshError, match="must point outward"):
-        Shape.from_mesh("cube", inverted)
+        Shape("cube", inverted, np.empty((0, 2, 3)))
     mesh.update_faces(np.arange(11))
     with pytest.raises(InvalidMeshError, match="must be closed"):
-        Shape.from_mesh("cube", mesh)
+        Shape("cube", mesh, np.empty((0, 2, 3)))
+
+
+def test_any_mesh_makes_an_object_with_its_repairs_listed() -> None:
+    mesh = trimesh.creation.box((0.1, 0.1, 0.1))
+    closed = Shape.from_mesh(mesh, "cube")
+    assert not closed.repairs
+    npt.assert_array_equal(closed.mesh.triangles, mesh.triangles)
+    damaged = mesh.copy()
+    damaged.invert()
+    damaged.update_faces(np.arange(11))
+    repaired = Shape.from_mesh(damaged)
+    assert repaired.mesh.volume == pytest.approx(1e-3)
+    assert len(repaired.repairs) == 2
+    assert len(damaged.faces) == 11  # the given mesh is as it was
+    overlapping = trimesh.util.concatenate([mesh, mesh.copy().apply_translation((0.05, 0.0, 0.0))])
+    assert Shape.from_mesh(overlapping).mesh.volume == pytest.approx(1.5e-3)
+
+
+def test_a_flat_sheet_makes_no_object() -> None:
+    sheet = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    with pytest.raises(InvalidMeshError, match="encloses no volume"):
+        Shape.from_mesh(sheet)
 
 
 def test_edges_of_another_form_are_refused() -> None:

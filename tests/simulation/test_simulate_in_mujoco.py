@@ -24,9 +24,9 @@ from lis_grasp.shapes import Shape
 NEEDS_MUJOCO = "MuJoCo is not installed: bootstrap.sh mujoco"
 SHORT = LiftOptions(hold_time=0.5, lift_time=0.6, shake_accelerations=(9.81,))
 QUICK = LiftOptions(hold_time=0.01, lift_time=0.3, shake_accelerations=())
-BOX = Shape.from_mesh("box", trimesh.creation.box((0.05, 0.07, 0.10)))
+BOX = Shape.from_mesh(trimesh.creation.box((0.05, 0.07, 0.10)), "box")
 RING = Shape.from_mesh(
-    "ring", trimesh.creation.annulus(r_min=0.015, r_max=0.025, height=0.08, sections=12)
+    trimesh.creation.annulus(r_min=0.015, r_max=0.025, height=0.08, sections=12), "ring"
 )
 
 
@@ -81,7 +81,7 @@ def test_a_lift_repeats_exactly() -> None:
 
 def test_an_object_far_from_its_frame_is_lifted_alike() -> None:
     far = np.array([0.4, -0.3, 0.2])
-    shape = Shape.from_mesh("far", BOX.mesh.copy().apply_translation(far))
+    shape = Shape.from_mesh(BOX.mesh.copy().apply_translation(far), "far")
     hand = Hand.load("wsg50")
     pytest.importorskip("mujoco", reason=NEEDS_MUJOCO)
     grasp = jaw_grasp(hand, np.array([0.0, 0.0, 0.01]) + far, 0.05)

@@ -25,7 +25,7 @@ from lis_grasp.pipeline import lift_each
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
-from lis_grasp.shapes.simplification import merge_flat_faces, split_large_faces
+from lis_grasp.shapes.solids import merge_flat_faces, split_large_faces
 from lis_grasp.simulation.drake.simulate_lift import simulate_lift
 
 # The default trial with a shorter hold and one shake, and without any shake.

@@ -13,7 +13,7 @@ from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 
-BAR = Shape.from_mesh("bar", trimesh.creation.box((0.05, 0.4, 0.03)))
+BAR = Shape.from_mesh(trimesh.creation.box((0.05, 0.4, 0.03)), "bar")
 AREA = np.array([0.0215, 0.03])  # of contact [m]: the finger's width, and the bar's height
 MASS, FRICTION, SLOW_LIFT = 0.1, 0.8, 0.577  # [kg], -, largest acceleration [m/s^2]
 OPTIONS = LiftOptions(hold_time=1.0, lift_time=1.0, shake_accelerations=(), largest_turn=np.pi)

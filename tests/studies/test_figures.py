@@ -321,7 +321,7 @@ def test_two_neighbours_merge_by_the_angular_kernel_as_drawn() -> None:
 
 def _shrunk_box(by: float) -> tuple[Shape, trimesh.Trimesh, Contacts]:
     """Return a cube of 10 cm, an estimate `by` inside of it, and contacts all over."""
-    truth = Shape.from_mesh("cube", trimesh.creation.box((0.1, 0.1, 0.1)))
+    truth = Shape.from_mesh(trimesh.creation.box((0.1, 0.1, 0.1)), "cube")
     estimate = trimesh.creation.box((0.1 - 2 * by,) * 3)
     axes = np.vstack([np.eye(3), -np.eye(3)])
     return truth, estimate, Contacts(0.05 * axes, axes)

@@ -17,7 +17,7 @@ from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lifting_scene import CarrierMotion
 from lis_grasp.lifting.wrist_trajectory import WristPath
 from lis_grasp.motion import OBJECT
-from lis_grasp.shapes.simplification import merge_flat_faces, split_large_faces
+from lis_grasp.shapes.solids import merge_flat_faces, split_large_faces
 from lis_grasp.simulation.drake.advance_simulation import advance
 from lis_grasp.simulation.drake.arm_carrier import ArmCarrier
 from lis_grasp.simulation.drake.carrier import Carrier

@@ -26,7 +26,7 @@ from lis_grasp.exceptions import require_positive
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.link_tree import by_joint_kind
-from lis_grasp.shapes.simplification import merge_flat_faces
+from lis_grasp.shapes.solids import merge_flat_faces
 from lis_grasp.simulation.drake.advance_simulation import advance
 from lis_grasp.simulation.drake.contact_patches import Patch, link_contacts
 from lis_grasp.simulation.drake.hand_plant import (
