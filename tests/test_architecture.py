@@ -19,7 +19,7 @@ PACKAGE = Path(lis_grasp.__file__).resolve().parent
 
 # The flow: a module imports from its own folder and from those above it in this list, never below.
 LAYERS = [
-    ["version", "exceptions", "typing", "records", "poses"],
+    ["version", "exceptions", "typing", "records", "geometry"],
     ["io"],
     ["contacts", "motion", "plugins"],
     ["shapes"],

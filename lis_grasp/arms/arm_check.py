@@ -12,6 +12,7 @@ from lis_grasp.arms.station import Station
 from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.arms.station_home import home_of
 from lis_grasp.exceptions import LisGraspError
+from lis_grasp.geometry import apply_pose, cross, inverse_pose, rotate
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.find_flange import BEYOND
 from lis_grasp.robots.hand import Hand
@@ -86,7 +87,7 @@ def _limits(arm: Arm) -> Iterator[Finding]:
 def _flange(arm: Arm) -> Iterator[Finding]:
     """Compare the flange's +z with where the bodies of the last link are."""
     links = arm.forward_kinematics(np.eye(4), arm.home)
-    X_FA = np.linalg.inv(links[arm.flange] @ arm.X_LF)
+    X_FA = inverse_pose(links[arm.flange] @ arm.X_LF)
     beyond = 0.0
     for geometry in arm.link_geometries:
         if geometry.link in arm.flange_links:
@@ -176,7 +177,9 @@ def gravity_efforts(station: Station, q: FloatArray, *, load: float = 0.0) -> Fl
     hand = station.hand
     posture = next(iter(hand.pregrasps.values()))
     in_hand = hand.forward_kinematics(np.eye(4), posture)
-    carried = [(i.mass, _point(in_hand[link], i.center_L)) for link, i in hand.inertials.items()]
+    carried = [
+        (i.mass, apply_pose(in_hand[link], i.center_L)) for link, i in hand.inertials.items()
+    ]
     carried.append((load, hand.pad_centers(np.eye(4), posture).mean(axis=0)))
     X_WH = station.palm_poses(q)
     links = station.arm.forward_kinematics(station.X_WA, q)
@@ -188,15 +191,10 @@ def gravity_efforts(station: Station, q: FloatArray, *, load: float = 0.0) -> Fl
         for order in [station.arm.joints_before[link]]
     ]
     origins, axes, turns = station.arm.kinematics.axes(q)  # (N, J, 3), (J,)
-    R_WA = station.X_WA[:3, :3]
-    origins, axes = origins @ R_WA.T + station.X_WA[:3, 3], axes @ R_WA.T
+    origins, axes = apply_pose(station.X_WA, origins), rotate(station.X_WA, axes)
     efforts = np.zeros(q.shape)
     for mass, order, place in bodies:
-        lever = np.cross(axes, place[:, None, :3] - origins)[..., 2]
+        lever = cross(axes, place[:, None, :3] - origins)[..., 2]
         rise = np.where(turns, lever, axes[..., 2])  # (N, J)
         efforts[:, :order] += _GRAVITY * mass * rise[:, :order]
     return efforts
-
-
-def _point(X: FloatArray, point: FloatArray) -> FloatArray:
-    return np.asarray(X[:3, :3] @ point + X[:3, 3])

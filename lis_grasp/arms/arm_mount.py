@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.geometry import apply_pose, frame_along, inverse_pose, make_pose
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.body_pairs import BodyPairs
@@ -81,24 +82,20 @@ def back_on_flange(hand: Hand) -> FloatArray:
     bodies = [g for g in hand.link_geometries if g.link in base] or list(hand.link_geometries)
     points = np.vstack(
         [
-            np.asarray(g.mesh.vertices) @ X[:3, :3].T + X[:3, 3]
+            apply_pose(X, np.asarray(g.mesh.vertices))
             for g in bodies
             for X in [links[g.link] @ g.X_LG]
         ]
     )
     # Fingers or, of a gripper, its opening along the flange's x.
     axis = next(e for e in np.eye(3)[[2, 0, 1]] if abs(e @ approach) < 0.7)
-    x = axis - (axis @ approach) * approach
-    x /= np.linalg.norm(x)
-    R_HF = np.column_stack([x, np.cross(approach, x), approach])
+    R_HF = frame_along(approach, axis)
     in_flange = points @ R_HF
     lowest = in_flange[:, 2].min()
     hindmost = in_flange[in_flange[:, 2] < lowest + _BACK]
     center = 0.5 * (hindmost.min(axis=0) + hindmost.max(axis=0))
-    X_HF = np.eye(4)
-    X_HF[:3, :3] = R_HF
-    X_HF[:3, 3] = R_HF @ [center[0], center[1], lowest]
-    return np.asarray(np.linalg.inv(hand.X_LH @ X_HF))
+    X_HF = make_pose(R_HF, R_HF @ [center[0], center[1], lowest])
+    return inverse_pose(hand.X_LH @ X_HF)
 
 
 def _nearest(arm: Arm, hand: Hand, X_FB: FloatArray) -> tuple[str, str] | None:

@@ -7,6 +7,7 @@ import numpy as np
 from lis_grasp.arms.reach_filter import APPROACH, best_solutions
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.arms.straight_motion import track
+from lis_grasp.geometry import cross, make_pose, rotate, tangent_frame, unit
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import BoolArray, FloatArray
@@ -74,9 +75,7 @@ def palm_targets(
     posture = next(iter(hand.pregrasps.values()))
     pads_H = hand.pad_centers(np.eye(4), posture).mean(axis=0)
     rotations = _directions(hand.approach_H)  # (D, T, 3, 3)
-    poses = np.tile(np.eye(4), (len(places), *rotations.shape[:2], 1, 1))
-    poses[..., :3, :3] = rotations
-    poses[..., :3, 3] = places[:, None, None] - rotations @ pads_H
+    poses = make_pose(rotations, places[:, None, None] - rotations @ pads_H)
     return np.asarray(poses.reshape(-1, rotations.shape[1], 4, 4))
 
 
@@ -89,7 +88,7 @@ def reached(station: Station, targets: FloatArray) -> BoolArray:
             break
         X_WH = targets[waiting, turn]
         pose, q = best_solutions(station, station.solve_ik(X_WH, seeds=_SEEDS), kept=_KEPT)
-        forward = X_WH[pose, :3, :3] @ station.hand.approach_H
+        forward = rotate(X_WH[pose], station.hand.approach_H)
         straight = track(station, q, X_WH[pose], -APPROACH * forward).followed
         done[waiting[pose[straight]]] = True
     return done
@@ -97,19 +96,15 @@ def reached(station: Station, targets: FloatArray) -> BoolArray:
 
 def _directions(approach_H: FloatArray) -> FloatArray:
     """Return rotations R_WH with the approach down and oblique, turned about it, (D, T, 3, 3)."""
-    helper = np.eye(3)[np.argmin(np.abs(approach_H))]
-    x = np.cross(approach_H, helper)
-    x /= np.linalg.norm(x)
-    R_HT = np.column_stack([x, np.cross(approach_H, x), approach_H])  # tool frame: +z approaches
+    R_HT = np.column_stack([*tangent_frame(approach_H), approach_H])  # tool frame: +z approaches
     found = []
     for tilt in (0.0, _TILT):
         for around in 2.0 * np.pi * np.arange(_AROUND if tilt else 1) / _AROUND:
             out = np.array(
                 [np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), -np.cos(tilt)]
             )
-            side = np.cross([0.0, 1.0, 0.0] if abs(out[1]) < 0.9 else [1.0, 0.0, 0.0], out)
-            side /= np.linalg.norm(side)
-            R_WT = np.column_stack([side, np.cross(out, side), out])
+            side = unit(cross(np.eye(3)[1 if abs(out[1]) < 0.9 else 0], out))
+            R_WT = np.column_stack([side, cross(out, side), out])
             turns = []
             for turn in 2.0 * np.pi * np.arange(_TURNS) / _TURNS:
                 c, s = np.cos(turn), np.sin(turn)
@@ -123,6 +118,4 @@ def _middle(table: Table) -> FloatArray:
 
 
 def _base(table: Table, distance: float, pedestal: float) -> FloatArray:
-    X_WA = np.eye(4)
-    X_WA[:3, 3] = _middle(table) + [-distance, 0.0, pedestal]
-    return X_WA
+    return make_pose(np.eye(3), _middle(table) + [-distance, 0.0, pedestal])

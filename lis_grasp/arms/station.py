@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.arms.arm_mount import ArmMount, mount_of
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.poses import checked_pose
+from lis_grasp.geometry import cross, inverse_pose, require_pose
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.arm_ik import ArmSolutions
@@ -65,7 +65,7 @@ class Station:
         return cls(arm, hand, np.asarray(X_WA, np.float64), mount_of(arm, hand), table)
 
     def __post_init__(self) -> None:
-        X_WA = checked_pose("X_WA", self.X_WA)
+        X_WA = require_pose("X_WA", self.X_WA)
         object.__setattr__(self, "X_WA", X_WA)
         table = self.table
         if table is not None:
@@ -106,7 +106,7 @@ class Station:
         linear, angular = R_WA @ of_flange[..., :3, :], R_WA @ of_flange[..., 3:, :]
         # The palm's origin moves with the flange, and about it.
         lever = (R_WA @ X_AF[..., :3, :3] @ self.X_FH[:3, 3])[..., None, :]  # (..., 1, 3)
-        about = np.cross(np.swapaxes(angular, -1, -2), lever)
+        about = cross(np.swapaxes(angular, -1, -2), lever)
         linear = linear + np.swapaxes(about, -1, -2)
         return self.X_WA @ X_AF @ self.X_FH, np.concatenate([linear, angular], axis=-2)
 
@@ -121,5 +121,5 @@ class Station:
         return self.arm.ik.follow(np.asarray(q, np.float64), self._flange_targets(X_WH))
 
     def _flange_targets(self, X_WH: npt.ArrayLike) -> FloatArray:
-        to_base, to_flange = np.linalg.inv(self.X_WA), np.linalg.inv(self.X_FH)
+        to_base, to_flange = inverse_pose(self.X_WA), inverse_pose(self.X_FH)
         return np.asarray(to_base @ np.asarray(X_WH, np.float64) @ to_flange)

@@ -11,6 +11,7 @@ import trimesh
 from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.arms.station import Station
+from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.body_pairs import BodyPairs, balls_around, pairs_of_bodies
 from lis_grasp.robots.collision import outline
 from lis_grasp.typing import BoolArray, FloatArray
@@ -172,7 +173,7 @@ class StationChecker:
     def _lowest(self, body: int, X_WG: FloatArray) -> float:
         """Return the height of a body's lowest point over the table's top [m]; inf beside it."""
         points, radius = self._outlines[body]
-        placed = points @ X_WG[:3, :3].T + X_WG[:3, 3]
+        placed = apply_pose(X_WG, points)
         table = self._station.table
         assert table is not None
         inside = (np.abs(placed[:, :2] - table.center) <= table.half_width + radius).all(axis=1)

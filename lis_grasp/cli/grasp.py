@@ -16,6 +16,7 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import result_file
 from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.geometry import require_pose
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
 from lis_grasp.io import provenance
@@ -26,7 +27,6 @@ from lis_grasp.pipeline.arm_station import make_station, station_facts
 from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
 from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.poses import checked_pose
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load, placed_as_recorded
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
@@ -159,7 +159,7 @@ def recorded_base(options: argparse.Namespace, recorded: dict[str, Any]) -> Floa
     """Return the recorded pose of the arm's base (4, 4), unless another arm or base is given."""
     if options.arm is not None or options.base is not None or "X_EA" not in recorded:
         return None
-    return checked_pose("X_EA", recorded["X_EA"])
+    return require_pose("X_EA", recorded["X_EA"])
 
 
 def say_search(search: GraspSearch) -> None:

@@ -14,6 +14,7 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.grasp import recorded_base
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.geometry import require_pose
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
@@ -24,7 +25,6 @@ from lis_grasp.pipeline.reasons import lift_sentence
 from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.worker_pool import process_count
-from lis_grasp.poses import checked_pose
 from lis_grasp.robots.hand import Hand
 
 
@@ -70,7 +70,7 @@ def execute(options: argparse.Namespace) -> None:
         simulator=config.simulator,
         jobs=process_count(options.jobs),
         options=lift_options(config.load_prior(shape.mesh)),
-        X_WO=None if "X_EO" not in recorded else checked_pose("X_EO", recorded["X_EO"]),
+        X_WO=None if "X_EO" not in recorded else require_pose("X_EO", recorded["X_EO"]),
         station=station,
         estimate=_estimate(options.grasps_file, station),
     )

@@ -13,7 +13,7 @@ from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.poses import checked_pose
+from lis_grasp.geometry import require_pose
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
 
@@ -98,7 +98,7 @@ class HandPose:
             raise InvalidOptionError.out_of_range(
                 "joint_positions", positions.tolist(), "a list of finite numbers"
             )
-        object.__setattr__(self, "X_OH", checked_pose("X_OH", self.X_OH))
+        object.__setattr__(self, "X_OH", require_pose("X_OH", self.X_OH))
         object.__setattr__(self, "joint_positions", read_only(positions))
 
 
@@ -182,7 +182,7 @@ class ProbeOutcome:
         object.__setattr__(self, "free_points", read_only(free_points))
         object.__setattr__(self, "free_radii", checked_radii(self.free_radii, len(free_points)))
         if self.simulated_pose is not None:
-            pose = checked_pose("simulated_pose", self.simulated_pose)
+            pose = require_pose("simulated_pose", self.simulated_pose)
             object.__setattr__(self, "simulated_pose", pose)
         require_at_least(0, duration=self.duration, moved=self.moved)
         if not isinstance(self.reason, str):

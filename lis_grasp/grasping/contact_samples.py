@@ -6,6 +6,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from lis_grasp.geometry import angle_between, cross, unit
 from lis_grasp.shapes.mesh_distance import closest_points
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
@@ -182,7 +183,7 @@ def _bends_evenly(points: FloatArray, normals: FloatArray) -> BoolArray:
         tilts = normals[around][facing] - cosines[facing, None] * normal  # (N, 3)
         sizes = np.linalg.norm(tilts, axis=1)
         steepest = tilts[sizes.argmax()] / max(sizes.max(), np.finfo(float).tiny)
-        along = tilts @ np.column_stack([steepest, np.cross(normal, steepest)])  # (N, 2)
+        along = tilts @ np.column_stack([steepest, cross(normal, steepest)])  # (N, 2)
         uneven = np.abs(along.max(axis=0) + along.min(axis=0))
         risen = ((points[around] - point) @ normal).max()
         even[i] = (uneven <= np.sin(_FLAT_ANGLE)).all() and risen <= _BULGE
@@ -228,12 +229,11 @@ def _on_edges(
         part = _BORDER + (1.0 - 2.0 * _BORDER) * (_GOLDEN * np.arange(1, len(points) + 1) % 1.0)
     else:
         part = np.full(len(points), 0.5)
-    cosines = (normals[:, 0] * normals[:, 1]).sum(axis=1)
-    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+    angles = angle_between(normals[:, 0], normals[:, 1])
     # Spherical linear interpolation: from the first normal to the second one.
     between = np.sin((1.0 - part) * angles)[:, None] * normals[:, 0]
     between += np.sin(part * angles)[:, None] * normals[:, 1]
-    return points, between / np.linalg.norm(between, axis=1, keepdims=True)
+    return points, unit(between)
 
 
 def _supported(mesh: trimesh.Trimesh) -> BoolArray:

@@ -14,6 +14,7 @@ from lis_grasp.exceptions import (
     require_at_least,
     require_positive,
 )
+from lis_grasp.geometry import cross, tangent_frame
 from lis_grasp.typing import FloatArray
 
 ContactModel = Literal["frictionless", "coulomb", "soft_finger"]
@@ -93,10 +94,10 @@ class WrenchModel:
             forces = -normals[..., None, :]
         else:
             forces = cone_edges(normals, self.friction, edges=self.edges)
-        wrenches = np.concatenate([forces, np.cross(arms[..., None, :], forces)], axis=-1)
+        wrenches = np.concatenate([forces, cross(arms[..., None, :], forces)], axis=-1)
         if self.contact_model == "soft_finger":
             lever = np.asarray(self.torsion / length)[..., None, None]
-            push = np.concatenate([-normals, np.cross(arms, -normals)], axis=-1)  # (..., C, 6)
+            push = np.concatenate([-normals, cross(arms, -normals)], axis=-1)  # (..., C, 6)
             spin = np.concatenate([np.zeros_like(normals), lever * normals], axis=-1)
             spins = np.stack([push - spin, push + spin], axis=-2)  # (..., C, 2, 6)
             wrenches = np.concatenate([wrenches, spins], axis=-2)
@@ -125,14 +126,10 @@ def cone_edges(normals: npt.ArrayLike, friction: float, *, edges: int = CONE_EDG
     require_at_least(0, friction=friction)
     require_at_least(3, edges=edges)
     inward = -np.asarray(normals, dtype=np.float64)
-    # The axis least aligned with the normal makes a tangent.
-    helper = np.eye(3)[np.argmin(np.abs(inward), axis=-1)]
-    first = np.cross(inward, helper)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    second = np.cross(inward, first)
+    frames = tangent_frame(inward)
     angles = 2.0 * np.pi * np.arange(edges) / edges
-    tangents = np.cos(angles)[:, None] * first[..., None, :]
-    tangents += np.sin(angles)[:, None] * second[..., None, :]
+    tangents = np.cos(angles)[:, None] * frames[..., :1, :]
+    tangents += np.sin(angles)[:, None] * frames[..., 1:, :]
     return np.asarray(inward[..., None, :] + friction * tangents)
 
 

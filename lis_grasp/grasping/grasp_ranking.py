@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
+from lis_grasp.geometry import rotate
 from lis_grasp.grasping.candidate_filter import GraspCandidates
 from lis_grasp.grasping.contact_sets import ContactSets, contacts_of, fill_unused
 from lis_grasp.grasping.contact_wrenches import WrenchModel
@@ -152,7 +153,7 @@ class GraspScorer:
             joint_names=self._hand.joint_names,
             joint_positions=batch.q[k],
             pregrasp_positions=opened,
-            approach_O=X_OH[:3, :3] @ self._hand.approach_H,
+            approach_O=rotate(X_OH, self._hand.approach_H),
             contact_points=batch.points[k, pads],
             contact_normals=batch.normals[k, pads],
             contact_fingers=tuple(self._hand.fingers[pad] for pad in pads),

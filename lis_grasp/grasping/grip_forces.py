@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
+from lis_grasp.geometry import cross
 from lis_grasp.grasping.contact_wrenches import cone_edges
 from lis_grasp.typing import FloatArray
 
@@ -43,7 +44,7 @@ def balanced_grip(
     arms = points - points.mean(axis=0)  # (C, 3)
     length = max(float(np.linalg.norm(arms, axis=1).mean()), 1e-6)
     edges = cone_edges(normals, friction)  # (C, E, 3)
-    wrenches = np.concatenate([edges, np.cross(arms[:, None], edges) / length], axis=2)  # (C, E, 6)
+    wrenches = np.concatenate([edges, cross(arms[:, None], edges) / length], axis=2)  # (C, E, 6)
     columns = wrenches.reshape(-1, 6).T  # (6, C E)
     unknowns = columns.shape[1]
     even = np.full(unknowns, _EVENNESS_WEIGHT * total / unknowns)
@@ -52,7 +53,7 @@ def balanced_grip(
     wanted = np.zeros(6)
     if load is not None:
         force, point = load
-        turning = np.cross(point - points.mean(axis=0), force) / length
+        turning = cross(point - points.mean(axis=0), force) / length
         wanted = -_BALANCE_WEIGHT * np.concatenate([force, turning])
     coefficients, _ = nnls(matrix, np.concatenate([wanted, [_TOTAL_WEIGHT * total], even]))
     return np.einsum("ce,cek->ck", coefficients.reshape(len(points), -1), edges)

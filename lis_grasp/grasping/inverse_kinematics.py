@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.geometry import angle_between
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.records import subset_of
 from lis_grasp.robots.hand import Hand
@@ -163,8 +164,8 @@ class _Problem:
     def errors(self, X: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest position and axis error of the used pads, (B,) [m] and [rad]."""
         off = np.linalg.norm(self._hand.pad_centers(X, q, self._offsets) - self._centers, axis=-1)
-        cosine = -(self._hand.pad_axes(X, q) * self._normals).sum(axis=-1)
-        beyond = np.maximum(np.arccos(np.clip(cosine, -1.0, 1.0)) - self._half_angles, 0.0)
+        angles = angle_between(-self._hand.pad_axes(X, q), self._normals)
+        beyond = np.maximum(angles - self._half_angles, 0.0)
         return (
             np.where(self._used, off, 0.0).max(axis=1),
             np.where(self._used, beyond, 0.0).max(axis=1),

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.robots.hand import Hand
@@ -33,7 +33,7 @@ def save_isaac_grasps(path: Path | str, search: GraspSearch, hand: Hand) -> None
 
 
 def _plain(grasp: Grasp, hand: Hand) -> dict[str, Any]:
-    X_OL = grasp.X_OH @ np.linalg.inv(hand.X_LH)
+    X_OL = grasp.X_OH @ inverse_pose(hand.X_LH)
     x, y, z, w = Rotation.from_matrix(X_OL[:3, :3]).as_quat(canonical=True).tolist()
     return {
         "confidence": grasp.quality.get("success_probability", 0.0),

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lis_grasp.geometry import apply_pose, rotate
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
@@ -36,7 +37,7 @@ def _to_fingertip(hand: Hand, pad: Pad, R_HL: FloatArray) -> FloatArray:
         return np.zeros(3)
     ahead /= length
     points = [
-        geometry.mesh.vertices @ geometry.X_LG[:3, :3].T + geometry.X_LG[:3, 3] - pad.center_L
+        apply_pose(geometry.X_LG, geometry.mesh.vertices) - pad.center_L
         for geometry in hand.link_geometries
         if geometry.link == pad.link
     ]
@@ -73,7 +74,7 @@ class FingertipContacts:
         used = contacts.used[..., None]
         off = np.where(used, targets - self._hand.pad_centers(X_OH, q), 0.0)
         moved[:, :3, 3] += off.sum(axis=1) / used.sum(axis=1)  # pads at their centres
-        approach = moved[:, :3, :3] @ self._hand.approach_H
+        approach = rotate(moved, self._hand.approach_H)
         low = self._floor - self._checker.lowest(moved[:, None] @ self._checker.poses_in_hand(q))
         back = np.clip(low / np.maximum(-approach[:, 2], _STEEP), 0.0, self._reach)
         moved[:, :3, 3] -= back[:, None] * approach

@@ -14,6 +14,7 @@ from scipy.special import ndtr
 
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError, require_at_least
+from lis_grasp.geometry import rotate
 from lis_grasp.grasping.antipodal_sampling import (
     NARROW_SPREADS,
     SPREADS,
@@ -297,7 +298,7 @@ def perturb_grasps(
     alone = rng.random((len(parents), 1, 1))
     poses = np.array([grasp.X_OH for grasp in grasps])
     steps_H = rng.normal(scale=distance, size=(len(parents), 1 + len(hand.pads), 3))
-    steps = steps_H @ np.swapaxes(poses[parents, :3, :3], -1, -2)
+    steps = rotate(poses[parents], steps_H)
     moved = points + (1.0 - alone) * steps[:, :1] + alone * steps[:, 1:]
     on_surface, normals, usable = samples.nearest(moved, contacts.normals)
     kept = (usable | ~used).all(axis=1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.servo_hand import moving_joints, servo_efforts
@@ -28,7 +29,7 @@ class ServoPostures:
 
 def servo_postures(hand: Hand, grasp: Grasp, support_height: float) -> ServoPostures:
     """Return the postures of a grasp in O whose table is at a height in O [m]."""
-    X_OL = grasp.X_OH @ np.linalg.inv(hand.X_LH)
+    X_OL = grasp.X_OH @ inverse_pose(hand.X_LH)
     place = X_OL[:3, 3] - [0.0, 0.0, support_height]
     turn = Rotation.from_matrix(X_OL[:3, :3]).as_quat(canonical=True, scalar_first=True)
     joints = moving_joints(hand)

@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from lis_grasp.geometry import cross, unit
 from lis_grasp.typing import FloatArray
 
 # Correlation length of an estimate's errors, in largest extents: the usual spacing of touches.
@@ -64,15 +65,14 @@ class UncertainSurface:
         tilt -= units[..., None] * gradients[:, None]
         along = (tilt * normals[:, None]).sum(axis=-1, keepdims=True)
         tilted = normals[:, None] + tilt - along * normals[:, None]
-        tilted /= np.linalg.norm(tilted, axis=-1, keepdims=True)
-        return points[:, None] + moved[..., None] * normals[:, None], tilted
+        return points[:, None] + moved[..., None] * normals[:, None], unit(tilted)
 
 
 def _gradients(mesh: trimesh.Trimesh, values: FloatArray) -> FloatArray:
     """Return the gradient (V, 3) along a mesh of piecewise linear values (V,), averaged by area."""
     first, second, third = np.moveaxis(mesh.triangles, 1, 0)
     opposite = np.stack([third - second, first - third, second - first], axis=1)  # (F, 3, 3)
-    turned = np.cross(mesh.face_normals[:, None], opposite)
+    turned = cross(mesh.face_normals[:, None], opposite)
     by_face = 0.5 * (values[mesh.faces][..., None] * turned).sum(axis=1)  # gradient times area
     members = mesh.faces_sparse  # (V, F)
     areas = members @ mesh.area_faces

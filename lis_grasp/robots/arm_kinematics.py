@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from lis_grasp.geometry import cross, cross_matrix, rotate
 from lis_grasp.robots.hand_parts import Joint, joints_to
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -34,7 +35,7 @@ class ArmKinematics:
         for joint in joints_to(joints, flange):
             X_AL = X_AL @ joint.X_PJ
             if joint.kind != "fixed":
-                axes.append(X_AL[:3, :3] @ joint.axis_J)
+                axes.append(rotate(X_AL, joint.axis_J))
                 points.append(X_AL[:3, 3])
                 turns.append(joint.kind == "revolute")
         self._turns = np.array(turns)  # (J,)
@@ -70,7 +71,7 @@ class ArmKinematics:
         axes, points = self._moved_axes(moved)
         turns = self._turns.reshape(-1, *(1,) * (axes.ndim - 1))
         rows = np.empty((*axes.shape[:-1], 6))  # (J, ..., 6)
-        rows[..., :3] = np.where(turns, _cross(axes, X_AF[..., :3, 3] - points), axes)
+        rows[..., :3] = np.where(turns, cross(axes, X_AF[..., :3, 3] - points), axes)
         rows[..., 3:] = turns * axes
         order = (*range(1, rows.ndim), 0)
         return X_AF, rows.transpose(order)
@@ -115,17 +116,8 @@ def _screw(axis: FloatArray, point: FloatArray, turns: bool) -> FloatArray:
     """Return the matrix (4, 4) of a joint's screw: its rate of motion for a rate of 1."""
     screw = np.zeros((4, 4))
     if turns:
-        screw[:3, :3] = np.cross(axis, np.eye(3)).T  # [axis]x
-        screw[:3, 3] = -np.cross(axis, point)
+        screw[:3, :3] = cross_matrix(axis)
+        screw[:3, 3] = -cross(axis, point)
     else:
         screw[:3, 3] = axis
     return screw
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a x b, shape (..., 3), faster than NumPy does for many short vectors."""
-    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product

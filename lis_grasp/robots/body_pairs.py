@@ -8,6 +8,7 @@ from itertools import combinations
 import fcl
 import numpy as np
 
+from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.collision import fcl_shape
 from lis_grasp.robots.hand_parts import LinkGeometry
 from lis_grasp.robots.link_tree import HandModel
@@ -53,7 +54,7 @@ class BodyPairs:
     def ball_centers(self, poses: FloatArray) -> FloatArray:
         """Return the centres of the balls, (N, B, 3) [m], at poses of the bodies (N, G, 4, 4)."""
         X = poses[:, self.body]
-        return np.asarray((X[..., :3, :3] @ self._centers[:, :, None])[..., 0] + X[..., :3, 3])
+        return np.asarray(apply_pose(X, self._centers[:, None])[..., 0, :])
 
     def may_touch(self, centers: FloatArray, *, margin: float = 0.0) -> BoolArray:
         """Return which pairs are not surely apart by a margin [m], (N, P), for `ball_centers`."""

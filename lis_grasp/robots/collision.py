@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 from trimesh.collision import mesh_to_BVH
 
+from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_parts import LinkGeometry
 from lis_grasp.shapes.winding_number import InsideTest
@@ -196,15 +197,15 @@ class HandCollisionChecker:
         self, X_OH: FloatArray, in_hand: FloatArray, *, pads_may_touch: bool
     ) -> bool:
         """Return whether the hand at a pose touches the object; its bodies are posed in H."""
-        X_HO = np.linalg.inv(X_OH)  # one body to move, instead of all links
+        X_HO = inverse_pose(X_OH)  # one body to move, instead of all links
         self._object.setTransform(fcl.Transform(X_HO[:3, :3], X_HO[:3, 3]))
         try:
             if self._meets_surface(pads_may_touch=pads_may_touch):
                 return True
         finally:
             self._object.setTransform(fcl.Transform())
-        inside = (in_hand[:, :3, :3] @ self._points[..., None])[..., 0] + in_hand[:, :3, 3]
-        return self._inside.any_inside(inside @ X_OH[:3, :3].T + X_OH[:3, 3])
+        inside = apply_pose(in_hand, self._points[:, None])[:, 0]
+        return self._inside.any_inside(apply_pose(X_OH, inside))
 
     def _meets_surface(self, *, pads_may_touch: bool) -> bool:
         data = fcl.CollisionData()

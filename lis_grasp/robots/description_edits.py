@@ -12,7 +12,7 @@ import trimesh
 import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.typing import FloatArray
+from lis_grasp.geometry import make_pose, unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,11 +102,11 @@ def links_below(robot: yourdfpy.Robot, link: str) -> set[str]:
 def _lock(joint: yourdfpy.Joint, position: float) -> None:
     origin = np.eye(4) if joint.origin is None else np.asarray(joint.origin, np.float64)
     axis = np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, np.float64)
-    motion: FloatArray = np.eye(4)
+    motion = np.eye(4)
     if joint.type in ("revolute", "continuous"):
         motion = trimesh.transformations.rotation_matrix(position, axis)
     elif joint.type == "prismatic":
-        motion[:3, 3] = position * axis / np.linalg.norm(axis)
+        motion = make_pose(np.eye(3), position * unit(axis))
     elif position:
         raise InvalidHandError(
             f"joint '{joint.name}' is of type '{joint.type}' and can be locked at 0 only"

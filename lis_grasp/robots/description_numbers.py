@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.geometry import unit
 from lis_grasp.records import read_only
 from lis_grasp.robots.hand_parts import Inertial
 from lis_grasp.robots.inertias import without_rounding
@@ -25,7 +26,7 @@ def unit_axis(joint: Any) -> FloatArray:
             f"joint '{joint.name}' must have an axis of three numbers, not all 0"
         )
     scaled = axis / largest  # the square of a very large number is infinite
-    return np.asarray(scaled / np.linalg.norm(scaled))
+    return unit(scaled)
 
 
 def joint_limits(joint: Any) -> tuple[float, float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lis_grasp.geometry import apply_pose, axis_across, frame_along, inverse_pose, make_pose, rotate
 from lis_grasp.robots.find_arm_posture import joints_before
 from lis_grasp.robots.hand_parts import joints_to
 from lis_grasp.robots.link_tree import HandModel, link_kinematics
@@ -27,13 +28,13 @@ def flange_frame(model: HandModel, flange: str) -> FloatArray:
     middle = np.clip(0.0, model.lower, model.upper)
     kinematics = link_kinematics(model)
     links = kinematics.poses(np.eye(4), middle)
-    X_LA = np.linalg.inv(links[flange])
+    X_LA = inverse_pose(links[flange])
 
     def corners(number: int) -> FloatArray:
         return np.vstack(
             [np.zeros((1, 3))]
             + [
-                np.asarray(g.mesh.vertices) @ X[:3, :3].T + X[:3, 3]
+                apply_pose(X, np.asarray(g.mesh.vertices))
                 for g in model.link_geometries
                 if order[g.link] == number
                 for X in [X_LA @ links[g.link] @ g.X_LG]
@@ -41,17 +42,10 @@ def flange_frame(model: HandModel, flange: str) -> FloatArray:
         )
 
     joint = next(j for j in reversed(joints_to(model.joints, flange)) if j.kind != "fixed")
-    axis = X_LA[:3, :3] @ links[joint.child][:3, :3] @ joint.axis_J
+    axis = rotate(X_LA @ links[joint.child], joint.axis_J)
     sides = np.array([axis, -axis])
     own = (corners(last) @ sides.T).max(axis=0)  # (2,)
     side = int(np.argmax(own - (corners(last - 1) @ sides.T).max(axis=0)))
     out = sides[side]
-    X_LF = np.eye(4)
-    if out[2] < _ALONG:
-        x = np.eye(3)[np.argmin(np.abs(out))]
-        x = x - (x @ out) * out
-        x /= np.linalg.norm(x)
-        X_LF[:3, :3] = np.column_stack([x, np.cross(out, x), out])
-    if own[side] > BEYOND:
-        X_LF[:3, 3] = own[side] * out
-    return X_LF
+    R_LF = frame_along(out, axis_across(out)) if out[2] < _ALONG else np.eye(3)
+    return make_pose(R_LF, own[side] * out if own[side] > BEYOND else np.zeros(3))

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.robots.collision import checker_of
 from lis_grasp.robots.efforts import is_plausible_effort
 from lis_grasp.robots.hand import Hand
@@ -109,8 +110,8 @@ def _pads(hand: Hand) -> Iterator[Finding]:
     links = hand.forward_kinematics(np.eye(4), q)
     for pad in hand.pads:
         X_HL = links[pad.link]
-        axis = X_HL[:3, :3] @ pad.axis_L
-        face = float((X_HL[:3, :3] @ pad.center_L + X_HL[:3, 3]) @ axis) + pad.radius
+        axis = rotate(X_HL, pad.axis_L)
+        face = float(apply_pose(X_HL, pad.center_L) @ axis) + pad.radius
         depth = 1e3 * (_extent_along(hand, links, axis, _body_link(hand, pad)) - face)  # [mm]
         if depth > 1e3 * _PAD_COVERED:
             depth = 1e3 * (_height_over(hand, links, pad, axis) - face)
@@ -197,7 +198,7 @@ def forces_along_pads(hand: Hand) -> FloatArray:
 def _lead(hand: Hand, posture: ProbePosture) -> tuple[float, str]:
     """Return the lead of the tip's sphere over the foremost other link [m], and that link."""
     links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
-    tip = links[posture.link][:3, :3] @ posture.center_L + links[posture.link][:3, 3]
+    tip = apply_pose(links[posture.link], posture.center_L)
     front = float(tip @ posture.direction_H) + posture.radius
     ahead = {
         link: _extent_along(hand, links, posture.direction_H, link)
@@ -228,7 +229,7 @@ def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: Float
     pad, as of an angular finger, may be further out.
     """
     link = _body_link(hand, pad)
-    middle = links[pad.link][:3, :3] @ pad.center_L + links[pad.link][:3, 3]
+    middle = apply_pose(links[pad.link], pad.center_L)
     bodies = [g for g in hand.link_geometries if g.link == link]
     counted = [
         g
@@ -242,13 +243,13 @@ def _height_over(hand: Hand, links: dict[str, FloatArray], pad: Pad, axis: Float
 def _middle(geometry: LinkGeometry, links: dict[str, FloatArray]) -> FloatArray:
     """Return the mean vertex of a body, in H (3,) [m]."""
     X_HG = links[geometry.link] @ geometry.X_LG
-    return np.asarray(X_HG[:3, :3] @ geometry.mesh.vertices.mean(axis=0) + X_HG[:3, 3])
+    return apply_pose(X_HG, geometry.mesh.vertices.mean(axis=0))
 
 
 def _support(geometry: LinkGeometry, links: dict[str, FloatArray], axis: FloatArray) -> float:
     """Return the largest coordinate of a body along an axis of H [m]."""
     X_HG = links[geometry.link] @ geometry.X_LG
-    points = np.asarray(geometry.mesh.vertices) @ X_HG[:3, :3].T + X_HG[:3, 3]
+    points = apply_pose(X_HG, np.asarray(geometry.mesh.vertices))
     return float((points @ axis).max())
 
 
@@ -256,8 +257,8 @@ def _is_crossed(
     geometry: LinkGeometry, links: dict[str, FloatArray], point: FloatArray, axis: FloatArray
 ) -> bool:
     """Return whether the line through a point along an axis of H crosses a convex body."""
-    X_GH = np.linalg.inv(links[geometry.link] @ geometry.X_LG)
-    origin, direction = X_GH[:3, :3] @ point + X_GH[:3, 3], X_GH[:3, :3] @ axis
+    X_GH = inverse_pose(links[geometry.link] @ geometry.X_LG)
+    origin, direction = apply_pose(X_GH, point), rotate(X_GH, axis)
     normals, corners = geometry.mesh.face_normals, geometry.mesh.triangles[:, 0]
     heights = ((corners - origin) * normals).sum(axis=1)  # inside: slope * t <= height
     slopes = normals @ direction

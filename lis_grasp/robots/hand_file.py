@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.geometry import unit
 from lis_grasp.io.schemas import parse_entry
 from lis_grasp.io.yaml_files import find_yaml_file, read_yaml
 from lis_grasp.records import fields_of, read_only
@@ -167,4 +168,4 @@ class _Assembly:
 
 def _unit(vector: Sequence[float]) -> FloatArray:
     array = np.array(vector, np.float64)
-    return read_only(array / float(np.linalg.norm(array)))
+    return read_only(unit(array))

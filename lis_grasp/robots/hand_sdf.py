@@ -11,6 +11,7 @@ import yourdfpy
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.geometry import inverse_pose, rotate
 from lis_grasp.robots.hand_urdf import parse_xml
 from lis_grasp.robots.link_bodies import LARGEST, Capsule
 from lis_grasp.robots.link_tree import rpy_pose
@@ -104,8 +105,8 @@ class _Model:
             if link not in self._links:
                 self._fail(f"joint '{name}' joins '{link}', which is no link")
         kind, pose = element.get("type", ""), self._pose(name)
-        X_PJ = np.linalg.inv(self._pose(parent)) @ pose
-        X_JC = np.linalg.inv(pose) @ self._pose(child)
+        X_PJ = inverse_pose(self._pose(parent)) @ pose
+        X_JC = inverse_pose(pose) @ self._pose(child)
         if kind == "fixed":
             return [yourdfpy.Joint(name, kind, parent, child, X_PJ @ X_JC)]
         limit = self._limit(element.find("axis/limit"))
@@ -133,7 +134,7 @@ class _Model:
         described = axis.find("xyz")
         frame = None if described is None else described.get("expressed_in")
         if frame and numbers.shape == (3,):
-            numbers = np.linalg.inv(self._pose(joint)[:3, :3]) @ self._pose(frame)[:3, :3] @ numbers
+            numbers = rotate(inverse_pose(self._pose(joint)) @ self._pose(frame), numbers)
         return numbers
 
     def _limit(self, limit: ET.Element | None) -> yourdfpy.Limit:
@@ -186,7 +187,7 @@ class _Model:
         relative = "" if pose is None else pose.get("relative_to", "")
         if relative in ("", link):
             return self._own_pose(body)
-        X_LR = np.linalg.inv(self._pose(link)) @ self._pose(relative)
+        X_LR = inverse_pose(self._pose(link)) @ self._pose(relative)
         return np.asarray(X_LR @ self._own_pose(body))
 
     def _own_pose(self, element: ET.Element) -> FloatArray:

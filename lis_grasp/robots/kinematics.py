@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from lis_grasp.geometry import cross, cross_matrix, inverse_pose, rotate
 from lis_grasp.robots.hand_parts import Joint, Pad, joints_to
 from lis_grasp.typing import FloatArray
 
@@ -30,7 +31,7 @@ class Kinematics:
         actuated: int,
     ) -> None:
         self._links, self._actuated = tuple(links), actuated
-        self._X_HL = np.linalg.inv(X_LH)
+        self._X_HL = inverse_pose(X_LH)
         number = {link: i for i, link in enumerate(links)}
         self._parents = [number[joint.parent] for joint in joints]
         self._children = [number[joint.child] for joint in joints]
@@ -44,7 +45,7 @@ class Kinematics:
         self._offsets = np.array([joint.offset for joint in joints])
         turn_axes, self._slide_axes = axes * turns[:, None], axes * slides[:, None]
         # (N, 3, 3): the matrices [axis]x of Rodrigues' formula.
-        self._crossed = np.swapaxes(np.cross(turn_axes[:, None], np.eye(3)), 1, 2)
+        self._crossed = cross_matrix(turn_axes)
         self._crossed_twice = self._crossed @ self._crossed
 
         self._pad_links = [number[pad.link] for pad in pads]
@@ -85,12 +86,12 @@ class Kinematics:
         turn = _rotated(X_OC, self._moving_turns)
         slide = _rotated(X_OC, self._moving_slides)
         arms = centers[self._moved] - X_OC[..., :3, 3]
-        of_centers = np.tensordot(self._columns, _cross(turn, arms) + slide, axes=1)
-        of_axes = np.tensordot(self._columns, _cross(turn, axes[self._moved]), axes=1)
+        of_centers = np.tensordot(self._columns, cross(turn, arms) + slide, axes=1)
+        of_axes = np.tensordot(self._columns, cross(turn, axes[self._moved]), axes=1)
         along = np.eye(3).reshape(3, *(1,) * (q.ndim - 1), 3)  # O's axes, (3, ..., 3)
-        of_centers[:, 0:3] = _cross(along, (centers - X_OH[..., :3, 3])[:, None])
+        of_centers[:, 0:3] = cross(along, (centers - X_OH[..., :3, 3])[:, None])
         of_centers[:, 3:6] = along
-        of_axes[:, 0:3] = _cross(along, axes[:, None])
+        of_axes[:, 0:3] = cross(along, axes[:, None])
         return (
             np.moveaxis(centers, 0, -2),
             np.moveaxis(axes, 0, -2),
@@ -136,17 +137,11 @@ class Kinematics:
         X_OL = poses[self._pad_links]
         centers = _rotated(X_OL, self._pad_centers) + X_OL[..., :3, 3]
         if offsets is not None:
-            centers += (X_OL[..., :3, :3] @ np.moveaxis(offsets, -2, 0)[..., None])[..., 0]
+            centers += rotate(X_OL, np.moveaxis(offsets, -2, 0)[..., None, :])[..., 0, :]
         return centers, _rotated(X_OL, self._pad_axes)
 
 
 def _rotated(X: FloatArray, vectors: FloatArray) -> FloatArray:
     """Rotate each vector (K, 3) by its poses (K, ..., 4, 4); shape (K, ..., 3)."""
-    column = vectors.reshape(len(vectors), *(1,) * (X.ndim - 3), 3, 1)
-    return np.asarray((X[..., :3, :3] @ column)[..., 0])
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a x b, shape (..., 3), faster than NumPy does for many short vectors."""
-    following, last = np.array([1, 2, 0]), np.array([2, 0, 1])
-    return np.asarray(a[..., following] * b[..., last] - a[..., last] * b[..., following])
+    rows = vectors.reshape(len(vectors), *(1,) * (X.ndim - 2), 3)
+    return np.asarray(rotate(X, rows)[..., 0, :])

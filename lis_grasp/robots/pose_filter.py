@@ -8,6 +8,7 @@ import trimesh
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_parts import LinkGeometry
 from lis_grasp.typing import FloatArray
@@ -68,8 +69,7 @@ class HandPoseFilter:
         poses = self._hand.forward_kinematics(np.eye(4), q)
         return np.concatenate(
             [
-                (X_LG[:3, :3] @ centers.T).T @ np.swapaxes(poses[link][..., :3, :3], -1, -2)
-                + (poses[link][..., :3, :3] @ X_LG[:3, 3] + poses[link][..., :3, 3])[..., None, :]
+                apply_pose(poses[link], apply_pose(X_LG, centers))
                 for link, X_LG, centers in self._links
             ],
             axis=-2,

@@ -13,8 +13,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
+from lis_grasp.geometry import require_pose
 from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
-from lis_grasp.poses import checked_pose
 from lis_grasp.shapes.shape import Shape
 from lis_grasp.typing import FloatArray
 
@@ -81,7 +81,7 @@ def placed(shape: Shape, X_WO: npt.ArrayLike) -> Shape:
     InvalidOptionError
         If the pose is not a rigid transform.
     """
-    pose = checked_pose("X_WO", X_WO)
+    pose = require_pose("X_WO", X_WO)
     mesh = trimesh.Trimesh(
         trimesh.transform_points(shape.mesh.vertices, pose), shape.mesh.faces, process=False
     )

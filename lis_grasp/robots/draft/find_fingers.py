@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.robots.draft.hand_points import points_of_bodies
 from lis_grasp.robots.hand_parts import Joint, joints_to
 from lis_grasp.robots.link_tree import HandModel, link_kinematics
@@ -129,16 +130,15 @@ def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
         raise InvalidHandError(f"the fingertip '{leaf}' must have a body; it has none")
     large = [np.ptp(p, axis=0).max() > _MARK for _, p in parts]
     arms = [
-        float(np.linalg.norm(p @ X_GL[k][:3, :3].T + X_GL[k][:3, 3], axis=1).max())
-        * (is_large or not any(large))
+        float(np.linalg.norm(apply_pose(X_GL[k], p), axis=1).max()) * (is_large or not any(large))
         for (k, p), is_large in zip(parts, large, strict=True)
     ]
     link = parts[int(np.argmax(arms))][0]
-    X_LG = np.linalg.inv(X_GL[link])
+    X_LG = inverse_pose(X_GL[link])
     bodies = []
     for name, p in parts:
         X_LB = X_LG @ X_GL[name]
-        bodies.append(FingerBody(name, X_LB, p @ X_LB[:3, :3].T + X_LB[:3, 3]))
+        bodies.append(FingerBody(name, X_LB, apply_pose(X_LB, p)))
     motors = tuple(dict.fromkeys(joint.index for joint in chain if joint.index >= 0))
     return Finger(
         name=link,
@@ -146,7 +146,7 @@ def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
         bodies=tuple(bodies),
         joint=last,
         origin_L=np.array(X_LG[:3, 3], np.float64),
-        axis_L=X_LG[:3, :3] @ last.axis_J,
+        axis_L=rotate(X_LG, last.axis_J),
         motors=motors,
     )
 
@@ -163,7 +163,7 @@ def _without_knobs(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
             q = np.tile(np.clip(0.0, model.lower, model.upper), (_STEPS, 1))
             q[:, motor] = np.linspace(model.lower[motor], model.upper[motor], _STEPS)
             X = kinematics.poses(np.broadcast_to(np.eye(4), (_STEPS, 4, 4)), q)[finger.link]
-            moved += float(np.linalg.norm(np.ptp(X[:, :3, :3] @ middle_L + X[:, :3, 3], axis=0)))
+            moved += float(np.linalg.norm(np.ptp(apply_pose(X, middle_L), axis=0)))
         if moved > _LEAST_MOTION:
             kept.append(finger)
     return kept or list(fingers)
@@ -180,7 +180,7 @@ def _without_linkages(model: HandModel, fingers: Sequence[Finger]) -> list[Finge
     reached = {}
     for f in fingers:
         first = next(j for j in joints_to(model.joints, f.link) if j.index == f.motors[-1])
-        points = f.points_L @ poses[f.link][:3, :3].T + poses[f.link][:3, 3]
+        points = apply_pose(poses[f.link], f.points_L)
         arms = np.linalg.norm(points - poses[first.child][:3, 3], axis=1)
         reached[f.link] = float(arms.max())
     kept = []

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.draft.hand_points import link_points
 from lis_grasp.robots.hand import Hand
@@ -189,11 +190,7 @@ class _Problem:
         balance = (weights[..., None] * inward).sum(axis=1)
         links = self._hand.forward_kinematics(poses, q)
         gaps = [
-            np.linalg.norm(
-                p @ np.swapaxes(links[link][:, :3, :3], 1, 2)
-                + (links[link][:, :3, 3] - center)[:, None],
-                axis=2,
-            ).min(axis=1)
+            np.linalg.norm(apply_pose(links[link], p) - center[:, None], axis=2).min(axis=1)
             for link, p in self._points
         ]
         inside = np.maximum(radius + _CLEARANCE - np.array(gaps).T.reshape(len(x), -1), 0.0)

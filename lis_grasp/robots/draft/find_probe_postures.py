@@ -7,6 +7,7 @@ from itertools import islice
 
 import numpy as np
 
+from lis_grasp.geometry import apply_inverse, apply_pose
 from lis_grasp.records import read_only
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.draft.find_fingers import rigid_groups
@@ -158,12 +159,12 @@ class _Search:
         hand, pad = self._hand, self._hand.pads[finger]
         poses = hand.forward_kinematics(np.eye(4), q)
         placed = {
-            link: self._vertices[link] @ poses[link][:3, :3].T + poses[link][:3, 3]
+            link: apply_pose(poses[link], self._vertices[link])
             for link in sorted(self._group(pad.link))
         }
         foremost = max(placed, key=lambda link: float((placed[link] @ direction).max()))
         X_HL = poses[foremost]
-        p_L = (np.vstack(list(placed.values())) - X_HL[:3, 3]) @ X_HL[:3, :3]
+        p_L = apply_inverse(X_HL, np.vstack(list(placed.values())))
         d_L = X_HL[:3, :3].T @ direction
         heights = p_L @ d_L
         top = p_L[heights > heights.max() - _LEVEL]
@@ -191,14 +192,7 @@ class _Search:
         """Return the largest coordinate of links along all directions, (S, D) [m], by link."""
         poses = self._hand.forward_kinematics(np.eye(4)[None].repeat(len(q), axis=0), q)
         return {
-            link: np.max(
-                (
-                    self._points[link] @ np.swapaxes(poses[link][:, :3, :3], 1, 2)
-                    + poses[link][:, None, :3, 3]
-                )
-                @ self._directions.T,
-                axis=1,
-            )
+            link: np.max(apply_pose(poses[link], self._points[link]) @ self._directions.T, axis=1)
             for link in sorted(links)
         }
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from lis_grasp.geometry import angle_between, apply_pose, rotate, unit
 from lis_grasp.records import read_only
 from lis_grasp.robots.draft.find_fingers import Finger, FingerBody
 from lis_grasp.robots.draft.hand_points import link_points
@@ -60,10 +61,10 @@ class _Gripper:
         self._model, self._fingers = model, fingers
         self._kinematics = link_kinematics(model)
         poses = self.poses(0.5 * (model.lower + model.upper))
-        p_B = [_placed(f.points_L, poses[f.link]) for f in fingers]
+        p_B = [apply_pose(poses[f.link], f.points_L) for f in fingers]
         palm = link_points(model).get(model.links[0], np.zeros((1, 3)))
         outward = np.mean([p.mean(axis=0) for p in p_B], axis=0) - palm.mean(axis=0)
-        self._outward_B = outward / max(float(np.linalg.norm(outward)), 1e-9)
+        self._outward_B = unit(outward, least=1e-9)
         ends = [p @ self._outward_B for p in p_B]
         self._tips = [
             finger.points_L[end > end.max() - _TIP_LENGTH]
@@ -112,48 +113,42 @@ class _Gripper:
         It is the sum over the motors, each turned so that the gap closes. If they hardly move
         relative to each other along the gap, it is the direction of the gap.
         """
-        gap = self.gap_vector(q)
-        gap /= np.linalg.norm(gap)
+        gap = unit(self.gap_vector(q))
         total = np.zeros(3)
         for motor in sorted({m for finger in self._fingers for m in finger.motors}):
             step = np.zeros(len(q))
             step[motor] = 1e-3 * (self._model.upper[motor] - self._model.lower[motor])
             change = self.gap_vector(q - step) - self.gap_vector(q + step)
-            total += np.sign(change @ gap) * change / max(float(np.linalg.norm(change)), 1e-12)
-        closing = total / max(float(np.linalg.norm(total)), 1e-12)
-        return np.asarray(closing if closing @ gap > _ALONG_GAP else gap)
+            total += np.sign(change @ gap) * unit(change, least=1e-12)
+        closing = unit(total, least=1e-12)
+        return closing if closing @ gap > _ALONG_GAP else gap
 
     def turns(self, pads: Sequence[Pad]) -> bool:
         """Return whether two flat faces turn towards each other while the gripper closes."""
         poses = self.poses(np.linspace(self._model.lower, self._model.upper, 9))
-        first, second = (poses[pad.link][:, :3, :3] @ pad.axis_L for pad in pads)
-        angles = np.arccos(np.clip(-(first * second).sum(axis=1), -1.0, 1.0))
+        first, second = (rotate(poses[pad.link], pad.axis_L) for pad in pads)
+        angles = angle_between(-first, second)
         return bool(np.ptp(angles) > _FLAT)
 
     def _gap(self, q: FloatArray) -> float:
         line = self.gap_vector(q)
-        line /= max(float(np.linalg.norm(line)), 1e-9)
+        line = unit(line, least=1e-9)
         first, second = (p @ line for p in self._placed_tips(q))
         return float(second.min() - first.max())
 
     def _placed_tips(self, q: FloatArray) -> list[FloatArray]:
         poses = self.poses(q)
-        return [_placed(p, poses[f.link]) for p, f in zip(self._tips, self._fingers, strict=True)]
-
-
-def _placed(p_L: FloatArray, X_BL: FloatArray) -> FloatArray:
-    return np.asarray(p_L @ X_BL[:3, :3].T + X_BL[:3, 3])
+        return [
+            apply_pose(poses[f.link], p) for p, f in zip(self._tips, self._fingers, strict=True)
+        ]
 
 
 def _opposed(pads: Sequence[Pad], poses: Mapping[str, FloatArray]) -> list[Pad]:
     """Move two flat pads along their faces until they are opposite to each other."""
     links = [poses[pad.link] for pad in pads]
-    axes = [X[:3, :3] @ pad.axis_L for X, pad in zip(links, pads, strict=True)]
-    axis = axes[0] - axes[1]
-    axis /= np.linalg.norm(axis)
-    offset = (links[1][:3, :3] @ pads[1].center_L + links[1][:3, 3]) - (
-        links[0][:3, :3] @ pads[0].center_L + links[0][:3, 3]
-    )
+    axes = [rotate(X, pad.axis_L) for X, pad in zip(links, pads, strict=True)]
+    axis = unit(axes[0] - axes[1])
+    offset = apply_pose(links[1], pads[1].center_L) - apply_pose(links[0], pads[0].center_L)
     across = offset - (offset @ axis) * axis
     if np.linalg.norm(across) > _OFFSET or -axes[0] @ axes[1] < np.cos(_FACING):
         return list(pads)
@@ -231,7 +226,7 @@ def _faces(
         face = (normals @ normal > np.cos(_FLAT)) & (heights > heights.max() - _LEVEL)
         if areas[face].sum() > 0.0:
             middle = (areas[face] / areas[face].sum()) @ corners[face].mean(axis=1)
-            angle = np.arccos(np.clip(normal @ towards_L, -1.0, 1.0))
+            angle = angle_between(normal, towards_L)
             weight = np.exp(-((angle / _OBLIQUE) ** 2))
             yield float(areas[face].sum() * weight), normal, middle
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lis_grasp.geometry import angle_between, apply_pose, cross, tangent_frame, unit
 from lis_grasp.records import read_only
 from lis_grasp.robots.draft.find_fingers import Finger
 from lis_grasp.robots.draft.fit_flat_pads import fit_flat_pads
@@ -43,15 +44,13 @@ def fit_pads(
         return fit_flat_pads(model, fingers)
     kinematics = link_kinematics(model)
     poses = kinematics.poses(np.eye(4), 0.5 * (model.lower + model.upper))
-    middles_B = np.array(
-        [poses[f.link][:3, :3] @ f.points_L.mean(axis=0) + poses[f.link][:3, 3] for f in fingers]
-    )
+    middles_B = np.array([apply_pose(poses[f.link], f.points_L.mean(axis=0)) for f in fingers])
     slides_B = _slides(model, fingers, kinematics)
     pads = []
     for i, finger in enumerate(fingers):
         R_LB = poses[finger.link][:3, :3].T
         towards_L = R_LB @ (np.delete(middles_B, i, axis=0).mean(axis=0) - middles_B[i])
-        towards_L /= np.linalg.norm(towards_L)
+        towards_L = unit(towards_L)
         slide_B = slides_B.get(i)
         if slide_B is None:
             pads.append(round_pad(finger, *_closing(model, finger, towards_L), tilts))
@@ -79,14 +78,14 @@ def _slides(
         X = kinematics.poses(np.broadcast_to(np.eye(4), (2, 4, 4)), q)[finger.link]
         turned = np.linalg.norm(X[1, :3, :3] - X[0, :3, :3])
         if turned <= _PARALLEL:
-            middle_L = finger.points_L.mean(axis=0)
-            paths[i] = (X[1] - X[0])[:3, :3] @ middle_L + (X[1] - X[0])[:3, 3]
+            low, high = apply_pose(X, finger.points_L.mean(axis=0))
+            paths[i] = high - low
     slides = {}
     for i, path in paths.items():
         rivals = [other for j, other in paths.items() if j != i]
         relative = path - np.mean(rivals, axis=0) if rivals else path
         if np.linalg.norm(relative) > _LEAST_PATH:
-            slides[i] = relative / np.linalg.norm(relative)
+            slides[i] = unit(relative)
     return slides
 
 
@@ -97,7 +96,7 @@ def _sliding(
     closing = slide_L * (np.sign(slide_L @ towards_L) or 1.0)
     outward = arm_L - (arm_L @ closing) * closing
     length = float(np.linalg.norm(outward))
-    return closing, outward / length if length > 1e-4 else _perpendicular(closing)
+    return closing, outward / length if length > 1e-4 else tangent_frame(closing)[0]
 
 
 def _closing(
@@ -111,11 +110,10 @@ def _closing(
         arm = finger.points_L.mean(axis=0) - finger.origin_L
         arm = arm - (arm @ axis) * axis
         length = np.linalg.norm(arm)
-        outward = arm / length if length > 1e-4 else _perpendicular(axis)
+        outward = arm / length if length > 1e-4 else tangent_frame(axis)[0]
         return sign * axis, outward
-    outward = reach(finger.points_L, finger.origin_L, finger.axis_L)
-    outward /= np.linalg.norm(outward)
-    motion = np.cross(finger.axis_L, outward)
+    outward = unit(reach(finger.points_L, finger.origin_L, finger.axis_L))
+    motion = cross(finger.axis_L, outward)
     ends = joint.multiplier * np.array([model.lower[joint.index], model.upper[joint.index]])
     ends = ends + joint.offset
     low, high = ends.min(), ends.max()
@@ -124,12 +122,6 @@ def _closing(
     else:
         sign = np.sign(motion @ towards_L) or 1.0
     return sign * motion, outward
-
-
-def _perpendicular(axis: FloatArray) -> FloatArray:
-    other = np.eye(3)[np.argmin(np.abs(axis))]
-    across = np.cross(axis, other)
-    return np.asarray(across / np.linalg.norm(across))
 
 
 def round_pad(
@@ -145,7 +137,7 @@ def round_pad(
     along = finger.points_L @ outward_L
     end = finger.points_L[along >= along.max() - _TIP_LENGTH]
     lattice = fibonacci_directions(600)
-    width = float(np.ptp(end @ np.cross(closing_L, outward_L)))
+    width = float(np.ptp(end @ cross(closing_L, outward_L)))
     largest = float(np.clip(0.5 * width, *_RADII))
     fits = []
     for tilt in tilts:
@@ -165,10 +157,10 @@ def round_pad(
     best = min(fits, key=lambda fit: round(fit[0], 4))
     _, axis, center, radius = best
     beyond = (finger.points_L @ lattice.T).max(axis=0) - lattice @ center - radius
-    angles = np.arccos(np.clip(lattice @ axis, -1.0, 1.0))
+    angles = angle_between(lattice, axis)
     reached = angles[beyond > _PROTRUSION]
     half_angle = float(np.clip(reached.min(initial=np.pi), *_HALF_ANGLES))
-    axis = axis / np.linalg.norm(axis)
+    axis = unit(axis)
     return Pad(
         finger.name, finger.link, read_only(np.array(center)), radius, read_only(axis), half_angle
     )

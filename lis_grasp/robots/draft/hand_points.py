@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.hand_parts import LinkGeometry
 from lis_grasp.robots.link_bodies import fibonacci_directions
 from lis_grasp.robots.link_tree import HandModel
@@ -16,7 +17,7 @@ _KEPT = 60  # points of a body
 
 def points_of_bodies(bodies: Sequence[LinkGeometry]) -> FloatArray:
     """Return all vertices of bodies of one link, shape (N, 3) [m], in the link frame."""
-    placed = [np.asarray(b.mesh.vertices) @ b.X_LG[:3, :3].T + b.X_LG[:3, 3] for b in bodies]
+    placed = [apply_pose(b.X_LG, np.asarray(b.mesh.vertices)) for b in bodies]
     return np.vstack([np.empty((0, 3)), *placed])
 
 

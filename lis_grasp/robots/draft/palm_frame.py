@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from lis_grasp.geometry import apply_pose, frame_along, make_pose, tangent_frame, unit
 from lis_grasp.robots.draft.find_fingers import rigid_groups
 from lis_grasp.robots.draft.find_pregrasps import Opening
 from lis_grasp.robots.draft.hand_points import link_points
@@ -32,7 +33,7 @@ def find_palm_frame(hand: Hand, opening: Opening) -> FloatArray:
     """
     links = hand.forward_kinematics(np.eye(4), opening.q)
     points = link_points(hand)
-    p_B = np.vstack([p @ links[k][:3, :3].T + links[k][:3, 3] for k, p in points.items()])
+    p_B = np.vstack([apply_pose(links[k], p) for k, p in points.items()])
     arms = p_B - opening.center_H
     closing = _closing_direction(hand, opening.q)
     candidates = fibonacci_directions(1000)
@@ -41,25 +42,20 @@ def find_palm_frame(hand: Hand, opening: Opening) -> FloatArray:
         approach = _leading_direction(hand, closing, opening, points, links)
     else:
         palm = _finger_roots(hand, links).mean(axis=0)
-        forward = opening.center_H - palm
-        forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
+        forward = unit(opening.center_H - palm, least=1e-9)
         ahead = arms @ candidates.T  # (P, D)
         across = np.sqrt(np.maximum((arms**2).sum(axis=1)[:, None] - ahead**2, 0.0))
         clearance = np.where(ahead > 0.0, across, np.inf).min(axis=0)
         scores = np.minimum(clearance, _ENOUGH) + _FORWARD * candidates @ forward
         approach = candidates[np.argmax(scores)]
-    across_z = closing - (closing @ approach) * approach
-    x = across_z / np.linalg.norm(across_z)
-    X = np.eye(4)
-    X[:3, :3] = np.column_stack([x, np.cross(approach, x), approach])
-    X[:3, 3] = _on_palm(
+    origin = _on_palm(
         hand,
         points.get(hand.base_link, p_B),
         opening.center_H,
         approach,
         palm,
     )
-    return X
+    return make_pose(frame_along(approach, closing), origin)
 
 
 def _leading_direction(
@@ -75,13 +71,10 @@ def _leading_direction(
     """
     groups = rigid_groups(hand)
     tips = {groups[pad.link] for pad in hand.pads}
-    behind = [
-        p @ links[k][:3, :3].T + links[k][:3, 3] for k, p in points.items() if groups[k] not in tips
-    ]
-    first = np.cross(closing, np.eye(3)[np.argmin(np.abs(closing))])
-    first /= np.linalg.norm(first)
+    behind = [apply_pose(links[k], p) for k, p in points.items() if groups[k] not in tips]
+    first, second = tangent_frame(closing)
     angles = np.linspace(0.0, 2.0 * np.pi, _TURNS, endpoint=False)
-    around = np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(closing, first))
+    around = np.outer(np.cos(angles), first) + np.outer(np.sin(angles), second)
     arms = np.vstack([np.zeros((1, 3)), *behind]) - opening.center_H
     return np.asarray(around[np.argmin((arms @ around.T).max(axis=0).round(6))])
 
@@ -99,7 +92,7 @@ def _closing_direction(hand: Hand, q: FloatArray) -> FloatArray:
     axes, centers = hand.pad_axes(np.eye(4), q), hand.pad_centers(np.eye(4), q)
     thumb = thumb_of(axes)
     closing = np.delete(centers, thumb, axis=0).mean(axis=0) - centers[thumb]
-    return np.asarray(closing / np.linalg.norm(closing))
+    return unit(closing)
 
 
 def _on_palm(

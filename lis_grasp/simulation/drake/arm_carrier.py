@@ -12,6 +12,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context
 
+from lis_grasp.geometry import cross
 from lis_grasp.lifting.arm_lift import ArmLift
 from lis_grasp.lifting.arm_use import ArmShake, ArmUse
 from lis_grasp.lifting.joint_path import JointPath, PalmPath, joint_path_along
@@ -203,12 +204,12 @@ class ArmCarrier:
         hand = self._arm.hand
         p_BC = X.translation() + arm_W - hand.X_WL(self._context, hand.hand.base_link)[:3, 3]
         alpha, omega = acceleration[3:], rate[3:]
-        field = acceleration[:3] + np.cross(alpha, p_BC) + np.cross(omega, np.cross(omega, p_BC))
+        field = acceleration[:3] + cross(alpha, p_BC) + cross(omega, cross(omega, p_BC))
         central = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
         I_W = central.ReExpress(X.rotation()).CopyToFullMatrix3()
         load = ExternallyAppliedSpatialForce()
         load.body_index, load.p_BoBq_B = body.index(), inertia.get_com()
-        moment = -(I_W @ alpha + np.cross(omega, I_W @ omega))
+        moment = -(I_W @ alpha + cross(omega, I_W @ omega))
         load.F_Bq_W = SpatialForce(tau=moment, f=-inertia.get_mass() * field)
         self._forces.FixValue(self._context, [load])
         self._pushing = True

@@ -16,6 +16,7 @@ from pydrake.multibody.plant import ContactResults
 from scipy.spatial import cKDTree
 from trimesh.graph import connected_component_labels
 
+from lis_grasp.geometry import unit
 from lis_grasp.typing import FloatArray, IntArray
 
 # Normals farther apart than this are on two sides of an edge: a 12 mm fingertip pressed 0.3 mm into
@@ -128,7 +129,7 @@ def split_patch(
             members = remaining & alike
             members[largest] = True
             normal = areas[members] @ normals[members]
-            normal /= np.linalg.norm(normal)
+            normal = unit(normal)
         fraction = float(areas[members].sum()) / total
         if fraction >= _LEAST_FRACTION or not parts:
             point = areas[members] @ centroids[members] / areas[members].sum()

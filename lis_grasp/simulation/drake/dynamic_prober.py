@@ -16,6 +16,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.probe import GENTLE_SPEED, PROBE_SPEED, HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
 from lis_grasp.probing.probe_path import path_back, path_out
@@ -117,14 +118,14 @@ class DynamicProber:
 
     def move_frame(self, X_EF: FloatArray) -> None:
         """Give later probes in a frame F with pose X_EF, shape (4, 4), about the vertical axis."""
-        self.place_object(np.linalg.inv(X_EF) @ self._X_EO)
+        self.place_object(inverse_pose(X_EF) @ self._X_EO)
         self.place_frame(self._X_WE @ X_EF)
 
     def place_frame(self, X_WE: FloatArray) -> None:
         """Give later probes in a frame E with pose X_WE, shape (4, 4), in the arm's world."""
         if self._station is not None:
             self._X_WE = X_WE
-            X_EA = np.linalg.inv(X_WE) @ self._station.X_WA
+            X_EA = inverse_pose(X_WE) @ self._station.X_WA
             self._motion.place_station(self._station.moved(X_EA))
 
     def probe(self, probe: Probe, obstacles: ObstacleModel | None = None) -> ProbeOutcome:
@@ -187,7 +188,7 @@ class DynamicProber:
         X_WB, X_WO = self._in_world(X_EB), self._in_world(self._X_EO)
         direction = course.direction
         if self._station is not None:
-            direction = self._X_WE[:3, :3] @ direction
+            direction = rotate(self._X_WE, direction)
         scene.place(posture.joint_positions, X_WB, direction, X_WO, course.q_arm)
         speed = self._speed if self._station is None else course.speed
         before = _BEFORE if self._station is None else _BEFORE_WITH_ARM
@@ -220,19 +221,19 @@ class DynamicProber:
         return X_E if self._station is None else self._X_WE @ X_E
 
     def _from_world(self, X_W: FloatArray) -> FloatArray:
-        return X_W if self._station is None else np.linalg.inv(self._X_WE) @ X_W
+        return X_W if self._station is None else inverse_pose(self._X_WE) @ X_W
 
     def _seen(self, patch: Patch) -> Patch:
         """Return a patch in E."""
         if self._station is None:
             return patch
-        X_EW = np.linalg.inv(self._X_WE)
-        point, normal = X_EW[:3, :3] @ patch.point + X_EW[:3, 3], X_EW[:3, :3] @ patch.normal
+        X_EW = inverse_pose(self._X_WE)
+        point, normal = apply_pose(X_EW, patch.point), rotate(X_EW, patch.normal)
         return replace(patch, point=point, normal=normal)
 
     def _displacement(self, X_EO: FloatArray) -> float:
         """Return the largest displacement of a point of the object from an earlier pose [m]."""
-        before, now = (trimesh.transform_points(self._hull, X) for X in (X_EO, self._X_EO))
+        before, now = (apply_pose(X, self._hull) for X in (X_EO, self._X_EO))
         return float(np.linalg.norm(now - before, axis=1).max())
 
 

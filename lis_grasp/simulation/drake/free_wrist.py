@@ -21,6 +21,7 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Context
 
+from lis_grasp.geometry import make_pose
 from lis_grasp.lifting.lift_gains import WRIST_DAMPING, WRIST_LIMITS, WRIST_STIFFNESS
 from lis_grasp.lifting.wrist_trajectory import WristMotion, WristPath
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
@@ -123,9 +124,7 @@ def add_wrist(
             frame = body.body_frame()
             joints.append(joint)
     base = added.bodies[added.hand.base_link]
-    R_WB = np.eye(4)
-    R_WB[:3, :3] = X_WB[:3, :3]
-    plant.WeldFrames(frame, base.body_frame(), RigidTransform(R_WB))
+    plant.WeldFrames(frame, base.body_frame(), RigidTransform(make_pose(X_WB[:3, :3])))
     in_order = (*joints[:3], *reversed(joints[3:]))  # x y z, then roll pitch yaw
     for joint in in_order:
         turning = isinstance(joint, RevoluteJoint)

@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.exceptions import SimulationError
+from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.lifting.lift_gains import finger_gains
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.lifting_scene import CarrierMotion
@@ -74,7 +75,7 @@ class LiftScene:
             friction=friction,
             hydroelastic_modulus=LIFTING_SKIN,
         )
-        X_WB = np.asarray(setup.grasp.X_OH, dtype=np.float64) @ np.linalg.inv(hand.X_LH)
+        X_WB = np.asarray(setup.grasp.X_OH, dtype=np.float64) @ inverse_pose(hand.X_LH)
         self.carrier: Carrier = (
             FreeWrist(plant, self._hand, X_WB)
             if setup.arm is None
@@ -189,13 +190,13 @@ class LiftScene:
     def X_WO(self) -> FloatArray:
         """Pose of the object, shape (4, 4)."""
         X_WO: FloatArray = self._object.EvalPoseInWorld(self._context).GetAsMatrix4()
-        X_WO[:3, 3] -= X_WO[:3, :3] @ self._p_OB
+        X_WO[:3, 3] -= rotate(X_WO, self._p_OB)
         return X_WO
 
     @property
     def object_center(self) -> FloatArray:
         """The object's centre of mass, shape (3,) [m]."""
-        return self.X_WO[:3, :3] @ self._center + self.X_WO[:3, 3]
+        return apply_pose(self.X_WO, self._center)
 
     @property
     def object_bottom(self) -> float:

@@ -17,6 +17,7 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Context
 
+from lis_grasp.geometry import inverse_pose, make_pose
 from lis_grasp.probing.approach_planner import rotation_to_x
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
@@ -96,10 +97,9 @@ class ProbeRail:
         for joint in (self._rail, self._mount):
             joint.Unlock(context)
         self._slider.set_translation(context, 0.0)
-        X_WR = np.eye(4)
-        X_WR[:3, :3] = rotation_to_x(direction).T
+        X_WR = make_pose(rotation_to_x(direction).T)
         self._rail.SetPose(context, _rigid(X_WR))
-        self._mount.SetPose(context, _rigid(np.linalg.inv(X_WR) @ X_WB))
+        self._mount.SetPose(context, _rigid(inverse_pose(X_WR) @ X_WB))
         self._rail.Lock(context)
         self._mount.Lock(context)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from lis_grasp.geometry import unit
 from lis_grasp.typing import FloatArray
 
 
@@ -60,6 +61,6 @@ def merged_contacts(
             weight + wrench[0],
         )
     return [
-        MergedContact(link_of_geom[geom], point / weight, normal / np.linalg.norm(normal), force)
+        MergedContact(link_of_geom[geom], point / weight, unit(normal), force)
         for geom, (point, normal, force, weight) in sums.items()
     ]

@@ -9,6 +9,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import SimulationError
+from lis_grasp.geometry import apply_pose, make_pose, rotate
 from lis_grasp.lifting.lift_gains import WRIST_DAMPING, WRIST_STIFFNESS, finger_gains
 from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.lifting.wrist_trajectory import WristMotion, WristPath
@@ -133,7 +134,7 @@ class MujocoScene:
     def X_WO(self) -> FloatArray:
         """Pose of the object, shape (4, 4)."""
         X_WO = self._pose(self._object)
-        X_WO[:3, 3] -= X_WO[:3, :3] @ self._center
+        X_WO[:3, 3] -= rotate(X_WO, self._center)
         return X_WO
 
     @property
@@ -162,7 +163,7 @@ class MujocoScene:
         """
         X_WL = self.X_WL(link)
         every = np.zeros((3, self._model.nv))
-        point = X_WL[:3, :3] @ p_L + X_WL[:3, 3]
+        point = apply_pose(X_WL, p_L)
         mujoco.mj_jac(self._model, self._data, every, None, point, self._bodies[link])
         columns = np.zeros((3, len(self._hand.joint_names)))
         for moved, joint in self._moved:
@@ -174,7 +175,4 @@ class MujocoScene:
         return self._pose(self._bodies[link])
 
     def _pose(self, body: int) -> FloatArray:
-        X = np.eye(4)
-        X[:3, :3] = self._data.xmat[body].reshape(3, 3)
-        X[:3, 3] = self._data.xpos[body]
-        return X
+        return make_pose(self._data.xmat[body].reshape(3, 3), self._data.xpos[body])

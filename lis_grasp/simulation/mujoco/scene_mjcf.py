@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import trimesh
 
+from lis_grasp.geometry import inverse_pose, make_pose, rotate
 from lis_grasp.lifting.lift_gains import (
     WRIST_DAMPING,
     WRIST_LIMITS,
@@ -64,13 +65,11 @@ def scene_mjcf(setup: LiftSetup, pieces: Sequence[trimesh.Trimesh]) -> str:
     world.append(_table(setup))
     assets.extend(mesh_asset(f"piece_{k}", piece.vertices) for k, piece in enumerate(pieces))
     world.append(_object(setup, len(pieces)))
-    X_WB = np.asarray(setup.grasp.X_OH, dtype=np.float64) @ np.linalg.inv(setup.hand.X_LH)
+    X_WB = np.asarray(setup.grasp.X_OH, dtype=np.float64) @ inverse_pose(setup.hand.X_LH)
     wrist, last = _wrist(X_WB[:3, 3])
     world.append(wrist)
-    turned = np.eye(4)
-    turned[:3, :3] = X_WB[:3, :3]
     contact = _contact(setup.friction) | _COLLIDES["hand"]
-    hand = hand_mjcf(setup.hand, turned, prefix=HAND, geom=contact)
+    hand = hand_mjcf(setup.hand, make_pose(X_WB[:3, :3]), prefix=HAND, geom=contact)
     last.append(hand.root)
     assets.extend(hand.meshes)
     SubElement(root, "equality").extend(hand.couplings)
@@ -93,7 +92,7 @@ def _object(setup: LiftSetup, pieces: int) -> Element:
     mesh = setup.mesh
     center = np.asarray(mesh.center_mass)
     X_WB = np.array(setup.X_WO, dtype=np.float64)
-    X_WB[:3, 3] += X_WB[:3, :3] @ center
+    X_WB[:3, 3] += rotate(X_WB, center)
     body = Element("body", {"name": OBJECT, **pose(X_WB)})
     SubElement(body, "freejoint", {"name": OBJECT})
     matrix = np.asarray(mesh.moment_inertia) * (setup.mass / mesh.volume)
