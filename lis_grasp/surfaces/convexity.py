@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from lis_grasp.surfaces.kernel_mean import NEGLIGIBLE
+from lis_grasp.surfaces._kernel_mean import NEGLIGIBLE
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Bound of |beta*|: at 1, f between two exactly opposite contacts would be 0, a false surface.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lis_grasp.surfaces.patch_csg import Expression, Intersection
+from lis_grasp.surfaces._patch_csg import Expression, Intersection
 from lis_grasp.typing import FloatArray, IndexArray
 
 

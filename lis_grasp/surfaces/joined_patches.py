@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lis_grasp.surfaces._patch import Patch
 from lis_grasp.surfaces.kernel_expansion import KernelExpansion
-from lis_grasp.surfaces.patch import Patch
 from lis_grasp.surfaces.quadric_trend import about_origin, value_rows
 from lis_grasp.typing import FloatArray, IndexArray
 

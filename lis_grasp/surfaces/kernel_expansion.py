@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lis_grasp.surfaces.kernels import RadialKernel
+from lis_grasp.surfaces._kernels import RadialKernel
 from lis_grasp.typing import FloatArray
 
 # Value, slopes along x, y and z.

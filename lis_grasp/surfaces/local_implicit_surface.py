@@ -11,10 +11,10 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.records import short_repr
+from lis_grasp.surfaces._kernel_mean import KernelMean, density_weights
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.contact_noise import precisions_of
 from lis_grasp.surfaces.convexity import Convexity
-from lis_grasp.surfaces.kernel_mean import KernelMean, density_weights
 from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
 from lis_grasp.typing import FloatArray, IndexArray

@@ -13,10 +13,10 @@ from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
+from lis_grasp.surfaces._normal_posterior import EstimatedNormals, NormalPosterior
 from lis_grasp.surfaces.contact_merging import spacing_of
 from lis_grasp.surfaces.contact_noise import mean_where_unknown
 from lis_grasp.surfaces.local_planes import local_planes
-from lis_grasp.surfaces.normal_posterior import EstimatedNormals, NormalPosterior
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray, IndexArray
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
+from lis_grasp.surfaces._patch import PatchContacts
 from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.surfaces.pair_clustering import cluster_pairs
-from lis_grasp.surfaces.patch import PatchContacts
 from lis_grasp.typing import IndexArray
 
 # Contacts of a patch that are compared across a border, those nearest to the other patch.

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lis_grasp.meshing.grid import Grid
-from lis_grasp.meshing.hermite import Crossings
+from lis_grasp.meshing._grid import Grid
+from lis_grasp.meshing._hermite import Crossings
 from lis_grasp.records import subset_of
 from lis_grasp.typing import FloatArray, IndexArray
 

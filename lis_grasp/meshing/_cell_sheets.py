@@ -22,7 +22,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from lis_grasp.meshing.grid import Grid
+from lis_grasp.meshing._grid import Grid
 from lis_grasp.typing import BoolArray, ByteArray, IndexArray
 
 _CORNER_BIT = (4, 2, 1)

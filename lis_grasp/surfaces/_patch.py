@@ -13,13 +13,13 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from lis_grasp.exceptions import EstimationError
+from lis_grasp.surfaces._kernels import Matern52
 from lis_grasp.surfaces.kernel_expansion import (
     ROWS,
     KernelExpansion,
     cross_covariance,
     gradient_covariance,
 )
-from lis_grasp.surfaces.kernels import Matern52
 from lis_grasp.surfaces.quadric_trend import (
     COEFFICIENTS,
     design_rows,

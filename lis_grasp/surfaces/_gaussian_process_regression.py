@@ -10,13 +10,13 @@ from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 from scipy.optimize import brentq
 
 from lis_grasp.exceptions import EstimationError
+from lis_grasp.surfaces._kernels import RadialKernel
 from lis_grasp.surfaces.kernel_expansion import (
     ROWS,
     KernelExpansion,
     cross_covariance,
     gradient_covariance,
 )
-from lis_grasp.surfaces.kernels import RadialKernel
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Least amplitude of the search, as a fraction of the amplitude without any noise.

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lis_grasp.meshing.cell_sheets import corner_configurations, edge_number, sheets_of_cells
-from lis_grasp.meshing.grid import Grid
-from lis_grasp.meshing.hermite import Crossings
-from lis_grasp.meshing.quadrics import place_vertices
+from lis_grasp.meshing._cell_sheets import corner_configurations, edge_number, sheets_of_cells
+from lis_grasp.meshing._grid import Grid
+from lis_grasp.meshing._hermite import Crossings
+from lis_grasp.meshing._quadrics import place_vertices
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Cells round an edge along +a, in turn: cell (u, v) has the edge at its (b, c) = (u, v).
