@@ -22,8 +22,7 @@ from lis_grasp.io.point_files import read_point_file
 from lis_grasp.io.surface_files import save_surface
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import UNITS
-from lis_grasp.surfaces.contact_checks import DOUBTFUL, fraction_in_front
-from lis_grasp.surfaces.contact_loading import NormalSide
+from lis_grasp.surfaces.contact_loading import DOUBTFUL, NormalSide, fraction_in_front
 from lis_grasp.typing import FloatArray
 
 _NOISE = ("position_noise", "normal_noise")

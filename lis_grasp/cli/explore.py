@@ -28,7 +28,7 @@ from lis_grasp.pipeline.summary import exploration_lines
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ImplicitSurface
-from lis_grasp.surfaces.above_table_implicit_surface import above_table
+from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.typing import FloatArray
 
 TOUCH_OPTIONS = (

@@ -21,7 +21,7 @@ from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces import ImplicitSurface, carved
-from lis_grasp.surfaces.deferred_surface import DeferredSurface
+from lis_grasp.surfaces.implicit_surface import DeferredSurface
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Contacts closer than this are duplicates [m].

@@ -11,8 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from lis_grasp.meshing._grid import Grid
-from lis_grasp.meshing.field import Field
+from lis_grasp.meshing._grid import Field, Grid
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Side of a coarse cell, in cells.

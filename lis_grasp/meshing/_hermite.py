@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lis_grasp.meshing._grid import Grid
-from lis_grasp.meshing.field import Field
+from lis_grasp.meshing._grid import Field, Grid
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # A step this short, in cells, is the last; the crossing is then good to the next order.

@@ -10,9 +10,8 @@ from trimesh.graph import connected_component_labels
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.meshing._band import COARSE, sample_band
 from lis_grasp.meshing._dual_contouring import contour
-from lis_grasp.meshing._grid import Grid
+from lis_grasp.meshing._grid import Field, Grid
 from lis_grasp.meshing._hermite import find_crossings
-from lis_grasp.meshing.field import Field
 from lis_grasp.shapes.winding_number import winding_numbers
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray

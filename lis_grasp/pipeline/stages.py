@@ -23,7 +23,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import Estimator, ImplicitSurface, carved
-from lis_grasp.surfaces.above_table_implicit_surface import above_table
+from lis_grasp.surfaces.carved_implicit_surface import above_table
 
 _GRASP_STREAM = 2  # of random numbers: a stage run alone repeats its part of a whole run
 

@@ -37,7 +37,7 @@ from lis_grasp.pipeline.stages import make_estimator, plan
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import Estimator, ImplicitSurface
-from lis_grasp.surfaces.above_table_implicit_surface import above_table
+from lis_grasp.surfaces.carved_implicit_surface import above_table
 
 _TOUCH_STREAM = 1  # of random numbers: a stage run alone repeats its part of a whole run
 _FEW_SETS = 400  # contact sets sampled to predict a success during an exploration

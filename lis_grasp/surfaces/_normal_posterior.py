@@ -23,9 +23,12 @@ from scipy.linalg import cho_solve
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
-from lis_grasp.surfaces._gaussian_process_regression import GradientRegression
+from lis_grasp.surfaces._gaussian_process_regression import (
+    ROWS,
+    GradientRegression,
+    cross_covariance,
+)
 from lis_grasp.surfaces._kernels import ThinPlate
-from lis_grasp.surfaces.kernel_expansion import ROWS, cross_covariance
 from lis_grasp.typing import FloatArray
 
 # Length of the thin plate and prior mean, in largest distances between two points.

@@ -1,11 +1,13 @@
-"""A smooth patch of a surface: a Gaussian process with a quadric trend.
+"""Smooth patches of a surface: Gaussian processes with a quadric trend.
 
 The local shape y_i of the paper "can be any signed distance function" (Ottenhaus et al. 2016,
-section III), which takes planes.
+section III), which takes planes. A quadric h + n.x + x'Qx / 2 has ten coefficients, in the order h,
+n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz; it describes planes, spheres and cylinders exactly.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,20 +15,55 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.surfaces._kernels import Matern52
-from lis_grasp.surfaces.kernel_expansion import (
+from lis_grasp.surfaces._gaussian_process_regression import (
     ROWS,
     KernelExpansion,
     cross_covariance,
     gradient_covariance,
 )
-from lis_grasp.surfaces.quadric_trend import (
-    COEFFICIENTS,
-    design_rows,
-    prior_variances,
-    value_rows,
-)
+from lis_grasp.surfaces._kernels import Matern52
 from lis_grasp.typing import FloatArray, IndexArray
+
+COEFFICIENTS = 10
+"""Number of coefficients."""
+
+
+def prior_variances(*, value: float, slope: float, curvature: float) -> FloatArray:
+    """Return the prior variances of the coefficients, (10,), from standard deviations of each kind.
+
+    An entry off the diagonal of Q occurs twice: half its variance makes the prior the same in all
+    frames.
+    """
+    kinds = [value**2, *[slope**2] * 3, *[curvature**2] * 3, *[0.5 * curvature**2] * 3]
+    return np.array(kinds)
+
+
+def value_rows(points: FloatArray) -> FloatArray:
+    """Return the rows that map coefficients to values at points (P, 3), shape (P, 10)."""
+    x, y, z = points.T
+    squares = (0.5 * x * x, 0.5 * y * y, 0.5 * z * z)
+    return np.stack([np.ones_like(x), x, y, z, *squares, x * y, x * z, y * z]).T
+
+
+def about_origin(coefficients: FloatArray, center: FloatArray) -> FloatArray:
+    """Return the coefficients (10,) of a quadric whose own are about a centre, (3,)."""
+    xx, yy, zz, xy, xz, yz = coefficients[4:]
+    slope = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ center
+    value = coefficients[0] - coefficients[1:4] @ center + 0.5 * (center @ slope)
+    return np.concatenate([[value], coefficients[1:4] - slope, coefficients[4:]])
+
+
+def design_rows(points: FloatArray) -> FloatArray:
+    """Return the matrices that map coefficients to value and gradient at points, (P, 4, 10)."""
+    x, y, z = points.T
+    rows = np.zeros((len(points), 4, COEFFICIENTS))
+    rows[:, 0] = value_rows(points)
+    rows[:, 1:, 1:4] = np.eye(3)
+    rows[:, 1, 4], rows[:, 1, 7], rows[:, 1, 8] = x, y, z
+    rows[:, 2, 5], rows[:, 2, 7], rows[:, 2, 9] = y, x, z
+    rows[:, 3, 6], rows[:, 3, 8], rows[:, 3, 9] = z, x, y
+    return rows
+
 
 # Covariance of the residual, with its length in spacings.
 _KERNEL = Matern52(3.0)
@@ -216,3 +253,52 @@ class Patch:
         prior = self.amplitude**2 + rows**2 @ _TREND
         variances = np.maximum(prior - np.einsum("np,np->p", solved, solved), 0.0)
         return np.asarray(self.spacing**2 * variances)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JoinedPatches:
+    """The functions of K patches in one coordinate system.
+
+    The nodes of all patches are those of one expansion; the sum over each patch's own is its value.
+    """
+
+    spacing: float  # [m], the unit of length
+    center: FloatArray  # (3,) [m], origin of the coordinates
+    coefficients: FloatArray  # (K, 10) of the trends
+    residual: KernelExpansion  # of the nodes of all patches, patch by patch
+    starts: IndexArray  # (K + 1,): patch k owns the nodes starts[k]:starts[k + 1]
+
+    @classmethod
+    def of(cls, patches: Sequence[Patch]) -> JoinedPatches:
+        """Join patches of the same spacing; at least one."""
+        spacing, center = patches[0].spacing, patches[0].center
+        offsets = [(patch.center - center) / spacing for patch in patches]
+        pairs = list(zip(patches, offsets, strict=True))
+        nodes = np.concatenate([patch.residual.nodes + offset for patch, offset in pairs])
+        weights = np.concatenate([patch.residual.weights for patch in patches])
+        counts = [len(patch.residual.nodes) for patch in patches]
+        return cls(
+            spacing,
+            center,
+            np.stack([about_origin(patch.coefficients, offset) for patch, offset in pairs]),
+            KernelExpansion(patches[0].residual.kernel, nodes, weights),
+            np.cumsum([0, *counts]),
+        )
+
+    def some(self, chosen: IndexArray) -> JoinedPatches:
+        """Return some of the patches, (C,)."""
+        if len(chosen) == len(self.coefficients):
+            return self
+        ranges = [np.arange(self.starts[k], self.starts[k + 1]) for k in chosen]
+        rows, of_all = np.concatenate(ranges), self.residual
+        residual = KernelExpansion(of_all.kernel, of_all.nodes[rows], of_all.weights[rows])
+        starts = np.cumsum([0, *map(len, ranges)])
+        return JoinedPatches(self.spacing, self.center, self.coefficients[chosen], residual, starts)
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Return the value of each patch (`Patch.value`) at points (P, 3) [m], (K, P) [m]."""
+        scaled = (points - self.center) / self.spacing
+        values = np.add.reduceat(self.residual.terms(scaled), self.starts[:-1], axis=0)
+        values += self.coefficients @ value_rows(scaled).T
+        values *= self.spacing
+        return np.asarray(values)

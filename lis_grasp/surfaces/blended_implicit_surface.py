@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.records import short_repr
+from lis_grasp.surfaces._gaussian_process_regression import squared_distances
 from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
-from lis_grasp.surfaces.kernel_expansion import squared_distances
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows
 from lis_grasp.typing import FloatArray, IndexArray

@@ -12,7 +12,7 @@ from scipy.spatial.distance import pdist
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.records import short_repr
-from lis_grasp.surfaces._gaussian_process_regression import GradientRegression
+from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces._kernels import (
     KernelName,
     Matern52,
@@ -29,7 +29,6 @@ from lis_grasp.surfaces.contact_merging import (
 from lis_grasp.surfaces.contact_noise import noise_of
 from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.contact_thinning import thin_contacts
-from lis_grasp.surfaces.kernel_expansion import ROWS
 from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.queries import flat_points, map_rows, require_contacts, require_range
 from lis_grasp.typing import FloatArray, IndexArray

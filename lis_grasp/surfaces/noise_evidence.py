@@ -7,8 +7,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.surfaces._gaussian_process_regression import ROWS, gradient_covariance
 from lis_grasp.surfaces._kernels import Matern52
-from lis_grasp.surfaces.kernel_expansion import ROWS, gradient_covariance
 from lis_grasp.typing import FloatArray
 
 # Length of the kernel in largest distances between two contacts, as of `gpis`, and the noise that

@@ -1,7 +1,8 @@
 """Normal estimation: contacts from points without normals, with the normals' standard deviations.
 
 The evidence is the points themselves (a smooth closed surface passes through them), the directions
-of approach (a finger meets the outside), and points in free space; see `NormalPosterior`.
+of approach (a finger meets the outside), and points in free space; see `NormalPosterior`. In a
+dense cloud the normals are those of local planes.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.surfaces._normal_posterior import EstimatedNormals, NormalPosterior
 from lis_grasp.surfaces.contact_merging import spacing_of
 from lis_grasp.surfaces.contact_noise import mean_where_unknown
-from lis_grasp.surfaces.local_planes import local_planes
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -50,6 +50,11 @@ _FREE_REACH = 0.5
 _LEAST_LOG_ODDS = -np.log(20.0)
 # Normals this close are of the same maximum.
 _SAME = 0.02
+
+# Neighbours of a plane, the point itself included.
+_NEIGHBOURS = 12
+# Least sine of a normal's standard deviation: a plane of neighbours on a curved surface is biased.
+_LEAST_DEVIATION = 0.05
 
 
 def estimate_normals(
@@ -171,7 +176,7 @@ def _estimate(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatA
     free = (centers.free_points[_free_near(centers, _FREE_REACH * scale)] - middle) / scale
     outward = scaled - scaled.mean(axis=0)
     likely = np.where(np.any(inward, axis=1, keepdims=True), -inward, outward)
-    starts = [likely, outward, local_planes(points, likely)[0]]
+    starts = [likely, outward, _local_planes(points, likely)[0]]
     own = _known_noise(centers)
     levels = _DEFAULT_NOISE if own is None else (own / scale,)
     for level in levels:
@@ -234,7 +239,7 @@ def _estimate_many(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, F
     few = _spread(centers.points, _MOST_IN_FIELD)
     normals, _ = _estimate(centers.subset(few), inward[few])
     _, nearest = cKDTree(centers.points[few]).query(centers.points)
-    return local_planes(centers.points, normals[nearest])
+    return _local_planes(centers.points, normals[nearest])
 
 
 def _spread(points: FloatArray, count: int) -> IndexArray:
@@ -255,3 +260,34 @@ def _free_near(centers: Contacts, reach: float) -> IndexArray:
         return np.empty(0, dtype=np.intp)
     distances, index = cKDTree(centers.free_points).query(centers.points, count)
     return np.unique(index[distances < reach])
+
+
+def _local_planes(points: FloatArray, references: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return unit normals of the plane about each point, and their standard deviations.
+
+    Principal component analysis of neighbours (Hoppe et al. 1992, Surface reconstruction from
+    unorganized points, section 3.1). The sign of a normal is that of a reference, not propagated.
+
+    Parameters
+    ----------
+    points
+        Shape (N, 3) [m].
+    references
+        Shape (N, 3): each normal is turned to the side of its reference.
+
+    Returns
+    -------
+    normals, deviations
+        Shapes (N, 3) and (N,) [rad]. A deviation is that of the least-squares plane's slope: the
+        neighbours' scatter across the plane, over their smaller extent along it.
+    """
+    count = min(_NEIGHBOURS, len(points))
+    _, index = cKDTree(points).query(points, count)
+    offsets = points[np.reshape(index, (len(points), count))]  # (N, K, 3)
+    offsets = offsets - offsets.mean(axis=1, keepdims=True)
+    values, vectors = np.linalg.eigh(offsets.transpose(0, 2, 1) @ offsets)
+    normals = vectors[:, :, 0]
+    signs = np.where(np.sum(normals * references, axis=1) < 0.0, -1.0, 1.0)
+    across = np.maximum(values[:, 0], 0.0) / max(count - 3, 1)
+    deviations = np.sqrt(across / np.maximum(values[:, 1], 1e-300))
+    return signs[:, None] * normals, np.maximum(deviations, _LEAST_DEVIATION)

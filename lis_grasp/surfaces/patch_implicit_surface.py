@@ -12,16 +12,19 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces._kernel_mean import LEAST_WEIGHT, KernelMean, density_weights
-from lis_grasp.surfaces._patch import Patch, PatchContacts
-from lis_grasp.surfaces._patch_csg import EdgePairs, Expression, build_expressions
-from lis_grasp.surfaces._patch_segmentation import segment
+from lis_grasp.surfaces._patch import JoinedPatches, Patch, PatchContacts
+from lis_grasp.surfaces._patch_csg import (
+    EdgePairs,
+    Expression,
+    active_patches,
+    build_expressions,
+    solid_values,
+)
+from lis_grasp.surfaces._patch_segmentation import ContactPairs, segment
 from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
 from lis_grasp.surfaces.contact_noise import noise_of
-from lis_grasp.surfaces.contact_pairs import ContactPairs
 from lis_grasp.surfaces.contact_places import ContactPlaces
 from lis_grasp.surfaces.contact_thinning import thin_contacts
-from lis_grasp.surfaces.csg_values import active_patches, solid_values
-from lis_grasp.surfaces.joined_patches import JoinedPatches
 from lis_grasp.surfaces.noise_estimation import noise_or_estimate
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray

@@ -31,7 +31,7 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
 from lis_grasp.surfaces import carved
-from lis_grasp.surfaces.above_table_implicit_surface import above_table
+from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.typing import FloatArray
 from lis_grasp.version import __version__
 from lis_grasp_studies.compared_estimators import compared_estimator

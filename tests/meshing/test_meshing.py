@@ -25,9 +25,8 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.meshing._band import COARSE, sample_band
 from lis_grasp.meshing._dual_contouring import contour
-from lis_grasp.meshing._grid import Grid
+from lis_grasp.meshing._grid import Field, Grid
 from lis_grasp.meshing._hermite import find_crossings
-from lis_grasp.meshing.field import Field
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS
 

@@ -9,7 +9,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
 from lis_grasp.surfaces._kernel_mean import KernelMean
 from lis_grasp.surfaces._kernels import Matern52, SquaredExponential, ThinPlate
-from lis_grasp.surfaces.csg_values import active_patches, solid_values
+from lis_grasp.surfaces._patch_csg import active_patches, solid_values
 from lis_grasp.surfaces.queries import compact_blocks
 
 

@@ -10,7 +10,7 @@ import trimesh
 
 from lis_grasp import Contacts
 from lis_grasp.exceptions import InvalidContactsError
-from lis_grasp.surfaces.contact_checks import fraction_in_front, require_outward_normals
+from lis_grasp.surfaces.contact_loading import fraction_in_front, require_outward_normals
 from lis_grasp_studies.test_objects.shape_sets import TEST_OBJECTS, graspable_shape
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])

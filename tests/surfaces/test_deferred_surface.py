@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces import ImplicitSurface
-from lis_grasp.surfaces.deferred_surface import DeferredSurface
+from lis_grasp.surfaces.implicit_surface import DeferredSurface
 
 
 def _ball() -> Analytic:

@@ -19,11 +19,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import BlendedImplicitSurface, GaussianProcessImplicitSurface
-from lis_grasp.surfaces._gaussian_process_regression import GradientRegression
+from lis_grasp.surfaces._gaussian_process_regression import GradientRegression, gradient_covariance
 from lis_grasp.surfaces._kernels import Matern52, RadialKernel, SquaredExponential, ThinPlate
 from lis_grasp.surfaces.contact_merging import LONE_CONTACT_SPACING
 from lis_grasp.surfaces.contact_places import ContactPlaces, farthest_point_order
-from lis_grasp.surfaces.kernel_expansion import gradient_covariance
 from lis_grasp_studies.test_objects.shape_sets import EVALUATION, graspable_shape
 
 KERNELS = ["rbf", "matern52", "thin_plate"]

@@ -10,8 +10,7 @@ from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
-from lis_grasp.surfaces.contact_pairs import ContactPairs
-from lis_grasp.surfaces.pair_clustering import cluster_pairs
+from lis_grasp.surfaces._patch_segmentation import ContactPairs, cluster_pairs
 
 NOISELESS = {"position_noise": 0.0, "normal_noise": 0.0}
 
