@@ -26,8 +26,8 @@ import numpy as np
 from lis_grasp import Hand, extract_mesh, shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
-from lis_grasp.exploration import Exploration, Workspace, explore
-from lis_grasp.exploration.target_candidates import transfer_seconds
+from lis_grasp.exploration import Exploration, ExplorationSetup, Workspace, explore
+from lis_grasp.exploration.targets import transfer_seconds
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touching import make_policy, workspace
@@ -94,10 +94,12 @@ def explore_with(policy: str, trial: PolicyTrial) -> Row:
     with single_thread():
         exploration = explore(
             KinematicProber(Hand.load("allegro"), shape.mesh),
-            make_policy(config, space),
-            ESTIMATORS[config.estimator],
-            touches=touches,
-            space=space,
+            ExplorationSetup(
+                make_policy(config, space),
+                ESTIMATORS[config.estimator],
+                touches=touches,
+                space=space,
+            ),
             rng=np.random.default_rng(seed),
         )
         contacts = exploration.contacts

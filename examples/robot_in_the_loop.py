@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp import BlendedImplicitSurface, Contacts, Hand, extract_mesh
-from lis_grasp.exploration import ProbeOutcome, TargetPolicy, Workspace, explore
+from lis_grasp.exploration import ExplorationSetup, ProbeOutcome, TargetPolicy, Workspace, explore
 from lis_grasp.probing.approach_planner import ApproachPlanner
 
 ROBOT = Path(__file__).parent / "robots" / "feel_box.py"
@@ -48,7 +48,9 @@ def main() -> None:
         prober = PipeProber(Hand.load("allegro"), robot)
         estimate, rng = BlendedImplicitSurface.from_contacts, np.random.default_rng(0)
         policy = TargetPolicy(space)
-        exploration = explore(prober, policy, estimate, touches=20, rng=rng, space=space)
+        exploration = explore(
+            prober, ExplorationSetup(policy, estimate, touches=20, space=space), rng=rng
+        )
     exploration.contacts.save(output / "contacts.ply")
     extract_mesh(estimate(exploration.contacts)).export(output / "surface.ply")
     print(exploration.summary())

@@ -14,7 +14,7 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import LOG, remove_made_from, results_folder
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
-from lis_grasp.exploration import Exploration, TouchLog
+from lis_grasp.exploration import Exploration, ExplorationState, TouchLog
 from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.folder_lock import sole_writer
@@ -27,7 +27,6 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.summary import exploration_lines
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
-from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.typing import FloatArray
 
@@ -161,10 +160,14 @@ def explore_with_log(
     table = pipeline.table_of(config, pipeline.support_height(shape, config))
     last = len(Exploration.replay(known[:-1], touches=config.touches).contacts)
 
-    def keep_growth(contacts: int, surface: ImplicitSurface) -> None:
+    def watch(state: ExplorationState) -> None:
         nonlocal last
+        stage.count(len(state.contacts), config.touches)
         # One touch can make several contacts and so pass a count.
-        before, last = last, contacts
+        contacts, surface, before = len(state.contacts), state.surface, last
+        if surface is None or not state.is_new:
+            return
+        last = contacts
         if contacts < config.touches and any(before < count <= contacts for count in counts):
             with suppress(EstimationError, InvalidMeshError):  # too few contacts for a surface
                 cell = float(np.ptp(surface.bounds, axis=0).max()) / _CELLS
@@ -177,8 +180,7 @@ def explore_with_log(
             hand,
             config,
             log=log,
-            progress=stage.count,
-            observe=keep_growth,
+            observe=watch,
             station=station,
             arm_use=arm_use,
         )

@@ -8,7 +8,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import require_positive
-from lis_grasp.exploration.target_candidates import gaps
+from lis_grasp.exploration.targets import gaps
 from lis_grasp.exploration.workspace import STEP_FRACTION
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.typing import BoolArray, FloatArray

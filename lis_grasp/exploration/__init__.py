@@ -1,11 +1,27 @@
 """Tactile exploration: choose the next touch, make it, estimate the surface, repeat."""
 
-from lis_grasp.exploration.exploration_loop import Exploration, explore
-from lis_grasp.exploration.policy import POLICIES, Policy, TargetPolicy
+from lis_grasp.exploration.loop import (
+    Exploration,
+    ExplorationSetup,
+    ExplorationState,
+    NextProbe,
+    advance,
+    begin,
+    choose,
+    explore,
+    step,
+)
+from lis_grasp.exploration.policy import POLICIES, Policy, RegionPolicy, TargetPolicy
 from lis_grasp.exploration.pose_tracking import PoseTracker
-from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, Prober, ProbeStatus
+from lis_grasp.exploration.probe import (
+    HandPose,
+    MovingProber,
+    Probe,
+    ProbeOutcome,
+    Prober,
+    ProbeStatus,
+)
 from lis_grasp.exploration.region import DEFAULT_REGION, Region
-from lis_grasp.exploration.region_policy import RegionPolicy
 from lis_grasp.exploration.stopping import (
     StopRule,
     StopRuleWithMemory,
@@ -23,7 +39,11 @@ __all__ = [
     "POLICIES",
     "STEP_FRACTION",
     "Exploration",
+    "ExplorationSetup",
+    "ExplorationState",
     "HandPose",
+    "MovingProber",
+    "NextProbe",
     "Policy",
     "PoseTracker",
     "Probe",
@@ -38,8 +58,12 @@ __all__ = [
     "TargetPolicy",
     "TouchLog",
     "Workspace",
+    "advance",
+    "begin",
+    "choose",
     "explore",
     "load_outcomes",
+    "step",
     "stop_after",
     "stop_when_certain",
     "stop_when_covered",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +10,8 @@ from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_at_least
-from lis_grasp.exploration.planar_motion import push_of
-from lis_grasp.exploration.pose_belief import PoseBelief
-from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.planar_motion import PoseBelief, push_of
+from lis_grasp.exploration.probe import Probe, ProbeOutcome, since_loss
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -69,8 +68,6 @@ class PoseTracker:
 
     Parameters
     ----------
-    move_frame
-        Called with the pose X_EF, shape (4, 4), of the new frame F in E; later probes are in F.
     position_noise
         One standard deviation of a contact's position [m].
 
@@ -80,7 +77,6 @@ class PoseTracker:
         If the noise is negative.
     """
 
-    move_frame: Callable[[FloatArray], None]
     position_noise: float = 0.0
 
     def __post_init__(self) -> None:
@@ -131,11 +127,12 @@ class PoseTracker:
         surface: ImplicitSurface | None,
         *,
         repeated: bool,
-    ) -> ProbeOutcome:
+    ) -> tuple[ProbeOutcome, tuple[FloatArray, ...]]:
         """Return an outcome in the object's new frame, with the belief about its pose.
 
-        `outcomes` are those before, `known` their contacts, `surface` is estimated from them.
-        `repeated` is whether the probe is one of `probe_again`.
+        The second result are the poses (4, 4) of successive new frames, each in the one before;
+        later probes are in the last one. `outcomes` are those before, `known` their contacts,
+        `surface` is estimated from them. `repeated` is whether the probe is one of `probe_again`.
         """
         belief = (outcomes[-1].tracked if outcomes else None) or PoseBelief.start()
         contacts = outcome.contacts
@@ -156,12 +153,10 @@ class PoseTracker:
             outcome = replace(outcome, contacts=replace(contacts, position_noise=noise))
         belief, X_EC = belief.centered()  # the frame C when the contacts were made
         outcome = outcome.in_frame(X_EC)
-        self.move_frame(X_EC)
         if push is not None:
             belief = belief.pushed(push, detected=True)
         belief = self._doubted(belief, known, contradicted)
         belief, X_CF = belief.centered()
-        self.move_frame(X_CF)
         belief = replace(
             belief,
             repeated=repeated,
@@ -175,10 +170,10 @@ class PoseTracker:
             new = outcome.contacts
             if len(new):  # they define the new frame: the doubt about the old pose is not theirs
                 new = replace(new, position_noise=np.full(len(new), self.position_noise))
-            return replace(outcome, contacts=new, reason=LOST)
-        if usable:
-            return outcome
-        return replace(outcome, status="blocked", contacts=Contacts.empty(), reason=MOVED)
+            outcome = replace(outcome, contacts=new, reason=LOST)
+        elif not usable:
+            outcome = replace(outcome, status="blocked", contacts=Contacts.empty(), reason=MOVED)
+        return outcome, (X_EC, X_CF)
 
     def _doubted(self, belief: PoseBelief, known: Contacts, contradicted: bool) -> PoseBelief:
         """Return the belief with the new number of doubts, loosened by a contradiction."""
@@ -252,14 +247,6 @@ def _to_surface(
         float(surface.evaluate(point)) / steepness,
         float(surface.uncertainty(point)) ** 2,
     )
-
-
-def since_loss(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
-    """Return the outcomes since the object was lost, the one that showed it included."""
-    for i in range(len(outcomes) - 1, -1, -1):
-        if outcomes[i].lost:
-            return outcomes[i:]
-    return outcomes
 
 
 def _nothing_left(outcomes: Sequence[ProbeOutcome], known: Contacts) -> bool:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol, get_args
+from typing import Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -11,25 +12,13 @@ import trimesh
 
 from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
-from lis_grasp.exploration.pose_belief import PoseBelief
+from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import require_pose
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
 
 ProbeStatus = Literal["touched", "missed", "blocked"]
-
-PROBE_SPEED = 0.1
-"""Speed of a guarded motion, which may touch at any time [m/s]."""
-
-GENTLE_SPEED = 0.03
-"""The same of a hand that touches an object which may move [m/s]."""
-
-TRANSIT_SPEED = 0.25
-"""Speed of approach, retreat, and the transfer from one probe to the next [m/s]."""
-
-ARM_PROBE_SPEED, ARM_APPROACH_SPEED, ARM_RETREAT_SPEED = 0.02, 0.05, 0.1
-"""Speeds of a hand that an arm carries [m/s]: after a touch its inertia runs on."""
 
 # Largest change of a length by normalisation.
 _ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
@@ -230,6 +219,23 @@ class Prober(Protocol):
         The approach avoids `obstacles`; None is for a hand that is already at the probe's start.
         """
         ...
+
+
+@runtime_checkable
+class MovingProber(Prober, Protocol):
+    """A prober of an object that touches move; it gives later probes in the object's frame."""
+
+    def move_frame(self, X_EF: FloatArray) -> None:
+        """Give later probes in a frame F with pose X_EF, shape (4, 4), in the frame so far."""
+        ...
+
+
+def since_loss(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
+    """Return the outcomes since the object was lost, the one that showed it included."""
+    for i in range(len(outcomes) - 1, -1, -1):
+        if outcomes[i].lost:
+            return outcomes[i:]
+    return outcomes
 
 
 def _moved(points: FloatArray, X: FloatArray) -> FloatArray:

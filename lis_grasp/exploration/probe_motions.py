@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray
+
+PROBE_SPEED = 0.1
+"""Speed of a guarded motion, which may touch at any time [m/s]."""
+
+GENTLE_SPEED = 0.03
+"""The same of a hand that touches an object which may move [m/s]."""
+
+TRANSIT_SPEED = 0.25
+"""Speed of approach, retreat, and the transfer from one probe to the next [m/s]."""
+
+ARM_PROBE_SPEED, ARM_APPROACH_SPEED, ARM_RETREAT_SPEED = 0.02, 0.05, 0.1
+"""Speeds of a hand that an arm carries [m/s]: after a touch its inertia runs on."""
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 """Directions of the first probes, shape (6, 3)."""
@@ -223,3 +235,42 @@ def _tip_path(outcomes: Sequence[ProbeOutcome], step: float) -> tuple[FloatArray
         points.append(probe.target + path[:, None] * probe.direction)
         directions.append(np.tile(probe.direction, (len(path), 1)))
     return np.concatenate(points), np.concatenate(directions)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactHull:
+    """Convex hull of contacts: a convex object contains it, any other object crosses it.
+
+    A line through it is likely to meet the object; a line beside it meets surface that is
+    extrapolated.
+    """
+
+    equations: FloatArray  # (S, 4): unit outward normal and offset of each facet
+
+    @classmethod
+    def of(cls, contacts: Contacts) -> ContactHull | None:
+        """Return the hull; None of fewer than four contacts, or of contacts in one plane."""
+        try:
+            hull = ConvexHull(contacts.points)
+        except (QhullError, ValueError):
+            return None
+        return cls(hull.equations)
+
+    def crossing(
+        self, points: FloatArray, directions: FloatArray, *, margin: float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return where lines enter and leave the hull, grown by a margin [m].
+
+        Points (..., 3) [m] and unit directions (..., 3), in O. Both results have shape (...) [m]:
+        distances from the point along its direction. A line that misses the hull enters it at
+        infinity. (Clipping of a line by half-spaces: Cyrus and Beck 1978.)
+        """
+        normals, offsets = self.equations[:, :3], self.equations[:, 3] - margin
+        heights = points @ normals.T + offsets  # (..., S): outside of a facet if positive
+        slopes = directions @ normals.T
+        parallel = np.abs(slopes) < 1e-12
+        at = -heights / np.where(parallel, 1.0, slopes)
+        enter = np.where(slopes < 0.0, at, -np.inf)
+        enter = np.where(parallel, np.where(heights > 0.0, np.inf, -np.inf), enter).max(axis=-1)
+        leave = np.where((slopes > 0.0) & ~parallel, at, np.inf).min(axis=-1)
+        return np.where(enter <= leave, enter, np.inf), leave

@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration.workspace import STEP_FRACTION, TIP_RADIUS, Workspace
-from lis_grasp.typing import FloatArray
+from lis_grasp.exploration.probe import Probe, ProbeOutcome
+from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
+from lis_grasp.exploration.workspace import STEP_FRACTION, TIP_RADIUS, Workspace, lowest_tip
+from lis_grasp.typing import BoolArray, FloatArray
 
 DEFAULT_REGION = (0.4, 0.4, 0.3)
 """Lengths of the region along x, y and z [m]."""
@@ -88,3 +91,177 @@ class Region:
 
     def _workspace(self, center: FloatArray, size: float) -> Workspace:
         return Workspace(STEP_FRACTION * size, center, size, 0.0, self.tip_radius)
+
+
+# Radius and height [m] of the upright cylinders that stand for the unknown object, and the
+# probability of each.
+_KINDS = (
+    *((0.015, 0.03, 0.2), (0.03, 0.06, 0.35), (0.05, 0.1, 0.25)),
+    *((0.03, 0.01, 0.1), (0.03, 0.004, 0.1)),
+)
+# Spacing of the places, and of the free space that is compared with them [m].
+_PLACE_SPACING, _FREE_SPACING = 0.02, 0.005
+# Heights of the fingertip in sweeps above the lowest one [m].
+_SWEEP_HEIGHTS = (0.0, 0.02, 0.04)
+# Random part of a motion's value, so that searches differ.
+_RANDOM = 0.1
+# Places overlap free space by at least this depth [m]: the free space of a link is inside it.
+_OVERLAP = 0.002
+# Directions of sweeps, along the sides of the region.
+_SWEEPS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaceBelief:
+    """Probability of each place and kind of object: a cylinder upright on the table.
+
+    Places are uniform in the region, less those in which the object would overlap free space.
+    """
+
+    centers: FloatArray  # (K, 2) [m], in W
+    radii: FloatArray  # (K,) [m]
+    heights: FloatArray  # (K,) [m]
+    weights: FloatArray  # (K,), their sum is 1 before any free space is known
+
+    @classmethod
+    def of(cls, region: Region, free_points: FloatArray, free_radii: FloatArray) -> PlaceBelief:
+        """Return the belief after free balls, centres (F, 3) in W and radii (F,) [m]."""
+        parts = [_kind_belief(region, *kind, free_points, free_radii) for kind in _KINDS]
+        columns = zip(*parts, strict=True)
+        return cls(*(np.concatenate(column) for column in columns))
+
+    @property
+    def mass(self) -> float:
+        """Probability that is left: 1 minus that of the places that are ruled out."""
+        return float(self.weights.sum())
+
+    def met_by(self, probe: Probe, tip_radius: float) -> float:
+        """Return the probability that a fingertip meets the object on a probe's motion."""
+        a, b = probe.start, probe.end
+        along = b[:2] - a[:2]
+        squared = float(along @ along)
+        offsets = self.centers - a[:2]
+        t = np.zeros(len(offsets)) if squared == 0.0 else np.clip(offsets @ along / squared, 0, 1)
+        away = np.linalg.norm(offsets - t[:, None] * along, axis=1)
+        lowest = min(a[2], b[2]) - (tip_radius if squared else 0.0)
+        met = (away < self.radii + tip_radius) & (self.heights > lowest)
+        return float(self.weights[met].sum())
+
+
+def search_probe(
+    region: Region, outcomes: Sequence[ProbeOutcome], *, rng: np.random.Generator
+) -> Probe | None:
+    """Return the probe with the highest probability of a touch for each second of its motion.
+
+    The candidates are horizontal sweeps through the region, low above the table, and motions
+    straight down. Motions that were blocked before are not repeated.
+
+    Parameters
+    ----------
+    region
+        What is known.
+    outcomes
+        Of every probe so far, without a contact.
+    rng
+        For the choice among probes of nearly the same value.
+
+    Returns
+    -------
+    Probe or None
+        None if no place is left where the object could be found.
+    """
+    points = [outcome.free_points for outcome in outcomes]
+    radii = [outcome.free_radii for outcome in outcomes]
+    belief = PlaceBelief.of(
+        region, np.vstack([np.empty((0, 3)), *points]), np.concatenate([np.empty(0), *radii])
+    )
+    tried = [outcome.probe for outcome in outcomes]
+    best, best_value = None, 0.0
+    for probe in _candidates(region):
+        if any(_same(probe, other) for other in tried):
+            continue
+        value = belief.met_by(probe, region.tip_radius) / _seconds(region, probe)
+        value *= 1.0 + _RANDOM * rng.random()
+        if value > best_value:
+            best, best_value = probe, value
+    return best
+
+
+def _kind_belief(
+    region: Region,
+    radius: float,
+    height: float,
+    probability: float,
+    free_points: FloatArray,
+    free_radii: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return centres (K, 2), radii, heights and weights (K,) of one kind that are left."""
+    low, high = region.bounds
+    axes = [_ticks(low[k] + radius, high[k] - radius) for k in range(2)]
+    centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    left = ~_overlapped(centers, radius, height, free_points, free_radii)
+    weights = np.full(len(centers), probability / max(len(centers), 1))[left]
+    count = int(left.sum())
+    return centers[left], np.full(count, radius), np.full(count, height), weights
+
+
+def _overlapped(
+    centers: FloatArray,
+    radius: float,
+    height: float,
+    free_points: FloatArray,
+    free_radii: FloatArray,
+) -> BoolArray:
+    """Return which upright cylinders at centres (K, 2) overlap a free ball, shape (K,)."""
+    reach = free_radii - _OVERLAP
+    above = np.maximum(free_points[:, 2] - height, 0.0)
+    near = reach > above
+    wide = radius + np.sqrt(reach[near] ** 2 - above[near] ** 2)  # (F,)
+    places = np.column_stack([free_points[near, :2], wide])
+    places = np.unique(np.round(places / _FREE_SPACING), axis=0) * _FREE_SPACING
+    overlapped = np.zeros(len(centers), dtype=np.bool_)
+    if len(places):
+        found = cKDTree(centers).query_ball_point(places[:, :2], places[:, 2])
+        overlapped[np.unique(np.concatenate([np.array(f, dtype=np.intp) for f in found]))] = True
+    return overlapped
+
+
+def _candidates(region: Region) -> list[Probe]:
+    low, high = region.bounds
+    radius = region.tip_radius
+    lowest = lowest_tip(radius)
+    probes = []
+    for direction in _SWEEPS:
+        axis = int(np.argmax(np.abs(direction)))
+        across = 1 - axis
+        half = 0.5 * float(high[axis] - low[axis]) + radius
+        for offset in _ticks(low[across] + radius, high[across] - radius):
+            for height in lowest + np.array(_SWEEP_HEIGHTS):
+                middle = np.zeros(3)
+                middle[across], middle[2] = offset, height
+                probes.append(Probe(middle, direction, half, half))
+    for x in _ticks(low[0], high[0]):
+        for y in _ticks(low[1], high[1]):
+            probes.append(Probe(np.array([x, y, 0.0]), _DOWN, min(0.1, high[2]), 0.0))
+    return probes
+
+
+def _ticks(low: float, high: float) -> FloatArray:
+    """Return places from low to high [m], about the spacing apart."""
+    if high <= low:
+        return np.array([0.5 * (low + high)])
+    return np.linspace(low, high, max(round((high - low) / _PLACE_SPACING), 1) + 1)
+
+
+def _seconds(region: Region, probe: Probe) -> float:
+    """Return the time of a motion down to the start, along the probe, and back [s]."""
+    length = probe.standoff + probe.overshoot
+    down = max(region.lengths[2] - float(probe.start[2]), 0.0)
+    return length / PROBE_SPEED + (2.0 * down + length) / TRANSIT_SPEED
+
+
+def _same(probe: Probe, other: Probe) -> bool:
+    return bool(
+        np.array_equal(probe.target, other.target) and probe.direction @ other.direction > 0.999
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Protocol, runtime_checkable
 
@@ -12,7 +13,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.exploration.region import Region
-from lis_grasp.exploration.target_candidates import gaps
+from lis_grasp.exploration.targets import gaps
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
@@ -30,8 +31,8 @@ class StopRuleWithMemory(Protocol):
     ) -> str | None:
         """Return the reason to stop, or None to continue."""
 
-    def note(self, contacts: Contacts, surface: ImplicitSurface, /) -> None:
-        """Record an estimate at which an interrupted exploration continued."""
+    def noted(self, contacts: Contacts, surface: ImplicitSurface, /) -> StopRule:
+        """Return the rule after another estimate; called once for each state, before the check."""
 
 
 # Contacts from which a grasp is planned, and after how many more another one.
@@ -113,36 +114,35 @@ def stop_when_graspable(
     return _StopWhenGraspable(probability, predict)
 
 
+def _nothing() -> float:
+    return 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class _StopWhenGraspable:
-    def __init__(self, probability: float, predict: Callable[[ImplicitSurface], float]) -> None:
-        self._probability, self._predict = probability, predict
-        self._planned = _NONE_PLANNED  # contacts at the last prediction
-        # The last two predictions, made when they are used.
-        self._before: Callable[[], float] = _nothing
-        self._last: Callable[[], float] = _nothing
+    probability: float
+    predict: Callable[[ImplicitSurface], float]
+    planned: int = _NONE_PLANNED  # contacts at the last prediction
+    is_new: bool = False  # whether the last estimate got a prediction
+    # The last two predictions, made when they are used.
+    before: Callable[[], float] = _nothing
+    last: Callable[[], float] = _nothing
 
     def __call__(
         self, contacts: Contacts, surface: ImplicitSurface, outcomes: Sequence[ProbeOutcome]
     ) -> str | None:
-        planned = self._planned
-        self.note(contacts, surface)
-        if self._planned == planned:
+        if not self.is_new or self.last() < self.probability or self.before() < self.probability:
             return None
-        found = self._last()
-        if found < self._probability or self._before() < self._probability:
-            return None
-        return f"with a probability of {found:.2f} the surface allows a grasp that holds"
+        return f"with a probability of {self.last():.2f} the surface allows a grasp that holds"
 
-    def note(self, contacts: Contacts, surface: ImplicitSurface) -> None:
-        if len(contacts) < self._planned:  # the object was lost, and touching began again
-            self._planned, self._before, self._last = _NONE_PLANNED, _nothing, _nothing
-        if len(contacts) >= self._planned + _EVERY:
-            self._planned = len(contacts)
-            self._before, self._last = self._last, cache(partial(self._predict, surface))
-
-
-def _nothing() -> float:
-    return 0.0
+    def noted(self, contacts: Contacts, surface: ImplicitSurface) -> _StopWhenGraspable:
+        rule = self
+        if len(contacts) < self.planned:  # the object was lost, and touching began again
+            rule = _StopWhenGraspable(self.probability, self.predict)
+        if len(contacts) < rule.planned + _EVERY:
+            return replace(rule, is_new=False)
+        last = cache(partial(self.predict, surface))
+        return replace(rule, planned=len(contacts), is_new=True, before=rule.last, last=last)
 
 
 def _touchable_samples(space: Workspace, surface: ImplicitSurface) -> tuple[FloatArray, FloatArray]:

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidInputError
-from lis_grasp.exploration.pose_belief import PoseBelief
-from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
-from lis_grasp.exploration.touch_schema import TouchEntry
+from lis_grasp.exploration.planar_motion import PoseBelief
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
-from lis_grasp.io.schemas import checked
+from lis_grasp.io.schemas import FileRecord, Number, Pose, Vector, checked
 from lis_grasp.typing import FloatArray
 
 _END = "ended"
@@ -213,3 +213,42 @@ def _rows(values: list[list[float]]) -> FloatArray:
 
 def _list(values: FloatArray | None) -> list[float] | None:
     return None if values is None else values.tolist()
+
+
+class BeliefEntry(FileRecord):
+    """A `PoseBelief`."""
+
+    X_WE: Pose
+    means: list[Vector]
+    covariances: list[Annotated[list[Vector], Field(min_length=3, max_length=3)]]
+    log_weights: list[Number]
+    doubts: int
+    repeated: bool
+    suspicious: bool
+    lost: bool
+
+
+class TouchEntry(FileRecord):
+    """A `ProbeOutcome`. Logs of older versions have neither poses nor radii."""
+
+    target: Vector
+    direction: Vector
+    standoff: Number
+    overshoot: Number
+    status: ProbeStatus
+    reason: str
+    duration: Number
+    moved: Number
+    points: list[Vector]
+    normals: list[Vector]
+    forces: list[Number] | None
+    fingers: list[str]
+    times: list[Number] | None
+    position_noise: list[Number | None] | None = None
+    normal_noise: list[Number | None] | None = None
+    free_points: list[Vector]
+    free_radii: list[Number] = Field(default_factory=list)
+    X_OH: Pose | None = None
+    joint_positions: list[Number] | None = None
+    simulated_pose: Pose | None = None
+    tracked_pose: BeliefEntry | None = None

@@ -11,7 +11,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_positive
 from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Region, Workspace
-from lis_grasp.exploration.pose_tracking import since_loss
+from lis_grasp.exploration.probe import since_loss
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.stages import make_estimator

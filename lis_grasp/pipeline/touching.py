@@ -13,6 +13,9 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import (
     STEP_FRACTION,
     Exploration,
+    ExplorationSetup,
+    ExplorationState,
+    MovingProber,
     Policy,
     PoseTracker,
     ProbeOutcome,
@@ -80,8 +83,7 @@ def touch(
     prober: Prober | None = None,
     log: TouchLog | None = None,
     recorded: Sequence[ProbeOutcome] = (),
-    progress: Callable[[int, int], None] | None = None,
-    observe: Callable[[int, ImplicitSurface], None] | None = None,
+    observe: Callable[[ExplorationState], None] | None = None,
     station: Station | None = None,
     arm_use: ArmUse | None = None,
 ) -> Exploration:
@@ -90,8 +92,8 @@ def touch(
     Your own `estimator`, `policy` or `prober` replaces the configured one. Without a log,
     `recorded` are the outcomes to resume: those of the same exploration for fewer touches. The
     configured cloud is known before the first touch; it is no part of the result. The object is
-    fixed, or free on a table: then it stays where a touch leaves it. `progress` and `observe` are
-    those of `explore`.
+    fixed, or free on a table: then it stays where a touch leaves it. `observe` is that of
+    `explore`.
 
     The true `shape` is used for two things only: the prober touches it, and without a region its
     bounding box is known. It is at the configured pose (see `pose_of`). With a `station`, its arm
@@ -105,20 +107,22 @@ def touch(
             return replace(Exploration.replay(recorded, touches=config.touches), ended=ending)
     cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
     prober = prober or make_prober(config, hand, shape, recorded, station, arm_use)
-    exploration = explore(
-        prober,
+    setup = ExplorationSetup(
         policy,
         estimator or make_estimator(config.estimator, config.sensor()),
-        touches=config.touches,
-        rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
+        config.touches,
         space=space,
         prior=cloud,
         sensor=config.sensor(),
         stop=[*config.stop_rules(space), *_grasp_rule(shape, hand, config)],
         tracker=make_tracker(config, prober),
+    )
+    exploration = explore(
+        prober,
+        setup,
+        rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
         recorded=recorded,
         record=log.append if log is not None else None,
-        progress=progress,
         observe=observe,
     )
     if log is not None:
@@ -202,7 +206,6 @@ def make_prober(
 
 def make_tracker(config: RunConfig, prober: Prober) -> PoseTracker | None:
     """Return the tracker of an object that is free; None for one that is fixed."""
-    move_frame = getattr(prober, "move_frame", None)
-    if not config.free or move_frame is None:
+    if not config.free or not isinstance(prober, MovingProber):
         return None
-    return PoseTracker(move_frame, config.sensor().position_noise)
+    return PoseTracker(config.sensor().position_noise)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.arms.probe_reach import ArmProbe, ProbeReach
@@ -13,8 +14,6 @@ from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.probing.keep_out import INSIDE, KeepOut
-from lis_grasp.probing.points_on_hand import PointsOnHand
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_parts import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
@@ -222,3 +221,87 @@ def rotation_to_x(direction: FloatArray) -> FloatArray:
     y = np.cross(direction, helper)
     y /= np.linalg.norm(y)
     return np.vstack([direction, y, np.cross(direction, y)])
+
+
+# Cells of the grid along the object's largest extent; the grid reaches beyond it by so many sizes.
+_CELLS, _MARGIN = 24, 0.2
+# Fewer contacts show no surface: inner links keep out of nothing.
+_FEW = 5
+# Distance to keep from the estimate: so many standard deviations, between these bounds [m].
+_DEVIATIONS, _LEAST, _LARGEST = 2.0, 0.004, 0.012
+
+
+FREE, NEAR, INSIDE = range(3)
+"""Places that are off the estimate, within its uncertainty, and inside of it."""
+
+
+class KeepOut:
+    """The estimated object, and around it what is within two standard deviations of its surface.
+
+    Only fingertips are to touch it: the estimate counts everywhere, also far from all contacts.
+    A grid of nodes approximates it; with fewer than five contacts, everything is free.
+    """
+
+    def __init__(self, obstacles: ObstacleModel) -> None:
+        space, surface = obstacles.space, obstacles.surface
+        self._cell = space.size / _CELLS
+        count = int(np.ceil((1.0 + 2.0 * _MARGIN) * _CELLS)) + 1
+        self._lowest = space.center - 0.5 * (count - 1) * self._cell
+        self._levels = np.full((count,) * 3, FREE, dtype=np.int8)
+        if surface is None or len(obstacles.contacts) < _FEW:
+            return
+        nodes = self._lowest + self._cell * np.moveaxis(np.indices((count,) * 3), 0, -1)
+        inside = surface.evaluate(nodes) < 0.0  # (X, Y, Z)
+        if not inside.any():
+            return
+        distances, nearest = ndimage.distance_transform_edt(~inside, return_indices=True)
+        border = inside & ~ndimage.binary_erosion(inside)
+        margins = np.zeros(inside.shape)
+        deviations = surface.uncertainty(nodes[border])
+        margins[border] = np.clip(_DEVIATIONS * deviations, _LEAST, _LARGEST)
+        # The surface is half a cell beyond the last node inside, on average.
+        apart = (distances - 0.5) * self._cell
+        self._levels[apart < margins[tuple(nearest)]] = NEAR
+        self._levels[inside] = INSIDE
+
+    def nearness(self, points: FloatArray) -> int:
+        """Return the worst place of points (..., 3) [m]: `FREE`, `NEAR` or `INSIDE`."""
+        index = np.round((points - self._lowest) / self._cell).astype(np.intp)
+        within = ((index >= 0) & (index < len(self._levels))).all(axis=-1)
+        i, j, k = index[within].T
+        return int(self._levels[i, j, k].max(initial=FREE))
+
+
+# Spacing of the points; links are thicker [m].
+_SPACING = 0.015
+
+
+class PointsOnHand:
+    """Points on the surfaces of a hand's bodies, at most 15 mm apart."""
+
+    def __init__(self, hand: Hand) -> None:
+        self._hand = hand
+        self._points_L: list[tuple[str, FloatArray]] = []  # (P, 3) [m] of each body, and its link
+        for geometry in hand.link_geometries:
+            points = np.asarray(geometry.mesh.subdivide_to_size(_SPACING).vertices)
+            R_LG, p_LG = geometry.X_LG[:3, :3], geometry.X_LG[:3, 3]
+            self._points_L.append((geometry.link, points @ R_LG.T + p_LG))
+
+    def on_all_links(self, posture: ProbePosture) -> FloatArray:
+        """Return points on all links, (P, 3), in H [m]."""
+        return self._points(posture, frozenset())
+
+    def on_inner_links(self, posture: ProbePosture) -> FloatArray:
+        """Return points on the links that are no fingertips, (P, 3), in H [m]."""
+        return self._points(posture, self._hand.fingertip_links)
+
+    def _points(self, posture: ProbePosture, left_out: frozenset[str]) -> FloatArray:
+        links = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
+        points = [np.empty((0, 3))]
+        for link, points_L in self._points_L:
+            if link not in left_out:
+                points.append(points_L @ links[link][:3, :3].T + links[link][:3, 3])
+        # One point in each cell of half the spacing is enough.
+        every = np.concatenate(points)
+        _, first = np.unique(np.round(2.0 * every / _SPACING), axis=0, return_index=True)
+        return every[np.sort(first)]

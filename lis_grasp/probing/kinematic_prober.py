@@ -10,7 +10,8 @@ import trimesh
 
 from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.probing.guarded_motion import TOUCHING, GuardedMotion
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
-from lis_grasp.exploration.pose_tracking import since_loss
+from lis_grasp.exploration.probe import since_loss
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization import drawing
 from lis_grasp.visualization.drawing import ROOT, Canvas, Layer

@@ -8,8 +8,14 @@ from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
-from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
-from lis_grasp.probing.keep_out import FREE, INSIDE, NEAR, KeepOut
+from lis_grasp.probing.approach_planner import (
+    FREE,
+    INSIDE,
+    NEAR,
+    Approach,
+    ApproachPlanner,
+    KeepOut,
+)
 from lis_grasp.typing import FloatArray
 
 _DEVIATION = 0.003  # [m]

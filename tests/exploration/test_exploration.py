@@ -1,6 +1,6 @@
 """Exploration by a finger that is a ray, on exact shapes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import product
@@ -16,14 +16,20 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
     STEP_FRACTION,
     Exploration,
+    ExplorationSetup,
+    ExplorationState,
     HandPose,
+    NextProbe,
     Probe,
     ProbeOutcome,
     TargetPolicy,
     Workspace,
+    begin,
+    choose,
     explore,
+    step,
 )
-from lis_grasp.exploration.target_candidates import Targets, _tried
+from lis_grasp.exploration.targets import Targets, _tried
 from lis_grasp.exploration.workspace import sample_zero_level_set
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
@@ -85,9 +91,7 @@ def explored(
     shape = shapes.build(name, size)
     exploration = explore(
         RayProber(shape.mesh),
-        policy_for(shape),
-        ESTIMATORS[estimator],
-        touches=touches,
+        ExplorationSetup(policy_for(shape), ESTIMATORS[estimator], touches=touches),
         rng=np.random.default_rng(seed),
     )
     return shape, exploration
@@ -247,10 +251,8 @@ def touch_at(*heights: float) -> Contacts:
 
 
 def run(script: Scripted, touches: int, **options: object) -> Exploration:
-    estimate: Callable[[Contacts], ImplicitSurface] = lambda contacts: Ball(1.0)  # noqa: E731
-    return explore(
-        script, script, estimate, touches=touches, rng=np.random.default_rng(0), **options
-    )  # type: ignore[arg-type]
+    setup = ExplorationSetup(script, lambda contacts: Ball(1.0), touches)
+    return explore(script, setup, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
 
 
 def test_an_exploration_ends_with_the_wanted_number_of_contacts() -> None:
@@ -281,17 +283,17 @@ def test_the_policy_gets_all_contacts_and_outcomes() -> None:
     assert script.seen == [(0, True, 0), (0, True, 1), (1, False, 2), (2, False, 3)]
 
 
-def test_progress_is_called_after_every_probe() -> None:
-    calls: list[tuple[int, int]] = []
+def test_the_state_is_observed_at_first_and_after_every_probe() -> None:
+    counts: list[int] = []
     script = Scripted([Contacts.empty(), touch_at(0.0), touch_at(0.1)])
-    run(script, 2, progress=lambda done, wanted: calls.append((done, wanted)))
-    assert calls == [(0, 2), (1, 2), (2, 2)]
+    run(script, 2, observe=lambda state: counts.append(len(state.contacts)))
+    assert counts == [0, 0, 1, 2]
 
 
 def test_every_new_estimate_is_observed_once() -> None:
     seen: list[int] = []
     script = Scripted([touch_at(0.0), Contacts.empty(), touch_at(0.0001), touch_at(0.1, 0.2)])
-    run(script, 3, observe=lambda count, surface: seen.append(count))
+    run(script, 3, observe=lambda state: seen.extend([len(state.contacts)] * state.is_new))
     assert seen == [1, 3]
 
 
@@ -430,9 +432,11 @@ def test_exploration_does_not_depend_on_scale_and_position() -> None:
     for mesh, factor, center in ((shape.mesh, 1.0, np.zeros(3)), (moved, 10.0, offset)):
         exploration = explore(
             RayProber(mesh),
-            TargetPolicy(Workspace(step=0.025 * factor, center=center, size=0.1 * factor)),
-            lambda contacts, factor=factor, center=center: Ball(0.045 * factor, center),
-            touches=25,
+            ExplorationSetup(
+                TargetPolicy(Workspace(step=0.025 * factor, center=center, size=0.1 * factor)),
+                lambda contacts, factor=factor, center=center: Ball(0.045 * factor, center),
+                touches=25,
+            ),
             rng=np.random.default_rng(0),
         )
         points.append((exploration.contacts.points - center) / factor)
@@ -443,9 +447,11 @@ def test_exploration_does_not_depend_on_scale_and_position() -> None:
 def test_an_exploration_without_contacts_ends(status: str) -> None:
     exploration = explore(
         NeverProber(status),
-        TargetPolicy(Workspace(step=0.03, center=np.zeros(3), size=0.12)),
-        ESTIMATORS["lis"],
-        touches=5,
+        ExplorationSetup(
+            TargetPolicy(Workspace(step=0.03, center=np.zeros(3), size=0.12)),
+            ESTIMATORS["lis"],
+            touches=5,
+        ),
         rng=np.random.default_rng(0),
     )
     assert len(exploration.contacts) == 0
@@ -457,7 +463,11 @@ def test_an_exploration_without_contacts_ends(status: str) -> None:
 def test_a_target_is_not_tried_twice_from_the_same_side() -> None:
     shape = shapes.build("mallet")
     prober = RayProber(shape.mesh)
-    explore(prober, policy_for(shape), ESTIMATORS["lis"], touches=14, rng=np.random.default_rng(3))
+    explore(
+        prober,
+        ExplorationSetup(policy_for(shape), ESTIMATORS["lis"], touches=14),
+        rng=np.random.default_rng(3),
+    )
     tries = prober.probes[6:]
     targets = np.array([probe.target for probe in tries])
     directions = np.array([probe.direction for probe in tries])
@@ -511,6 +521,48 @@ def test_the_first_contacts_have_the_free_space_known_by_then() -> None:
     np.testing.assert_array_equal(first.free_points[:, 0], [2, 2, 1, 1, 0, 0])
     np.testing.assert_array_equal(exploration.first(1).free_points[:, 0], [2, 2])
     assert len(exploration.first(9)) == len(exploration.contacts)
+
+
+@pytest.mark.parametrize("touches", [1, 2, 3])
+def test_a_replay_knows_nothing_of_later_probes(touches: int) -> None:
+    answers = [touch_at(0.0), Contacts.empty(), touch_at(0.1, 0.2), Contacts.empty()]
+    exploration, shorter = run(Scripted(answers), 5), run(Scripted(answers), touches)
+    replayed = Exploration.replay(exploration.outcomes, touches=touches)
+    first = exploration.first(touches)
+    assert len(replayed.outcomes) == len(shorter.outcomes)
+    assert replayed.duration == shorter.duration
+    for name in ("points", "free_points", "free_radii"):
+        expected = getattr(replayed.contacts, name)
+        np.testing.assert_array_equal(getattr(first, name), expected)
+    # The script counts its free points down from the number of answers that are left.
+    np.testing.assert_array_equal(first.points, shorter.contacts.points)
+    np.testing.assert_array_equal(first.free_points, shorter.contacts.free_points)
+
+
+def test_steps_are_repeated_from_any_earlier_state() -> None:
+    shape = shapes.build("box")
+    prober = RayProber(shape.mesh)
+    setup = ExplorationSetup(policy_for(shape), ESTIMATORS["gpis"], touches=9)
+
+    def step_on(state: ExplorationState, outcome: ProbeOutcome, seed: int) -> tuple:
+        return step(setup, state, outcome, rng=np.random.default_rng(seed))
+
+    first = choose(setup, begin(setup), rng=np.random.default_rng(0))
+    states, chosen = [begin(setup)], [first]
+    while isinstance(chosen[-1], NextProbe):
+        outcome = prober.probe(chosen[-1].probe)
+        state, following = step_on(states[-1], outcome, len(states))
+        states.append(state)
+        chosen.append(following)
+    assert chosen[-1] == "9 contacts made"
+    for k in (0, 4, 7):
+        state, following = states[k], chosen[k]
+        for later, outcome in enumerate(states[-1].outcomes[k:], start=k + 1):
+            assert isinstance(following, NextProbe)
+            np.testing.assert_array_equal(following.probe.target, outcome.probe.target)
+            state, following = step_on(state, outcome, later)
+        assert following == chosen[-1]
+        np.testing.assert_array_equal(state.contacts.points, states[-1].contacts.points)
 
 
 def test_touches_are_one_per_kept_contact_in_order() -> None:

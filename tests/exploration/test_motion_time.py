@@ -6,8 +6,8 @@ import pytest
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Probe, ProbeOutcome, Workspace
-from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED
-from lis_grasp.exploration.target_candidates import seconds_to_touch
+from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
+from lis_grasp.exploration.targets import seconds_to_touch
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand

@@ -10,13 +10,13 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_radius
 from lis_grasp.exploration import (
     POLICIES,
     Exploration,
+    ExplorationSetup,
     Probe,
     ProbeOutcome,
     TargetPolicy,
     Workspace,
     explore,
 )
-from lis_grasp.exploration.contact_hull import ContactHull
 from lis_grasp.exploration.policy import (
     TargetSelector,
     farthest,
@@ -24,8 +24,8 @@ from lis_grasp.exploration.policy import (
     most_uncertain,
     uniform,
 )
-from lis_grasp.exploration.probe_motions import surface_probe
-from lis_grasp.exploration.target_candidates import Targets
+from lis_grasp.exploration.probe_motions import ContactHull, surface_probe
+from lis_grasp.exploration.targets import Targets
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touching import make_policy, workspace
 from lis_grasp.probing.kinematic_prober import KinematicProber
@@ -188,10 +188,9 @@ def test_bars_and_plates_are_covered_with_few_missed_probes(
     hand, space = Hand.load("allegro"), workspace(shape)
     exploration = explore(
         KinematicProber(hand, mesh),
-        make_policy(RunConfig(), space),
-        ESTIMATORS["blend"],
-        touches=40,
-        space=space,
+        ExplorationSetup(
+            make_policy(RunConfig(), space), ESTIMATORS["blend"], touches=40, space=space
+        ),
         rng=np.random.default_rng(0),
     )
     assert len(exploration.contacts) == 40
@@ -209,12 +208,14 @@ def explored(name: str, policy: str) -> tuple[trimesh.Trimesh, Exploration]:
     kind = POLICIES[policy]
     exploration = explore(
         KinematicProber(Hand.load("allegro"), shape.mesh),
-        TargetPolicy(
-            space, kind.select, ESTIMATORS["gpis"] if kind.uses_gaussian_process else None
+        ExplorationSetup(
+            TargetPolicy(
+                space, kind.select, ESTIMATORS["gpis"] if kind.uses_gaussian_process else None
+            ),
+            ESTIMATORS["gpis"],
+            touches=16,
+            space=space,
         ),
-        ESTIMATORS["gpis"],
-        touches=16,
-        space=space,
         rng=np.random.default_rng(1),
     )
     return shape.mesh, exploration

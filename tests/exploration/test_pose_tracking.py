@@ -14,6 +14,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.exploration import (
     Exploration,
+    ExplorationSetup,
     HandPose,
     PoseTracker,
     Probe,
@@ -22,9 +23,8 @@ from lis_grasp.exploration import (
     TouchLog,
     explore,
 )
-from lis_grasp.exploration.planar_motion import Push, planar_pose, push_of
+from lis_grasp.exploration.planar_motion import PoseBelief, Push, planar_pose, push_of
 from lis_grasp.exploration.policy import farthest
-from lis_grasp.exploration.pose_belief import PoseBelief
 from lis_grasp.pipeline.touching import workspace
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
@@ -83,24 +83,24 @@ def test_a_push_from_above_moves_nothing() -> None:
 
 
 def test_a_contact_stays_where_the_hand_found_it_when_the_object_moves_on() -> None:
-    frames: list[np.ndarray] = []
-    tracker = PoseTracker(lambda X_EF: frames.append(frames[-1] @ X_EF if frames else X_EF))
-    first = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
+    tracker = PoseTracker()
+    first, frames = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
     # The frame follows the expected push, the contact only its part before the detection.
-    assert frames[1][0, 3] > 1e-4
-    assert -0.03 - 0.4 * frames[1][0, 3] < first.contacts.points[0, 0] <= -0.03
+    x = (frames[0] @ frames[1])[0, 3]
+    assert x > 1e-4
+    assert -0.03 - 0.4 * x < first.contacts.points[0, 0] <= -0.03
     # Found at the same place of the hand's: nothing has moved, and the frame goes back.
-    here = -0.03 - frames[1][0, 3]
-    again = tracker.track(touched_at(here), [first], first.contacts, None, repeated=True)
+    here = -0.03 - x
+    again, _ = tracker.track(touched_at(here), [first], first.contacts, None, repeated=True)
     assert again.tracked is not None
     # The second touch may push too, now on a known scale.
-    assert again.tracked.X_WE[0, 3] < 0.5 * frames[1][0, 3]
+    assert again.tracked.X_WE[0, 3] < 0.5 * x
 
 
 def test_an_uncertain_place_is_probed_again_at_once() -> None:
-    tracker = PoseTracker(lambda X_EF: None)
+    tracker = PoseTracker()
     assert tracker.probe_again(()) is None
-    first = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
+    first, _ = tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)
     again = tracker.probe_again([first])
     assert again is not None
     np.testing.assert_array_equal(again.target, PROBE.target)
@@ -108,7 +108,7 @@ def test_an_uncertain_place_is_probed_again_at_once() -> None:
 
 
 def test_a_place_that_a_repetition_left_uncertain_is_not_repeated_at_once() -> None:
-    tracker = PoseTracker(lambda X_EF: None)
+    tracker = PoseTracker()
     uncertain = PoseBelief.start().loosened(np.array([0.01, 0.01, 0.1]))
     first, other = (replace(touched_at(x), tracked=uncertain) for x in (-0.03, -0.05))
     other = replace(other, probe=replace(PROBE, target=np.array([-0.05, 0.0, 0.02])))
@@ -131,29 +131,29 @@ def test_contacts_before_a_loss_are_dropped() -> None:
 
 
 def test_an_object_that_a_dozen_probes_miss_is_searched_again() -> None:
-    tracker = PoseTracker(lambda X_EF: None)
-    made = [tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)]
+    tracker = PoseTracker()
+    made = [tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)[0]]
     missed = ProbeOutcome(PROBE, "missed")
     known = Exploration.replay(made).contacts
     while not made[-1].tracked.lost:
         assert len(made) < 13
-        made.append(tracker.track(missed, made, known, None, repeated=False))
+        made.append(tracker.track(missed, made, known, None, repeated=False)[0])
     assert len(made) == 13
     assert not len(Exploration.replay(made).contacts)
     # With five contacts, only free space and repetitions show a motion.
     five = Contacts(np.tile(known.points, (5, 1)), np.tile(known.normals, (5, 1)))
-    again = tracker.track(missed, made[:12], five, None, repeated=False)
+    again, _ = tracker.track(missed, made[:12], five, None, repeated=False)
     assert not again.tracked.lost
 
 
 def test_the_contact_that_shows_a_loss_has_the_noise_of_the_sensor() -> None:
     # It defines the object's new frame, so the doubt about the old one does not make it uncertain.
-    tracker = PoseTracker(lambda X_EF: None, position_noise=5e-4)
+    tracker = PoseTracker(position_noise=5e-4)
     doubtful = replace(PoseBelief.start().loosened(np.array([0.015, 0.015, 0.3])), doubts=6)
     known = touched_at(-0.03).contacts
     five = Contacts(np.tile(known.points, (5, 1)), np.tile(known.normals, (5, 1)))
     before = ProbeOutcome(PROBE, "missed", tracked=doubtful)
-    found = tracker.track(touched_at(-0.07), [before], five, None, repeated=False)
+    found, _ = tracker.track(touched_at(-0.07), [before], five, None, repeated=False)
     assert found.lost
     np.testing.assert_array_equal(found.contacts.position_noise, [5e-4])
 
@@ -209,12 +209,14 @@ def explored(name: str, motion: Motion, *, tracked: bool) -> tuple[Exploration, 
     space = workspace(shape, free=True)
     exploration = explore(
         prober,
-        TargetPolicy(space, farthest, ESTIMATORS["gpis"]),
-        partial(ESTIMATORS["blend"]),
-        touches=16,
+        ExplorationSetup(
+            TargetPolicy(space, farthest, ESTIMATORS["gpis"]),
+            partial(ESTIMATORS["blend"]),
+            touches=16,
+            space=space,
+            tracker=PoseTracker() if tracked else None,
+        ),
         rng=np.random.default_rng(0),
-        space=space,
-        tracker=PoseTracker(prober.move_frame) if tracked else None,
     )
     in_object = trimesh.transform_points(exploration.contacts.points, np.linalg.inv(prober.X_EO))
     off, _ = distances_to_mesh(in_object, shape.mesh)

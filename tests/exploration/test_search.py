@@ -8,7 +8,7 @@ import pytest
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe, ProbeOutcome, Region, RegionPolicy, TargetPolicy
-from lis_grasp.exploration.search import PlaceBelief, search_probe
+from lis_grasp.exploration.region import PlaceBelief, search_probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
 from lis_grasp.typing import FloatArray

@@ -11,6 +11,7 @@ from lis_grasp import Hand, shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (
+    ExplorationSetup,
     Probe,
     ProbeOutcome,
     TouchLog,
@@ -21,7 +22,7 @@ from lis_grasp.exploration import (
     stop_when_covered,
     stop_when_graspable,
 )
-from lis_grasp.exploration.pose_belief import PoseBelief
+from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touching import _grasp_rule, make_prober, touch
@@ -100,7 +101,10 @@ def test_invalid_rules_are_refused(options: dict, word: str) -> None:
 def test_a_good_grasp_ends_the_exploration_if_two_more_contacts_confirm_it() -> None:
     predictions = iter([0.9, 0.5, 0.9, 0.85])  # with 10, 12, 14 and 16 contacts
     rule = stop_when_graspable(0.8, lambda surface: next(predictions))
-    reasons = [rule(cap(0.5, count), Ball(), ()) for count in range(1, 17)]
+    reasons = []
+    for count in range(1, 17):
+        rule = rule.noted(cap(0.5, count), Ball())
+        reasons.append(rule(cap(0.5, count), Ball(), ()))
     assert [reason is not None for reason in reasons] == 15 * [False] + [True]
     assert not list(predictions)
 
@@ -142,11 +146,8 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
         line = Line(len(recorded))
         exploration = explore(
             line,
-            line,
-            Counted,
-            touches=40,
+            ExplorationSetup(line, Counted, touches=40, stop=[stop_when_graspable(0.8, predict)]),
             rng=np.random.default_rng(0),
-            stop=[stop_when_graspable(0.8, predict)],
             recorded=recorded,
         )
         outcomes.extend(exploration.outcomes[len(outcomes) :])
@@ -191,7 +192,10 @@ def test_an_estimate_that_cannot_be_meshed_allows_no_grasp() -> None:
             return np.ones(points.shape[:-1])
 
     (rule,) = _grasp_rule(BOX, HAND, RunConfig(until_success=0.5))
-    assert rule(cap(0.5, 12), Nothing(), ()) is None
+    contacts = cap(0.5, 12)
+    for _ in range(2):
+        rule = rule.noted(contacts, Nothing())
+        assert rule(contacts, Nothing(), ()) is None
 
 
 @pytest.mark.parametrize("probability", [0.0, 1.0, np.nan])

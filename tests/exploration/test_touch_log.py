@@ -14,6 +14,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.exploration import (
     Exploration,
+    ExplorationSetup,
     HandPose,
     Probe,
     ProbeOutcome,
@@ -24,8 +25,7 @@ from lis_grasp.exploration import (
     explore,
     load_outcomes,
 )
-from lis_grasp.exploration.planar_motion import planar_pose
-from lis_grasp.exploration.pose_belief import PoseBelief
+from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import ESTIMATORS
@@ -47,11 +47,13 @@ def explored(log: TouchLog | None, *, stop_after: int | None = None) -> Explorat
 
     return explore(
         KinematicProber(Hand.load("allegro"), shape.mesh),
-        TargetPolicy(Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)),
-        ESTIMATORS["gpis"],
-        touches=14,
+        ExplorationSetup(
+            TargetPolicy(Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)),
+            ESTIMATORS["gpis"],
+            touches=14,
+            sensor=TactileSensor(position_noise=0.001, normal_noise=0.05, miss_rate=0.1),
+        ),
         rng=np.random.default_rng(5),
-        sensor=TactileSensor(position_noise=0.001, normal_noise=0.05, miss_rate=0.1),
         recorded=log.resume() if log is not None else (),
         record=record,
     )

@@ -13,7 +13,7 @@ from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration, Region, Workspace
-from lis_grasp.exploration.pose_belief import PoseBelief
+from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.io import provenance
 from lis_grasp.pipeline.next_touch import next_touch, workspace_of
 

@@ -8,8 +8,7 @@ import pytest
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
-from lis_grasp.exploration.planar_motion import planar_pose
-from lis_grasp.exploration.pose_belief import PoseBelief
+from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.pipeline.object_motion import motion_facts, motion_line, true_object
 
 BOX = shapes.build("box", 0.06)

@@ -8,10 +8,11 @@ import trimesh
 from stations import station_with
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.probe import ARM_PROBE_SPEED, Probe
+from lis_grasp.exploration.probe import Probe
+from lis_grasp.exploration.probe_motions import ARM_PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
+from lis_grasp.probing.course import path_back, path_out
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
-from lis_grasp.probing.probe_path import path_back, path_out
 
 STEP, BEFORE = 0.01, 0.002
 STATION = station_with("wsg50")

@@ -7,7 +7,8 @@ import trimesh
 from lis_grasp.arms.base_search import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.probe import ARM_PROBE_SPEED, Probe
+from lis_grasp.exploration.probe import Probe
+from lis_grasp.exploration.probe_motions import ARM_PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.robots.arm import Arm

@@ -15,8 +15,7 @@ from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Exploration, Workspace
-from lis_grasp.exploration.exploration_loop import explore
+from lis_grasp.exploration import Exploration, ExplorationSetup, Workspace, explore
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.touching import make_policy
@@ -233,10 +232,9 @@ def explored(name: str, *, touches: int, seed: int) -> tuple[shapes.Shape, Explo
     space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
     exploration = explore(
         KinematicProber(Hand.load("allegro"), shape.mesh),
-        make_policy(RunConfig(), space),
-        ESTIMATORS["patch"],
-        touches=touches,
-        space=space,
+        ExplorationSetup(
+            make_policy(RunConfig(), space), ESTIMATORS["patch"], touches=touches, space=space
+        ),
         rng=np.random.default_rng(seed),
     )
     return shape, exploration

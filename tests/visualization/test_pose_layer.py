@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from lis_grasp.exploration import Probe, ProbeOutcome
-from lis_grasp.exploration.planar_motion import planar_pose
-from lis_grasp.exploration.pose_belief import PoseBelief
+from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.visualization.pose_layer import motion_paths
 
 CENTER = np.array([0.1, 0.05, 0.02])

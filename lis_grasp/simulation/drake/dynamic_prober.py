@@ -14,12 +14,13 @@ from lis_grasp.arms.station import Station
 from lis_grasp.arms.time_scaling import TIME_STEP
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
-from lis_grasp.exploration.probe import GENTLE_SPEED, PROBE_SPEED, HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
+from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.probing.course import path_back, path_out
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
-from lis_grasp.probing.probe_path import path_back, path_out
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand

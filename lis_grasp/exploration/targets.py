@@ -9,9 +9,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration.contact_hull import ContactHull
-from lis_grasp.exploration.probe import PROBE_SPEED, TRANSIT_SPEED, ProbeOutcome
-from lis_grasp.exploration.probe_motions import SAME_DIRECTION, is_flat, level_targets, retreats
+from lis_grasp.exploration.probe import ProbeOutcome
+from lis_grasp.exploration.probe_motions import (
+    PROBE_SPEED,
+    SAME_DIRECTION,
+    TRANSIT_SPEED,
+    ContactHull,
+    is_flat,
+    level_targets,
+    retreats,
+)
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.time_scaling import joined
-from lis_grasp.exploration.probe import ARM_RETREAT_SPEED
+from lis_grasp.exploration.probe_motions import ARM_RETREAT_SPEED
 from lis_grasp.probing.guarded_motion import Course
 from lis_grasp.robots.arm import Arm
 from lis_grasp.typing import FloatArray
