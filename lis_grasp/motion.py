@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.geometry import are_rigid
-from lis_grasp.io.array_files import read_arrays
 from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.io.limits import read_arrays
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
 

@@ -18,7 +18,7 @@ from lis_grasp.cli.results_folder import LOG, require_own, result_file
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
 from lis_grasp.io import provenance
-from lis_grasp.io.point_files import read_point_file
+from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.io.surface_files import save_surface
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes import UNITS

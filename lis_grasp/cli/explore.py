@@ -18,7 +18,7 @@ from lis_grasp.exploration import Exploration, ExplorationState, TouchLog
 from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.folder_lock import sole_writer
-from lis_grasp.io.growth_files import remove_growth, save_growth
+from lis_grasp.io.surface_files import remove_growth, save_growth
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.arm_station import make_station, station_after, station_facts

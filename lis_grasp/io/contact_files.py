@@ -1,4 +1,4 @@
-"""Contact files: PLY, an oriented point cloud for any point-cloud program, and CSV.
+"""Contact files: PLY, an oriented point cloud for any point-cloud program, and CSV; points.
 
 PLY as written: ASCII. Element ``vertex`` has x y z nx ny nz and, where known, force, time,
 position_noise, normal_noise (NaN for a contact whose noise is unknown) and finger (an index into
@@ -7,7 +7,8 @@ round it. CSV as written: a header row ``x,y,z,nx,ny,nz``, then force, time, pos
 normal_noise (empty where unknown) and finger where known, and ``kind`` (contact or free) and
 ``radius`` if there are free points. Both formats restore every number exactly, and equal contacts
 make equal bytes. As read: any order and precision of properties, text or binary; other properties
-are ignored. Points without normals may have the direction of approach, ax ay az, instead.
+are ignored. Points without normals may have the direction of approach, ax ay az, instead. .off and
+.xyz files have points only.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, shown
+from lis_grasp.io._ply import ply_bytes, ply_element, read_ply
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.csv_tables import cell_number, read_table
-from lis_grasp.io.ply_files import ply_bytes, ply_element, read_ply
+from lis_grasp.io.limits import reading
 from lis_grasp.typing import FloatArray
 
 _POINT = ("x", "y", "z")
@@ -35,6 +38,10 @@ _APPROACH = ("ax", "ay", "az")
 _DIRECTIONS = {"normals": _NORMAL, "approach": _APPROACH}
 _NOISE = ("position_noise", "normal_noise")
 _FINGERS = "fingers "
+_POINTS_ONLY = (".off", ".xyz")
+POINT_FORMATS = (".ply", ".csv", *_POINTS_ONLY)
+"""Endings of the files of points that can be read."""
+
 _LINE_END = re.compile(r"[\r\n]")
 # CloudCompare puts this before the names of properties that it does not know.
 _PREFIXES = ("", "scalar_")
@@ -42,7 +49,7 @@ _PREFIXES = ("", "scalar_")
 
 def read_contact_file(path: Path) -> dict[str, Any]:
     """Return the fields of `Contacts` in a .ply or .csv file; errors as of `Contacts.load`."""
-    fields = read_contact_fields(path)
+    fields = _read_fields(path)
     del fields["approach"]
     if fields["normals"] is None:
         message = (
@@ -53,19 +60,38 @@ def read_contact_file(path: Path) -> dict[str, Any]:
     return fields
 
 
-def read_contact_fields(path: Path) -> dict[str, Any]:
-    """Return the fields of `Contacts` in a .ply or .csv file, and `approach`.
+def read_point_file(path: Path) -> dict[str, Any]:
+    """Return the fields of `Contacts` in a file that may lack normals, and `approach`.
 
-    `normals` and `approach` are of shape (N, 3), or None where the file lacks them. Errors as of
-    `Contacts.load`.
+    `normals` and `approach`, the direction of motion at contact, are of shape (N, 3), or None where
+    the file lacks them. .ply and .csv files are read as those of contacts; .off and .xyz files have
+    points only.
+
+    Raises
+    ------
+    InvalidFileError
+        If the file is missing, of another format, damaged, or lacks points.
     """
-    return _load_ply(path) if _is_ply(path) else _load_csv(path)
+    ending = path.suffix.lower()
+    if ending not in POINT_FORMATS:
+        raise InvalidFileError(
+            f"files of points end in one of {', '.join(POINT_FORMATS)}; {path} does not: convert"
+            f" it, or plan on a mesh directly by `lis-grasp grasp {path}`",
+            path=path,
+        )
+    if ending in _POINTS_ONLY:
+        return {"points": _load_points(path), "normals": None, "approach": None}
+    return _read_fields(path)
 
 
 def write_contact_file(contacts: Mapping[str, Any], path: Path, *, header: str = "") -> None:
     """Write the fields of `Contacts`; arguments and errors as of `Contacts.save`."""
     content = _to_ply(contacts, header) if _is_ply(path) else _to_csv(contacts)
     write_bytes(path, content)
+
+
+def _read_fields(path: Path) -> dict[str, Any]:
+    return _load_ply(path) if _is_ply(path) else _load_csv(path)
 
 
 def _is_ply(path: Path) -> bool:
@@ -230,3 +256,28 @@ def _require_columns(path: Path, present: Sequence[str], wanted: Sequence[str]) 
             " in the first row of a CSV file",
             path=path,
         )
+
+
+def _load_points(path: Path) -> FloatArray:
+    """Return the points of an .off or .xyz file, in the file's order."""
+    with reading(path, "points", advice="write columns x,y,z as .csv"):
+        found = _vertices_of_off(path) if path.suffix.lower() == ".off" else _rows_of_xyz(path)
+    points = np.asarray(found, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise InvalidFileError(f"{path} has no points", path=path)
+    return points
+
+
+def _vertices_of_off(path: Path) -> Any:
+    with path.open("rb") as file:
+        loaded = trimesh.load(file, file_type="off", process=False)
+    return getattr(loaded, "vertices", None)
+
+
+def _rows_of_xyz(path: Path) -> FloatArray:
+    """Return the first three columns; others, such as colours, may hold anything."""
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    rows = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if not rows:
+        return np.empty((0, 3))
+    return np.loadtxt(rows, usecols=(0, 1, 2), ndmin=2, delimiter="," if "," in rows[0] else None)

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
+from lis_grasp.io.limits import reading
 from lis_grasp.typing import FloatArray
 
 _LINE_END = re.compile("\r\n|\r|\n")
-_MOST_BYTES = 256 * MEBIBYTE
 
 
 def read_csv_columns(path: Path, wanted: Container[str] | None = None) -> dict[str, FloatArray]:
@@ -37,24 +36,15 @@ def read_csv_columns(path: Path, wanted: Container[str] | None = None) -> dict[s
 
 def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     """Return the column names and the rows of cells, one cell for each name."""
-    try:
-        require_file_size(path, _MOST_BYTES)
+    with reading(path, "CSV"):
         text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
-    except UnicodeDecodeError:
-        raise InvalidFileError(f"{path} is not UTF-8 text: save it as CSV", path=path) from None
-    # Not splitlines, which also ends lines at characters that a finger's name may have.
-    rows_of_text = _LINE_END.split(text)
-    lines = [line for line in rows_of_text if line.strip() and not line.startswith("#")]
-    if not lines:
-        message = f"{path} is empty: a header row of column names is needed"
-        raise InvalidFileError(message, path=path)
-    delimiter = ";" if ";" in lines[0] and "," not in lines[0] else ","
-    try:
+        # Not splitlines, which also ends lines at characters that a finger's name may have.
+        rows_of_text = _LINE_END.split(text)
+        lines = [line for line in rows_of_text if line.strip() and not line.startswith("#")]
+        if not lines:
+            raise ValueError("it is empty; a header row of column names is needed")
+        delimiter = ";" if ";" in lines[0] and "," not in lines[0] else ","
         header, *rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    except csv.Error as error:
-        raise InvalidFileError(f"{path} is not a CSV ({error})", path=path) from None
     for number, row in enumerate(rows, start=1):
         if len(row) != len(header):
             message = f"{path}: row {number} has {len(row)} cells, its header has {len(header)}"

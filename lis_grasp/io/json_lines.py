@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
+from lis_grasp.io.limits import MEBIBYTE, reading
 
 Row = dict[str, Any]
 
@@ -23,20 +23,13 @@ def read_lines(path: Path) -> tuple[Row, list[Row]]:
     A last line without a line end, left by an interruption, is ignored; `append_lines` removes it.
     Raises `InvalidFileError` if the file cannot be read, or a line is not a JSON object.
     """
-    try:
-        require_file_size(path, _MOST_BYTES)
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    except FileNotFoundError:
+    if not os.path.exists(path):
         return {}, []
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidFileError(f"cannot read {path}: {error}", path=path) from None
-    try:
+    with reading(path, "one JSON object a line", most=_MOST_BYTES):
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
         rows = [json.loads(line) for line in lines if line.endswith("\n")]
         if not all(isinstance(row, dict) for row in rows):
             raise ValueError("a line is another value")
-    except (ValueError, RecursionError) as error:
-        message = f"{path} must have one JSON object a line: {error}"
-        raise InvalidFileError(message, path=path) from None
     return (rows[0], rows[1:]) if rows else ({}, [])
 
 

@@ -10,12 +10,10 @@ from pathlib import Path
 import trimesh
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
-from lis_grasp.io.gltf_limits import require_small_gltf
+from lis_grasp.io.limits import MEBIBYTE, reading, require_small_gltf
 
 _MOST_BYTES = 512 * MEBIBYTE
 _LFS = b"version https://git-lfs.github.com/spec"
-_LONGEST_DETAIL = 120
 
 
 def read_mesh(
@@ -38,7 +36,7 @@ def read_mesh(
     ------
     InvalidFileError
         If the file is missing, empty, of another format, larger than 512 MiB, or damaged, or a
-        glTF announces more than `gltf_limits.MOST_ELEMENTS`.
+        glTF announces more than `limits.MOST_ELEMENTS`.
     """
     ending = path.suffix.lower()
     if ending not in formats:
@@ -49,21 +47,17 @@ def read_mesh(
         )
     if not os.path.isfile(path):
         raise InvalidFileError(f"{path} is missing, or is no file: check the path", path=path)
-    try:
-        require_file_size(path, _MOST_BYTES)
+    with reading(path, ending[1:].upper(), most=_MOST_BYTES, advice="export it again"):
         with path.open("rb") as content:
             start = content.read(len(_LFS))
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
-    if not start:
-        raise InvalidFileError(f"{path} is empty: export it again", path=path)
-    if start == _LFS:
-        raise InvalidFileError(
-            f"{path} must be a mesh; it is the pointer of Git LFS to one: run `git lfs pull` in its"
-            " repository",
-            path=path,
-        )
-    try:
+        if not start:
+            raise ValueError("it is empty")
+        if start == _LFS:
+            raise InvalidFileError(
+                f"{path} must be a mesh; it is the pointer of Git LFS to one: run `git lfs pull` in"
+                " its repository",
+                path=path,
+            )
         if ending in (".gltf", ".glb"):
             require_small_gltf(path)
         with warnings.catch_warnings():
@@ -76,14 +70,3 @@ def read_mesh(
             if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
                 raise ValueError("its rows are not of three numbers")
         return mesh
-    except InvalidFileError:
-        raise
-    # On files of another format trimesh's readers raise errors of a dozen built-in types.
-    except Exception as error:  # noqa: BLE001
-        detail = "its content is damaged"
-        if isinstance(error, ValueError | OSError | NotImplementedError):
-            detail = " ".join(str(error).split())[:_LONGEST_DETAIL] or detail
-        raise InvalidFileError(
-            f"{path} cannot be read as {ending[1:].upper()} ({detail}): export it again",
-            path=path,
-        ) from None

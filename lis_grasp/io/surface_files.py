@@ -3,11 +3,13 @@
 As written: binary, little endian. Element ``vertex`` has x y z in metres (double, so every number
 is restored exactly), uncertainty (double, metres) where known and a colour that shows it, from teal
 (low) to yellow (high). Element ``face`` has triangles. Equal meshes make equal bytes. As read: any
-precision and order of properties, text or binary.
+precision and order of properties, text or binary. The intermediate estimates of an exploration are
+in the folder growth/ of its results, each named after its number of contacts: ``growth/13.ply``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,10 @@ import trimesh
 from plyfile import PlyElement
 
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError
+from lis_grasp.io import provenance
+from lis_grasp.io._ply import ply_bytes, ply_element, read_ply
 from lis_grasp.io.atomic_writing import write_bytes
-from lis_grasp.io.ply_files import ply_bytes, ply_element, read_ply
-from lis_grasp.io.point_files import no_faces_error
+from lis_grasp.io.contact_files import POINT_FORMATS
 from lis_grasp.typing import ByteArray, FloatArray, IntArray
 
 _LOW, _HIGH = np.array([38.0, 130.0, 142.0]), np.array([253.0, 231.0, 37.0])
@@ -83,6 +86,50 @@ def load_surface(path: Path | str) -> trimesh.Trimesh:
             raise InvalidFileError(f"{path}: uncertainty must not be negative; some is", path=path)
         mesh.vertex_attributes["uncertainty"] = column[:, 0]
     return mesh
+
+
+def no_faces_error(path: Path) -> InvalidFileError:
+    """Return the error of a file without faces where a mesh is needed."""
+    advice = "export it again"
+    if path.suffix.lower() in POINT_FORMATS:
+        advice = f"`lis-grasp estimate {path}` makes a surface from a file of points"
+    return InvalidFileError(f"{path} has no faces, and a mesh is needed: {advice}", path=path)
+
+
+def save_growth(results: Path, contacts: int, mesh: trimesh.Trimesh, header: str) -> None:
+    """Write the estimate from the first `contacts` contacts, in O [m]."""
+    save_surface(mesh, results / "growth" / f"{contacts}.ply", header=header)
+
+
+def load_growth(results: Path, facts: Mapping[str, Any]) -> list[tuple[int, trimesh.Trimesh]]:
+    """Return the intermediate estimates of a surface, each with its number of contacts, in order.
+
+    `facts` are the provenance of the surface: estimates of another exploration or estimator are
+    left out. Raises `InvalidFileError` if a file is damaged.
+    """
+    growth = []
+    for contacts, path in sorted(_growth_files(results).items()):
+        made = provenance.read(path)
+        # Explorations always carve free space; the version may change between two stages.
+        kept = made.keys() - {"version", "free_space"}
+        if kept and all(facts.get(name) == made[name] for name in kept):
+            growth.append((contacts, load_surface(path)))
+    return growth
+
+
+def remove_growth(results: Path) -> None:
+    """Remove the intermediate estimates; files of other programs stay."""
+    files = _growth_files(results).values()
+    for path in files:
+        if provenance.read(path):
+            path.unlink()
+    if files and not any((results / "growth").iterdir()):
+        (results / "growth").rmdir()
+
+
+def _growth_files(results: Path) -> dict[int, Path]:
+    found = (results / "growth").glob("*.ply")
+    return {int(path.stem): path for path in found if path.stem.isdecimal()}
 
 
 def _require_ply(path: Path) -> None:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from lis_grasp.exceptions import InvalidFileError, shown
-from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
+from lis_grasp.io.limits import MEBIBYTE, parse_yaml, reading
 
 YAML_SUFFIXES = (".yaml", ".yml")
 """Endings of YAML files."""
@@ -19,10 +17,6 @@ YAML_SUFFIXES = (".yaml", ".yml")
 _ROBOT_SUFFIXES = (".urdf", ".sdf", ".xml", ".xacro")
 
 _MOST_BYTES = 2 * MEBIBYTE
-MOST_NODES = 50_000
-"""Values and keys of a YAML file, those of an alias counted wherever it is used."""
-MOST_CHARACTERS = 10_000
-"""Length of a value: PyYAML reads 1:59:59:... in the square of it."""
 
 
 def find_yaml_file(
@@ -68,23 +62,15 @@ def read_yaml(path: Path) -> Any:
     ------
     InvalidFileError
         If the file cannot be read, is not YAML, repeats a key, has an alias inside of itself, or
-        is larger than 2 MiB, `MOST_NODES` or, in one value, `MOST_CHARACTERS`.
+        is larger than 2 MiB or the limits of `parse_yaml`.
     """
-    try:
-        require_file_size(path, _MOST_BYTES)
+    with reading(path, "YAML", most=_MOST_BYTES):
         text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
-    except UnicodeDecodeError:
-        raise InvalidFileError(f"{path} is not UTF-8 text: save it as YAML", path=path) from None
-    try:
-        return _content(text)
-    # Scalars that do not fit their tags raise errors of half a dozen built-in types.
-    except Exception as error:  # noqa: BLE001
-        reason = " ".join(str(error).split()) or type(error).__name__
-        if not isinstance(error, yaml.YAMLError | ValueError | RecursionError):
-            reason = f"a value does not fit its tag ({reason})"
-        raise InvalidFileError(f"{path} is not valid YAML: {reason}", path=path) from None
+        try:
+            return parse_yaml(text)
+        # Scalars that do not fit their tags raise errors of half a dozen built-in types.
+        except (AttributeError, LookupError, OverflowError, TypeError) as error:
+            raise ValueError(f"a value does not fit its tag ({error})") from None
 
 
 def is_plain_text(text: str) -> bool:
@@ -94,63 +80,3 @@ def is_plain_text(text: str) -> bool:
     # Not an error of the caller: text that YAML cannot read, for whatever reason, needs quotes.
     except Exception:  # noqa: BLE001 - of half a dozen types, as in read_yaml
         return False
-
-
-class _LimitedLoader(yaml.SafeLoader):
-    """Loader of plain values that ends early in a file of too many or too long ones."""
-
-    composed = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Return the next node; see `yaml.composer.Composer`."""
-        self.composed += 1
-        _require_few(self.composed)
-        return super().compose_node(parent, index)
-
-    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
-        """Return the next scalar; see `yaml.composer.Composer`."""
-        node: yaml.ScalarNode = super().compose_scalar_node(anchor)
-        if len(node.value) > MOST_CHARACTERS:
-            raise ValueError(f"a value has more than {MOST_CHARACTERS} characters")
-        return node
-
-
-def _content(text: str) -> Any:
-    loader = _LimitedLoader(text)
-    try:
-        node = loader.get_single_node()
-        if node is None:
-            return None
-        _count(node, {}, set())
-        # Only now: merged mappings are copied, wherever they are used.
-        return loader.construct_document(node)
-    finally:
-        loader.dispose()
-
-
-def _count(node: yaml.Node, known: dict[yaml.Node, int], around: set[yaml.Node]) -> int:
-    """Return the number of nodes in a node, aliases expanded; ValueError beyond the limit."""
-    if node in around:
-        raise ValueError("an alias is inside of its own anchor")
-    if node not in known:
-        around.add(node)
-        parts = node.value if isinstance(node, yaml.CollectionNode) else []
-        if isinstance(node, yaml.MappingNode):
-            _require_unique_keys(node)
-            parts = [part for pair in parts for part in pair]
-        known[node] = 1 + sum(_count(part, known, around) for part in parts)
-        around.remove(node)
-        _require_few(known[node])
-    return known[node]
-
-
-def _require_few(count: int) -> None:
-    if count > MOST_NODES:
-        raise ValueError(f"it has more than {MOST_NODES} values, those of aliases included")
-
-
-def _require_unique_keys(node: yaml.MappingNode) -> None:
-    keys = Counter((key.tag, key.value) for key, _ in node.value if key.tag.endswith(":str"))
-    for (_, key), count in keys.items():
-        if count > 1:
-            raise ValueError(f"the key {shown(key)} occurs {count} times in one mapping")

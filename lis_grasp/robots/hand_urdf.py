@@ -13,7 +13,7 @@ import yourdfpy
 from defusedxml import DefusedXmlException
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
-from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
+from lis_grasp.io.limits import MEBIBYTE, require_file_size
 
 _MOST_BYTES = 64 * MEBIBYTE
 _NAMESPACES = {b"drake": b"http://drake.mit.edu"}

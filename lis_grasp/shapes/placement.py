@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.geometry import require_pose
-from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
+from lis_grasp.io.limits import MEBIBYTE, reading
 from lis_grasp.shapes.shape import Shape
 from lis_grasp.typing import FloatArray
 
@@ -140,22 +140,23 @@ def _too_large(shape: Shape, extents: FloatArray, region: Sequence[float]) -> In
 
 
 def _load_pose(path: Path) -> FloatArray:
-    required = "a file with a pose must have four rows of four numbers, a rotation and a place [m]"
-    try:
-        require_file_size(path, MEBIBYTE)
-        pose = np.loadtxt(path, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise InvalidFileError(f"{required}; {path}: {error}", path=path) from None
-    if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise InvalidFileError(f"{required}; {path} has an array {pose.shape}", path=path)
-    rotation = pose[:3, :3]
-    off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if off > _ROTATION_ERROR or np.linalg.det(rotation) < 0.0:
+    if not path.exists():
         raise InvalidFileError(
-            f"{required}; the rotation in {path} is not orthonormal and right-handed", path=path
+            f"a pose is {UPRIGHT}, {STABLE}, or a file of four rows of four"
+            f" numbers; {path} is none",
+            path=path,
         )
-    if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0.0:
-        raise InvalidFileError(f"{required}; the last row of {path} is not 0 0 0 1", path=path)
+    advice = "write four rows of four numbers, a rotation and a place [m]"
+    with reading(path, "a pose", most=MEBIBYTE, advice=advice):
+        pose = np.loadtxt(path, ndmin=2)
+        if pose.shape != (4, 4) or not np.isfinite(pose).all():
+            raise ValueError(f"it has an array {pose.shape}")
+        rotation = pose[:3, :3]
+        off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if off > _ROTATION_ERROR or np.linalg.det(rotation) < 0.0:
+            raise ValueError("its rotation is not orthonormal and right-handed")
+        if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 0.0:
+            raise ValueError("its last row is not 0 0 0 1")
     pose[:3, :3] = Rotation.from_matrix(rotation).as_matrix()  # the nearest rotation
     return np.asarray(pose)
 

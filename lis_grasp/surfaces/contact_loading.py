@@ -13,7 +13,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
-from lis_grasp.io.point_files import read_point_file
+from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.shapes import UNITS
 from lis_grasp.shapes.shape import LARGEST, SMALLEST
 from lis_grasp.surfaces.contact_noise import filled
@@ -123,7 +123,7 @@ def load_contacts(
     ----------
     path
         A contact file (`Contacts.load`), or a file of points without normals
-        (`io.point_files.read_point_file`): .ply, .csv, .off or .xyz.
+        (`io.contact_files.read_point_file`): .ply, .csv, .off or .xyz.
     units
         Length unit of the file, a key of `UNITS`; other arguments are in metres.
     normals

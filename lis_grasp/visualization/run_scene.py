@@ -15,8 +15,7 @@ from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region, load_outcomes
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
-from lis_grasp.io.growth_files import load_growth
-from lis_grasp.io.surface_files import load_surface
+from lis_grasp.io.surface_files import load_growth, load_surface
 from lis_grasp.motion import Motion
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand

@@ -11,8 +11,8 @@ from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.io.atomic_writing import whole_file
-from lis_grasp.io.file_limits import MEBIBYTE
 from lis_grasp.io.json_lines import Row
+from lis_grasp.io.limits import MEBIBYTE
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.io.schemas import checked
 from lis_grasp.robots.shipped_models import READY_HANDS

@@ -61,7 +61,7 @@ def test_the_file_says_its_frames_and_units(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("{", "not a JSON file"),
+        ("{", "cannot be read as JSON"),
         ("{}", "grasps is missing"),
         ('{"grasps": [1], "rejections": {}, "candidates": 0}', "no valid grasps"),
         ('{"grasps": [], "rejections": [], "candidates": 0}', "no valid grasps"),

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.gltf_limits import MOST_ELEMENTS
+from lis_grasp.io.limits import MOST_ELEMENTS
 from lis_grasp.io.mesh_files import read_mesh
 from lis_grasp.robots.link_bodies import load_mesh
 from lis_grasp.shapes import FORMATS, load

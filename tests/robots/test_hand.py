@@ -395,7 +395,7 @@ def test_names_and_files_that_are_no_hand_are_refused(tmp_path: Path) -> None:
     assert error.value.file == "absent.yaml"
     broken = tmp_path / "broken.yaml"
     broken.write_text("name: [")
-    with pytest.raises(InvalidHandError, match="not valid YAML"):
+    with pytest.raises(InvalidHandError, match="cannot be read as YAML"):
         Hand.load(broken)
     broken.write_text("just a text")
     with pytest.raises(InvalidHandError, match="the file must be a mapping"):

@@ -36,7 +36,7 @@ with atheris.instrument_imports(include=[*_INSTRUMENTED, *_PARSERS]):
     from fuzzing.hand_cases import check_loaded, write_hand
     from fuzzing.log_cases import check_log
 
-    from lis_grasp.io.point_files import read_point_file
+    from lis_grasp.io.contact_files import read_point_file
     from lis_grasp.robots.link_bodies import load_mesh
     from lis_grasp.shapes import load
 

@@ -301,9 +301,9 @@ def test_xml_with_entities_or_deep_nesting_is_refused(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("[" * 500, "not valid YAML"),
-        ("name: " + "9" * 5000, "not valid YAML"),
-        ("name: 2001-99-99", "not valid YAML"),
+        ("[" * 500, "cannot be read as YAML"),
+        ("name: " + "9" * 5000, "cannot be read as YAML"),
+        ("name: 2001-99-99", "cannot be read as YAML"),
     ],
 )
 def test_yaml_that_cannot_be_parsed_is_refused(content: str, message: str, tmp_path: Path) -> None:
@@ -333,7 +333,7 @@ def test_an_overflowing_direction_is_refused(number: float, tmp_path: Path) -> N
 def test_a_huge_cell_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "contacts.csv"
     path.write_text("x,y,z,nx,ny,nz\n" + "1" * 200_000 + ",0,0,0,0,1\n")
-    with pytest.raises(InvalidFileError, match="not a CSV"):
+    with pytest.raises(InvalidFileError, match="cannot be read as CSV"):
         Contacts.load(path)
 
 

@@ -12,7 +12,7 @@ from plyfile import PlyData, PlyElement
 from lis_grasp import Contacts, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidContactsError, InvalidFileError, InvalidOptionError
-from lis_grasp.io.point_files import read_point_file
+from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_loading import fraction_in_front
 from lis_grasp.typing import FloatArray

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,12 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from plyfile import PlyData, PlyElement, PlyParseError
 
-from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.file_limits import MEBIBYTE, require_file_size
+from lis_grasp.io.limits import MEBIBYTE, reading, require_announced_rows
 
 _MOST_BYTES = 512 * MEBIBYTE
-_HEADER_BYTES = 65_536
-_ELEMENT = re.compile(rb"^element[ \t]+\S+[ \t]+(\d{1,18})", re.MULTILINE)
 
 # Lists that are read at once where all have this length; else row by row, which is slow.
 _TRIANGLES = {"face": {"vertex_indices": 3, "vertex_index": 3}}
@@ -33,30 +29,11 @@ def read_ply(path: Path) -> PlyData:
         If the file is missing, damaged or no PLY, has more than 512 MiB, or announces more rows
         than it has bytes.
     """
-    try:
-        require_file_size(path, _MOST_BYTES)
-        _require_announced_size(path)
+    with reading(path, "PLY", most=_MOST_BYTES):
+        require_announced_rows(path)
         with suppress(PlyParseError, ValueError, OverflowError):
             return PlyData.read(str(path), known_list_len=_TRIANGLES)
         return PlyData.read(str(path), mmap=False)
-    except InvalidFileError:
-        raise
-    except OSError as error:
-        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
-    # Beside its own errors plyfile passes on those of NumPy and of the built-in types.
-    except Exception as error:  # noqa: BLE001
-        reason = " ".join(str(error).split()) or type(error).__name__
-        message = f"{path} cannot be read as PLY ({reason}): write it again"
-        raise InvalidFileError(message, path=path) from None
-
-
-def _require_announced_size(path: Path) -> None:
-    """Raise `ValueError` for more rows than bytes: each row has at least one."""
-    with path.open("rb") as file:
-        head = file.read(_HEADER_BYTES)
-    announced = sum(int(count) for count in _ELEMENT.findall(head.partition(b"end_header")[0]))
-    if announced > path.stat().st_size:
-        raise ValueError(f"it announces {announced} rows, more than it has bytes")
 
 
 def ply_element(name: str, columns: Mapping[str, npt.NDArray[Any]]) -> PlyElement:
