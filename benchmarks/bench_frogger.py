@@ -35,17 +35,18 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.inverse_kinematics import solve_ik
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.lifting.lift_outcome import LiftOptions
+from lis_grasp.lifting.outcome import LiftOptions
+from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import model_path
-from lis_grasp.simulation.drake.simulate_lift import simulate_lift
-from lis_grasp.simulation.mujoco.simulate_in_mujoco import simulate_in_mujoco
+from lis_grasp.simulation.drake.lift import simulate_lift as lift_in_drake
+from lis_grasp.simulation.mujoco.lift import simulate_lift as lift_in_mujoco
 
 OURS, THEIRS, FIXED = "lis_grasp", "FRoGGeR", "FRoGGeR, fixed"
 PLANNERS = (OURS, THEIRS, FIXED)
 SCENES = ("table", "free")
-SIMULATORS = {"drake": simulate_lift, "mujoco": simulate_in_mujoco}
+SIMULATORS = {"drake": lift_in_drake, "mujoco": lift_in_mujoco}
 LIFTS = (*SIMULATORS, *(f"{name}_in_place" for name in SIMULATORS))  # keys of a row
 # FRoGGeR's palm link begins at the wrist, ours where the fingers begin, along the same axes [m].
 _WRIST_TO_FINGERS = 0.095
@@ -230,7 +231,7 @@ def lift_reasons(
     reasons = {}
     for name, simulate in SIMULATORS.items():
         for trial in (LiftOptions(), _IN_PLACE):
-            outcome = simulate(mesh, hand, grasp, options=trial, **conditions)
+            outcome = simulate(LiftSetup(mesh, hand, grasp, options=trial, **conditions))
             reasons.setdefault(name, outcome.reason)
             reasons[f"{name}_in_place"] = outcome.reason
             if outcome.held:  # no second trial, without the approach, is needed

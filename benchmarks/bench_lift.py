@@ -12,8 +12,9 @@ from collections import Counter
 import numpy as np
 
 from lis_grasp import ForceClosureSampler, Hand, shapes
+from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.robots.shipped_models import HAND_NAMES
-from lis_grasp.simulation.drake.simulate_lift import simulate_lift
+from lis_grasp.simulation.drake.lift import simulate_lift
 
 
 def main() -> None:
@@ -40,7 +41,7 @@ def main() -> None:
                 for mass in masses:
                     start = time.perf_counter()
                     outcome = simulate_lift(
-                        mesh, hand, grasp, support_height=support_height, mass=mass
+                        LiftSetup(mesh, hand, grasp, support_height=support_height, mass=mass)
                     )
                     seconds.append(time.perf_counter() - start)
                     reasons[mass][outcome.reason] += 1

@@ -24,8 +24,9 @@ import numpy as np
 
 from lis_grasp import ForceClosureSampler, Hand, shapes
 from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
-from lis_grasp.simulation.drake.simulate_lift import simulate_lift
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.setup import LiftSetup
+from lis_grasp.simulation.drake.lift import simulate_lift
 
 _HERE = Path(__file__).parents[1]
 _MOVED = np.array([0.6e-4, 0.8e-4, 0.0])  # [m]
@@ -70,13 +71,15 @@ def simulate(
         height, grasp = float(mesh.bounds[0, 2]), GraspSearch.load(path).grasps[rank]
         start = time.process_time()
         outcome = simulate_lift(
-            mesh,
-            hand,
-            grasp,
-            support_height=height,
-            mass=mass,
-            X_WO=X_WO,
-            options=LiftOptions() if step is None else LiftOptions(time_step=step),
+            LiftSetup(
+                mesh,
+                hand,
+                grasp,
+                support_height=height,
+                mass=mass,
+                X_WO=X_WO,
+                options=LiftOptions() if step is None else LiftOptions(time_step=step),
+            )
         )
         row = {
             "trial": f"{path.stem} grasp {rank + 1} {mass} kg",

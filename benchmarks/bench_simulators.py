@@ -31,16 +31,17 @@ from scipy.spatial.transform import Rotation
 from lis_grasp import Hand, shapes
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
-from lis_grasp.lifting.lift_outcome import LiftOutcome
+from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.motion import OBJECT
 from lis_grasp.pipeline import plan
 from lis_grasp.robots.shipped_models import HAND_NAMES
-from lis_grasp.simulation.drake.simulate_lift import simulate_lift
-from lis_grasp.simulation.mujoco.simulate_in_mujoco import simulate_in_mujoco
+from lis_grasp.simulation.drake.lift import simulate_lift as lift_in_drake
+from lis_grasp.simulation.mujoco.lift import simulate_lift as lift_in_mujoco
 from lis_grasp_studies.hand_table import FURTHER_OBJECTS
 from lis_grasp_studies.test_objects.shape_sets import graspable_shape
 
-SIMULATORS = {"drake": simulate_lift, "mujoco": simulate_in_mujoco}
+SIMULATORS = {"drake": lift_in_drake, "mujoco": lift_in_mujoco}
 GOOD = {"mass": 0.2, "friction": 0.8}
 DISPLACEMENT, TURN = 0.01, np.deg2rad(10.0)  # standard deviations of a doubtful grasp [m, rad]
 MASSES, FRICTIONS = (0.1, 1.0), (0.15, 0.6)  # of doubtful grasps [kg, 1]
@@ -108,7 +109,7 @@ def simulate(simulator: str, name: str, hand: Hand, grasp: Grasp, conditions: di
     """Return the outcome of a lift in a simulator."""
     mesh = mesh_of(name)
     height = float(mesh.bounds[0, 2])
-    return SIMULATORS[simulator](mesh, hand, grasp, support_height=height, **conditions)
+    return SIMULATORS[simulator](LiftSetup(mesh, hand, grasp, height, **conditions))
 
 
 def conditions_of(name: str, hand: str, rank: int, quality: str) -> dict:

@@ -34,7 +34,7 @@ from lis_grasp.exceptions import LisGraspError
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.lifting.lift_outcome import LiftOptions
+from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.pipeline.run_config import SIMULATORS
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.shapes import STABLE, find, placed

@@ -14,14 +14,14 @@ import numpy as np
 import trimesh
 
 from lis_grasp import Grasp, Hand
-from lis_grasp.lifting.lift_control import FingerControl
-from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
-from lis_grasp.lifting.lift_setup import LiftSetup
-from lis_grasp.lifting.lift_trial import LiftTrial
-from lis_grasp.lifting.lifting_scene import LiftingScene
-from lis_grasp.simulation.drake.lift_scene import LiftScene
+from lis_grasp.lifting.finger_control import FingerControl
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.scene import LiftingScene
+from lis_grasp.lifting.setup import LiftSetup
+from lis_grasp.lifting.trial import LiftTrial
+from lis_grasp.simulation.drake.lift import LiftScene
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
-from lis_grasp.simulation.mujoco.mujoco_scene import MujocoScene
+from lis_grasp.simulation.mujoco.lift import MujocoScene
 from lis_grasp.typing import FloatArray
 
 _STIFFENED = 2.0  # times the planned compliance

@@ -25,7 +25,7 @@ from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.lifting.arm_use import ArmUse
-from lis_grasp.lifting.lift_outcome import LiftOutcome
+from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.pipeline.arm_station import make_station, station_after, station_facts
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.arms.joint_trajectory import JointTrajectory
-from lis_grasp.lifting.wrist_trajectory import WristPath
+from lis_grasp.lifting.wrist_path import WristPath
 from lis_grasp.typing import FloatArray
 
 # Newton steps a sample; two suffice from the sample before.

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import trimesh
 
 from lis_grasp.arms.station import Station
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.lifting.arm_lift import plan_arm_lift
-from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
-from lis_grasp.lifting.lift_trial import AcceptGrasp
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.setup import LiftSetup, plan_arm_lift
+from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline.object_setup import support_height
 from lis_grasp.pipeline.worker_pool import worker_pool
 from lis_grasp.robots.hand import Hand
@@ -46,19 +46,19 @@ def lift(
     """Simulate the lift of the true object in one of `SIMULATORS`.
 
     With a `station`, its arm carries the hand, and avoids the `estimate` of the object. The other
-    arguments are those of `lis_grasp.simulation.drake.simulate_lift.simulate_lift`.
+    arguments are those of `LiftSetup` and of `lis_grasp.simulation.drake.lift.simulate_lift`.
     """
-    return _simulation_in(simulator, station, estimate)(
+    setup = LiftSetup(
         shape.mesh,
         hand,
         grasp,
-        support_height=support_height(shape),
-        mass=mass,
-        friction=friction,
-        accept_grasp=accept_grasp,
-        X_WO=X_WO,
-        options=options,
+        support_height(shape),
+        mass,
+        friction,
+        options or LiftOptions(),
+        np.eye(4) if X_WO is None else X_WO,
     )
+    return _simulate(simulator, station, estimate, setup, accept_grasp)
 
 
 def lift_each(
@@ -80,14 +80,16 @@ def lift_each(
     Outcomes are in the order of the grasps, and the same for any number of processes.
     """
     simulate = partial(
-        _simulation_in(simulator, station, estimate),
-        shape.mesh,
+        lift,
+        shape,
         hand,
-        support_height=support_height(shape),
         mass=mass,
         friction=friction,
+        simulator=simulator,
         X_WO=X_WO,
         options=options,
+        station=station,
+        estimate=estimate,
     )
     if jobs == 1 or len(grasps) < 2:
         yield from map(simulate, grasps)
@@ -96,37 +98,24 @@ def lift_each(
         yield from pool.map(simulate, grasps)
 
 
-def _simulation_in(
-    simulator: str, station: Station | None, estimate: trimesh.Trimesh | None
-) -> Callable[..., LiftOutcome]:
-    """Return the function that simulates lifts."""
-    if station is not None:
-        return partial(_lift_with_arm, station, estimate)
-    if simulator == "mujoco":
-        from lis_grasp.simulation.mujoco.simulate_in_mujoco import simulate_in_mujoco
-
-        return simulate_in_mujoco
-    from lis_grasp.simulation.drake.simulate_lift import simulate_lift
-
-    return simulate_lift
-
-
-def _lift_with_arm(
-    station: Station,
+def _simulate(
+    simulator: str,
+    station: Station | None,
     estimate: trimesh.Trimesh | None,
-    mesh: trimesh.Trimesh,
-    hand: Hand,
-    grasp: Grasp,
-    *,
-    X_WO: FloatArray | None = None,
-    options: LiftOptions | None = None,
-    **arguments: Any,
+    setup: LiftSetup,
+    accept_grasp: AcceptGrasp | None,
 ) -> LiftOutcome:
-    """Plan the arm's motion to a grasp on the estimate, and simulate the lift in Drake."""
-    from lis_grasp.simulation.drake.simulate_lift import simulate_lift
+    """Simulate a lift; an arm's motion to the grasp is planned on the estimate."""
+    if station is None and simulator == "mujoco":
+        from lis_grasp.simulation.mujoco import lift as in_mujoco
 
-    options = options or LiftOptions()
-    arm = plan_arm_lift(station, grasp, estimate, time_step=options.time_step)
-    if isinstance(arm, str):
-        return LiftOutcome.not_begun(arm, np.eye(4) if X_WO is None else X_WO)
-    return simulate_lift(mesh, hand, grasp, X_WO=X_WO, options=options, arm=arm, **arguments)
+        return in_mujoco.simulate_lift(setup, accept_grasp)
+    from lis_grasp.simulation.drake.lift import simulate_lift
+
+    if station is not None:
+        step = setup.options.time_step
+        arm = plan_arm_lift(station, setup.grasp, estimate, time_step=step)
+        if isinstance(arm, str):
+            return LiftOutcome.not_begun(arm, setup.X_WO)
+        setup = replace(setup, arm=arm)
+    return simulate_lift(setup, accept_grasp)

@@ -14,7 +14,7 @@ from lis_grasp.exploration.planar_motion import planar_pose, register_motions
 from lis_grasp.grasping.grasp_ranking import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.pipeline.arm_station import moved_frame
 from lis_grasp.pipeline.lifting_stage import lift as lift_stage
 from lis_grasp.pipeline.object_setup import support_height, table_of

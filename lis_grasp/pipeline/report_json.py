@@ -16,7 +16,7 @@ from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_covera
 from lis_grasp.exploration import STEP_FRACTION, Exploration
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.lifting.arm_use import ArmUse
-from lis_grasp.lifting.lift_outcome import LiftOutcome
+from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.pipeline.arm_station import station_facts
 from lis_grasp.pipeline.object_motion import motion_facts, true_object
 from lis_grasp.pipeline.object_setup import support_height, table_of

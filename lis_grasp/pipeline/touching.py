@@ -183,7 +183,7 @@ def make_prober(
     """Return the configured prober of the true object, in the state after recorded outcomes."""
     if config.prober == "dynamic":
         from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
-        from lis_grasp.simulation.drake.probing_scene import FreeObject
+        from lis_grasp.simulation.drake.object_plant import FreeObject
 
         free = None
         if config.free:

@@ -47,7 +47,7 @@ from lis_grasp_studies.study.trial import SETTINGS, TRUTH, Trial, parse_noise
 from lis_grasp_studies.trial_results import Job
 
 if TYPE_CHECKING:
-    from lis_grasp.lifting.lift_outcome import LiftOutcome
+    from lis_grasp.lifting.outcome import LiftOutcome
 
 NO_GRASP, FAILED = "no_grasp", "failed"
 """Reasons of rows without a lift."""
@@ -69,7 +69,7 @@ def run_trial(job: Job) -> list[Row]:
 def single_threaded_drake() -> Iterator[None]:
     """Limit numerical libraries to one thread, and those of Drake too; see `single_thread`."""
     # Only libraries that are loaded can be limited.
-    import_module("lis_grasp.simulation.drake.simulate_lift")
+    import_module("lis_grasp.simulation.drake.lift")
     with single_thread():
         yield
 

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.lifting.lift_outcome import LiftOutcome
+from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.pipeline import regrasp
 from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
 from lis_grasp.pipeline.run_config import RunConfig

@@ -9,7 +9,7 @@ import trimesh
 from lis_grasp import shapes
 from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.lifting.lift_outcome import Reason
+from lis_grasp.lifting.outcome import Reason
 from lis_grasp.pipeline.reasons import LIFT_REASONS, REJECTIONS, lift_sentence
 from lis_grasp.pipeline.summary import exploration_lines, run_lines
 from lis_grasp.robots.hand import Hand

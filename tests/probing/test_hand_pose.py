@@ -8,7 +8,7 @@ from lis_grasp.exploration import Probe, ProbeOutcome, Prober
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
-from lis_grasp.simulation.drake.probing_scene import FreeObject
+from lis_grasp.simulation.drake.object_plant import FreeObject
 
 SIZE = 0.1
 

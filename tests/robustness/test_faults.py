@@ -16,8 +16,8 @@ from lis_grasp import Grasp, Hand
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.force_closure import is_force_closure, min_weight, resisted_force
-from lis_grasp.simulation.drake.lift_scene import LiftScene
-from lis_grasp.simulation.drake.simulate_lift import simulate_lift
+from lis_grasp.lifting.setup import LiftSetup
+from lis_grasp.simulation.drake.lift import LiftScene, simulate_lift
 
 BOX = trimesh.creation.box((0.05, 0.05, 0.08))
 RUN = COMMANDS["run"].split()
@@ -42,7 +42,7 @@ FAULTS = {
     ),
     "a linear programme": ("lis_grasp.grasping.force_closure.linprog", 0, ESTIMATED),
     "inverse kinematics": ("lis_grasp.grasping.candidate_filter.solve_ik", 1, ESTIMATED),
-    "Drake's plant": ("lis_grasp.simulation.drake.lift_scene.add_object", 0, ESTIMATED),
+    "Drake's plant": ("lis_grasp.simulation.drake.lift.add_object", 0, ESTIMATED),
 }
 
 
@@ -101,19 +101,20 @@ def test_without_a_solution_of_the_solver_no_grasp_is_accepted(
 
 
 def _lose_all_numbers(scene: LiftScene) -> None:
-    state = scene._context.get_mutable_discrete_state_vector()
+    state = scene._scene.context.get_mutable_discrete_state_vector()
     state.SetFromVector(np.full(state.size(), np.nan))
 
 
 def _fail_an_assertion(scene: LiftScene) -> None:
     """Violate an assertion of Drake; pydrake raises SystemExit."""
-    scene._plant.SetPositions(scene._context, np.full(scene._plant.num_positions(), np.nan))
+    plant = scene._scene.plant
+    plant.SetPositions(scene._scene.context, np.full(plant.num_positions(), np.nan))
 
 
 class _FailingSimulator:
     def __init__(self, scene: LiftScene, fail: Callable[[LiftScene], None], at: float) -> None:
         self._scene, self._fail, self._at = scene, fail, at
-        self._simulator = scene._simulator
+        self._simulator = scene._scene.simulator
 
     def AdvanceTo(self, time: float) -> None:
         if time > self._at:
@@ -135,10 +136,10 @@ def test_a_diverged_lift_is_reported_with_the_last_pose_of_the_object(
 
     def build_to_fail(scene: LiftScene, *arguments: Any, **options: Any) -> None:
         build(scene, *arguments, **options)
-        scene._simulator = _FailingSimulator(scene, fail, at)
+        scene._scene.simulator = _FailingSimulator(scene, fail, at)
 
     monkeypatch.setattr(LiftScene, "__init__", build_to_fail)
-    outcome = simulate_lift(BOX, Hand.load("wsg50"), grasp, support_height=-0.04)
+    outcome = simulate_lift(LiftSetup(BOX, Hand.load("wsg50"), grasp, support_height=-0.04))
     assert outcome.reason == "diverged"
     assert not outcome.lifted
     assert not outcome.held

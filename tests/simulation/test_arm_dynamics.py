@@ -6,10 +6,10 @@ import pytest
 from lis_grasp.arms.arm_check import gravity_efforts
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.lifting.joint_path import PalmPath, joint_path_along
-from lis_grasp.lifting.wrist_trajectory import line, rest_at, shake_about
+from lis_grasp.lifting.wrist_path import line, rest_at, shake_about
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.simulation.drake.arm_dynamics import ArmDynamics
+from lis_grasp.simulation.drake.arm_plant import ArmDynamics
 
 STEP = 0.005
 
@@ -24,7 +24,7 @@ def station() -> Station:
 @pytest.fixture(scope="module")
 def dynamics(station: Station) -> ArmDynamics:
     posture = next(iter(station.hand.pregrasps.values()))
-    return ArmDynamics(station.arm, station.hand, station.X_WA, station.mount.X_FB, posture)
+    return ArmDynamics(station, posture)
 
 
 def _postures(station: Station, count: int) -> np.ndarray:

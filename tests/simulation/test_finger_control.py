@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lis_grasp.grasping.grip_forces import balanced_grip
-from lis_grasp.lifting.lift_control import FingerControl
+from lis_grasp.lifting.finger_control import FingerControl
 
 
 def test_fingers_that_can_only_add_to_the_load_still_squeeze():

@@ -14,7 +14,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import build
 from lis_grasp.simulation.drake import dynamic_prober
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
-from lis_grasp.simulation.drake.probing_scene import FreeObject
+from lis_grasp.simulation.drake.object_plant import FreeObject
 
 FROM_THE_SIDE = Probe([-0.03, 0.0, 0.0], [1.0, 0.0, 0.0], 0.02, 0.02)
 

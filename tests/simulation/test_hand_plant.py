@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
-from lis_grasp.simulation.drake.free_wrist import add_wrist
+from lis_grasp.simulation.drake._free_wrist import WristInPlant
 from lis_grasp.simulation.drake.hand_plant import (
     HandInPlant,
     add_hand,
@@ -30,24 +30,12 @@ def hand(request: pytest.FixtureRequest) -> Hand:
     return Hand.load(request.param)
 
 
-def put(plant: MultibodyPlant, hand: Hand) -> HandInPlant:
-    revolute = hand.kind == "multi_finger"
-    return add_hand(
-        plant,
-        hand,
-        stiffness=5.0 if revolute else 5e3,
-        damping=0.1 if revolute else 50.0,
-        friction=0.8,
-        hydroelastic_modulus=1e6,
-    )
-
-
 def fixed_hand(hand: Hand) -> tuple[Any, Any, Any, HandInPlant]:
     """Return diagram, plant, scene graph and hand, its base welded to the world."""
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
-    added = put(plant, hand)
-    plant.WeldFrames(plant.world_frame(), added.bodies[hand.base_link].body_frame())
+    added = add_hand(plant, hand)
+    plant.WeldFrames(plant.world_frame(), added.base.body_frame())
     plant.Finalize()
     return builder.Build(), plant, scene_graph, added
 
@@ -111,21 +99,19 @@ def test_the_wrist_starts_at_its_pose_and_takes_roll_pitch_yaw_in_the_world() ->
     hand = Hand.load("wsg50")
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
-    added = put(plant, hand)
+    added = add_hand(plant, hand)
     X_WB = trimesh.transformations.euler_matrix(0.4, -0.7, 1.1)
     X_WB[:3, 3] = [0.1, 0.2, 0.3]
-    wrist = add_wrist(
-        plant, added, X_WB, stiffness=(2e4, 300.0), damping=(400.0, 6.0), limits=(150.0, 15.0)
-    )
+    wrist = WristInPlant(plant, added, X_WB)
     plant.Finalize()
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    base = added.bodies[hand.base_link]
+    base = added.base
     np.testing.assert_allclose(
         plant.EvalBodyPoseInWorld(context, base).GetAsMatrix4(), X_WB, atol=1e-12
     )
     target = np.array([0.01, 0.02, -0.03, 0.1, 0.2, -0.3])
-    port = plant.get_desired_state_input_port(wrist.instance)
+    port = plant.get_desired_state_input_port(wrist._instance)
     port.FixValue(context, np.concatenate([target, np.zeros(6)]))
     plant.get_desired_state_input_port(added.instance).FixValue(context, np.zeros(4))
     simulator.AdvanceTo(1.0)
@@ -143,9 +129,7 @@ def test_an_object_weighs_and_balances_like_its_solid() -> None:
     sides = np.array([0.1, 0.06, 0.04])
     mesh = trimesh.creation.box(extents=sides)
     mesh.apply_translation([0.02, 0.0, 0.01])
-    body, _ = add_object(
-        plant, mesh, mass=0.3, friction=0.8, instance=plant.AddModelInstance("object")
-    )
+    body = add_object(plant, mesh, mass=0.3).body
     plant.Finalize()
     spatial = body.default_spatial_inertia()
     assert spatial.get_mass() == pytest.approx(0.3)
@@ -159,13 +143,12 @@ def test_an_object_keeps_its_hole() -> None:
     hand = Hand.load("wsg50")
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
-    added = put(plant, hand)
+    added = add_hand(plant, hand)
     # Opened, the left dome (6 mm in radius) is in the middle of a hole of 20 mm radius.
-    base = added.bodies[hand.base_link].body_frame()
+    base = added.base.body_frame()
     plant.WeldFrames(plant.world_frame(), base, RigidTransform([-0.065, 0.0, -0.069]))
     ring = trimesh.creation.torus(major_radius=0.03, minor_radius=0.01)
-    instance = plant.AddModelInstance("object")
-    body, _ = add_object(plant, ring, mass=0.2, friction=0.8, instance=instance)
+    body = add_object(plant, ring, mass=0.2).body
     plant.WeldFrames(plant.world_frame(), body.body_frame())
     plant.Finalize()
     ignore_self_collision(scene_graph, added)
@@ -196,7 +179,7 @@ def test_a_coupled_joint_follows_its_leader_while_it_moves() -> None:
     for time in (0.05, 0.2, 3.0):
         simulator.AdvanceTo(time)
         q = np.array([joint.get_angle(context) for joint in added.joints])
-        for joint, follower in added.followers:
+        for joint, follower in added.links.followers:
             # Drake's constraint is a stiff spring: a thousandth of a radian at the start.
             assert joint.get_angle(context) == pytest.approx(float(follower.position(q)), abs=2e-3)
     np.testing.assert_allclose(q, goal, atol=2e-2)

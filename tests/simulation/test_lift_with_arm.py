@@ -10,14 +10,14 @@ from lis_grasp.arms.base_search import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.lifting.arm_lift import ArmLift, plan_arm_lift
 from lis_grasp.lifting.arm_use import violations
 from lis_grasp.lifting.joint_path import JointPath
-from lis_grasp.lifting.lift_outcome import LiftOptions
+from lis_grasp.lifting.outcome import LiftOptions
+from lis_grasp.lifting.setup import ArmLift, LiftSetup, plan_arm_lift
 from lis_grasp.motion import arm_body
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.simulation.drake.simulate_lift import simulate_lift
+from lis_grasp.simulation.drake.lift import simulate_lift
 
 BOX = trimesh.creation.box(extents=[0.05, 0.06, 0.10])
 HEIGHT = -0.05
@@ -46,7 +46,9 @@ def planned(station: Station, grasp: Grasp) -> ArmLift:
 
 def test_an_arm_lifts_and_holds_within_its_limits(grasp: Grasp, planned: ArmLift) -> None:
     hand = planned.station.hand
-    outcome = simulate_lift(BOX, hand, grasp, support_height=HEIGHT, options=QUICK, arm=planned)
+    outcome = simulate_lift(
+        LiftSetup(BOX, hand, grasp, support_height=HEIGHT, options=QUICK, arm=planned)
+    )
     assert outcome.reason == "held"
     use = outcome.arm
     assert use is not None
@@ -71,7 +73,9 @@ def test_a_weak_arm_stops_at_its_torque_limit(grasp: Grasp, planned: ArmLift) ->
     arm = planned.station.arm
     weak = replace(planned.station, arm=replace(arm, effort_limits=0.15 * arm.effort_limits))
     lift = replace(planned, station=weak)
-    outcome = simulate_lift(BOX, weak.hand, grasp, support_height=HEIGHT, options=QUICK, arm=lift)
+    outcome = simulate_lift(
+        LiftSetup(BOX, weak.hand, grasp, support_height=HEIGHT, options=QUICK, arm=lift)
+    )
     assert outcome.reason == "torque_limit"
     assert outcome.arm is not None
     assert outcome.arm.effort == pytest.approx(1.0, abs=1e-3)
@@ -89,7 +93,7 @@ def test_an_arm_that_hits_the_table_stops(grasp: Grasp, planned: ArmLift) -> Non
     far = np.eye(4)
     far[:3, 3] = 0.0, 0.5, 0.0  # the object is out of the way
     outcome = simulate_lift(
-        BOX, hand, grasp, support_height=HEIGHT, options=QUICK, arm=lift, X_WO=far
+        LiftSetup(BOX, hand, grasp, support_height=HEIGHT, options=QUICK, arm=lift, X_WO=far)
     )
     assert outcome.arm is not None
     assert outcome.reason in ("arm_collision", "torque_limit")
@@ -103,7 +107,7 @@ def test_a_hand_that_comes_too_near_is_a_violation(station: Station, grasp: Gras
     lift = plan_arm_lift(station, deeper, None, time_step=QUICK.time_step)
     assert isinstance(lift, ArmLift)
     outcome = simulate_lift(
-        BOX, station.hand, deeper, support_height=HEIGHT, options=QUICK, arm=lift
+        LiftSetup(BOX, station.hand, deeper, support_height=HEIGHT, options=QUICK, arm=lift)
     )
     assert outcome.arm is not None
     assert any("object" in pair for pair in outcome.arm.contacts)
@@ -113,13 +117,8 @@ def test_a_hand_that_comes_too_near_is_a_violation(station: Station, grasp: Gras
 def test_a_grasp_that_is_given_up_ends_at_home(grasp: Grasp, planned: ArmLift) -> None:
     station = planned.station
     outcome = simulate_lift(
-        BOX,
-        station.hand,
-        grasp,
-        support_height=HEIGHT,
-        options=QUICK,
-        arm=planned,
-        accept_grasp=lambda measured: False,
+        LiftSetup(BOX, station.hand, grasp, support_height=HEIGHT, options=QUICK, arm=planned),
+        lambda measured: False,
     )
     assert outcome.reason == "aborted"
     assert outcome.arm is not None

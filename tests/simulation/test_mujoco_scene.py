@@ -8,10 +8,9 @@ import trimesh
 from made_grasps import jaw_grasp
 
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.lifting.lift_gains import finger_gains
-from lis_grasp.lifting.lift_outcome import LiftOptions
-from lis_grasp.lifting.lift_setup import LiftSetup
-from lis_grasp.lifting.wrist_trajectory import shake_about
+from lis_grasp.lifting.outcome import LiftOptions
+from lis_grasp.lifting.setup import LiftSetup, finger_gains
+from lis_grasp.lifting.wrist_path import shake_about
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import LEAST_MASS
@@ -20,9 +19,9 @@ from lis_grasp.robots.shipped_models import HAND_NAMES
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: bootstrap.sh mujoco")
 pytest.importorskip("coacd", reason="CoACD is not installed: bootstrap.sh mujoco")
 
+from lis_grasp.simulation.mujoco._mjcf import HAND, WRIST_JOINTS, scene_mjcf  # noqa: E402
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces  # noqa: E402
-from lis_grasp.simulation.mujoco.mujoco_scene import MujocoScene  # noqa: E402
-from lis_grasp.simulation.mujoco.scene_mjcf import HAND, WRIST_JOINTS, scene_mjcf  # noqa: E402
+from lis_grasp.simulation.mujoco.lift import MujocoScene  # noqa: E402
 
 # A box off its frame's origin and oblique, so that every entry of its inertia is tested.
 BOX = trimesh.creation.box((0.04, 0.06, 0.1))

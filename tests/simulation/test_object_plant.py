@@ -22,22 +22,21 @@ def heights_after_a_fall(
         discrete_contact_approximation="lagged",
     )
     plant, scene_graph = AddMultibodyPlant(config, builder)
-    instance = plant.AddModelInstance("object")
-    body, geometry = add_object(plant, mesh, mass=mass, friction=0.8, instance=instance)
+    added = add_object(plant, mesh, mass=mass)
     height = float(mesh.bounds[0, 2])
     support = add_support(plant, height, 0.8, under=mesh, mass=mass)
     table = add_table(plant, height + 0.01, 0.8, under=mesh) if with_table else None
     plant.Finalize()
-    let_rest(scene_graph, geometry, support=support, table=table)
+    let_rest(scene_graph, added.geometry, support=support, table=table)
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     tilted = trimesh.transformations.euler_matrix(tilt, 0.3 * tilt, 0.0)
     tilted[2, 3] = 0.001
-    plant.SetFreeBodyPose(context, body, RigidTransform(tilted))
+    plant.SetFreeBodyPose(context, added.body, RigidTransform(tilted))
     heights = []
     for step in range(1, round(1.0 / time_step) + 1):
         simulator.AdvanceTo(step * time_step)
-        heights.append(plant.EvalBodyPoseInWorld(context, body).translation()[2])
+        heights.append(plant.EvalBodyPoseInWorld(context, added.body).translation()[2])
     return np.array(heights[len(heights) // 2 :])
 
 

@@ -16,7 +16,7 @@ from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape

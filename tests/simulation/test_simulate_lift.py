@@ -19,14 +19,16 @@ from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.grasping.sampler import ForceClosureSampler
-from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
-from lis_grasp.lifting.wrist_trajectory import line, shake_about
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.setup import LiftSetup
+from lis_grasp.lifting.trial import AcceptGrasp
+from lis_grasp.lifting.wrist_path import line, shake_about
 from lis_grasp.pipeline import lift_each
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.solids import merge_flat_faces, split_large_faces
-from lis_grasp.simulation.drake.simulate_lift import simulate_lift
+from lis_grasp.simulation.drake.lift import simulate_lift
 
 # The default trial with a shorter hold and one shake, and without any shake.
 SHORT = LiftOptions(hold_time=0.5, lift_time=0.6, shake_accelerations=(9.81,))
@@ -90,11 +92,15 @@ def box_mesh() -> trimesh.Trimesh:
 
 
 def lift_box(
-    hand: Hand, grasp: Grasp, *, options: LiftOptions = SHORT, **arguments: Any
+    hand: Hand,
+    grasp: Grasp,
+    *,
+    options: LiftOptions = SHORT,
+    accept_grasp: AcceptGrasp | None = None,
+    **conditions: Any,
 ) -> LiftOutcome:
-    return simulate_lift(
-        box_mesh(), hand, grasp, support_height=-0.05, options=options, **arguments
-    )
+    setup = LiftSetup(box_mesh(), hand, grasp, -0.05, options=options, **conditions)
+    return simulate_lift(setup, accept_grasp)
 
 
 def moved(grasp: Grasp, displacement: np.ndarray) -> Grasp:
@@ -133,7 +139,9 @@ def test_a_parallel_jaw_gripper_holds_rods_thinner_than_its_pads(wsg50: Hand, co
     )
     (grasp,) = search.grasps
     options = QUICK if corners == 4 else SHORT
-    outcome = simulate_lift(rod, wsg50, grasp, support_height=-0.06, mass=0.1, options=options)
+    outcome = simulate_lift(
+        LiftSetup(rod, wsg50, grasp, support_height=-0.06, mass=0.1, options=options)
+    )
     assert outcome.held
     assert outcome.slip < 0.005
 
@@ -177,7 +185,9 @@ def test_a_bar_gripped_beside_its_centre_of_mass_does_not_creep(wsg50: Hand) -> 
     bar = trimesh.creation.box((0.05, 0.16, 0.03))
     hold = replace(QUICK, lift_time=0.6, hold_time=3.0)
     grasp = jaw_grasp(wsg50, np.array([0.0, 0.03, 0.0]), 0.05)
-    outcome = simulate_lift(bar, wsg50, grasp, support_height=-0.015, mass=0.1, options=hold)
+    outcome = simulate_lift(
+        LiftSetup(bar, wsg50, grasp, support_height=-0.015, mass=0.1, options=hold)
+    )
     assert outcome.held
     assert outcome.turn < np.deg2rad(0.5)
 
@@ -199,7 +209,9 @@ def test_an_object_that_cannot_stand_is_unstable(wsg50: Hand) -> None:
     tip_down.apply_transform(trimesh.transformations.rotation_matrix(np.pi - 0.6, [1, 0, 0]))
     grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.3]), 0.05)
     outcome = simulate_lift(
-        tip_down, wsg50, grasp, support_height=float(tip_down.bounds[0, 2]), options=SHORT
+        LiftSetup(
+            tip_down, wsg50, grasp, support_height=float(tip_down.bounds[0, 2]), options=SHORT
+        )
     )
     assert outcome.reason == "unstable"
 
@@ -212,7 +224,7 @@ def test_a_tilted_object_falls_to_the_side_of_its_centre_of_mass(wsg50: Hand, le
     mesh.apply_transform(trimesh.transformations.rotation_matrix(tilt, [0, 1, 0]))
     away = jaw_grasp(wsg50, np.array([0.3, 0.0, 0.4]), 0.05)
     outcome = simulate_lift(
-        mesh, wsg50, away, support_height=float(mesh.bounds[0, 2]), options=SHORT
+        LiftSetup(mesh, wsg50, away, support_height=float(mesh.bounds[0, 2]), options=SHORT)
     )
     # Either way its centre falls by more than `largest_push`.
     assert outcome.reason == "unstable"
@@ -224,7 +236,7 @@ def test_a_lift_far_from_the_origin_equals_one_at_the_origin(wsg50: Hand) -> Non
     mesh = box_mesh()
     mesh.apply_translation(far)
     grasp = moved(jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05), far)
-    outcome = simulate_lift(mesh, wsg50, grasp, support_height=-0.05, options=QUICK)
+    outcome = simulate_lift(LiftSetup(mesh, wsg50, grasp, support_height=-0.05, options=QUICK))
     assert outcome.held
     np.testing.assert_allclose(outcome.motion.poses["object"][0], np.eye(4), atol=1e-12)
     here = lift_box(wsg50, jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05), options=QUICK)
@@ -284,7 +296,9 @@ def test_two_lifts_of_one_grasp_are_equal_to_the_last_bit(wsg50: Hand) -> None:
 @pytest.mark.parametrize("shift", [(0.003, 0.0, 0.0), (-0.003, 0.0, 0.0), (0.0, 0.004, 0.003)])
 def test_a_grasp_planned_a_few_millimetres_off_still_holds(allegro: Hand, shift: tuple) -> None:
     outcome = simulate_lift(
-        box_mesh(), allegro, moved(box_grasp(allegro), np.array(shift)), support_height=-0.05
+        LiftSetup(
+            box_mesh(), allegro, moved(box_grasp(allegro), np.array(shift)), support_height=-0.05
+        )
     )
     assert outcome.held
 
@@ -294,7 +308,7 @@ def test_a_hollow_object_is_held_by_its_rim_with_one_finger_inside(wsg50: Hand) 
     # Its convex hull has no hole: a finger there touches the true surface.
     ring = trimesh.creation.annulus(0.03, 0.04, 0.08, sections=48)
     grasp = jaw_grasp(wsg50, np.array([0.035, 0.0, 0.03]), 0.01)
-    outcome = simulate_lift(ring, wsg50, grasp, support_height=-0.04)
+    outcome = simulate_lift(LiftSetup(ring, wsg50, grasp, support_height=-0.04))
     assert outcome.held
 
 
@@ -303,7 +317,7 @@ def test_an_open_mesh_is_refused(wsg50: Hand) -> None:
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     grasp = jaw_grasp(wsg50, np.zeros(3), 0.05)
     with pytest.raises(InvalidMeshError, match="watertight"):
-        simulate_lift(mesh, wsg50, grasp, support_height=-0.05)
+        simulate_lift(LiftSetup(mesh, wsg50, grasp, support_height=-0.05))
 
 
 @pytest.mark.parametrize(("option", "value"), [("mass", 0.0), ("friction", -1.0), ("mass", np.nan)])
@@ -381,7 +395,9 @@ def test_the_shakes_have_the_wanted_acceleration_along_and_about_every_axis(
     # The hand's own motion, recorded at the rate of the time step.
     options = replace(SHORT, frame_rate=200.0)
     grasp = jaw_grasp(wsg50, np.array([0.0, 0.0, 0.02]), 0.05)
-    outcome = simulate_lift(box_mesh(), wsg50, grasp, support_height=-0.05, options=options)
+    outcome = simulate_lift(
+        LiftSetup(box_mesh(), wsg50, grasp, support_height=-0.05, options=options)
+    )
     assert outcome.reason == "held"
     assert outcome.acceleration_survived == pytest.approx(9.81)
     palm = outcome.motion.poses[wsg50.base_link]

@@ -8,8 +8,9 @@ import pytest
 from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.lifting.lift_outcome import LiftOptions, LiftOutcome
-from lis_grasp.simulation.drake.simulate_lift import simulate_lift
+from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.setup import LiftSetup
+from lis_grasp.simulation.drake.lift import simulate_lift
 
 BOX = shapes.build("box")
 JAW = Hand.load("wsg50")
@@ -25,14 +26,16 @@ def _lift(*, mass: float, friction: float, careful: bool, assumed: bool = True) 
     """Lift a box that the robot believes to weigh 0.1 kg, with friction 0.8."""
     options = LiftOptions(assumed_friction=0.8, assumed_mass=0.1) if assumed else LiftOptions()
     return simulate_lift(
-        BOX.mesh,
-        JAW,
-        _grasp(),
-        support_height=SUPPORT,
-        mass=mass,
-        friction=friction,
-        options=options,
-        accept_grasp=(lambda contacts: True) if careful else None,
+        LiftSetup(
+            BOX.mesh,
+            JAW,
+            _grasp(),
+            support_height=SUPPORT,
+            mass=mass,
+            friction=friction,
+            options=options,
+        ),
+        (lambda contacts: True) if careful else None,
     )
 
 
@@ -69,7 +72,9 @@ def test_fingers_carry_the_weight_and_do_not_sag() -> None:
     search = pipeline.plan(
         BOX.mesh, hand, support=SUPPORT, prior=LoadPrior(mass=mass), count=3, seed=0
     )
-    outcome = simulate_lift(BOX.mesh, hand, search.grasps[0], support_height=SUPPORT, mass=mass)
+    outcome = simulate_lift(
+        LiftSetup(BOX.mesh, hand, search.grasps[0], support_height=SUPPORT, mass=mass)
+    )
     assert outcome.held
     # The springs of the fingers alone would yield by about 10 mm.
     assert outcome.slip < 0.004

@@ -8,8 +8,8 @@ import trimesh
 from made_grasps import jaw_grasp
 
 from lis_grasp import pipeline
-from lis_grasp.lifting.lift_outcome import LiftOptions
-from lis_grasp.lifting.lift_setup import LiftSetup
+from lis_grasp.lifting.outcome import LiftOptions
+from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 

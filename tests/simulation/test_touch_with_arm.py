@@ -14,7 +14,7 @@ from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
-from lis_grasp.simulation.drake.probing_scene import FreeObject
+from lis_grasp.simulation.drake.object_plant import FreeObject
 
 BOX = trimesh.creation.box(extents=[0.06, 0.06, 0.12])
 HEIGHT = -0.06

@@ -7,8 +7,8 @@ from stations import station_with
 
 from lis_grasp.arms.time_scaling import time_path
 from lis_grasp.lifting.arm_use import ArmUse, violations
-from lis_grasp.simulation.drake.arm_watch import ArmStoppedError
-from lis_grasp.simulation.drake.transit_scene import TransitScene
+from lis_grasp.lifting.scene import ArmStoppedError
+from lis_grasp.simulation.drake._transit_scene import TransitScene
 
 STATION = station_with("wsg50")
 ARM, HAND = STATION.arm, STATION.hand

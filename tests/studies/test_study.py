@@ -683,7 +683,7 @@ from threadpoolctl import threadpool_info
 def rows(job):
     from lis_grasp.meshing import extract_mesh
     from lis_grasp.grasping.sampler import ForceClosureSampler
-    import lis_grasp.simulation.drake.simulate_lift, lis_grasp.probing.kinematic_prober
+    import lis_grasp.simulation.drake.lift, lis_grasp.probing.kinematic_prober
     yield {library["filepath"]: library["num_threads"] for library in threadpool_info()}
 
 trial._rows = rows

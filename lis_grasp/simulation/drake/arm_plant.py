@@ -1,4 +1,4 @@
-"""Arm in a Drake plant: links that collide, and joints under stiff PD control with feedforward."""
+"""Arm in a Drake plant, with its hand: links that collide, inverse dynamics, joint control."""
 
 from __future__ import annotations
 
@@ -14,73 +14,122 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
+from pydrake.multibody.tree import (
+    JacobianWrtVariable,
+    MultibodyForces,
+    PdControllerGains,
+    SpatialInertia,
+)
 from pydrake.systems.framework import Context
 
+from lis_grasp.arms.station import Station
 from lis_grasp.robots.arm import Arm
-from lis_grasp.simulation.drake.arm_dynamics import ArmDynamics, add_arm_links
-from lis_grasp.simulation.drake.hand_plant import HandInPlant, link_skin
-from lis_grasp.simulation.drake.link_tree_plant import LinksInPlant, collision_shape
+from lis_grasp.robots.hand import Hand
+from lis_grasp.simulation.drake.hand_plant import HandInPlant, LinksInPlant, add_links, add_skin
+from lis_grasp.simulation.drake.object_plant import spatial_inertia
 from lis_grasp.typing import FloatArray
 
 # Firm against the hand's skin [Pa]; an arm that touches anything ends the motion.
 _ARM_SKIN = 1e7
 _FRICTION = 0.5
-_DAMPING_RATIO = 1.0
+
+
+class ArmDynamics:
+    """Inverse dynamics and the palm's kinematics of an arm with a hand, as its controller has them.
+
+    The hand is one body in the posture q_hand, shape (K,): its fingers move little mass.
+    """
+
+    def __init__(self, station: Station, q_hand: FloatArray) -> None:
+        plant, hand, arm = MultibodyPlant(0.0), station.hand, station.arm
+        links = _add_arm_links(plant, arm, station.X_WA, "arm")
+        instance = plant.AddModelInstance("hand")
+        body = plant.AddRigidBody("hand", instance, hand_inertia(hand, q_hand))
+        X_LB = RigidTransform(arm.X_LF @ station.mount.X_FB)
+        plant.WeldFrames(links.bodies[arm.flange].body_frame(), body.body_frame(), X_LB)
+        plant.Finalize()
+        self._plant, self._context = plant, plant.CreateDefaultContext()
+        self._frame, self._world = body.body_frame(), plant.world_frame()
+        self._p_BH = np.asarray(hand.X_LH[:3, 3])
+        self._X_BH = RigidTransform(hand.X_LH)
+        self._forces = MultibodyForces(plant)
+
+    def jacobians(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the palm's pose X_WH (4, 4) and Jacobian (6, J), linear rows first, in W."""
+        plant, context = self._plant, self._context
+        plant.SetPositions(context, q)
+        X_WB = self._frame.CalcPoseInWorld(context)
+        J = plant.CalcJacobianSpatialVelocity(
+            context, JacobianWrtVariable.kV, self._frame, self._p_BH, self._world, self._world
+        )
+        return (X_WB @ self._X_BH).GetAsMatrix4(), np.concatenate([J[3:], J[:3]])
+
+    def efforts(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Return the joint efforts (J,) of a motion: inverse dynamics with gravity and damping."""
+        plant, context = self._plant, self._context
+        plant.SetPositions(context, q)
+        plant.SetVelocities(context, qd)
+        plant.CalcForceElementsContribution(context, self._forces)
+        efforts: FloatArray = plant.CalcInverseDynamics(context, qdd, self._forces)
+        return efforts
+
+    def inertias(self, q: FloatArray) -> FloatArray:
+        """Return the diagonal of the mass matrix, shape (J,) [kg m^2 or kg]."""
+        self._plant.SetPositions(self._context, q)
+        return np.diag(self._plant.CalcMassMatrix(self._context)).copy()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmInPlant:
-    """An arm that `add_arm` has added to a plant."""
+    """An arm with its hand that `add_arm` has added to a plant."""
 
     arm: Arm
     hand: HandInPlant
-    instance: ModelInstanceIndex
-    added: LinksInPlant
+    plant: MultibodyPlant
+    links: LinksInPlant
     link_of_geometry: Mapping[GeometryId, str]
+    dynamics: ArmDynamics
 
-    def X_WL(self, context: Context, link: str) -> FloatArray:
-        """Return the pose of a link, shape (4, 4)."""
-        pose: FloatArray = self.added.bodies[link].EvalPoseInWorld(context).GetAsMatrix4()
-        return pose
+    def place(self, context: Context, q: FloatArray, qd: FloatArray) -> None:
+        """Set joint positions and rates, shapes (J,)."""
+        self.plant.SetPositions(context, self.links.instance, q)
+        self.plant.SetVelocities(context, self.links.instance, qd)
+
+    def command(self, context: Context, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> None:
+        """Command positions, rates and the efforts of inverse dynamics with qdd, shapes (J,)."""
+        plant, instance = self.plant, self.links.instance
+        state = np.concatenate([q, qd])
+        plant.get_desired_state_input_port(instance).FixValue(context, state)
+        efforts = self.dynamics.efforts(q, qd, qdd)
+        plant.get_actuation_input_port(instance).FixValue(context, efforts)
 
 
 def add_arm(
     plant: MultibodyPlant,
-    arm: Arm,
-    added_hand: HandInPlant,
+    station: Station,
+    hand: HandInPlant,
+    q_hand: FloatArray,
     *,
-    X_WA: FloatArray,
-    X_FB: FloatArray,
-    dynamics: ArmDynamics,
+    name: str = "arm",
 ) -> ArmInPlant:
-    """Add an arm with its base link at X_WA (4, 4), and weld the hand's base link to its flange.
+    """Add an arm as a model instance at its base, and weld the hand's base link to its flange.
 
     The joints get implicit PD control with the arm's stiffness, critically damped for the inertia
     at each joint in the home posture: rotors of large gears are most of it. Gravity acts on arm and
-    hand. X_FB is the hand's base link in the flange frame. The plant is not finalized yet.
+    hand. The control's model has the hand's mass in the posture q_hand (K,). The plant is not
+    finalized yet.
     """
-    added = add_arm_links(plant, arm, X_WA)
-    damping = 2.0 * _DAMPING_RATIO * np.sqrt(arm.stiffness * dynamics.inertias(arm.home))
-    instance = added.bodies[arm.base_link].model_instance()
-    for j, joint in enumerate(added.joints):
+    arm, dynamics = station.arm, ArmDynamics(station, q_hand)
+    links = _add_arm_links(plant, arm, station.X_WA, name)
+    damping = 2.0 * np.sqrt(arm.stiffness * dynamics.inertias(arm.home))
+    for j, joint in enumerate(links.joints):
         gains = PdControllerGains(p=arm.stiffness[j], d=damping[j])
-        plant.GetJointActuatorByName(joint.name(), instance).set_controller_gains(gains)
-    base = added_hand.bodies[added_hand.hand.base_link]
-    flange = added.bodies[arm.flange].body_frame()
-    plant.WeldFrames(flange, base.body_frame(), RigidTransform(arm.X_LF @ X_FB))
-    link_of_geometry = {}
-    for number, geometry in enumerate(arm.link_geometries):
-        identity = plant.RegisterCollisionGeometry(
-            added.bodies[geometry.link],
-            RigidTransform(geometry.X_LG),
-            collision_shape(geometry),
-            f"arm_{geometry.link}_{number}",
-            link_skin(geometry, _FRICTION, _ARM_SKIN),
-        )
-        link_of_geometry[identity] = geometry.link
-    plant.set_gravity_enabled(added_hand.instance, True)
-    return ArmInPlant(arm, added_hand, instance, added, link_of_geometry)
+        plant.GetJointActuatorByName(joint.name(), links.instance).set_controller_gains(gains)
+    X_LB = RigidTransform(arm.X_LF @ station.mount.X_FB)
+    plant.WeldFrames(links.bodies[arm.flange].body_frame(), hand.base.body_frame(), X_LB)
+    skin = add_skin(plant, arm, links, friction=_FRICTION, modulus=_ARM_SKIN)
+    plant.set_gravity_enabled(hand.instance, True)
+    return ArmInPlant(arm, hand, plant, links, skin, dynamics)
 
 
 def ignore_mounting(
@@ -98,12 +147,40 @@ def ignore_mounting(
                 CollisionFilterDeclaration().ExcludeBetween(GeometrySet(first), GeometrySet(second))
             )
 
-    def of(*links: str) -> list[GeometryId]:
+    def bodies(*links: str) -> list[GeometryId]:
         return [g for g, link in arm.link_of_geometry.items() if link in links]
 
     for first, second in sorted(arm.arm.self_collision_exclusions):
-        exclude(of(first), of(second))
-    exclude(of(*arm.arm.fixed_links), [] if table is None else [table])
+        exclude(bodies(first), bodies(second))
+    exclude(bodies(*arm.arm.fixed_links), [] if table is None else [table])
     base = arm.hand.hand.base_link
     mounted = [g for g, link in arm.hand.link_of_geometry.items() if link == base]
-    exclude(of(*arm.arm.flange_links), mounted)
+    exclude(bodies(*arm.arm.flange_links), mounted)
+
+
+def hand_inertia(hand: Hand, q: FloatArray) -> SpatialInertia:
+    """Return the spatial inertia of a hand in a posture (J,), in its base link's frame."""
+    poses = hand.forward_kinematics(hand.X_LH, q)  # in the base link's frame
+    total = SpatialInertia.Zero()
+    for link, inertial in hand.inertials.items():
+        if inertial.mass > 0.0:
+            X_BL = RigidTransform(poses[link])
+            inertia_L = spatial_inertia(inertial.mass, inertial.center_L, inertial.inertia_L)
+            total += inertia_L.ReExpress(X_BL.rotation()).Shift(-X_BL.translation())
+    return total
+
+
+def _add_arm_links(plant: MultibodyPlant, arm: Arm, X_WA: FloatArray, name: str) -> LinksInPlant:
+    """Add an arm's links, joints and motors, with its base link at X_WA (4, 4) in the world.
+
+    Joints have the arm's damping, motors its effort limits and the inertia of their rotors.
+    """
+    links = add_links(plant, arm, plant.AddModelInstance(name))
+    base = links.bodies[arm.base_link]
+    plant.WeldFrames(plant.world_frame(), base.body_frame(), RigidTransform(X_WA))
+    for j, joint in enumerate(links.joints):
+        joint.set_default_damping_vector([arm.damping[j]])
+        actuator = plant.AddJointActuator(joint.name(), joint, arm.effort_limits[j])
+        actuator.set_default_rotor_inertia(arm.rotor_inertias[j])
+        actuator.set_default_gear_ratio(1.0)
+    return links

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,16 +71,21 @@ class Patch:
 
 
 def link_contacts(
-    results: ContactResults, object_geometry: GeometryId, link_of_geometry: Mapping[GeometryId, str]
+    results: ContactResults,
+    felt: Container[GeometryId],
+    link_of_geometry: Mapping[GeometryId, str],
 ) -> list[LinkContact]:
-    """Return the contacts between the hand's links and the object, in Drake's order."""
+    """Return the hydroelastic contacts between a hand's links and geometries that are felt.
+
+    They are in Drake's order.
+    """
     contacts = []
     for i in range(results.num_hydroelastic_contacts()):
         info = results.hydroelastic_contact_info(i)
         surface = info.contact_surface()
         # Drake's force acts on the body of M; the face normals point out of N, into M.
-        object_is_m = surface.id_M() == object_geometry
-        if not object_is_m and surface.id_N() != object_geometry:
+        object_is_m = surface.id_M() in felt
+        if not object_is_m and surface.id_N() not in felt:
             continue
         link = link_of_geometry.get(surface.id_N() if object_is_m else surface.id_M())
         if link is None:

@@ -19,15 +19,16 @@ from lis_grasp.exploration.probe_motions import GENTLE_SPEED, PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.probing.course import path_back, path_out
 from lis_grasp.probing.guarded_motion import Course, GuardedMotion
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.simulation.drake.arm_watch import ArmStoppedError
+from lis_grasp.simulation.drake._probing_scene import ProbingScene
+from lis_grasp.simulation.drake._transit_scene import TransitScene
 from lis_grasp.simulation.drake.contact_patches import Patch
-from lis_grasp.simulation.drake.probing_scene import FreeObject, ProbingScene
-from lis_grasp.simulation.drake.transit_scene import TransitScene
+from lis_grasp.simulation.drake.object_plant import FreeObject
 from lis_grasp.typing import FloatArray
 
 # Free flight needs no dynamics: the simulation starts this far before the first contact [m]; an arm

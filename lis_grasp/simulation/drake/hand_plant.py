@@ -6,35 +6,47 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+import trimesh
+from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
+    Box,
+    Capsule,
     CollisionFilterDeclaration,
+    Convex,
+    Cylinder,
     GeometryId,
     GeometrySet,
+    InMemoryMesh,
+    Mesh,
     ProximityProperties,
     SceneGraph,
+    Shape,
+    Sphere,
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import (
+    FixedOffsetFrame,
     Joint,
     ModelInstanceIndex,
     PdControllerGains,
+    PrismaticJoint,
+    RevoluteJoint,
     RigidBody,
+    SpatialInertia,
+    UnitInertia,
 )
 from pydrake.systems.framework import Context
 
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import Joint as HandJoint
-from lis_grasp.robots.hand_parts import LinkGeometry
-from lis_grasp.simulation.drake.link_tree_plant import (
-    LinksInPlant,
-    add_links,
-    collision_shape,
-    couple_followers,
-)
+from lis_grasp.robots.hand_parts import Inertial, LinkGeometry
+from lis_grasp.robots.hand_parts import Joint as TreeJoint
+from lis_grasp.robots.inertias import LEAST_MASS
+from lis_grasp.robots.link_bodies import load_visual
+from lis_grasp.robots.link_tree import HandModel, by_joint_kind
+from lis_grasp.simulation.drake.object_plant import spatial_inertia
 from lis_grasp.typing import FloatArray
 
 PROBING_SKIN, LIFTING_SKIN = 1e6, 1e7
@@ -45,53 +57,88 @@ in by 0.25 mm, more than the 0.2 mm of a simulation step. While lifting, it is a
 5 N press it in by 0.4 mm.
 """
 
+_STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
+_DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
+_GREY = (0.6, 0.6, 0.63, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinksInPlant:
+    """Bodies and joints that `add_links` has added to a plant."""
+
+    instance: ModelInstanceIndex  # actuators and desired states in the order of `joints`
+    bodies: Mapping[str, RigidBody]  # by link
+    joints: tuple[Joint, ...]  # actuated, in the order of the tree's
+    followers: tuple[tuple[Joint, TreeJoint], ...]  # coupled to actuated joints
+
+    def set_positions(self, plant_context: Context, q: FloatArray) -> None:
+        """Set the joints and their followers to positions q, shape (J,), at rest."""
+        followed = [(joint, float(follower.position(q))) for joint, follower in self.followers]
+        for joint, position in [*zip(self.joints, q, strict=True), *followed]:
+            if isinstance(joint, RevoluteJoint):
+                joint.set_angle(plant_context, position)
+                joint.set_angular_rate(plant_context, 0.0)
+            else:
+                joint.set_translation(plant_context, position)
+                joint.set_translation_rate(plant_context, 0.0)
+
+    def X_WL(self, plant_context: Context, link: str) -> FloatArray:
+        """Return the pose of a link, shape (4, 4)."""
+        pose: FloatArray = self.bodies[link].EvalPoseInWorld(plant_context).GetAsMatrix4()
+        return pose
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandInPlant:
     """A hand that `add_hand` has added to a plant."""
 
     hand: Hand
-    instance: ModelInstanceIndex  # actuators and desired states in the order of Hand.joint_names
-    added: LinksInPlant
+    links: LinksInPlant
     link_of_geometry: Mapping[GeometryId, str]
 
     @property
-    def bodies(self) -> Mapping[str, RigidBody]:
-        """The body of each link."""
-        return self.added.bodies
+    def instance(self) -> ModelInstanceIndex:
+        """Model instance; actuators and desired states are in the order of `Hand.joint_names`."""
+        return self.links.instance
+
+    @property
+    def base(self) -> RigidBody:
+        """The body of the base link."""
+        return self.links.bodies[self.hand.base_link]
 
     @property
     def joints(self) -> tuple[Joint, ...]:
         """The actuated joints, in the order of `Hand.joint_names`."""
-        return self.added.joints
-
-    @property
-    def followers(self) -> tuple[tuple[Joint, HandJoint], ...]:
-        """The joints that are coupled to actuated ones."""
-        return self.added.followers
+        return self.links.joints
 
     def set_joint_positions(self, plant_context: Context, q: FloatArray) -> None:
         """Set the joints and their followers to positions q, shape (J,), at rest."""
-        self.added.set_positions(plant_context, q)
+        self.links.set_positions(plant_context, q)
 
-    def joint_positions(self, plant_context: object) -> FloatArray:
+    def joint_positions(self, plant_context: Context) -> FloatArray:
         """Return the positions of the actuated joints, shape (J,)."""
         return np.array([joint.GetOnePosition(plant_context) for joint in self.joints])
 
     def weight_efforts(self, plant: MultibodyPlant, plant_context: Context) -> FloatArray:
         """Return the joint efforts (J,) that carry the weight of the links."""
         forces: FloatArray = plant.CalcGravityGeneralizedForces(plant_context)
-        efforts = -forces[[joint.velocity_start() for joint in self.joints]]
-        for follower, joint in self.followers:
-            efforts[joint.index] -= joint.multiplier * forces[follower.velocity_start()]
-        return efforts
+        return -self.by_joint(forces)
 
-    def X_WL(self, plant_context: object, link: str) -> FloatArray:
+    def by_joint(self, values: FloatArray) -> FloatArray:
+        """Return, of values (..., V) of the plant's velocities, those of the joints, (..., J).
+
+        Joints that follow another by a transmission add theirs to its own.
+        """
+        joints: FloatArray = values[..., [joint.velocity_start() for joint in self.joints]]
+        for follower, joint in self.links.followers:
+            joints[..., joint.index] += joint.multiplier * values[..., follower.velocity_start()]
+        return joints
+
+    def X_WL(self, plant_context: Context, link: str) -> FloatArray:
         """Return the pose of a link, shape (4, 4)."""
-        pose: FloatArray = self.bodies[link].EvalPoseInWorld(plant_context).GetAsMatrix4()
-        return pose
+        return self.links.X_WL(plant_context, link)
 
-    def X_WH(self, plant_context: object) -> FloatArray:
+    def X_WH(self, plant_context: Context) -> FloatArray:
         """Return the pose of the palm, shape (4, 4)."""
         return self.X_WL(plant_context, self.hand.base_link) @ self.hand.X_LH
 
@@ -100,52 +147,150 @@ def add_hand(
     plant: MultibodyPlant,
     hand: Hand,
     *,
-    stiffness: npt.ArrayLike,
-    damping: npt.ArrayLike,
-    friction: float,
-    hydroelastic_modulus: float,
+    name: str = "hand",
+    gains: tuple[FloatArray, FloatArray] | None = None,
+    friction: float = 0.8,
+    modulus: float = PROBING_SKIN,
 ) -> HandInPlant:
-    """Add a hand's links and joints; its base link gets no joint, and gravity is compensated.
+    """Add a hand as a model instance; its base link floats until it is welded or jointed.
 
-    The joints get implicit PD control with gains [N m/rad, N m s/rad; or N/m, N s/m], scalar or
-    (J,), and efforts limited by `Hand.effort_limits`. `friction` is Coulomb's coefficient of every
-    link, `hydroelastic_modulus` that of its skin [Pa]. The plant is not finalized yet.
+    Gravity is compensated. The joints get implicit PD control, and efforts limited by
+    `Hand.effort_limits`. The plant is not finalized yet.
+
+    Parameters
+    ----------
+    plant
+        The plant, with a SceneGraph.
+    hand
+        The hand.
+    name
+        Of the model instance: another one for each hand.
+    gains
+        Stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; or N/m, N s/m]; None for
+        those of probing.
+    friction
+        Coulomb's coefficient of every link.
+    modulus
+        Hydroelastic modulus of the skin [Pa].
     """
-    instance = plant.AddModelInstance("hand")
-    count = len(hand.joint_names)
-    stiffness = np.broadcast_to(np.asarray(stiffness, dtype=np.float64), count)
-    damping = np.broadcast_to(np.asarray(damping, dtype=np.float64), count)
-    added = add_links(plant, hand, instance)
-    for i in range(count):
-        actuator = plant.AddJointActuator(
-            added.joints[i].name(), added.joints[i], hand.effort_limits[i]
-        )
+    links = add_links(plant, hand, plant.AddModelInstance(name))
+    stiffness, damping = gains or (
+        by_joint_kind(hand, **_STIFFNESS),
+        by_joint_kind(hand, **_DAMPING),
+    )
+    for i, joint in enumerate(links.joints):
+        actuator = plant.AddJointActuator(joint.name(), joint, hand.effort_limits[i])
         actuator.set_controller_gains(PdControllerGains(p=stiffness[i], d=damping[i]))
-    couple_followers(plant, added)
-    link_of_geometry = {}
-    for number, geometry in enumerate(hand.link_geometries):
-        name = f"{geometry.link}_{number}"
-        identity = plant.RegisterCollisionGeometry(
-            added.bodies[geometry.link],
-            RigidTransform(geometry.X_LG),
-            collision_shape(geometry),
-            name,
-            link_skin(geometry, friction, hydroelastic_modulus),
-        )
-        link_of_geometry[identity] = geometry.link
-    plant.set_gravity_enabled(instance, False)
-    return HandInPlant(hand, instance, added, link_of_geometry)
+    for follower, joint in links.followers:
+        leader = links.joints[joint.index]
+        plant.AddCouplerConstraint(follower, leader, joint.multiplier, joint.offset)
+    link_of_geometry = add_skin(plant, hand, links, friction=friction, modulus=modulus)
+    plant.set_gravity_enabled(links.instance, False)
+    return HandInPlant(hand, links, link_of_geometry)
 
 
 def ignore_self_collision(scene_graph: SceneGraph, added: HandInPlant) -> None:
-    """Exclude collisions between links of the hand."""
+    """Exclude collisions between links of the hand, before a context is made."""
     everything = GeometrySet(list(added.link_of_geometry))
     scene_graph.collision_filter_manager().Apply(
         CollisionFilterDeclaration().ExcludeWithin(everything)
     )
 
 
-def link_skin(geometry: LinkGeometry, friction: float, modulus: float) -> ProximityProperties:
+def add_links(plant: MultibodyPlant, tree: HandModel, instance: ModelInstanceIndex) -> LinksInPlant:
+    """Add the links and joints of a hand or an arm, without motors; its root gets no joint.
+
+    Joints have limits and no damping. Joints that follow another are not coupled to it yet.
+    """
+    bodies = {
+        link: plant.AddRigidBody(link, instance, _spatial_inertia(tree.inertials.get(link)))
+        for link in tree.links
+    }
+    joints: dict[int, Joint] = {}
+    followers: list[tuple[Joint, TreeJoint]] = []
+    for joint in tree.joints:
+        parent, child = bodies[joint.parent], bodies[joint.child]
+        frame = plant.AddFrame(
+            FixedOffsetFrame(
+                f"{joint.name}_frame", parent.body_frame(), RigidTransform(joint.X_PJ), instance
+            )
+        )
+        if joint.kind == "fixed":
+            plant.WeldFrames(frame, child.body_frame())
+            continue
+        kind = RevoluteJoint if joint.kind == "revolute" else PrismaticJoint
+        if joint.follows:
+            follower = kind(joint.name, frame, child.body_frame(), joint.axis_J)
+            followers.append((plant.AddJoint(follower), joint))
+            continue
+        i = joint.index
+        limits = tree.lower[i], tree.upper[i], 0.0  # and damping
+        joints[i] = plant.AddJoint(
+            kind(joint.name, frame, child.body_frame(), joint.axis_J, *limits)
+        )
+    ordered = tuple(joints[i] for i in range(len(joints)))
+    return LinksInPlant(instance, bodies, ordered, tuple(followers))
+
+
+def add_skin(
+    plant: MultibodyPlant, tree: HandModel, links: LinksInPlant, *, friction: float, modulus: float
+) -> dict[GeometryId, str]:
+    """Add compliant collision bodies of a modulus [Pa], and return the link of each."""
+    link_of_geometry = {}
+    for number, geometry in enumerate(tree.link_geometries):
+        identity = plant.RegisterCollisionGeometry(
+            links.bodies[geometry.link],
+            RigidTransform(geometry.X_LG),
+            _collision_shape(geometry),
+            f"{geometry.link}_{number}",
+            _compliant(geometry, friction, modulus),
+        )
+        link_of_geometry[identity] = geometry.link
+    return link_of_geometry
+
+
+def add_visuals(plant: MultibodyPlant, tree: HandModel, links: LinksInPlant) -> None:
+    """Add what the links of a hand or an arm look like; those without a look, their bodies."""
+    seen = set()
+    for number, visual in enumerate(tree.visuals):
+        mesh = load_visual(visual)
+        if mesh is not None:
+            seen.add(visual.link)
+            plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+            shape = Mesh(_in_memory(plain, visual.link))
+            _show(plant, links, visual.link, visual.X_LG, shape, number)
+    for number, geometry in enumerate(tree.link_geometries):
+        if geometry.link not in seen:
+            shape = _collision_shape(geometry)
+            _show(plant, links, geometry.link, geometry.X_LG, shape, number)
+
+
+def _show(
+    plant: MultibodyPlant,
+    links: LinksInPlant,
+    link: str,
+    X_LG: FloatArray,
+    shape: Shape,
+    number: int,
+) -> None:
+    name = f"{link}_visual_{number}"
+    plant.RegisterVisualGeometry(links.bodies[link], RigidTransform(X_LG), shape, name, _GREY)
+
+
+def _collision_shape(geometry: LinkGeometry) -> Shape:
+    """Return Drake's shape of a collision body; a mesh is convex."""
+    if geometry.kind == "mesh":
+        return Convex(_in_memory(geometry.mesh, geometry.link))
+    primitives = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
+    return primitives[geometry.kind](*geometry.dimensions)
+
+
+def _in_memory(mesh: trimesh.Trimesh, name: str) -> InMemoryMesh:
+    obj = mesh.export(file_type="obj", include_normals=False)
+    return InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", name))
+
+
+def _compliant(geometry: LinkGeometry, friction: float, modulus: float) -> ProximityProperties:
     """Return the properties of a compliant skin: Coulomb friction and hydroelastic modulus [Pa]."""
     properties = ProximityProperties()
     AddContactMaterial(
@@ -158,3 +303,10 @@ def link_skin(geometry: LinkGeometry, friction: float, modulus: float) -> Proxim
         resolution_hint=0.5 * smallest, hydroelastic_modulus=modulus, properties=properties
     )
     return properties
+
+
+def _spatial_inertia(inertial: Inertial | None) -> SpatialInertia:
+    # A link without inertia needs a mass for the solver: a gram on a hand of a kilogram.
+    if inertial is None or inertial.mass < LEAST_MASS:
+        return SpatialInertia(LEAST_MASS, np.zeros(3), UnitInertia.SolidSphere(0.01))
+    return spatial_inertia(inertial.mass, inertial.center_L, inertial.inertia_L)

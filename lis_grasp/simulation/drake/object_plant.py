@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import trimesh
 from pydrake.common import MemoryFile
@@ -22,16 +24,15 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import (
-    ModelInstanceIndex,
     RigidBody,
     RotationalInertia,
     SpatialInertia,
 )
 from scipy.spatial import ConvexHull, QhullError
 
+from lis_grasp.exceptions import require_positive
 from lis_grasp.typing import FloatArray
 
-_OBJECT = "object"
 _TABLE_SIZE, _TABLE_THICKNESS = 1.5, 0.1  # [m]
 _TABLE_MARGIN = 0.3  # [m] of table beyond the object
 # A ball of 10 cm and 0.5 kg sinks in by 0.2 mm: F = pi E R d^2 / (half the thickness).
@@ -43,29 +44,65 @@ _ON_TABLE = 5e-4  # [m] above an object's lowest point, as good as on the table
 _TABLE_DISSIPATION = 20.0  # [s/m], a thud, not a bounce
 
 
+@dataclass(frozen=True, slots=True)
+class FreeObject:
+    """An object that is free to move on a table.
+
+    Parameters
+    ----------
+    support_height
+        Height of the table in O [m].
+    mass
+        [kg], of uniform density.
+    friction
+        Coulomb coefficient, of object on table and of hand on object.
+
+    Raises
+    ------
+    InvalidOptionError
+        If mass or friction is not above 0.
+    """
+
+    support_height: float
+    mass: float = 0.2
+    friction: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_positive(mass=self.mass, friction=self.friction)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectInPlant:
+    """An object that `add_object` has added to a plant."""
+
+    body: RigidBody
+    geometry: GeometryId
+
+
 def add_object(
     plant: MultibodyPlant,
     mesh: trimesh.Trimesh,
     *,
     mass: float,
-    friction: float,
-    instance: ModelInstanceIndex,
-) -> tuple[RigidBody, GeometryId]:
-    """Add a body of uniform density with the exact shape of a watertight mesh.
+    friction: float = 0.8,
+    name: str = "object",
+) -> ObjectInPlant:
+    """Add a model instance: one body of uniform density with the exact shape of a watertight mesh.
 
     Drake's point contact and distance queries replace a mesh by its convex hull; a rigid
     hydroelastic mesh against compliant primitives keeps its bores and corners. The body's frame is
-    the mesh's [m]; it gets no joint here. Mass is in [kg]; `friction` is Coulomb's coefficient,
-    static and dynamic. Returns the body and its collision geometry.
+    the mesh's [m]; without a joint it floats. Mass is in [kg]; `friction` is Coulomb's coefficient,
+    static and dynamic. The plant is not finalized yet.
     """
-    body = plant.AddRigidBody(_OBJECT, instance, _uniform_inertia(mesh, mass))
+    instance = plant.AddModelInstance(name)
+    body = plant.AddRigidBody(name, instance, _uniform_inertia(mesh, mass))
     obj = mesh.export(file_type="obj", include_normals=False, include_texture=False)
-    shape = Mesh(InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", _OBJECT)))
+    shape = Mesh(InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", name)))
     properties = ProximityProperties()
     AddContactMaterial(friction=CoulombFriction(friction, friction), properties=properties)
     AddRigidHydroelasticProperties(properties)
-    geometry = plant.RegisterCollisionGeometry(body, RigidTransform(), shape, _OBJECT, properties)
-    return body, geometry
+    geometry = plant.RegisterCollisionGeometry(body, RigidTransform(), shape, name, properties)
+    return ObjectInPlant(body, geometry)
 
 
 def spatial_inertia(mass: float, center: FloatArray, matrix: FloatArray) -> SpatialInertia:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -12,19 +11,6 @@ from lis_grasp.typing import FloatArray
 
 # Time [s] -> displacement (6,) and its rate (6,): x, y, z [m], roll, pitch, yaw [rad], in W.
 WristPath = Callable[[float], tuple[FloatArray, FloatArray]]
-
-
-@dataclass(frozen=True, slots=True)
-class WristMotion:
-    """Motion of a free wrist along a path, by commands of displacement (6,) and rate (6,)."""
-
-    command_wrist: Callable[[FloatArray, FloatArray], None]
-    path: WristPath
-    duration: float
-
-    def command(self, time: float) -> None:
-        """Command the state that belongs to a time since the motion's start [s]."""
-        self.command_wrist(*self.path(time))
 
 
 def rest_at(place: FloatArray) -> WristPath:

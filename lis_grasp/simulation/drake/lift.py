@@ -1,4 +1,4 @@
-"""Drake scene of a lift: a free object on a table, and a carried hand."""
+"""Simulated lift in Drake: a free object on a table, and a hand on a free wrist or an arm."""
 
 from __future__ import annotations
 
@@ -6,30 +6,21 @@ import numpy as np
 import trimesh
 from pydrake.geometry import CollisionFilterDeclaration, FilterId, GeometrySet
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import JacobianWrtVariable
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.geometry import apply_pose, inverse_pose, rotate
-from lis_grasp.lifting.lift_gains import finger_gains
-from lis_grasp.lifting.lift_setup import LiftSetup
-from lis_grasp.lifting.lifting_scene import CarrierMotion
-from lis_grasp.lifting.wrist_trajectory import WristPath
+from lis_grasp.geometry import apply_pose, rotate
+from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.lifting.setup import LiftSetup, finger_gains
+from lis_grasp.lifting.trial import AcceptGrasp, LiftTrial
 from lis_grasp.motion import OBJECT
 from lis_grasp.shapes.solids import merge_flat_faces, split_large_faces
-from lis_grasp.simulation.drake.advance_simulation import advance
-from lis_grasp.simulation.drake.arm_carrier import ArmCarrier
-from lis_grasp.simulation.drake.carrier import Carrier
-from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
-from lis_grasp.simulation.drake.free_wrist import FreeWrist
-from lis_grasp.simulation.drake.hand_plant import (
-    LIFTING_SKIN,
-    add_hand,
-    ignore_self_collision,
-)
-from lis_grasp.simulation.drake.object_plant import add_object, add_support, add_table, let_rest
+from lis_grasp.simulation.drake._arm_carrier import ArmCarrier
+from lis_grasp.simulation.drake._free_wrist import WristInPlant
+from lis_grasp.simulation.drake._plant_scene import PlantScene
+from lis_grasp.simulation.drake.contact_patches import LinkContact
+from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, add_hand
+from lis_grasp.simulation.drake.object_plant import add_object, add_support, add_table
 from lis_grasp.typing import FloatArray
 
 # An object farther than this from the origin gets a body frame of its own [m].
@@ -44,6 +35,30 @@ _LONGEST, _WIDEST = 0.1, 0.03
 _STICTION_TOLERANCE = 1e-5
 
 
+def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> LiftOutcome:
+    """Execute one grasp on the true, free object, and return whether it holds.
+
+    The object rests on a table. The hand approaches along a straight line in the pregrasp posture.
+    Each finger closes until it touches the object: the grasp was planned on an estimate that is
+    off by millimetres. The fingers squeeze with forces that balance each other at the measured
+    contacts; the hand lifts, shakes and holds. The trial ends early once the grasp has failed.
+
+    Contact model: hydroelastic, in Drake's discrete solver with the "lagged" approximation. The
+    object is its exact rigid mesh, never its hull; all links of the hand and the table are
+    compliant; links of the hand do not collide with each other.
+
+    Parameters
+    ----------
+    setup
+        Object, hand, grasp and options.
+    accept_grasp
+        Tactile check: called with the contacts of the closed fingers, if any, before they squeeze;
+        if it returns False, the hand opens and retreats. A hand with a tactile check also stops and
+        retreats if it touches the object on its approach.
+    """
+    return LiftTrial(LiftScene(setup), setup, accept_grasp).run()
+
+
 class LiftScene:
     """A Drake simulation of hand, object and table, advanced one time step at a time.
 
@@ -54,96 +69,58 @@ class LiftScene:
 
     def __init__(self, setup: LiftSetup) -> None:
         hand, mesh, friction = setup.hand, setup.mesh, setup.friction
-        builder = DiagramBuilder()
-        plant, scene_graph = AddMultibodyPlant(
-            MultibodyPlantConfig(
-                time_step=setup.options.time_step,
-                contact_model="hydroelastic_with_fallback",
-                discrete_contact_approximation="lagged",
-                stiction_tolerance=_STICTION_TOLERANCE,
-            ),
-            builder,
+        self._scene = scene = PlantScene(
+            setup.options.time_step,
+            contact_model="hydroelastic_with_fallback",
+            stiction_tolerance=_STICTION_TOLERANCE,
         )
-        self._plant = plant
-        self._time_step = setup.options.time_step
-        stiffness, damping = finger_gains(hand, setup.grasp)
-        self._hand = add_hand(
-            plant,
-            hand,
-            stiffness=stiffness,
-            damping=damping,
-            friction=friction,
-            hydroelastic_modulus=LIFTING_SKIN,
-        )
-        X_WB = np.asarray(setup.grasp.X_OH, dtype=np.float64) @ inverse_pose(hand.X_LH)
-        self.carrier: Carrier = (
-            FreeWrist(plant, self._hand, X_WB)
+        plant = scene.plant
+        gains = finger_gains(hand, setup.grasp)
+        self._hand = add_hand(plant, hand, gains=gains, friction=friction, modulus=LIFTING_SKIN)
+        self.carrier: WristInPlant | ArmCarrier = (
+            WristInPlant(plant, self._hand, setup.X_WB)
             if setup.arm is None
-            else ArmCarrier(plant, self._hand, setup.arm, X_WB, setup.grasp.pregrasp_positions)
+            else ArmCarrier(plant, self._hand, setup)
         )
-        instance = plant.AddModelInstance(OBJECT)
         body_mesh, self._p_OB = _near_its_frame(mesh)
-        self._object, self._object_geometry = add_object(
-            plant,
-            split_large_faces(merge_flat_faces(body_mesh), longest=_LONGEST, widest=_WIDEST),
-            mass=setup.mass,
-            friction=friction,
-            instance=instance,
-        )
+        faces = split_large_faces(merge_flat_faces(body_mesh), longest=_LONGEST, widest=_WIDEST)
+        self._object = add_object(plant, faces, mass=setup.mass, friction=friction)
         self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
         self._center = np.asarray(mesh.center_mass)
         height = setup.support_height
         table = add_table(plant, height, friction, under=mesh)
-        self._support = add_support(plant, height, friction, under=mesh, mass=setup.mass)
-        plant.Finalize()
-        ignore_self_collision(scene_graph, self._hand)
-        let_rest(scene_graph, self._object_geometry, support=self._support, table=table)
-        # Drake gives a body without a joint this one: six degrees of freedom.
-        (joint,) = plant.GetJointIndices(instance)
-        self._object_joint = plant.get_joint(joint)
-        self._diagram = builder.Build()
-        root = self._diagram.CreateDefaultContext()
-        self._context = plant.GetMyMutableContextFromRoot(root)
+        support = add_support(plant, height, friction, under=mesh, mass=setup.mass)
+        scene.finalize(self._hand, self._object, support=support, table=table)
         X_WB = RigidTransform(setup.X_WO) @ RigidTransform(self._p_OB)
-        plant.SetFreeBodyPose(self._context, self._object, X_WB)
-        self._simulator = Simulator(self._diagram, root)
-        self._filters = scene_graph.collision_filter_manager(
-            scene_graph.GetMyMutableContextFromRoot(root)
-        )
+        plant.SetFreeBodyPose(scene.context, self._object.body, X_WB)
+        self.carrier.connect(scene)
         self._resting: FilterId | None = None
-        self._steps = 0
+        self._carries_weight = setup.arm is not None
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._efforts_port = plant.get_actuation_input_port(self._hand.instance)
-        self.carrier.connect(self._context, self._filters, self._object, table)
-        self._carries_weight = setup.arm is not None
-        self._velocity_columns = [joint.velocity_start() for joint in self._hand.joints]
 
     @property
     def time(self) -> float:
         """Simulated time since the start [s]."""
-        return self._steps * self._time_step
+        return self._scene.steps * self._scene.time_step
 
     @property
     def steps(self) -> int:
         """Time steps since the start."""
-        return self._steps
+        return self._scene.steps
 
     def place_hand(self, displacement: FloatArray, q: FloatArray) -> None:
         """Set the palm to a displacement (6,) from the grasp and the joints to q, at rest."""
         self.carrier.place(displacement)
-        self._hand.set_joint_positions(self._context, q)
+        self._hand.set_joint_positions(self._scene.context, q)
         self.command_fingers(q, np.zeros(len(q)))
-
-    def follow(self, path: WristPath, duration: float) -> CarrierMotion:
-        """Return the palm's motion along a path of a duration [s]; an arm may take longer."""
-        return self.carrier.follow(path, duration)
 
     def command_fingers(self, q: FloatArray, efforts: FloatArray) -> None:
         """Command joint positions q, shape (J,), and efforts (J,) on top of the springs'."""
-        self._fingers_port.FixValue(self._context, np.concatenate([q, np.zeros(len(q))]))
+        self._fingers_port.FixValue(self._scene.context, np.concatenate([q, np.zeros(len(q))]))
         if self._carries_weight:
-            efforts = efforts + self._hand.weight_efforts(self._plant, self._context)
-        self._efforts_port.FixValue(self._context, efforts)
+            efforts = efforts + self._hand.weight_efforts(self._scene.plant, self._scene.context)
+        self._efforts_port.FixValue(self._scene.context, efforts)
 
     def rest_object(self) -> None:
         """Lock the object until the hand touches it.
@@ -152,12 +129,12 @@ class LiftScene:
         computed until then.
         """
         # Drake 1.51 crashes on contact between a locked body and the world: exclude it.
-        self._resting = self._filters.ApplyTransient(
+        self._resting = self._scene.filters.ApplyTransient(
             CollisionFilterDeclaration().ExcludeBetween(
-                GeometrySet([self._object_geometry]), GeometrySet([self._support])
+                GeometrySet([self._object.geometry]), GeometrySet([self._scene.support])
             )
         )
-        self._object_joint.Lock(self._context)
+        self._scene.object_joint.Lock(self._scene.context)
 
     def step(self) -> None:
         """Advance by one time step.
@@ -166,30 +143,32 @@ class LiftScene:
         ------
         SimulationError
             If Drake could not take the step, or the object's pose is no longer finite.
+        ArmStoppedError
+            If an arm cannot go on.
         """
-        self._steps += 1
-        advance(self._simulator, self.time, of="a lift")
-        if not np.isfinite(self._plant.GetPositions(self._context)).all():
+        self._scene.step(of="a lift")
+        if not np.isfinite(self._scene.plant.GetPositions(self._scene.context)).all():
             raise SimulationError(f"a lift diverged at {self.time:.3f} s")
         if self._resting is not None and self.contacts():
-            self._filters.RemoveDeclaration(self._resting)
-            self._object_joint.Unlock(self._context)
+            self._scene.filters.RemoveDeclaration(self._resting)
+            self._scene.object_joint.Unlock(self._scene.context)
             self._resting = None
+        self.carrier.check()
 
     @property
     def joint_positions(self) -> FloatArray:
         """Joint positions, shape (J,)."""
-        return self._hand.joint_positions(self._context)
+        return self._hand.joint_positions(self._scene.context)
 
     @property
     def X_WH(self) -> FloatArray:
         """Pose of the palm, shape (4, 4)."""
-        return self._hand.X_WH(self._context)
+        return self._hand.X_WH(self._scene.context)
 
     @property
     def X_WO(self) -> FloatArray:
         """Pose of the object, shape (4, 4)."""
-        X_WO: FloatArray = self._object.EvalPoseInWorld(self._context).GetAsMatrix4()
+        X_WO: FloatArray = self._object.body.EvalPoseInWorld(self._scene.context).GetAsMatrix4()
         X_WO[:3, 3] -= rotate(X_WO, self._p_OB)
         return X_WO
 
@@ -206,36 +185,32 @@ class LiftScene:
 
     def poses(self) -> dict[str, FloatArray]:
         """Return the pose of every hand link, the object and an arm's links, each (4, 4)."""
-        links = {name: self.X_WL(name) for name in self._hand.bodies}
+        links = {name: self.X_WL(name) for name in self._hand.links.bodies}
         return {**links, OBJECT: self.X_WO, **self.carrier.poses()}
 
     def contacts(self) -> list[LinkContact]:
         """Return the contacts of the hand with the object, in a fixed order."""
-        results = self._plant.get_contact_results_output_port().Eval(self._context)
-        return link_contacts(results, self._object_geometry, self._hand.link_of_geometry)
+        return self._scene.contacts()
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
         """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).
 
         Joints that follow another by a transmission move with it.
         """
-        world = self._plant.world_frame()
-        every: FloatArray = self._plant.CalcJacobianTranslationalVelocity(
-            self._context,
+        world = self._scene.plant.world_frame()
+        every: FloatArray = self._scene.plant.CalcJacobianTranslationalVelocity(
+            self._scene.context,
             JacobianWrtVariable.kV,
-            self._hand.bodies[link].body_frame(),
+            self._hand.links.bodies[link].body_frame(),
             p_L,
             world,
             world,
         )
-        columns: FloatArray = every[:, self._velocity_columns]
-        for follower, joint in self._hand.followers:
-            columns[:, joint.index] += joint.multiplier * every[:, follower.velocity_start()]
-        return columns
+        return self._hand.by_joint(every)
 
     def X_WL(self, link: str) -> FloatArray:
         """Return the pose of a link, shape (4, 4)."""
-        return self._hand.X_WL(self._context, link)
+        return self._hand.X_WL(self._scene.context, link)
 
 
 def _near_its_frame(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, FloatArray]:

@@ -9,14 +9,14 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import trimesh
 
-from lis_grasp.geometry import inverse_pose, make_pose, rotate
-from lis_grasp.lifting.lift_gains import (
+from lis_grasp.geometry import make_pose, rotate
+from lis_grasp.lifting.setup import (
     WRIST_DAMPING,
     WRIST_LIMITS,
     WRIST_STIFFNESS,
+    LiftSetup,
     finger_gains,
 )
-from lis_grasp.lifting.lift_setup import LiftSetup
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.hand_mjcf import hand_mjcf, inertial, mesh_asset, numbers, pose
 from lis_grasp.typing import FloatArray
@@ -65,7 +65,7 @@ def scene_mjcf(setup: LiftSetup, pieces: Sequence[trimesh.Trimesh]) -> str:
     world.append(_table(setup))
     assets.extend(mesh_asset(f"piece_{k}", piece.vertices) for k, piece in enumerate(pieces))
     world.append(_object(setup, len(pieces)))
-    X_WB = np.asarray(setup.grasp.X_OH, dtype=np.float64) @ inverse_pose(setup.hand.X_LH)
+    X_WB = setup.X_WB
     wrist, last = _wrist(X_WB[:3, 3])
     world.append(wrist)
     contact = _contact(setup.friction) | _COLLIDES["hand"]

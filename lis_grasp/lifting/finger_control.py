@@ -1,4 +1,4 @@
-"""Finger control of a lift: guarded closing, then a squeeze with balanced contact forces."""
+"""Finger control of a lift: guarded closing, a squeeze with balanced forces, slip sensing."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.grasping.grip_forces import balanced_grip
 from lis_grasp.grasping.load_capacity import GRAVITY
-from lis_grasp.lifting.lift_setup import LiftSetup
-from lis_grasp.lifting.lifting_scene import HandContact, LiftingScene
+from lis_grasp.lifting.scene import HandContact, LiftingScene
+from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
@@ -32,6 +32,8 @@ _SIDEWAYS_WEIGHT, _STEP_WEIGHT = 0.3, 3e-3
 # Plans of grip forces until one is within the efforts.
 _TRIES = 6
 _ROOM = 1e-6  # least distance between the bounds of a least-squares problem
+# Slip after which the watch reports again [m]: half the pitch of usual taxels.
+_SLIP_STEP = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,6 +252,41 @@ class FingerControl:
         X_WL = self._scene.X_WL(contact.link)
         point: FloatArray = X_WL[:3, :3] @ contact.point + X_WL[:3, 3]
         return point
+
+
+class SlipWatch:
+    """Slip of an object over the pads of a hand, as tactile slip sensors measure it.
+
+    It is how far the object's surface has moved over the touching pads since the start.
+    """
+
+    def __init__(self, scene: LiftingScene, control: FingerControl) -> None:
+        self._scene, self._control = scene, control
+        self._start = self._points_in_object()
+        self._reported = 0.0
+
+    @property
+    def total(self) -> float:
+        """Largest slip of a pad since the start [m]."""
+        now = self._points_in_object()
+        moved = [np.linalg.norm(now[f] - self._start[f]) for f in now if f in self._start]
+        return float(max(moved, default=0.0))
+
+    def has_slipped(self) -> bool:
+        """Return whether the object has slipped by another millimetre since the last report."""
+        total = self.total
+        if total < self._reported + _SLIP_STEP:
+            return False
+        self._reported = total
+        return True
+
+    def _points_in_object(self) -> dict[str, FloatArray]:
+        """Return the contact point (3,) of each touching finger's link in the object's frame."""
+        X_WO = self._scene.X_WO
+        return {
+            finger: X_WO[:3, :3].T @ (point - X_WO[:3, 3])
+            for finger, point in self._control.pad_points().items()
+        }
 
 
 def _normals_by_finger(grasp: Grasp, hand: Hand) -> dict[str, FloatArray]:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.lifting.lift_control import FingerControl
-from lis_grasp.lifting.lift_outcome import LiftOutcome, Reason
-from lis_grasp.lifting.lift_setup import LiftSetup
-from lis_grasp.lifting.lifting_scene import CarrierMotion, LiftingScene
-from lis_grasp.lifting.slip_watch import SlipWatch
-from lis_grasp.lifting.wrist_trajectory import WristPath, line, rest_at, shake_about
+from lis_grasp.lifting.finger_control import FingerControl, SlipWatch
+from lis_grasp.lifting.outcome import LiftOutcome, Reason
+from lis_grasp.lifting.scene import ArmStoppedError, CarrierMotion, LiftingScene
+from lis_grasp.lifting.setup import LiftSetup
+from lis_grasp.lifting.wrist_path import WristPath, line, rest_at, shake_about
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.typing import FloatArray
 
@@ -86,6 +86,8 @@ class LiftTrial:
         self._record()
         try:
             reason = self._run_phases()
+        except ArmStoppedError as stopped:
+            reason = stopped.reason
         except SimulationError:
             reason = "diverged"
         poses = {name: np.array(X) for name, X in self._poses.items()}
@@ -102,6 +104,7 @@ class LiftTrial:
             closed=self._closed,
             measured_contacts=self._measured,
             X_WO=poses[OBJECT][-1] if diverged else self._scene.X_WO,
+            arm=self._scene.carrier.use,
         )
 
     def _run_phases(self) -> Reason:
@@ -114,13 +117,17 @@ class LiftTrial:
         return "held"
 
     def _settle(self) -> Reason | None:
-        self._rest(_SETTLE_TIME)
+        carrier = self._scene.carrier
+        self._move(carrier.wait(self._retreat, _SETTLE_TIME))
         if self._moved() > _SETTLED:
-            self._rest(_FALL_TIME)
+            self._move(carrier.wait(self._retreat, _FALL_TIME))
         self._scene.rest_object()
         return "unstable" if self._pushed() else None
 
     def _approach(self) -> Reason | None:
+        transit = self._scene.carrier.bring()
+        if transit is not None:
+            self._move(transit)
         duration = self._options.approach_time
         path = line(self._retreat, np.zeros(6), duration)
         stop = self._stop_at_contact if self._accept_grasp is not None else None
@@ -133,6 +140,7 @@ class LiftTrial:
         return "collision_on_approach" if blocked else None
 
     def _close(self) -> Reason | None:
+        self._scene.carrier.expect_contact()
         here = rest_at(np.zeros(6))
         interval = 1.0 / _CONTROL_RATE
         self._advance(_CLOSING_LIMIT, here, lambda time: self._control.close(time, interval))
@@ -184,20 +192,13 @@ class LiftTrial:
         directions = np.diag(np.repeat([1.0, 1.0 / options.turn_arm], 3))
         for acceleration in options.shake_accelerations:
             for name, direction in zip(_DIRECTIONS, directions, strict=True):
-                self._shake_along(name, direction, acceleration)
+                path_at = partial(self._shake_path, direction)
+                motion = self._scene.carrier.shake(path_at, acceleration, options.shake_time, name)
+                self._move(motion, self._hold_grip)
                 if not self._in_hand():
                     return self._failure("dropped")
             self._survived = acceleration
         return None
-
-    def _rest(self, duration: float) -> None:
-        """Wait for a time [s] where the hand was placed."""
-        self._advance(duration, rest_at(self._retreat))
-
-    def _shake_along(self, name: str, direction: FloatArray, acceleration: float) -> None:
-        """Shake once along a named direction (6,) with a peak acceleration [m/s^2]."""
-        path = self._shake_path(direction, acceleration)
-        self._advance(self._options.shake_time, path, self._hold_grip)
 
     def _shake_path(self, direction: FloatArray, acceleration: float) -> WristPath:
         options = self._options
@@ -262,6 +263,9 @@ class LiftTrial:
             if moved < _AT_REST:
                 break
             before = self._scene.X_WO
+        homeward = self._scene.carrier.go_home()
+        if homeward is not None:
+            self._move(homeward)
         return "aborted"
 
     def _hold_grip(self, time: float) -> bool:
@@ -272,7 +276,7 @@ class LiftTrial:
         self, duration: float, path: WristPath, fingers: _FingerCommand | None = None
     ) -> None:
         """Move the palm along a path; see `_move`."""
-        self._move(self._scene.follow(path, duration), fingers)
+        self._move(self._scene.carrier.follow(path, duration), fingers)
 
     def _move(self, motion: CarrierMotion, fingers: _FingerCommand | None = None) -> None:
         """Step until the motion is over, or `fingers` returns that the phase is."""
@@ -283,12 +287,9 @@ class LiftTrial:
             if fingers is not None and count % command_every == 0 and fingers(count * step):
                 break
             motion.command((count + 1) * step)
-            self._step()
+            self._scene.step()
             if self._scene.steps % record_every == 0:
                 self._record()
-
-    def _step(self) -> None:
-        self._scene.step()
 
     def _record(self) -> None:
         self._times.append(self._scene.time)

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 from pydrake.geometry import GeometryId
-from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.systems.framework import Context
+from pydrake.multibody.plant import ContactResults
 
 from lis_grasp.lifting.arm_use import EFFORT_LIMIT, TABLE, ArmUse
-from lis_grasp.lifting.lift_outcome import Reason
+from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.motion import OBJECT
-from lis_grasp.simulation.drake.arm_plant import ArmInPlant
+from lis_grasp.simulation.drake._plant_scene import PlantScene
+from lis_grasp.simulation.drake.arm_plant import ArmInPlant, ignore_mounting
 
 # A joint that is at its limit for so long [s] no longer follows.
 _SATURATED = 0.05
-
-
-class ArmStoppedError(Exception):
-    """The arm cannot go on, for a reason that ends the trial."""
-
-    def __init__(self, reason: Reason) -> None:
-        super().__init__(reason)
-        self.reason: Reason = reason
 
 
 class ArmWatch:
@@ -36,23 +28,22 @@ class ArmWatch:
 
     def __init__(
         self,
-        plant: MultibodyPlant,
-        plant_context: Context,
+        scene: PlantScene,
         arm: ArmInPlant,
         *,
-        table: GeometryId | None,
         use: ArmUse | None = None,
         object_ends: bool = False,
     ) -> None:
+        plant = scene.plant
         self.use = ArmUse() if use is None else use
         self.free = object_ends
-        hand = arm.hand.hand
-        self._wanted = hand.fingertip_links
-        self._plant, self._context, self._arm = plant, plant_context, arm
-        self._table, self._object_ends = table, object_ends
+        self._wanted = arm.hand.hand.fingertip_links
+        self._plant, self._context, self._arm = plant, scene.context, arm
+        self._table, self._object_ends = scene.table, object_ends
+        ignore_mounting(scene.filters, arm, scene.table)
         self._longest = round(_SATURATED / plant.time_step())
         self._saturated = np.zeros(len(arm.arm.joint_names), dtype=int)
-        self._efforts = plant.get_net_actuation_output_port(arm.instance)
+        self._efforts = plant.get_net_actuation_output_port(arm.links.instance)
         self._results = plant.get_contact_results_output_port()
 
     def check(self) -> None:
@@ -60,7 +51,7 @@ class ArmWatch:
         use, arm = self.use, self._arm.arm
         use.steps += 1
         effort = np.abs(self._efforts.Eval(self._context)) / arm.effort_limits
-        rates = self._plant.GetVelocities(self._context, self._arm.instance)
+        rates = self._plant.GetVelocities(self._context, self._arm.links.instance)
         speed = np.abs(rates) / arm.velocity_limits
         if effort.max() > use.effort:
             use.effort = float(effort.max())

@@ -6,26 +6,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import CollisionFilterManager, GeometryId
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
-from pydrake.multibody.tree import RigidBody
-from pydrake.systems.framework import Context
 
 from lis_grasp.geometry import cross
-from lis_grasp.lifting.arm_lift import ArmLift
 from lis_grasp.lifting.arm_use import ArmShake, ArmUse
 from lis_grasp.lifting.joint_path import JointPath, PalmPath, joint_path_along
-from lis_grasp.lifting.wrist_trajectory import WristPath, minimum_jerk
+from lis_grasp.lifting.scene import ArmStoppedError, Carrier
+from lis_grasp.lifting.setup import LiftSetup
+from lis_grasp.lifting.wrist_path import WristPath, minimum_jerk
 from lis_grasp.motion import arm_body
-from lis_grasp.simulation.drake.arm_dynamics import ArmDynamics
-from lis_grasp.simulation.drake.arm_plant import add_arm, ignore_mounting
-from lis_grasp.simulation.drake.arm_watch import ArmStoppedError, ArmWatch
+from lis_grasp.simulation.drake._arm_watch import ArmWatch
+from lis_grasp.simulation.drake._plant_scene import PlantScene
+from lis_grasp.simulation.drake.arm_plant import add_arm
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
-
-# Peak acceleration [m/s^2] -> path that shakes with it.
-ShakeWith = Callable[[float], WristPath]
 
 # A shake uses at most this fraction of the arm's speed, acceleration and effort limits.
 _SHAKE_FRACTION, _LESS = 0.9, 0.98
@@ -55,67 +50,30 @@ class ArmMotion:
             self.carrier.accelerate_object(*_acceleration(self.missing, time, path.step))
 
 
-class ArmCarrier:
-    """An arm that carries the hand of a lift; see `Carrier`.
+class ArmCarrier(Carrier):
+    """An arm that carries the hand of a lift.
 
     Palm paths become joint paths beforehand. The joints get positions, rates, and the efforts of
     inverse dynamics. Paths take longer where the arm's limits, times `speed_fraction`, need it. A
     shake is scaled down to the limits; the rest of its acceleration acts as forces on the object.
-
-    Parameters
-    ----------
-    plant
-        The plant, not finalized yet.
-    added
-        The hand in it.
-    lift
-        The arm, and its transit to where the approach begins.
-    X_WB
-        Shape (4, 4): the hand's base link in the grasp.
-    q_hand
-        Posture of the hand, shape (J,), in which the control's model has its mass.
+    The control's model has the hand's mass in the pregrasp. The plant is not finalized yet.
     """
 
-    def __init__(
-        self,
-        plant: MultibodyPlant,
-        added: HandInPlant,
-        lift: ArmLift,
-        X_WB: FloatArray,
-        q_hand: FloatArray,
-    ) -> None:
-        station = lift.station
-        arm, X_FB = station.arm, station.mount.X_FB
-        self._plant, self._X_WB, self._transit = plant, X_WB, lift.transit
-        self._dynamics = ArmDynamics(arm, added.hand, station.X_WA, X_FB, q_hand)
-        self._arm = add_arm(
-            plant,
-            arm,
-            added,
-            X_WA=station.X_WA,
-            X_FB=X_FB,
-            dynamics=self._dynamics,
-        )
-        self._q = lift.transit.q[0]
+    def __init__(self, plant: MultibodyPlant, hand: HandInPlant, setup: LiftSetup) -> None:
+        assert setup.arm is not None
+        self._plant, self._X_WB, self._transit = plant, setup.X_WB, setup.arm.transit
+        self._arm = add_arm(plant, setup.arm.station, hand, setup.grasp.pregrasp_positions)
+        self._q = self._transit.q[0]
+        arm = self._arm.arm
         self._limits = arm.velocity_limits, arm.acceleration_limits
 
-    def connect(
-        self,
-        plant_context: Context,
-        filters: CollisionFilterManager,
-        carried: RigidBody,
-        table: GeometryId,
-    ) -> None:
-        """Take the context of the finalized plant, its collision filters, object and table."""
-        plant, instance = self._plant, self._arm.instance
-        self._context, self._carried = plant_context, carried
-        self._states = plant.get_desired_state_input_port(instance)
-        self._efforts = plant.get_actuation_input_port(instance)
-        self._forces = plant.get_applied_spatial_force_input_port()
-        self._forces.FixValue(plant_context, [])
+    def connect(self, scene: PlantScene) -> None:
+        """Take the scene of the finalized plant."""
+        self._context, self._carried = scene.context, scene.object.body
+        self._forces = self._plant.get_applied_spatial_force_input_port()
+        self._forces.FixValue(self._context, [])
         self._pushing = False
-        ignore_mounting(filters, self._arm, table)
-        self._watch = ArmWatch(plant, plant_context, self._arm, table=table)
+        self._watch = ArmWatch(scene, self._arm)
 
     @property
     def use(self) -> ArmUse:
@@ -125,21 +83,26 @@ class ArmCarrier:
     def place(self, displacement: FloatArray) -> None:
         """Set the arm to its home, the start of the transit, at rest."""
         zero = np.zeros(len(self._q))
-        self._plant.SetPositions(self._context, self._arm.instance, self._q)
-        self._plant.SetVelocities(self._context, self._arm.instance, zero)
+        self._arm.place(self._context, self._q, zero)
         self.command(self._q, zero, zero)
 
-    def rest(self, duration: float) -> ArmMotion:
+    def wait(self, displacement: FloatArray, duration: float) -> ArmMotion:
         """Return the motion that stays at the posture that was commanded last."""
         zero = np.zeros((2, len(self._q)))
         return ArmMotion(self, JointPath(duration, np.array([self._q, self._q]), zero, zero))
 
     def bring(self) -> ArmMotion:
         """Return the transit from the home posture to where the approach begins."""
+        self._watch.free = True
         return ArmMotion(self, self._transit)
+
+    def expect_contact(self) -> None:
+        """Let fingertips and pads touch the object from now on."""
+        self._watch.free = False
 
     def go_home(self) -> ArmMotion:
         """Return the motion from where the approach begins back to the home posture."""
+        self._watch.free = True
         transit = self._transit
         # A redundant arm may have come back in a posture a little off: that is made up on the way.
         left = 1.0 - np.array([minimum_jerk(part)[0] for part in np.linspace(0, 1, len(transit.q))])
@@ -154,27 +117,23 @@ class ArmCarrier:
         return ArmMotion(self, joints if slower <= 1.0 else self._track(path, duration, slower))
 
     def shake(
-        self, shake_with: ShakeWith, acceleration: float, duration: float, direction: str
+        self, path_at: Callable[[float], WristPath], acceleration: float, duration: float, name: str
     ) -> ArmMotion:
         """Return the motion of a shake, and forces on the object for what the arm cannot make."""
         fraction = 1.0
         while True:  # nearly linear in the amplitude, so that two rounds suffice
-            joints = self._track(shake_with(fraction * acceleration), duration)
+            joints = self._track(path_at(fraction * acceleration), duration)
             use = max(*joints.use_of(*self._limits), self._effort_of(joints))
             if use <= _SHAKE_FRACTION:
                 break
             fraction *= _LESS * _SHAKE_FRACTION / use
-        self._watch.use.shakes.append(ArmShake(direction, acceleration, fraction * acceleration))
-        missing = None if fraction == 1.0 else shake_with((1.0 - fraction) * acceleration)
+        self._watch.use.shakes.append(ArmShake(name, acceleration, fraction * acceleration))
+        missing = None if fraction == 1.0 else path_at((1.0 - fraction) * acceleration)
         return ArmMotion(self, joints, missing)
-
-    def expect_contact(self, expected: bool) -> None:
-        """Say whether fingertips may touch the object from now on; see `ArmWatch`."""
-        self._watch.free = not expected
 
     def check(self) -> None:
         """Check the step that was just taken."""
-        commanded, _ = self._dynamics.jacobians(self._q)
+        commanded, _ = self._arm.dynamics.jacobians(self._q)
         error = commanded[:3, 3] - self._arm.hand.X_WH(self._context)[:3, 3]
         use = self._watch.use
         use.palm_error = max(use.palm_error, float(np.linalg.norm(error)))
@@ -183,13 +142,12 @@ class ArmCarrier:
     def poses(self) -> dict[str, FloatArray]:
         """Return the poses (4, 4) of the arm's links, by the names of `arm_body`."""
         arm = self._arm
-        return {arm_body(link): arm.X_WL(self._context, link) for link in arm.arm.links}
+        return {arm_body(link): arm.links.X_WL(self._context, link) for link in arm.arm.links}
 
     def command(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> None:
         """Command joint positions, rates and accelerations, shapes (J,)."""
         self._q = q
-        self._states.FixValue(self._context, np.concatenate([q, qd]))
-        self._efforts.FixValue(self._context, self._dynamics.efforts(q, qd, qdd))
+        self._arm.command(self._context, q, qd, qdd)
 
     def accelerate_object(self, acceleration: FloatArray, rate: FloatArray) -> None:
         """Push the object as if the palm accelerated, by inertial forces, until the next call.
@@ -224,7 +182,7 @@ class ArmCarrier:
         arm = self._arm.arm
         palm = PalmPath(self._X_WB, self._arm.hand.hand.X_LH, path)
         joints = joint_path_along(
-            self._dynamics,
+            self._arm.dynamics,
             self._q,
             arm.lower,
             arm.upper,
@@ -239,7 +197,8 @@ class ArmCarrier:
 
     def _effort_of(self, path: JointPath) -> float:
         """Return the largest fraction of the effort limits that a joint path needs."""
-        efforts = [self._dynamics.efforts(*s) for s in zip(path.q, path.qd, path.qdd, strict=True)]
+        samples = zip(path.q, path.qd, path.qdd, strict=True)
+        efforts = [self._arm.dynamics.efforts(q, qd, qdd) for q, qd, qdd in samples]
         return float(np.max(np.abs(efforts) / self._arm.arm.effort_limits))
 
 

@@ -1,22 +1,55 @@
-"""MuJoCo scene of a lift: a free object on a table, and a hand on a wrist."""
+"""Simulated lift in MuJoCo: a free object on a table, and a hand on a wrist."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.geometry import apply_pose, make_pose, rotate
-from lis_grasp.lifting.lift_gains import WRIST_DAMPING, WRIST_STIFFNESS, finger_gains
-from lis_grasp.lifting.lift_setup import LiftSetup
-from lis_grasp.lifting.wrist_trajectory import WristMotion, WristPath
+from lis_grasp.geometry import apply_pose, make_pose, rotate, unit
+from lis_grasp.io.optional_packages import needed_package
+from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.lifting.scene import FreeWrist
+from lis_grasp.lifting.setup import WRIST_DAMPING, WRIST_STIFFNESS, LiftSetup, finger_gains
+from lis_grasp.lifting.trial import AcceptGrasp, LiftTrial
 from lis_grasp.motion import OBJECT
-from lis_grasp.simulation.mujoco.merged_contacts import MergedContact, merged_contacts
-from lis_grasp.simulation.mujoco.scene_mjcf import HAND, TIME_STEP, WRIST_JOINTS, scene_mjcf
+from lis_grasp.simulation.mujoco._mjcf import HAND, TIME_STEP, WRIST_JOINTS, scene_mjcf
+from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
 from lis_grasp.typing import FloatArray
+
+with needed_package("mujoco", "mujoco", option="the simulator mujoco"):
+    import mujoco
+
+
+def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> LiftOutcome:
+    """Execute one grasp on the true, free object in MuJoCo, and return whether it holds.
+
+    Phases, control, outcome and arguments are those of the function of this name for Drake; an arm
+    is not simulated.
+
+    Contact model: points with elliptic friction cones and torsional friction, MuJoCo's soft
+    constraints. The object is a union of convex pieces (`convex_pieces`), with the mass and inertia
+    of its mesh; links of the hand do not collide with each other.
+    """
+    return LiftTrial(MujocoScene(setup, convex_pieces(setup.mesh)), setup, accept_grasp).run()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MergedContact:
+    """Contact of one collision body of the hand with the object, in W."""
+
+    link: str
+    point: FloatArray  # (3,) [m]: mean of the contact points, weighted with their normal forces
+    normal: FloatArray  # (3,), unit, out of the object: weighted alike
+    force: FloatArray  # (3,) [N], of the hand on the object
+
+    @property
+    def strength(self) -> float:
+        """Size of the force [N]."""
+        return float(np.linalg.norm(self.force))
 
 
 class MujocoScene:
@@ -28,6 +61,7 @@ class MujocoScene:
 
     def __init__(self, setup: LiftSetup, pieces: Sequence[trimesh.Trimesh]) -> None:
         hand, mesh = setup.hand, setup.mesh
+        self.carrier = FreeWrist(self._command_wrist)
         self._hand = hand
         self._model = model = mujoco.MjModel.from_xml_string(scene_mjcf(setup, pieces))
         self._data = mujoco.MjData(model)
@@ -75,10 +109,6 @@ class MujocoScene:
         self._data.ctrl[:6] = self._wrist_command
         self.command_fingers(q, np.zeros(len(q)))
         mujoco.mj_forward(self._model, self._data)
-
-    def follow(self, path: WristPath, duration: float) -> WristMotion:
-        """Return the palm's motion along a path of a duration [s]."""
-        return WristMotion(self._command_wrist, path, duration)
 
     def _command_wrist(self, displacement: FloatArray, velocity: FloatArray) -> None:
         """Command the palm's displacement (6,) from its zero, see `WristPath`, and its rate."""
@@ -154,7 +184,7 @@ class MujocoScene:
 
     def contacts(self) -> list[MergedContact]:
         """Return the contacts of the hand with the object, in a fixed order."""
-        return merged_contacts(self._model, self._data, self._object, self._link_of_geom)
+        return _merged_contacts(self._model, self._data, self._object, self._link_of_geom)
 
     def jacobian(self, link: str, p_L: FloatArray) -> FloatArray:
         """Return the Jacobian of a point p_L of a link with respect to the joints, shape (3, J).
@@ -176,3 +206,42 @@ class MujocoScene:
 
     def _pose(self, body: int) -> FloatArray:
         return make_pose(self._data.xmat[body].reshape(3, 3), self._data.xpos[body])
+
+
+def _merged_contacts(
+    model: mujoco.MjModel, data: mujoco.MjData, object_body: int, link_of_geom: Mapping[int, str]
+) -> list[MergedContact]:
+    """Return the contacts that exert a force, one for each body of the hand, in MuJoCo's order.
+
+    Drake's contact patch is one for each pair of bodies; MuJoCo gives several points of it, and
+    several convex pieces of the object. `link_of_geom` are the hand's bodies by number.
+    """
+    sums: dict[int, tuple[FloatArray, FloatArray, FloatArray, float]] = {}
+    for number in range(data.ncon):
+        first, second = (int(geom) for geom in data.contact.geom[number])
+        if model.geom_bodyid[first] == object_body:
+            geom, outward = second, 1.0  # MuJoCo's normal is from the first to the second
+        elif model.geom_bodyid[second] == object_body:
+            geom, outward = first, -1.0
+        else:
+            continue
+        if geom not in link_of_geom:
+            continue
+        wrench = np.zeros(6)
+        mujoco.mj_contactForce(model, data, number, wrench)
+        if wrench[0] <= 0.0:
+            continue
+        frame = data.contact.frame[number].reshape(3, 3)  # its rows: the normal, two tangents
+        # The force of the first body on the second.
+        force = -outward * (wrench[:3] @ frame)
+        point, normal, total, weight = sums.get(geom, (0.0, 0.0, 0.0, 0.0))
+        sums[geom] = (
+            point + wrench[0] * data.contact.pos[number],
+            normal + outward * wrench[0] * frame[0],
+            total + force,
+            weight + wrench[0],
+        )
+    return [
+        MergedContact(link_of_geom[geom], point / weight, unit(normal), force)
+        for geom, (point, normal, force, weight) in sums.items()
+    ]

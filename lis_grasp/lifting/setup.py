@@ -1,0 +1,172 @@
+"""Setup of a simulated lift: object, hand, grasp, options, the arm's part, and control gains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import trimesh
+
+from lis_grasp.arms.grasp_motion import plan_transit
+from lis_grasp.arms.station import Station
+from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_positive
+from lis_grasp.geometry import inverse_pose
+from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.load_capacity import GRAVITY
+from lis_grasp.lifting.joint_path import JointPath
+from lis_grasp.lifting.outcome import LiftOptions, Reason
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.link_tree import by_joint_kind
+from lis_grasp.robots.useful_efforts import useful_efforts
+from lis_grasp.typing import FloatArray
+
+# A hand of 1 kg follows 1 g within 1 mm.
+WRIST_STIFFNESS = (2e4, 3e2)
+"""Of the wrist's prismatic and revolute joints [N/m, N m/rad]."""
+WRIST_DAMPING = (4e2, 6.0)
+"""Of the wrist's prismatic and revolute joints [N s/m, N m s/rad]."""
+WRIST_LIMITS = (150.0, 15.0)
+"""Largest efforts of the wrist's prismatic and revolute joints [N, N m]."""
+
+# Joint error at which a finger's spring gives full effort: it yields to errors of the estimate.
+_FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
+_DAMPING_TIME = 0.035  # [s], damping by stiffness
+# The same transit is planned for the same grasp.
+_SEED = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmLift:
+    """The arm's part of a lift.
+
+    Parameters
+    ----------
+    station
+        The arm with its base, the hand on its flange.
+    transit
+        Joint path from the arm's home to where the straight approach begins.
+    """
+
+    station: Station
+    transit: JointPath
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiftSetup:
+    """A hand, its grasp, and the true, free object on a table.
+
+    Parameters
+    ----------
+    mesh
+        The true object in its frame O, upright [m]; watertight.
+    hand
+        The hand of the grasp.
+    grasp
+        The grasp, in O.
+    support_height
+        Height of the table's top in O [m].
+    mass, friction
+        Mass of the object [kg], and Coulomb's coefficient between object and hand and between
+        object and table.
+    options
+        Options of the trial.
+    X_WO
+        Shape (4, 4): true pose of the object in the frame in which the grasp was planned.
+    arm
+        The arm that carries the hand, with its path to where the approach begins. It stops at a
+        contact of its own links or when a joint needs more than its largest effort. It shakes as
+        far as its limits allow, and forces on the object make up for the rest. None for a free
+        wrist.
+
+    Raises
+    ------
+    InvalidMeshError
+        If the mesh is not watertight: it has no volume to weigh.
+    InvalidOptionError
+        If mass or friction is not positive, or the grasp is for another hand.
+    """
+
+    mesh: trimesh.Trimesh
+    hand: Hand
+    grasp: Grasp
+    support_height: float
+    mass: float = 0.2
+    friction: float = 0.8
+    options: LiftOptions = field(default_factory=LiftOptions)
+    X_WO: FloatArray = field(default_factory=lambda: np.eye(4))
+    arm: ArmLift | None = None
+
+    def __post_init__(self) -> None:
+        if not self.mesh.is_watertight:
+            raise InvalidMeshError("a lift needs a watertight mesh: load it with `shapes.load`")
+        require_positive(mass=self.mass, friction=self.friction)
+        if tuple(self.grasp.joint_names) != tuple(self.hand.joint_names):
+            raise InvalidOptionError(
+                f"the grasp must be for the joints of '{self.hand.name}'; it is for those of"
+                f" '{self.grasp.hand}'",
+                option="grasp",
+                value=self.grasp.hand,
+            )
+
+    @property
+    def X_WB(self) -> FloatArray:
+        """Pose of the hand's base link in the grasp, shape (4, 4)."""
+        X_OH = np.asarray(self.grasp.X_OH, dtype=np.float64)
+        return np.asarray(X_OH @ inverse_pose(self.hand.X_LH))
+
+    @property
+    def grip_friction(self) -> float:
+        """Coulomb coefficient with which the grip forces are planned."""
+        return self.options.assumed_friction or self.friction
+
+    def grip_force(self, mass: float) -> float:
+        """Return the wanted sum of normal forces [N] for a mass [kg]; see `LiftOptions`."""
+        options = self.options
+        load = mass * (GRAVITY + max(options.shake_accelerations, default=0.0))
+        return max(
+            options.grip_margin * load / self.grip_friction,
+            self._force_to_accelerate(load),
+            options.least_grip_force,
+        )
+
+    def _force_to_accelerate(self, load: float) -> float:
+        """Return the sum of normal forces [N] with which the planned grasp carries a load [N].
+
+        Levers to the centre of mass and the inertia of long objects are part of the load that was
+        planned; 0 for a grasp that names none.
+        """
+        per_grip = self.grasp.quality.get("load_per_grip")
+        if per_grip is None:
+            return 0.0
+        largest = 2.0 * self.hand.max_contact_force
+        return float(min(largest, self.options.grip_margin * load / max(per_grip, 1e-9)))
+
+
+def finger_gains(hand: Hand, grasp: Grasp) -> tuple[FloatArray, FloatArray]:
+    """Return stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; N/m, N s/m]."""
+    errors = by_joint_kind(hand, **_FULL_EFFORT_ERROR)
+    stiffness = useful_efforts(hand, grasp.joint_positions) / errors
+    return stiffness, _DAMPING_TIME * stiffness
+
+
+def plan_arm_lift(
+    station: Station, grasp: Grasp, estimate: trimesh.Trimesh | None, *, time_step: float
+) -> ArmLift | Reason:
+    """Return the arm's part of a lift, or the reason that there is none.
+
+    The arm avoids the table and the `estimate` of the object; None for no object. Its path has a
+    sample each `time_step` [s].
+    """
+    planned = plan_transit(
+        station,
+        estimate,
+        grasp.X_OH,
+        grasp.pregrasp_positions,
+        grasp.joint_positions,
+        rng=np.random.default_rng(_SEED),
+        step=time_step,
+    )
+    if isinstance(planned, str):
+        return "no_arm_motion"
+    _, transit = planned
+    return ArmLift(station, JointPath.of(transit, time_step))

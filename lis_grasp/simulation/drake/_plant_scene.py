@@ -1,0 +1,97 @@
+"""Drake plant with its simulator, in which scenes put a hand, an object and a table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import GeometryId
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from lis_grasp.exceptions import SimulationError
+from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
+from lis_grasp.simulation.drake.hand_plant import HandInPlant, ignore_self_collision
+from lis_grasp.simulation.drake.object_plant import ObjectInPlant, let_rest
+from lis_grasp.typing import FloatArray
+
+
+class PlantScene:
+    """A plant, its context and its simulator, advanced one time step at a time.
+
+    Hand, carrier, object and table are added to `plant` first; `finalize` makes the rest. Contact
+    is hydroelastic, in Drake's discrete solver with the "lagged" approximation. The links of the
+    hand do not collide with each other. `settings` are those of `MultibodyPlantConfig`.
+    """
+
+    def __init__(self, time_step: float, **settings: Any) -> None:
+        self._builder = DiagramBuilder()
+        config = MultibodyPlantConfig(
+            time_step=time_step, discrete_contact_approximation="lagged", **settings
+        )
+        added: tuple[MultibodyPlant, Any] = AddMultibodyPlant(config, self._builder)
+        self.plant, self._scene_graph = added
+        self.time_step = time_step
+        self.steps = 0
+
+    def finalize(
+        self,
+        hand: HandInPlant,
+        obj: ObjectInPlant,
+        *,
+        support: GeometryId | None = None,
+        table: GeometryId | None = None,
+    ) -> None:
+        """Finalize the plant with its hand and its floating object, and make the simulator."""
+        plant, scene_graph = self.plant, self._scene_graph
+        plant.Finalize()
+        self.hand, self.object, self.support, self.table = hand, obj, support, table
+        ignore_self_collision(scene_graph, hand)
+        let_rest(scene_graph, obj.geometry, support=support, table=table)
+        # Drake gives a body without a joint this one: six degrees of freedom.
+        (joint,) = plant.GetJointIndices(obj.body.model_instance())
+        self.object_joint = plant.get_joint(joint)
+        self.simulator = Simulator(self._builder.Build())
+        self._root = self.simulator.get_mutable_context()
+        self.context: Context = plant.GetMyMutableContextFromRoot(self._root)
+        geometry_context = scene_graph.GetMyMutableContextFromRoot(self._root)
+        self.filters = scene_graph.collision_filter_manager(geometry_context)
+
+    def place_object(self, X_WO: FloatArray) -> None:
+        """Set the pose of the object, shape (4, 4): a rotation but for rounding."""
+        R_WO = RotationMatrix.ProjectToRotationMatrix(X_WO[:3, :3])
+        self.object_joint.SetPose(self.context, RigidTransform(R_WO, X_WO[:3, 3]))
+
+    def stop(self) -> None:
+        """Set all velocities to 0."""
+        self.plant.SetVelocities(self.context, np.zeros(self.plant.num_velocities()))
+
+    def restart(self) -> None:
+        """Begin another motion at time 0, so that its rounding is the same for every motion."""
+        self._root.SetTime(0.0)
+        self.simulator.Initialize()
+        self.steps = 0
+
+    def step(self, *, of: str) -> None:
+        """Advance by one time step.
+
+        Raises
+        ------
+        SimulationError
+            If Drake fails; its message names what the simulation is `of`.
+        """
+        self.steps += 1
+        time = self.steps * self.time_step
+        try:
+            self.simulator.AdvanceTo(time)
+        except (RuntimeError, SystemExit) as error:  # SystemExit: an assertion of Drake's failed
+            reason = str(error).splitlines()[0]
+            message = f"the simulation of {of} failed at {time:.3f} s: {reason}"
+            raise SimulationError(message) from None
+
+    def contacts(self) -> list[LinkContact]:
+        """Return the contacts of the hand with the object, in Drake's order."""
+        results = self.plant.get_contact_results_output_port().Eval(self.context)
+        return link_contacts(results, {self.object.geometry}, self.hand.link_of_geometry)

@@ -1,0 +1,183 @@
+"""Drake scene of a probe: an object, fixed or free, and a hand that moves along one line."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+
+from lis_grasp.arms.station import Station
+from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes.solids import merge_flat_faces
+from lis_grasp.simulation.drake._plant_scene import PlantScene
+from lis_grasp.simulation.drake._probe_carriers import ProbeArm, ProbeRail
+from lis_grasp.simulation.drake.contact_patches import Patch
+from lis_grasp.simulation.drake.hand_plant import add_hand
+from lis_grasp.simulation.drake.object_plant import FreeObject, add_object, add_support, add_table
+from lis_grasp.typing import FloatArray
+
+_TIME_STEP = 0.002  # [s]
+_FRICTION = 0.8
+# After a touch the hand retreats until the object is slower than this [m/s] over so many steps, for
+# this time at most [s]. Contact with the table makes it tremble by micrometres from step to step.
+_STILL, _STEPS_OF_REST, _LONGEST_SETTLING = 5e-4, 20, 2.0
+# Rolling resistance: its moment is that of the weight at a lever of 0.01 radii, as of wood on wood.
+# It falls to 0 below this angular speed [rad/s].
+_ROLLING_RESISTANCE, _ROLLING = 0.01, 0.05
+
+
+class ProbingScene:
+    """A Drake simulation of a hand on a rail and an object; W is the frame of the probes.
+
+    One plant serves every probe: `place` sets the poses of rail, hand and object, and locks their
+    joints for the motion. The joint of a `free` object stays unlocked, and rolling meets a
+    resistance.
+    """
+
+    time_step = _TIME_STEP
+
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        free: FreeObject | None = None,
+        station: Station | None = None,
+        arm_use: ArmUse | None = None,
+    ) -> None:
+        self._scene = scene = PlantScene(
+            _TIME_STEP,
+            contact_model="hydroelastic",
+            use_sampled_output_ports=False,  # contact results right after a placement
+        )
+        plant = scene.plant
+        friction = _FRICTION if free is None else free.friction
+        self._hand = add_hand(plant, hand, friction=friction)
+        self.carrier: ProbeRail | ProbeArm = (
+            ProbeRail(plant, self._hand)
+            if station is None
+            else ProbeArm(plant, self._hand, station, arm_use)
+        )
+        self._free = free is not None
+        support = table = None
+        if free is None:
+            self._object = add_object(plant, mesh, mass=1.0, friction=friction)
+            plant.set_gravity_enabled(self._object.body.model_instance(), False)
+        else:
+            # Contact with the table costs by the triangles of the faces on it.
+            faces = merge_flat_faces(mesh)
+            self._object = add_object(plant, faces, mass=free.mass, friction=friction)
+            self._resistance = _rolling_resistance(mesh, free.mass)
+        # Without an arm, the planned motion avoids the table.
+        if station is not None and station.table is not None:
+            table = add_table(plant, station.table.height, _FRICTION, under=mesh)
+        if free is not None:
+            height = free.support_height
+            support = add_support(plant, height, friction, under=mesh, mass=free.mass)
+        scene.finalize(self._hand, self._object, support=support, table=table)
+        self.carrier.connect(scene)
+        self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
+        self._forces_port = plant.get_applied_spatial_force_input_port()
+
+    @property
+    def X_WO(self) -> FloatArray:
+        """Current pose of the object, shape (4, 4)."""
+        return np.asarray(self._scene.object_joint.GetPose(self._scene.context).GetAsMatrix4())
+
+    @property
+    def X_WH(self) -> FloatArray:
+        """Current pose of the palm, shape (4, 4)."""
+        return self._hand.X_WH(self._scene.context)
+
+    @property
+    def joint_positions(self) -> FloatArray:
+        """Current positions of the hand's joints, shape (J,)."""
+        return self._hand.joint_positions(self._scene.context)
+
+    def place(
+        self,
+        q: FloatArray,
+        X_WB: FloatArray,
+        direction: FloatArray,
+        X_WO: FloatArray,
+        q_arm: FloatArray | None = None,
+    ) -> None:
+        """Set everything to the start of a motion along `direction` (3,), at rest.
+
+        `q` are the joints (J,), `X_WB` is the pose (4, 4) of the base link, `X_WO` the object's,
+        `q_arm` are the joint positions of an arm.
+        """
+        scene, context = self._scene, self._scene.context
+        scene.object_joint.Unlock(context)
+        scene.stop()
+        self._hand.set_joint_positions(context, q)
+        self.carrier.place(X_WB, direction, q_arm)
+        scene.place_object(X_WO)
+        if not self._free:
+            scene.object_joint.Lock(context)
+        self._fingers_port.FixValue(context, np.concatenate([q, np.zeros_like(q)]))
+
+    def start_motion(self, travelled: float, speed: float) -> None:
+        """Set the hand `travelled` [m] along its motion, at a speed [m/s], without lag."""
+        self.carrier.start(travelled, speed)
+        self._scene.restart()
+
+    def step(self, travelled: float, speed: float) -> None:
+        """Simulate one time step towards a commanded position [m] and speed [m/s]."""
+        self.command(travelled, speed)
+        self.advance()
+
+    def command(self, travelled: float, speed: float) -> None:
+        """Command a position [m] and a speed [m/s] for the next time step."""
+        self.carrier.command(travelled, speed)
+        if self._free:
+            self._resist_rolling()
+
+    def advance(self) -> None:
+        """Simulate one time step as commanded."""
+        self._scene.step(of="a touch")
+        self.carrier.check()
+
+    def retreat(self, travelled: float, speed: float) -> None:
+        """Retreat from `travelled` [m] at a speed [m/s] until the object rests."""
+        before = self.X_WO
+        for n in range(1, round(_LONGEST_SETTLING / _TIME_STEP) + 1):
+            self.step(travelled - n * speed * _TIME_STEP, -speed)
+            if n % _STEPS_OF_REST == 0:
+                now = self.X_WO
+                if _motion(before, now) < _STILL * _STEPS_OF_REST * _TIME_STEP:
+                    return
+                before = now
+
+    def _resist_rolling(self) -> None:
+        """Apply the moment of rolling resistance to the free object, for one step."""
+        turn = self._scene.object_joint.get_angular_velocity(self._scene.context)
+        load = ExternallyAppliedSpatialForce()
+        load.body_index = self._object.body.index()
+        moment = -self._resistance / max(float(np.linalg.norm(turn)), _ROLLING) * turn
+        load.F_Bq_W = SpatialForce(tau=moment, f=np.zeros(3))
+        self._forces_port.FixValue(self._scene.context, [load])
+
+    def patches(self, threshold: float) -> list[Patch]:
+        """Return the flat parts, in W, of contacts with a normal force above `threshold` [N].
+
+        The forces are those of the step that was commanded: Drake computes them once for both.
+        """
+        return [
+            part
+            for contact in self._scene.contacts()
+            if contact.normal_force > threshold
+            for part in contact.flat_parts()
+        ]
+
+
+def _motion(X: FloatArray, Y: FloatArray) -> float:
+    """Return the larger of displacement and turn, at a lever of 0.1 m, between poses [m]."""
+    turn = np.linalg.norm(Y[:3, :3] - X[:3, :3]) / np.sqrt(2.0)  # of small angles
+    return float(max(np.linalg.norm(Y[:3, 3] - X[:3, 3]), 0.1 * turn))
+
+
+def _rolling_resistance(mesh: trimesh.Trimesh, mass: float) -> float:
+    """Return the moment of rolling resistance [N m], at the radius of half the least extent."""
+    return _ROLLING_RESISTANCE * mass * 9.81 * 0.5 * float(np.min(mesh.extents))
