@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.geometry import apply_inverse, apply_pose, unit
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.grasping.grip_forces import balanced_grip
@@ -171,8 +172,7 @@ class FingerControl:
         if sum(strengths) < _TOUCH_FORCE:
             return None
         contact = contacts[int(np.argmax(strengths))]
-        X_WL = self._scene.X_WL(contact.link)
-        p_L = X_WL[:3, :3].T @ (contact.point - X_WL[:3, 3])
+        p_L = apply_inverse(self._scene.X_WL(contact.link), contact.point)
         return _FingerContact(contact.link, p_L, contact.normal)
 
     def _search(self, finger: str, distance: float) -> None:
@@ -249,9 +249,7 @@ class FingerControl:
         return efforts
 
     def _point(self, contact: _FingerContact) -> FloatArray:
-        X_WL = self._scene.X_WL(contact.link)
-        point: FloatArray = X_WL[:3, :3] @ contact.point + X_WL[:3, 3]
-        return point
+        return apply_pose(self._scene.X_WL(contact.link), contact.point)
 
 
 class SlipWatch:
@@ -284,7 +282,7 @@ class SlipWatch:
         """Return the contact point (3,) of each touching finger's link in the object's frame."""
         X_WO = self._scene.X_WO
         return {
-            finger: X_WO[:3, :3].T @ (point - X_WO[:3, 3])
+            finger: apply_inverse(X_WO, point)
             for finger, point in self._control.pad_points().items()
         }
 
@@ -295,4 +293,4 @@ def _normals_by_finger(grasp: Grasp, hand: Hand) -> dict[str, FloatArray]:
     for finger, normal in zip(grasp.contact_fingers, grasp.contact_normals, strict=True):
         if finger in hand.fingers:
             sums[finger] = sums.get(finger, np.zeros(3)) + normal
-    return {finger: total / np.linalg.norm(total) for finger, total in sums.items()}
+    return {finger: unit(total) for finger, total in sums.items()}

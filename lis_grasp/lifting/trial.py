@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
+from lis_grasp.geometry import apply_inverse
 from lis_grasp.lifting.finger_control import FingerControl, SlipWatch
 from lis_grasp.lifting.outcome import LiftOutcome, Reason
 from lis_grasp.lifting.scene import ArmStoppedError, CarrierMotion, LiftingScene
@@ -305,9 +306,7 @@ class LiftTrial:
 
     def _object_in_hand(self) -> FloatArray:
         """Return the object's centre of mass in the palm frame, shape (3,) [m]."""
-        X_WH = self._scene.X_WH
-        center: FloatArray = X_WH[:3, :3].T @ (self._scene.object_center - X_WH[:3, 3])
-        return center
+        return apply_inverse(self._scene.X_WH, self._scene.object_center)
 
     def _rotation_in_hand(self) -> FloatArray:
         """Return the object's rotation in the palm frame, shape (3, 3)."""

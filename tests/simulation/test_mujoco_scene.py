@@ -204,7 +204,7 @@ def test_a_shaken_palm_accelerates_like_its_path(
     monkeypatch.setattr(mujoco, "mj_step", observed)
     peak, duration, step = 9.81, 1.5, setup.options.time_step
     shake = shake_about(np.zeros(6), np.eye(6)[1], peak, frequency=4.0, cycles=6)
-    motion = scene.follow(shake, duration)
+    motion = scene.carrier.follow(shake, duration)
     for count in range(round(duration / step)):
         motion.command((count + 1) * step)
         scene.step()
