@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,7 +18,6 @@ from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
     ARM_APPROACH_SPEED,
     ARM_PROBE_SPEED,
-    ARM_RETREAT_SPEED,
     PROBE_SPEED,
     TRANSIT_SPEED,
 )
@@ -30,15 +29,13 @@ from lis_grasp.probing.approach_planner import (
     Approach,
     ApproachPlanner,
 )
+from lis_grasp.probing.course import Course, Leg
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_parts import ProbePosture
 from lis_grasp.robots.pose_filter import balls_inside
 from lis_grasp.shapes.winding_number import any_inside
 from lis_grasp.typing import FloatArray
-
-FREE_POINT_SPACING = 0.01
-"""Distance between recorded points of free space along the motion [m]."""
 
 TOUCHING = 2e-5
 """Distance below which two bodies touch [m]."""
@@ -48,93 +45,6 @@ _ARM_ERROR = 0.003
 
 NO_ARM_TRANSIT = "the arm has no collision-free path from its home to the approach"
 AT_TABLE = "the table ended the motion"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Course:
-    """Motion of a hand on a probe up to the first contact, by geometry alone.
-
-    The last leg is the probe's motion if the hand `arrived` at its start, else the approach.
-    """
-
-    probe: Probe
-    approach: Approach
-    arrived: bool
-    travelled: float  # length of the last leg up to its end or the contact [m]
-    remaining: float  # rest of the last leg [m]
-    touched: NearestLink | None  # the touching link and its contact
-    at_table: bool = False  # whether the table ended the motion before the probe's target
-    probe_speed: float = PROBE_SPEED  # of a hand without an arm [m/s]
-    way: JointTrajectory | None = None  # of an arm from its home to the approach
-
-    @property
-    def transit(self) -> float:
-        """Time of an arm from its home to the approach [s]."""
-        return 0.0 if self.way is None else self.way.duration
-
-    @property
-    def speeds(self) -> tuple[float, float]:
-        """Speeds of the approach and of the probe's motion [m/s]."""
-        if self.approach.arm is None:
-            return TRANSIT_SPEED, self.probe_speed
-        return ARM_APPROACH_SPEED, ARM_PROBE_SPEED
-
-    @property
-    def speed(self) -> float:
-        """Speed of the last leg [m/s]."""
-        return self.speeds[self.arrived]
-
-    @property
-    def q_arm(self) -> FloatArray | None:
-        """Joint positions (J,) of the arm where the last leg began; None without an arm."""
-        arm = self.approach.arm
-        return None if arm is None else (arm.motion if self.arrived else arm.approach)[0]
-
-    @property
-    def X_OH(self) -> FloatArray:
-        """Pose (4, 4) of the palm where the last leg began."""
-        return self.approach.X_OH if self.arrived else self.approach.X_OH_outside
-
-    @property
-    def X_OH_end(self) -> FloatArray:
-        """Pose (4, 4) of the palm where the motion ended."""
-        X_OH = self.X_OH.copy()
-        X_OH[:3, 3] += self.travelled * self.direction
-        return X_OH
-
-    @property
-    def direction(self) -> FloatArray:
-        """Direction (3,) of the last leg, unit, in O."""
-        return self.probe.direction if self.arrived else self.approach.axis
-
-    @property
-    def _lengths(self) -> tuple[float, float]:
-        """Lengths of the approach and of the probe's motion [m]."""
-        return (self.approach.distance, self.travelled) if self.arrived else (self.travelled, 0.0)
-
-    @property
-    def until_contact(self) -> float:
-        """Time up to the end of the motion [s]."""
-        approach, motion = self._lengths
-        transit, probe = self.speeds
-        return self.transit + approach / transit + motion / probe
-
-    @property
-    def duration(self) -> float:
-        """Time of the motion and of the retreat the same way [s]."""
-        back = TRANSIT_SPEED if self.approach.arm is None else ARM_RETREAT_SPEED
-        return self.until_contact + sum(self._lengths) / back + self.transit
-
-    def poses(self) -> FloatArray:
-        """Return poses of the palm along the motion, shape (K, 4, 4), with the end of each leg."""
-        approach, motion = self._lengths
-        places = self.approach.X_OH_outside[:3, 3] + _steps(approach) * self.approach.axis
-        if self.arrived:  # the end of the approach is the start of the probe's motion
-            along = self.approach.X_OH[:3, 3] + _steps(motion) * self.probe.direction
-            places = np.vstack([places[:-1], along])
-        poses = np.tile(self.approach.X_OH, (len(places), 1, 1))
-        poses[:, :3, 3] = places
-        return poses
 
 
 class GuardedMotion:
@@ -207,26 +117,36 @@ class GuardedMotion:
                 way = self._transits.plan(begin, q_hand, obstacles.space)
                 if way is None:
                     return NO_ARM_TRANSIT
-            if approach.distance > 0.0:
-                touched, length = self._advance(approach.axis, approach.distance)
-                if touched is not None:
-                    remaining = approach.distance - length
-                    return Course(
-                        *(probe, approach, False, length, remaining, touched),
-                        probe_speed=self._probe_speed,
-                        way=way,
-                    )
-        self._place(approach, approach.X_OH)
-        wanted = probe.standoff + probe.overshoot
-        length = min(wanted, self._above_table(approach, probe, obstacles))
-        touched, travelled = self._advance(probe.direction, length)
-        at_table = touched is None and length < probe.standoff
-        remaining = length - travelled
-        return Course(
-            *(probe, approach, True, travelled, remaining, touched, at_table),
-            probe_speed=self._probe_speed,
-            way=way,
+        way_in, ahead = self._legs(approach, probe)
+        posture, touched = approach.posture, None
+        if way_in.planned > 0.0:
+            way_in, touched = self._moved(way_in, way_in.planned)
+        legs: tuple[Leg, ...] = (way_in,)
+        at_table = False
+        if touched is None:
+            self._place(approach, approach.X_OH)
+            end = min(ahead.planned, self._above_table(approach, probe, obstacles))
+            ahead, touched = self._moved(ahead, end)
+            legs, at_table = (way_in, ahead), touched is None and end < probe.standoff
+        return Course(posture.finger, posture.joint_positions, legs, touched, at_table, way)
+
+    def _legs(self, approach: Approach, probe: Probe) -> tuple[Leg, Leg]:
+        """Return the approach and the probe's motion as planned, without a contact."""
+        begin, axis, distance = approach.X_OH_outside, approach.axis, approach.distance
+        X_OH, along, length = approach.X_OH, probe.direction, probe.standoff + probe.overshoot
+        if approach.arm is None:
+            slow = self._probe_speed
+            return Leg(begin, axis, distance, TRANSIT_SPEED), Leg(X_OH, along, length, slow)
+        q_in, q_ahead = approach.arm.approach, approach.arm.motion
+        return (
+            Leg(begin, axis, distance, ARM_APPROACH_SPEED, q_in),
+            Leg(X_OH, along, length, ARM_PROBE_SPEED, q_ahead),
         )
+
+    def _moved(self, leg: Leg, end: float) -> tuple[Leg, NearestLink | None]:
+        """Move the placed hand along a leg up to `end` [m]; return its part, and what touched."""
+        touched, length = self._advance(leg.direction, end)
+        return replace(leg, length=length, remaining=end - length), touched
 
     def outcome(
         self, probe: Probe, obstacles: ObstacleModel | None
@@ -250,7 +170,7 @@ class GuardedMotion:
         self, course: Course, obstacles: ObstacleModel | None
     ) -> tuple[FloatArray, FloatArray]:
         """Return a course's free balls, the leader's first: centres (K, 3) in O, radii (K,)."""
-        balls = self._balls[course.approach.posture.finger]
+        balls = self._balls[course.finger]
         X_OH = course.poses()
         centers = (balls[:, :3] @ X_OH[:, :3, :3].transpose(0, 2, 1)) + X_OH[:, None, :3, 3]
         tip, others = centers[:, 0], centers[:, 1:].reshape(-1, 3)
@@ -327,11 +247,6 @@ def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:
         inside = np.column_stack([centers @ X_HG[:3, :3].T + X_HG[:3, 3], radii])
         balls.append(inside[np.linalg.norm(inside - balls[0], axis=1) > TOUCHING])
     return np.concatenate(balls)
-
-
-def _steps(length: float) -> FloatArray:
-    """Return distances along a leg, its end among them, shape (K, 1) [m]."""
-    return np.append(np.arange(0.0, length, FREE_POINT_SPACING), length)[:, None]
 
 
 # The leading fingertip of an approach begins at the ball that contains the object: transits keep

@@ -74,7 +74,7 @@ class KinematicProber:
             return missed
         touches = [(course.until_contact, course.touched)]
         longest = 0.0
-        q = course.approach.posture.joint_positions.copy()
+        q = course.joint_positions.copy()
         if self._extender is not None:
             touching = self._link_fingers.get(course.touched.link)
             for extension in self._extender.extend(course.X_OH_end, q, but=touching):

@@ -8,7 +8,8 @@ from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Probe
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.probing.guarded_motion import Course, GuardedMotion
+from lis_grasp.probing.course import Course
+from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.probing.kinematic_prober import FingerExtender, KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
@@ -59,7 +60,7 @@ def test_extended_fingers_stop_at_the_surface() -> None:
         course = motion.run(Probe(point, oblique, 0.03, 0.02))
         if not isinstance(course, Course) or course.touched is None:
             continue
-        q = course.approach.posture.joint_positions
+        q = course.joint_positions
         but = hand.link_fingers.get(course.touched.link)
         for extension in extender.extend(course.X_OH_end, q, but=but):
             if extension.touched is not None:

@@ -11,8 +11,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.probe_motions import ARM_PROBE_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
-from lis_grasp.probing.course import path_back, path_out
-from lis_grasp.probing.guarded_motion import Course, GuardedMotion
+from lis_grasp.probing.course import Course, path_back, path_out
+from lis_grasp.probing.guarded_motion import GuardedMotion
 
 STEP, BEFORE = 0.01, 0.002
 STATION = station_with("wsg50")
@@ -39,7 +39,7 @@ def test_the_path_goes_from_home_to_the_contact_without_a_jump(course: Course) -
     np.testing.assert_array_equal(path.positions[0], course.way.positions[0])
     palm = STATION.palm_poses(path.positions[-1])
     early = BEFORE if course.touched is not None else 0.0
-    expected = course.X_OH_end[:3, 3] - early * course.direction
+    expected = course.X_OH_end[:3, 3] - early * course.last.direction
     np.testing.assert_allclose(palm[:3, 3], expected, atol=1e-4)
     np.testing.assert_allclose(np.diff(path.times), STEP, atol=1e-9)
     # Positions, speeds and accelerations belong together, to second order in the step.
@@ -83,7 +83,7 @@ def test_an_arm_keeps_the_hand_off_the_table() -> None:
     course = GuardedMotion(hand, BOX, STATION).run(probe, SPACE)
     assert isinstance(course, Course)
     assert course.at_table
-    links = hand.forward_kinematics(course.X_OH_end, course.approach.posture.joint_positions)
+    links = hand.forward_kinematics(course.X_OH_end, course.joint_positions)
     lowest = min(
         trimesh.transform_points(g.mesh.vertices, links[g.link] @ g.X_LG)[:, 2].min()
         for g in hand.link_geometries

@@ -20,8 +20,8 @@ from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.scene import ArmStoppedError
-from lis_grasp.probing.course import path_back, path_out
-from lis_grasp.probing.guarded_motion import Course, GuardedMotion
+from lis_grasp.probing.course import Course, path_back, path_out
+from lis_grasp.probing.guarded_motion import GuardedMotion
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
@@ -156,7 +156,7 @@ class DynamicProber:
     def _go(self, course: Course, path: _PathOf) -> None:
         """Simulate the arm's way of a course in free space; without an arm, there is none."""
         if self._ways is not None and self._station is not None and course.way is not None:
-            posture = course.approach.posture.joint_positions
+            posture = course.joint_positions
             way = path(self._station.arm, course, _BEFORE, TIME_STEP)
             touch: float | None = None
             if course.touched is not None:
@@ -184,26 +184,26 @@ class DynamicProber:
 
     def _touch(self, course: Course) -> tuple[list[Patch], HandPose]:
         """Simulate the last part of a course; return contact patches and the hand's pose."""
-        scene, posture = self._scene, course.approach.posture
-        palm_to_base = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
-        X_EB = course.X_OH @ palm_to_base[self._hand.base_link]
+        scene, q, leg = self._scene, course.joint_positions, course.last
+        palm_to_base = self._hand.forward_kinematics(np.eye(4), q)
+        X_EB = leg.X_OH @ palm_to_base[self._hand.base_link]
         X_WB, X_WO = self._in_world(X_EB), self._in_world(self._X_EO)
-        direction = course.direction
+        direction = leg.direction
         if self._station is not None:
             direction = rotate(self._X_WE, direction)
-        scene.place(posture.joint_positions, X_WB, direction, X_WO, course.q_arm)
-        speed = self._speed if self._station is None else course.speed
+        scene.place(q, X_WB, direction, X_WO, None if leg.q_arm is None else leg.q_arm[0])
+        speed = self._speed if self._station is None else leg.speed
         before = _BEFORE if self._station is None else _BEFORE_WITH_ARM
-        start = max(course.travelled - before, 0.0)
+        start = max(leg.length - before, 0.0)
         scene.start_motion(start, speed)
         step = speed * scene.time_step
-        end = course.travelled + min(_BEYOND, course.remaining)
+        end = leg.length + min(_BEYOND, leg.remaining)
         patches: list[Patch] = []
         scene.command(start + step, speed)
         for n in range(1, int(np.ceil((end - start) / step)) + 1):
             scene.advance()
             scene.command(start + (n + 1) * step, speed)
-            if start + n * step > course.travelled:
+            if start + n * step > leg.length:
                 patches = scene.patches(self._threshold)
             if patches:
                 break
