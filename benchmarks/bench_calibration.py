@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
@@ -30,14 +30,13 @@ from scipy.optimize import minimize
 from scipy.special import expit
 from scipy.stats import rankdata
 
-from lis_grasp import Hand, pipeline, shapes
+from lis_grasp import Hand, pipeline
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.success_model import SUCCESS_MODEL
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
-from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp_studies.calibration import (
     calibration_bins,
@@ -97,22 +96,17 @@ def lifts(job: Job) -> list[Row]:
     config = RunConfig(
         object=name, touches=TOUCHES[-1], seed=seed, prober="kinematic", **conditions
     )
-    X_WO = pipeline.pose_of(shape, config)
-    assert X_WO is not None
-    shape = shapes.placed(shape, X_WO)
-    exploration = pipeline.touch(shape, hand, config)
+    scenario = pipeline.Scenario.from_config(config, shape, hand)
+    exploration = pipeline.touch(scenario)
     first: Row = {"object": name, "seed": seed, "hand": job.trial.hand, "reason": None}
     rows = [first]
     rng = np.random.default_rng([seed, len(name)])
     for touches in TOUCHES:
         try:
-            _, mesh = pipeline.estimate(
-                exploration.first(touches), config.estimator, config.sensor(), table=0.0
-            )
+            _, mesh = pipeline.estimate(scenario.known, exploration.first(touches))
         except (EstimationError, InvalidContactsError):
             continue
-        prior = config.load_prior(mesh)
-        found = pipeline.plan(mesh, hand, support=0.0, prior=prior, count=10, seed=seed).grasps
+        found = pipeline.plan(scenario.known, mesh).grasps
         for grasp in dict.fromkeys([*found[:1], *found[-1:]]):
             best = grasp is found[0]
             every = best and touches == TOUCHES[-1]
@@ -122,9 +116,8 @@ def lifts(job: Job) -> list[Row]:
                 scorer = GraspScorer(
                     hand, mesh, prior=LoadPrior(friction, mass), rng=np.random.default_rng(seed)
                 )
-                outcome = pipeline.lift(
-                    shape, hand, grasp, mass=mass, friction=friction, options=lift_options(prior)
-                )
+                truth = replace(scenario.truth, mass=mass, friction=friction)
+                outcome = pipeline.lift(replace(scenario, truth=truth), grasp)
                 rows.append(
                     first
                     | {"touches": touches, "best": best, "jaw": hand.kind == "parallel_jaw"}

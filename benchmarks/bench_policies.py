@@ -26,11 +26,16 @@ import numpy as np
 from lis_grasp import Hand, extract_mesh, shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.surface_samples import sample_mesh, sample_segments
-from lis_grasp.exploration import Exploration, ExplorationSetup, Workspace, explore
+from lis_grasp.exploration import (
+    Exploration,
+    ExplorationSetup,
+    TactileSensor,
+    Workspace,
+    explore,
+)
 from lis_grasp.exploration.targets import transfer_seconds
 from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.touching import make_policy, workspace
+from lis_grasp.pipeline import make_policy, workspace
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
@@ -89,14 +94,13 @@ def run(job: Job) -> list[Row]:
 def explore_with(policy: str, trial: PolicyTrial) -> Row:
     name, seed, touches = trial.object, trial.seed, trial.touches
     shape = shapes.build(name, shapes.PAPER_SIZE)
-    config = RunConfig(object=name, policy=policy, estimator=POLICIES[policy])
     space = workspace(shape)
     with single_thread():
         exploration = explore(
             KinematicProber(Hand.load("allegro"), shape.mesh),
             ExplorationSetup(
-                make_policy(config, space),
-                ESTIMATORS[config.estimator],
+                make_policy(policy, space, TactileSensor()),
+                ESTIMATORS[POLICIES[policy]],
                 touches=touches,
                 space=space,
             ),

@@ -37,7 +37,7 @@ from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.pipeline.run_config import SIMULATORS
 from lis_grasp.robots.collision import HandCollisionChecker
-from lis_grasp.shapes import STABLE, find, placed
+from lis_grasp.shapes import STABLE
 from lis_grasp.typing import FloatArray
 
 OURS = ("blend", "gpis")
@@ -98,15 +98,15 @@ def rows_of(
         touches=options.touches,
         seed=seed,
     )
-    shape = find(name)
-    shape = placed(shape, pipeline.pose_of(shape, config))
-    contacts = pipeline.touch(shape, Hand.load("allegro"), config).contacts
+    scenario = pipeline.Scenario.from_config(config, hand=Hand.load("allegro"))
+    contacts = pipeline.touch(scenario).contacts
     hand = round_tipped_allegro()
+    shape = scenario.truth.shape
     target = LiftedObject(shape.mesh, options.mass, options.friction)
     for planner in planners:
         try:
             if planner in OURS:
-                row = our_row(planner, target, hand, contacts, config, options)
+                row = our_row(planner, target, hand, contacts, scenario.known, options)
             else:
                 row = their_row(planner, target, hand, contacts, seed, options)
         except LisGraspError as error:
@@ -119,14 +119,15 @@ def our_row(
     target: LiftedObject,
     hand: Hand,
     contacts: Contacts,
-    config: pipeline.RunConfig,
+    known: pipeline.Known,
     options: argparse.Namespace,
 ) -> dict:
     cpu, wall = time.process_time(), time.perf_counter()
-    _, mesh = pipeline.estimate(contacts, estimator, config.sensor(), table=0.0)
+    known = replace(known, estimator=estimator, hand=hand, grasps=_GRASPS)
+    _, mesh = pipeline.estimate(known, contacts)
     estimated = time.process_time() - cpu
-    prior = LoadPrior(options.friction, options.mass)
-    search = pipeline.plan(mesh, hand, support=0.0, prior=prior, count=_GRASPS, seed=config.seed)
+    load = LoadPrior(options.friction, options.mass)
+    search = pipeline.plan(replace(known, load=load, mass_by_volume=False), mesh)
     row = {"cpu": time.process_time() - cpu, "wall": time.perf_counter() - wall}
     row |= {"cpu_estimate": estimated, "found": bool(search.grasps)}
     if not search.grasps:

@@ -22,7 +22,7 @@ from bench_calibration import print_calibration
 
 from lis_grasp import Hand, shapes
 from lis_grasp.io.json_lines import Row
-from lis_grasp.pipeline import lift, plan, support_height, touch
+from lis_grasp.pipeline import Scenario, lift, plan, touch
 from lis_grasp.pipeline.regrasp import grasp_with_tactile_check
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp_studies.runner import local_scheduler, run_trials
@@ -73,23 +73,20 @@ def run(job: Job) -> list[Row]:
     shape = shapes.build(name) if name in shapes.NAMES else shapes.load(name)
     hand = Hand.load(job.trial.hand)
     config = RunConfig(object=name, hand=job.trial.hand, seed=seed, prober="kinematic")
-    exploration = touch(shape, hand, config)
+    scenario = Scenario.from_config(config, shape, hand)
+    exploration = touch(scenario)
     rows = []
     for planned_on in job.variants:
         attempts, outcome, predicted = 1, None, None
         if planned_on == "truth":
-            support, friction = support_height(shape), config.friction
-            options = {"friction": friction, "count": config.grasps, "seed": seed}
-            search = plan(shape.mesh, hand, support=support, **options)
+            search = plan(scenario.known, shape.mesh)
             if search.grasps:
                 grasp = search.grasps[0]
                 predicted = grasp.quality["success_probability"]
-                outcome = lift(
-                    shape, hand, grasp, mass=config.mass_of(shape.mesh), friction=friction
-                )
+                outcome = lift(scenario, grasp)
         else:
             known = exploration.first(int(planned_on))
-            tried = list(grasp_with_tactile_check(shape, hand, known, config))
+            tried = list(grasp_with_tactile_check(scenario, known))
             attempts, outcome = len(tried), tried[-1].outcome
             if outcome is not None:
                 grasp = tried[-1].search.grasps[tried[-1].rank]

@@ -42,9 +42,11 @@ def main() -> None:
                 touches=arguments.touches,
                 seed=seed,
             )
-            contacts = pipeline.touch(shape, hand, config).contacts
+            scenario = pipeline.Scenario.from_config(config, shape, hand)
+            contacts = pipeline.touch(scenario).contacts
             for name in ESTIMATORS:
-                _, mesh = pipeline.estimate(contacts, name, free_space=not arguments.no_free_space)
+                known = pipeline.Perception(estimator=name, free_space=not arguments.no_free_space)
+                _, mesh = pipeline.estimate(known, contacts)
                 error = surface_error(
                     mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size
                 )

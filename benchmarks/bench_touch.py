@@ -50,7 +50,7 @@ def print_free_objects(hand: Hand) -> None:
         shape = shapes.build(name, None)
         config = pipeline.RunConfig(object=name, free=True, touches=30, mass=0.2, friction=0.5)
         start = time.perf_counter()
-        outcomes = pipeline.touch(shape, hand, config).outcomes
+        outcomes = pipeline.touch(pipeline.Scenario.from_config(config, shape, hand)).outcomes
         seconds = time.perf_counter() - start
         own = [o.moved for o in outcomes if o.status == "touched" or o.moved > 0.0]
         fallen = _topplings([o.simulated_pose for o in outcomes if o.simulated_pose is not None])

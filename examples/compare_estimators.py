@@ -12,12 +12,10 @@ from pathlib import Path
 from lis_grasp import (
     BlendedImplicitSurface,
     GaussianProcessImplicitSurface,
-    Hand,
     LocalImplicitSurface,
     PatchImplicitSurface,
     extract_mesh,
     pipeline,
-    shapes,
     surface_error,
 )
 
@@ -36,9 +34,9 @@ def main() -> None:
     output = parser.parse_args().output
     output.mkdir(parents=True, exist_ok=True)
 
-    pentagon, hand = shapes.build("pentagon"), Hand.load("allegro")
-    config = pipeline.RunConfig(prober="kinematic", touches=20, **NOISE)
-    contacts = pipeline.touch(pentagon, hand, config).contacts
+    config = pipeline.RunConfig(object="pentagon", prober="kinematic", touches=20, **NOISE)
+    scenario = pipeline.Scenario.from_config(config)
+    pentagon, contacts = scenario.truth.shape, pipeline.touch(scenario).contacts
 
     with (output / "errors.csv").open("w", newline="") as file:
         table = csv.writer(file)

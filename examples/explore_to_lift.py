@@ -8,7 +8,7 @@ This is `lis-grasp run --known` in Python: each stage is one function of `lis_gr
 import argparse
 from pathlib import Path
 
-from lis_grasp import Hand, pipeline, shapes
+from lis_grasp import pipeline
 
 
 def main() -> None:
@@ -19,31 +19,24 @@ def main() -> None:
 
     # The kinematic prober touches by geometry alone; "dynamic" simulates every touch in Drake.
     config = pipeline.RunConfig(object="box", prober="kinematic", touches=15)
-    box, hand = shapes.build(config.object), Hand.load(config.hand)
+    scenario = pipeline.Scenario.from_config(config)
+    box = scenario.truth.shape
 
-    exploration = pipeline.touch(box, hand, config)
+    exploration = pipeline.touch(scenario)
     exploration.contacts.save(output / "contacts.ply")
     print(f"touch: {exploration.summary()}")
 
-    _, mesh = pipeline.estimate(exploration.contacts, config.estimator)
+    # The robot decides by what is known, and never by the true object.
+    _, mesh = pipeline.estimate(scenario.known, exploration.contacts)
     mesh.export(output / "surface.ply")
     print(f"estimate: {1e6 * mesh.volume:.0f} cm^3, true {1e6 * box.mesh.volume:.0f} cm^3")
 
-    search = pipeline.plan(
-        mesh,
-        hand,
-        support=pipeline.support_height(box),
-        friction=config.friction,
-        count=config.grasps,
-        seed=config.seed,
-    )
+    search = pipeline.plan(scenario.known, mesh)
     search.save(output / "grasps.json")
     best = search.grasps[0]
     print(f"grasp: best of {len(search.grasps)}, epsilon {best.quality['epsilon']:.3f}")
 
-    outcome = pipeline.lift(
-        box, hand, best, mass=config.mass_of(box.mesh), friction=config.friction
-    )
+    outcome = pipeline.lift(scenario, best)
     print(f"lift: lifted {outcome.lifted}, held {outcome.held}, slip {1e3 * outcome.slip:.1f} mm")
     outcome.motion.save(output / "motion.npz")
     print(f"wrote contacts, surface, grasps and motion to {output}")

@@ -7,12 +7,13 @@ enough: nothing is registered or inherited.
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lis_grasp import Contacts, Hand, extract_mesh, pipeline, shapes, surface_error
+from lis_grasp import Contacts, extract_mesh, pipeline, shapes, surface_error
 
 
 class NearestPlane:
@@ -39,9 +40,11 @@ def main() -> None:
     output = parser.parse_args().output
     output.mkdir(parents=True, exist_ok=True)
 
-    pentagon, hand = shapes.build("pentagon"), Hand.load("allegro")
+    pentagon = shapes.build("pentagon")
     config = pipeline.RunConfig(prober="kinematic", policy="frontier", touches=15)
-    exploration = pipeline.touch(pentagon, hand, config, estimator=NearestPlane)
+    scenario = pipeline.Scenario.from_config(config, pentagon)
+    scenario = replace(scenario, known=replace(scenario.known, estimator=NearestPlane))
+    exploration = pipeline.touch(scenario)
     mesh = extract_mesh(NearestPlane(exploration.contacts))
     mesh.export(output / "surface.ply")
     error = surface_error(

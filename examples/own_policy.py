@@ -6,9 +6,10 @@ The policy here touches the object from above at random places. A class with `ne
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
-from lis_grasp import Hand, pipeline, shapes
+from lis_grasp import pipeline, shapes
 from lis_grasp.exploration import Probe, Workspace
 
 
@@ -31,13 +32,13 @@ def main() -> None:
     output = parser.parse_args().output
     output.mkdir(parents=True, exist_ok=True)
 
-    mallet, hand = shapes.build("mallet"), Hand.load("allegro")
     config = pipeline.RunConfig(prober="kinematic", touches=12)
-    policy = FromAbove(pipeline.workspace(mallet))
-    exploration = pipeline.touch(mallet, hand, config, policy=policy)
+    scenario = pipeline.Scenario.from_config(config, shapes.build("mallet"))
+    known = replace(scenario.known, policy=FromAbove)
+    exploration = pipeline.touch(replace(scenario, known=known))
     contacts = exploration.contacts
     contacts.save(output / "contacts.ply")
-    _, mesh = pipeline.estimate(contacts, config.estimator)
+    _, mesh = pipeline.estimate(known, contacts)
     mesh.export(output / "surface.ply")
 
     low, high = 1e3 * contacts.bounds[:, 2]

@@ -11,8 +11,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import HandPose, Probe, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.motion import Motion
+from lis_grasp.pipeline import RunConfig, Scenario
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_parts import Joint, LinkGeometry, Pad
+from lis_grasp.shapes import Shape
 from lis_grasp.visualization import Scene
 
 HALF = 0.03
@@ -146,3 +148,9 @@ def scene(**changes: Any) -> Scene:
         "summary": ("six touches",),
     }
     return Scene(**{**content, **changes})
+
+
+def scenario(shape: Shape, hand: Hand, X_EO: np.ndarray | None = None, **options: Any) -> Scenario:
+    """Return the scenario of an object of 0.2 kg at a pose, with a run's options by name."""
+    config = RunConfig(**{"mass": 0.2, **options})
+    return Scenario.from_config(config, shape, hand, recorded={"X_EO": X_EO})

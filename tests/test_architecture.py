@@ -5,15 +5,18 @@ import inspect
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from typing import Any, get_type_hints
 
 import networkx as nx
 import pytest
 
 import lis_grasp
-import lis_grasp.pipeline
+from lis_grasp import pipeline
+from lis_grasp.pipeline import lifting_stage, next_touch, scenario, touching
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
 
@@ -155,7 +158,8 @@ import sys
 sys.modules["pydrake"] = None
 import numpy as np
 import lis_grasp
-import lis_grasp.pipeline
+from lis_grasp import pipeline
+from lis_grasp.pipeline import lifting_stage, next_touch, scenario, touching
 for name in lis_grasp.__all__:
     getattr(lis_grasp, name)
 from lis_grasp import ForceClosureSampler, Hand, LocalImplicitSurface, Contacts, extract_mesh
@@ -201,10 +205,41 @@ def test_no_true_object_reaches_exploration_estimation_or_planning() -> None:
                 assert name.rsplit(".", 1)[1] not in truth, f"{path} imports {name}"
 
 
-@pytest.mark.parametrize("stage", ["estimate", "plan", "make_policy", "make_estimator", "table_of"])
-def test_no_stage_of_the_robot_is_given_the_true_object(stage: str) -> None:
-    parameters = inspect.signature(getattr(lis_grasp.pipeline, stage)).parameters.values()
-    assert not any("Shape" in str(parameter.annotation) for parameter in parameters)
+def test_the_true_object_is_no_part_of_what_is_known() -> None:
+    """What decides for the robot gets `Known`; of true things it has neither types nor names."""
+    types = get_type_hints(pipeline.Known, {**vars(pipeline), **vars(scenario)})
+    assert not {"shape", "truth", "config", "object", "mass", "friction"} & set(types)
+    for text in map(str, types.values()):
+        assert not any(name in text for name in ("Shape", "Truth", "Scenario", "RunConfig")), text
+
+
+@pytest.mark.parametrize(
+    "decision",
+    [
+        pipeline.estimate,
+        pipeline.plan,
+        pipeline.make_policy,
+        pipeline.make_estimator,
+        touching.grasp_rules,
+        lifting_stage.lift_options,
+        next_touch.next_touch,
+    ],
+)
+def test_no_decision_of_the_robot_is_given_the_true_object(decision: Callable[..., Any]) -> None:
+    for parameter in inspect.signature(decision).parameters.values():
+        for name in ("Shape", "Truth", "Scenario", "RunConfig"):
+            assert name not in str(parameter.annotation), parameter
+
+
+def test_a_function_of_the_pipeline_has_at_most_five_parameters() -> None:
+    for path in (PACKAGE / "pipeline").rglob("*.py"):
+        for node in _nodes(path):
+            if isinstance(node, ast.FunctionDef):
+                arguments = node.args
+                names = [a.arg for a in (*arguments.posonlyargs, *arguments.args)]
+                names += [a.arg for a in arguments.kwonlyargs]
+                given = [name for name in names if name not in ("self", "cls")]
+                assert len(given) <= 5, f"{path.name}: {node.name} has {len(given)}"
 
 
 def test_unknown_public_name_is_refused() -> None:

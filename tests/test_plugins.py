@@ -99,7 +99,8 @@ def contacts(installed: Path) -> Contacts:
     hand = Hand.load(config.hand)
     assert hand.name == "square_jaw"
     assert all(finding.fine for finding in check_hand(hand))
-    return pipeline.touch(shapes.build("box", 0.06), hand, config).contacts
+    scenario = pipeline.Scenario.from_config(config, shapes.build("box", 0.06))
+    return pipeline.touch(scenario).contacts
 
 
 def test_an_installed_package_is_found_in_every_role(contacts: Contacts) -> None:
@@ -108,7 +109,7 @@ def test_an_installed_package_is_found_in_every_role(contacts: Contacts) -> None
     assert (contacts.normals[:, 2] > 0.99).sum() >= 5  # the policy touches the top
     for find in (find_estimator, compared_estimator, studied_estimator):
         assert callable(find("nearest_plane"))
-    surface, _ = pipeline.estimate(contacts, "nearest_plane")
+    surface, _ = pipeline.estimate(pipeline.Perception(estimator="nearest_plane"), contacts)
     assert abs(surface.evaluate(contacts.points)).max() < 1e-12
 
 

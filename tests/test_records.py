@@ -14,7 +14,7 @@ def test_records_print_as_one_short_line() -> None:
     contacts, hand = Contacts(0.03 * axes, axes), Hand.load("wsg50")
     surfaces = [make(contacts) for make in ESTIMATORS.values()]
     config = pipeline.RunConfig(hand="wsg50", prober="kinematic", touches=2)
-    exploration = pipeline.touch(shapes.build("box"), hand, config)
+    exploration = pipeline.touch(pipeline.Scenario.from_config(config, shapes.build("box")))
     outcome = exploration.outcomes[0]
     search = GraspSearch((jaw_grasp(hand, np.zeros(3), 0.06),), {"no_solution_of_ik": 19}, 20)
     records = [contacts, hand, *surfaces, carved(surfaces[0], exploration.contacts), exploration]

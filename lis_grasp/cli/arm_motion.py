@@ -24,8 +24,8 @@ from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
 from lis_grasp.lifting.wrist_path import minimum_jerk
-from lis_grasp.pipeline.arm_station import base_at
 from lis_grasp.pipeline.reasons import rejection_sentence
+from lis_grasp.pipeline.scenario import base_at
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_arms import ARM_NAMES

@@ -17,14 +17,12 @@ from lis_grasp.arms.arm_check import check_arm
 from lis_grasp.cli.findings import say_findings
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
-from lis_grasp.pipeline.regrasp import make_planner
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import Finding, check_hand
 from lis_grasp.robots.hand_file import description_of
 from lis_grasp.robots.repair_file import write_repaired
-from lis_grasp.shapes import find
 from lis_grasp.version import __version__
 
 _PACKAGES = ("drake", "numpy", "scipy", "trimesh", "python-fcl", "meshcat", "manifold3d")
@@ -135,10 +133,11 @@ def _self_test() -> Finding:
     """Touch a box by geometry, estimate it, and plan grasps; takes seconds."""
     start = time.perf_counter()
     config = RunConfig(prober="kinematic", touches=15, grasps=2)
-    shape, hand = find("box"), Hand.load(config.hand)
     try:
-        contacts = pipeline.touch(shape, hand, config).contacts
-        _, search = make_planner(shape, hand, config)(contacts, None, None)
+        scenario = pipeline.Scenario.from_config(config)
+        contacts = pipeline.touch(scenario).contacts
+        _, mesh = pipeline.estimate(scenario.known, contacts)
+        search = pipeline.plan(scenario.known, mesh)
     except LisGraspError as error:
         return Finding(False, f"the self-test failed: {error}")
     counts = f"{len(contacts)} touches of a box, {len(search.grasps)} grasps"

@@ -20,7 +20,7 @@ from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGr
 from lis_grasp.io import provenance
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.io.surface_files import save_surface
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Perception
 from lis_grasp.shapes import UNITS
 from lis_grasp.surfaces.contact_loading import DOUBTFUL, NormalSide, fraction_in_front
 from lis_grasp.typing import FloatArray
@@ -89,7 +89,8 @@ def execute(options: argparse.Namespace) -> None:
             " object, and the standard deviation is too small"
         )
     with result_file(path) as temporary:
-        mesh = write_surface(temporary, contacts, config, recorded)
+        known = Perception.from_config(config, recorded.get("support_height"))
+        mesh = write_surface(temporary, known, contacts, recorded)
         if not kept:
             with result_file(folder / "contacts.ply") as copy:
                 contacts.save(copy, header=provenance.merge(recorded))
@@ -176,12 +177,15 @@ def load_contacts(options: argparse.Namespace) -> tuple[Contacts, dict[str, Any]
         )
         return contacts, recorded
     contacts = pipeline.join_sources(
-        paths,
-        units=options.units,
-        normals=options.normals,
-        position_noise=options.position_noise,
-        normal_noise=options.normal_noise,
-        fingertip_radii=radii,
+        pipeline.ContactSource(
+            path,
+            options.units,
+            options.normals,
+            options.position_noise,
+            options.normal_noise,
+            radius,
+        )
+        for path, radius in zip(paths, radii, strict=True)
     )
     recorded = {}
     for path in reversed(paths):
@@ -191,19 +195,13 @@ def load_contacts(options: argparse.Namespace) -> tuple[Contacts, dict[str, Any]
 
 
 def write_surface(
-    path: Path, contacts: Contacts, config: RunConfig, recorded: dict[str, Any]
+    path: Path, known: Perception, contacts: Contacts, recorded: dict[str, Any]
 ) -> trimesh.Trimesh:
     """Estimate a surface from contacts with the recorded facts, and write and return its mesh."""
-    with Stage(f"Estimating the surface ({config.estimator})") as stage:
-        _, mesh = pipeline.estimate(
-            contacts,
-            config.estimator,
-            config.sensor(),
-            free_space=config.free_space,
-            table=pipeline.table_of(config, recorded.get("support_height")),
-        )
-        names = ("estimator", *_NOISE, "free_space")
-        facts = {name: getattr(config, name) for name in names}
+    with Stage(f"Estimating the surface ({known.estimator})") as stage:
+        _, mesh = pipeline.estimate(known, contacts)
+        facts = {name: getattr(known.sensor, name) for name in _NOISE}
+        facts |= {"estimator": known.estimator, "free_space": known.free_space}
         save_surface(mesh, path, header=provenance.merge(recorded, **facts))
         stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
     return mesh

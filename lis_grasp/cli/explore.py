@@ -4,31 +4,29 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from lis_grasp import pipeline
-from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import LOG, remove_made_from, results_folder
 from lis_grasp.exceptions import EstimationError, InvalidMeshError
-from lis_grasp.exploration import Exploration, ExplorationState, TouchLog
+from lis_grasp.exploration import Exploration, ExplorationState, ProbeOutcome, TouchLog
 from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.arm_station import make_station, station_after, station_facts
 from lis_grasp.pipeline.report_json import exploration_facts
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.summary import exploration_lines
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces.carved_implicit_surface import above_table
-from lis_grasp.typing import FloatArray
 
 TOUCH_OPTIONS = (
     *("hand", "estimator", "prober", "fingers", "mass", "friction", "policy"),
@@ -73,13 +71,13 @@ def execute(options: argparse.Namespace) -> None:
     """Explore, and write the contacts."""
     config = opt.configure_touch(options)
     output = results_folder(config, options.output)
-    shape, X_WO = opt.place_object(config)
-    hand = Hand.load(config.hand)
+    scenario = Scenario.from_config(config)
+    opt.announced(scenario.truth.shape)
     options.until_end.enter_context(sole_writer(output))
-    warn_if_too_wide(shape, hand)
-    station = make_station(config, hand, pipeline.support_height(shape, config))
-    exploration = explore_with_log(config, shape, hand, output, X_WO, station)
-    for line in exploration_lines(exploration_facts(config, shape, hand, exploration)):
+    warn_if_too_wide(scenario.truth.shape, scenario.known.hand)
+    exploration = explore_with_log(scenario, output)
+    after = scenario.after(exploration)
+    for line in exploration_lines(exploration_facts(after, exploration)):
         say(line)
     path = output / "contacts.ply"
     say(f"ended: {exploration.ended}")
@@ -101,34 +99,56 @@ def warn_if_too_wide(shape: Shape, hand: Hand) -> None:
         )
 
 
+class _Log:
+    """Watch that writes the log and some intermediate estimates, and shows the progress."""
+
+    def __init__(self, log: TouchLog, scenario: Scenario, header: str, stage: Stage) -> None:
+        self._log, self._scenario, self._header, self._stage = log, scenario, header, stage
+        self._counts = growth_counts(scenario.known.touches)
+        known = log.resume()[:-1]
+        self._last = len(Exploration.replay(known, touches=scenario.known.touches).contacts)
+
+    def record(self, outcome: ProbeOutcome) -> None:
+        self._log.append(outcome)
+
+    def observe(self, state: ExplorationState) -> None:
+        known = self._scenario.known
+        self._stage.count(len(state.contacts), known.touches)
+        # One touch can make several contacts and so pass a count.
+        contacts, surface, before = len(state.contacts), state.surface, self._last
+        if surface is None or not state.is_new:
+            return
+        self._last = contacts
+        if contacts < known.touches and any(before < c <= contacts for c in self._counts):
+            with suppress(EstimationError, InvalidMeshError):  # too few contacts for a surface
+                cell = float(np.ptp(surface.bounds, axis=0).max()) / _CELLS
+                mesh = extract_mesh(above_table(surface, known.table), resolution=cell)
+                save_growth(self._log.path.parent, contacts, mesh, self._header)
+
+
 def explore_with_log(
-    config: RunConfig,
-    shape: Shape,
-    hand: Hand,
-    output: Path,
-    X_WO: FloatArray | None,
-    station: Station | None = None,
-    arm_use: ArmUse | None = None,
+    scenario: Scenario, output: Path, arm_use: ArmUse | None = None
 ) -> Exploration:
     """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
 
-    The shape is at its pose X_WO (4, 4), if it has one. contacts.ply has the touches, then the
-    points of the cloud, unless the object was lost. The station's arm carries the hand; None for a
-    free hand. What new touches demand of it is added to `arm_use`.
+    contacts.ply has the touches, then the points of the cloud, unless the object was lost. What new
+    touches demand of an arm is added to `arm_use`.
 
     An interrupted exploration is resumed from its log, and the touches of a finished one are used
     again. With another configuration or another state of the package it starts from the beginning,
     and the earlier results are removed.
     """
+    config = scenario.config
     loads = () if config.free or config.until_success is not None else ("mass", "friction")
     later = ("grasps", "attempts", "simulator", *loads)
     facts = {name: value for name, value in config.facts().items() if name not in later}
     header = provenance.describe(
         **facts,
-        support_height=pipeline.support_height(shape, config),
-        X_WO=None if X_WO is None else X_WO.tolist(),
+        **{name: scenario.facts()[name] for name in ("support_height", "X_WO")},
     )
-    cloud = None if config.cloud is None else pipeline.load_source(config.cloud)
+    cloud = (
+        None if config.cloud is None else pipeline.load_source(pipeline.ContactSource(config.cloud))
+    )
     content = {
         f"{name}_digest": provenance.digest_of(Path(file))
         for name, file in (
@@ -142,7 +162,9 @@ def explore_with_log(
     source = {"source": provenance.source_digest()} | content
     log = TouchLog(output / LOG, provenance.parse(header) | source)
     differing, finished = log.differing(), log.ending() is not None
-    if finished and station is not None:  # what touches demand of an arm is not in the log
+    if (
+        finished and scenario.known.station is not None
+    ):  # what touches demand of an arm is not in the log
         log.path.unlink()
     known = log.resume()
     if known and finished:
@@ -156,44 +178,26 @@ def explore_with_log(
         remove_growth(output)
     if finished or not known:
         remove_made_from(output / "contacts.ply", with_itself=True)
-    counts = growth_counts(config.touches)
-    table = pipeline.table_of(config, pipeline.support_height(shape, config))
-    last = len(Exploration.replay(known[:-1], touches=config.touches).contacts)
-
-    def watch(state: ExplorationState) -> None:
-        nonlocal last
-        stage.count(len(state.contacts), config.touches)
-        # One touch can make several contacts and so pass a count.
-        contacts, surface, before = len(state.contacts), state.surface, last
-        if surface is None or not state.is_new:
-            return
-        last = contacts
-        if contacts < config.touches and any(before < count <= contacts for count in counts):
-            with suppress(EstimationError, InvalidMeshError):  # too few contacts for a surface
-                cell = float(np.ptp(surface.bounds, axis=0).max()) / _CELLS
-                mesh = extract_mesh(above_table(surface, table), resolution=cell)
-                save_growth(output, contacts, mesh, header)
-
-    with Stage(f"Touching {shape.name} with {hand.name}") as stage:
-        exploration = pipeline.touch(
-            shape,
-            hand,
-            config,
-            log=log,
-            observe=watch,
-            station=station,
-            arm_use=arm_use,
-        )
+    title = f"Touching {scenario.truth.shape.name} with {scenario.known.hand.name}"
+    with Stage(title) as stage:
+        exploration = _explore(scenario, log, _Log(log, scenario, header, stage), arm_use)
         stage.result = exploration.summary()
     contacts = exploration.contacts
     if cloud is not None and not any(outcome.lost for outcome in exploration.outcomes):
         contacts = contacts.append(cloud)
-    end = exploration.simulated_pose  # of a free object, in the frame of the contacts
-    moved = {} if end is None else {"X_EO": end.tolist()}
-    moved |= station_facts(station_after(station, exploration))
-    contacts.save(
-        output / "contacts.ply", header=provenance.merge(provenance.parse(header), **moved)
-    )
+    facts = provenance.parse(header) | scenario.after(exploration).facts()
+    contacts.save(output / "contacts.ply", header=provenance.describe(**facts))
+    return exploration
+
+
+def _explore(scenario: Scenario, log: TouchLog, watch: _Log, arm_use: ArmUse | None) -> Exploration:
+    recorded, ending = log.resume(), log.ending()
+    if ending is not None:
+        touches = scenario.known.touches
+        return replace(Exploration.replay(recorded, touches=touches), ended=ending)
+    prober = pipeline.make_prober(scenario, recorded, arm_use)
+    exploration = pipeline.touch(scenario, prober=prober, recorded=recorded, watch=watch)
+    log.end(exploration.ended)
     return exploration
 
 

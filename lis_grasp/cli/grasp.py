@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import trimesh
 
 from lis_grasp import pipeline
-from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import result_file
 from lis_grasp.contacts import FARTHEST
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import Workspace
 from lis_grasp.geometry import require_pose
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
@@ -23,10 +23,10 @@ from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.pipeline.arm_station import make_station, station_facts
-from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
+from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Known, find_object, make_station, station_facts
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import load, placed_as_recorded
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
@@ -82,11 +82,13 @@ def execute(options: argparse.Namespace) -> None:
         raise InvalidOptionError.out_of_range(
             "support", support, f"a height in metres, from {-FARTHEST:g} to {FARTHEST:g}"
         )
-    station = make_station(config, hand, support, X_EA=recorded_base(options, recorded))
+    station = make_station(config, hand, support, recorded_base(options, recorded))
     recorded |= station_facts(station)
+    space = Workspace(1.0, mesh.bounds.mean(axis=0), float(mesh.extents.max()))
+    known = replace(Known.for_hand(config, hand, space, support), station=station)
     path = (options.output or options.mesh.parent) / "grasps.json"
     with result_file(path) as temporary:
-        search = write_grasps(temporary, mesh, hand, support, config, recorded, station)
+        search = write_grasps(temporary, known, mesh, config, recorded)
     say_search(search)
     if search.grasps and recorded.get("estimator") == "lis":
         say(f"warning: {_ON_LIS}")
@@ -96,7 +98,7 @@ def execute(options: argparse.Namespace) -> None:
         say(f"wrote {path.with_name('grasps.isaac.yaml')}")
     if options.dexgraspbench:
         if "object" in recorded:
-            mesh = placed_as_recorded(opt.load_object(config), recorded).mesh
+            mesh = placed_as_recorded(opt.announced(find_object(config)), recorded).mesh
         name = Path(recorded.get("object", options.mesh)).stem
         folder = write_dexgraspbench(path.parent, name, mesh, hand, search, support)
         say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")
@@ -106,31 +108,14 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def write_grasps(
-    path: Path,
-    mesh: trimesh.Trimesh,
-    hand: Hand,
-    support: float,
-    config: RunConfig,
-    recorded: dict[str, Any],
-    station: Station | None = None,
+    path: Path, known: Known, mesh: trimesh.Trimesh, config: RunConfig, recorded: dict[str, Any]
 ) -> GraspSearch:
-    """Plan grasps on a surface with the recorded facts, write them, and return them.
-
-    With a `station`, they are within its arm's reach.
-    """
-    with Stage(f"Planning grasps of {hand.name}") as stage:
-        search = pipeline.plan(
-            mesh,
-            hand,
-            support=support,
-            prior=config.load_prior(mesh),
-            count=config.grasps,
-            seed=config.seed,
-            station=station,
-        )
+    """Plan grasps on a surface with the recorded facts, write them, and return them."""
+    with Stage(f"Planning grasps of {known.hand.name}") as stage:
+        search = pipeline.plan(known, mesh)
         names = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "seed")
         facts = {name: getattr(config, name) for name in names}
-        header = provenance.merge(recorded, **facts, support_height=support)
+        header = provenance.merge(recorded, **facts, support_height=known.support)
         search.save(path, header=header)
         stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
     return search
@@ -146,7 +131,8 @@ def write_dexgraspbench(
         pieces = convex_pieces(mesh)
         stage.result = str(len(pieces))
     folder = output / "dexgraspbench"
-    folder = save_for_dexgraspbench(folder, name, pieces, hand, search.grasps, support)
+    target = TabletopObject(name, pieces, support)
+    folder = save_for_dexgraspbench(folder, target, hand, search.grasps)
     with Stage("Testing by the protocol of DexGraspBench") as stage:
         tests = [dexgraspbench_protocol(hand, g, pieces, support) for g in search.grasps]
         lifts, holds = (sum(getattr(t, f) for t in tests) for f in ("table_lift", "force_test"))

@@ -11,21 +11,17 @@ import trimesh
 from lis_grasp import pipeline
 from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.grasp import recorded_base
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.geometry import require_pose
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.pipeline.arm_station import make_station
 from lis_grasp.pipeline.reasons import lift_sentence
-from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.report_json import lift_facts
+from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.worker_pool import process_count
-from lis_grasp.robots.hand import Hand
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,27 +48,20 @@ def execute(options: argparse.Namespace) -> None:
     if options.best < 1:
         raise InvalidOptionError.out_of_range("--best", options.best, "at least 1")
     config = opt.configure(options, recorded)
-    shape = opt.load_object(config, recorded.get("X_WO"))
-    hand = Hand.load(config.hand)
+    poses = dict(recorded)
+    if options.arm is not None or options.base is not None:
+        poses.pop("X_EA", None)
+    scenario = Scenario.from_config(config, recorded=poses)
+    shape, mass = opt.announced(scenario.truth.shape), scenario.truth.mass
     pipeline.require_simulator(config.simulator, shape)
     output = options.output or options.grasps_file.parent
     options.until_end.enter_context(sole_writer(output))
     grasps = search.grasps[: options.best]
-    mass = config.mass_of(shape.mesh)
-    height = pipeline.support_height(shape, config)
-    station = make_station(config, hand, height, X_EA=recorded_base(options, recorded))
     trials = pipeline.lift_each(
-        shape,
-        hand,
+        scenario,
         grasps,
-        mass=mass,
-        friction=config.friction,
-        simulator=config.simulator,
         jobs=process_count(options.jobs),
-        options=lift_options(config.load_prior(shape.mesh)),
-        X_WO=None if "X_EO" not in recorded else require_pose("X_EO", recorded["X_EO"]),
-        station=station,
-        estimate=_estimate(options.grasps_file, station),
+        estimate=_estimate(options.grasps_file, scenario.known.station),
     )
     outcomes: list[dict[str, Any]] = []
     for rank in range(1, len(grasps) + 1):

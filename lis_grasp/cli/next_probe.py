@@ -17,6 +17,7 @@ from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.pipeline.next_touch import NextTouch, next_touch, workspace_of
+from lis_grasp.pipeline.scenario import Known
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.typing import FloatArray
@@ -77,8 +78,9 @@ def execute(options: argparse.Namespace) -> None:
     options.region = None  # in a configuration it needs a pose of the true object
     config = opt.configure(options, recorded)
     hand = Hand.load(config.hand)
+    known = Known.for_hand(config, hand, space, 0.0)
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
-        found = next_touch(contacts, hand, config, space, outcomes=outcomes)
+        found = next_touch(known, contacts, outcomes)
         stage.result = f"policy {config.policy}"
     for line in _lines(found):
         say(line)

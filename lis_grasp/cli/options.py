@@ -9,13 +9,11 @@ from typing import Any
 
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.pipeline import pose_of
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, REAL_SENSOR, UNKNOWN
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
 from lis_grasp.pipeline.run_config import FINGERS, LOADS, PROBERS, SIMULATORS, RunConfig
 from lis_grasp.plugins import Registry
-from lis_grasp.shapes import NAMES, STABLE, UNITS, Shape, find, placed
-from lis_grasp.typing import FloatArray
+from lis_grasp.shapes import NAMES, STABLE, UNITS, Shape
 
 PLUGGED = ("estimator", "policy")
 """Options whose values may be names of plug-ins."""
@@ -317,29 +315,6 @@ def configure(options: argparse.Namespace, recorded: dict[str, Any] | None = Non
     for known in (recorded, vars(options)):
         facts |= {name: known[name] for name in facts if known.get(name) is not None}
     return RunConfig(**facts)
-
-
-def load_object(config: RunConfig, X_WO: FloatArray | None = None) -> Shape:
-    """Return the true object of a configuration, and print the repairs of its mesh.
-
-    `X_WO` (4, 4) is its recorded pose; None for one that is not placed.
-    """
-    if config.units != "m" and config.object in NAMES:
-        raise InvalidOptionError(
-            f"--units is for mesh files; it is {config.units} for the built-in {config.object}:"
-            " leave it out, or give the largest extent in metres by --size",
-            option="units",
-            value=config.units,
-        )
-    shape = announced(find(config.object, size=config.size, units=config.units))
-    return shape if X_WO is None else placed(shape, X_WO)
-
-
-def place_object(config: RunConfig) -> tuple[Shape, FloatArray | None]:
-    """Return the true object at its configured pose, and this pose X_WO; None if it has none."""
-    shape = load_object(config)
-    X_WO = pose_of(shape, config)
-    return (shape if X_WO is None else placed(shape, X_WO)), X_WO
 
 
 def announced(shape: Shape) -> Shape:

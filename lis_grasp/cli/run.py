@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 import logging
 from pathlib import Path
-from typing import Any
 
 import trimesh
 
 from lis_grasp import pipeline
-from lis_grasp.arms.station import Station
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.estimate import write_surface
 from lis_grasp.cli.explore import TOUCH_OPTIONS, explore_with_log, warn_if_too_wide
@@ -19,22 +17,19 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import results_folder
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.pipeline.arm_station import make_station, station_after, station_facts
-from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
+from lis_grasp.lifting.trial import AcceptGrasp
+from lis_grasp.pipeline.regrasp import Stages, grasp_with_tactile_check
 from lis_grasp.pipeline.report_json import build_report
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.summary import run_lines
-from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.inertias import require_possible_inertias
-from lis_grasp.shapes import Shape
-from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.run_scene import write_scene_of
 
 _LOG = logging.getLogger(__name__)
@@ -54,8 +49,8 @@ def execute(options: argparse.Namespace) -> None:
     watch = pipeline.Stopwatch()
     config = opt.configure_touch(options)
     output = results_folder(config, options.output)
-    shape, X_WO = opt.place_object(config)
-    hand = Hand.load(config.hand)
+    scenario = Scenario.from_config(config)
+    shape, hand = opt.announced(scenario.truth.shape), scenario.known.hand
     require_possible_inertias(hand.inertials)
     pipeline.require_simulator(config.simulator, shape)
     options.until_end.enter_context(sole_writer(output))
@@ -63,8 +58,7 @@ def execute(options: argparse.Namespace) -> None:
 
     with watch.measure("touch"):
         arm_use = ArmUse()
-        station = make_station(config, hand, pipeline.support_height(shape, config))
-        exploration = explore_with_log(config, shape, hand, output, X_WO, station, arm_use)
+        exploration = explore_with_log(scenario, output, arm_use)
         # Later stages read the files, so that each repeats exactly when run alone.
         contacts = Contacts.load(output / "contacts.ply")
     if not len(contacts):
@@ -73,16 +67,15 @@ def execute(options: argparse.Namespace) -> None:
             " to estimate: check that the region contains the object and that the hand gets there"
         )
 
-    X_WO = exploration.simulated_pose
-    station = station_after(station, exploration)
-    attempts = _attempts(shape, hand, config, contacts, output, watch, X_WO, station)
+    after = scenario.after(exploration)
+    (output / "motion.npz").unlink(missing_ok=True)
+    stages = StoredStages(output, watch)
+    attempts = tuple(grasp_with_tactile_check(after, contacts, stages))
     search = attempts[-1].search
 
     with Stage("Reporting"), watch.measure("report"):
         _LOG.info("comparing the estimate and the grasps with the true object")
-        report = build_report(
-            config, shape, hand, attempts, exploration=exploration, station=station, arm_use=arm_use
-        )
+        report = build_report(after, exploration, attempts, arm_use)
         lines = run_lines(report)
         _LOG.info("drawing the scene")
         write_scene_of(output, summary=lines)
@@ -98,51 +91,39 @@ def execute(options: argparse.Namespace) -> None:
     say(f"next: open {output}/scene.html, or: lis-grasp view {output}")
 
 
-def _attempts(
-    shape: Shape,
-    hand: Hand,
-    config: RunConfig,
-    contacts: Contacts,
-    output: Path,
-    watch: pipeline.Stopwatch,
-    X_WO: FloatArray | None,
-    station: Station | None,
-) -> tuple[Attempt, ...]:
-    """Grasp and lift with the files of the last attempt in `output`; return all attempts.
+class StoredStages(Stages):
+    """The stages of an attempt, with the files of the last attempt in a folder."""
 
-    The true object is at X_WO (4, 4) in the frame of the contacts; None for the identity. So is the
-    station, if an arm carries the hand.
-    """
-    recorded = provenance.read(output / "contacts.ply")
-    known = len(contacts)
+    def __init__(self, output: Path, watch: pipeline.Stopwatch) -> None:
+        self._output, self._watch = output, watch
+        self._recorded = provenance.read(output / "contacts.ply")
+        self._stored = len(Contacts.load(output / "contacts.ply"))
 
-    def plan(
-        contacts: Contacts, X_WO: FloatArray | None, station: Station | None
-    ) -> tuple[trimesh.Trimesh, GraspSearch]:
-        if X_WO is not None:
-            recorded["X_EO"] = X_WO.tolist()
-        recorded.update(station_facts(station))
-        if len(contacts) > known:
+    def plan(self, scenario: Scenario, contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+        """Estimate and plan, and write contacts.ply, surface.ply and grasps.json."""
+        output, recorded = self._output, self._recorded
+        recorded |= scenario.facts()
+        if len(contacts) > self._stored:
             contacts.save(output / "contacts.ply", header=provenance.merge(recorded))
             contacts = Contacts.load(output / "contacts.ply")
-        with watch.measure("estimate"):
-            write_surface(output / "surface.ply", contacts, config, recorded)
+        with self._watch.measure("estimate"):
+            write_surface(output / "surface.ply", scenario.known, contacts, recorded)
             mesh = load_surface(output / "surface.ply")
-        with watch.measure("grasp"):
-            support = pipeline.support_height(shape, config)
+        with self._watch.measure("grasp"):
             path = output / "grasps.json"
-            return mesh, write_grasps(path, mesh, hand, support, config, recorded, station)
+            return mesh, write_grasps(path, scenario.known, mesh, scenario.config, recorded)
 
-    def lift(*arguments: Any, **options: Any) -> LiftOutcome:
-        with Stage(f"Lifting the true {shape.name}") as stage, watch.measure("lift"):
-            outcome = pipeline.lift(*arguments, **options)
-            outcome.motion.save(output / "motion.npz")
+    def lift(
+        self,
+        scenario: Scenario,
+        grasp: Grasp,
+        mesh: trimesh.Trimesh,
+        accept_grasp: AcceptGrasp | None,
+    ) -> LiftOutcome:
+        """Simulate the lift, and write motion.npz."""
+        title = f"Lifting the true {scenario.truth.shape.name}"
+        with Stage(title) as stage, self._watch.measure("lift"):
+            outcome = super().lift(scenario, grasp, mesh, accept_grasp)
+            outcome.motion.save(self._output / "motion.npz")
             stage.result = outcome.reason
         return outcome
-
-    (output / "motion.npz").unlink(missing_ok=True)
-    return tuple(
-        grasp_with_tactile_check(
-            shape, hand, contacts, config, planner=plan, lift=lift, X_WO=X_WO, station=station
-        )
-    )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,40 +20,51 @@ from lis_grasp.surfaces.noise_estimation import estimate_noise
 _MOST_OF_CLOUD = 300
 
 
-def load_source(
-    path: Path | str,
-    *,
-    units: str = "m",
-    normals: NormalSide | None = None,
-    position_noise: float | None = None,
-    normal_noise: float | None = None,
-    fingertip_radius: float = 0.0,
-) -> Contacts:
+@dataclass(frozen=True, slots=True)
+class ContactSource:
+    """A file of contacts of one sensor, and what the file does not say of them.
+
+    Parameters
+    ----------
+    path
+        The file.
+    units, normals, fingertip_radius
+        As of `load_contacts`.
+    position_noise, normal_noise
+        Noise of contacts that do not carry their own [m], [rad]; None for what the file's header
+        says of its sensor, or else the estimate from the file's contacts.
+    """
+
+    path: Path | str
+    units: str = "m"
+    normals: NormalSide | None = None
+    position_noise: float | None = None
+    normal_noise: float | None = None
+    fingertip_radius: float = 0.0
+
+
+def load_source(source: ContactSource) -> Contacts:
     """Load the contacts of one sensor, with the noise of each.
 
-    A contact's noise is that of the file's columns, else what is given [m] and [rad], else what the
-    file's header says of its sensor, else the estimate from the file's contacts. It stays unknown
-    where they do not determine it. Normals that the file lacks are estimated, and
-    the points may be centres of a fingertip: arguments and errors are those of `load_contacts`.
+    It stays unknown where the contacts do not determine it. Normals that the file lacks are
+    estimated. Errors are those of `load_contacts`.
     """
-    recorded = provenance.read(Path(path))
-    if position_noise is None:
-        position_noise = _positive(recorded.get("position_noise"))
-    if normal_noise is None:
-        normal_noise = _positive(recorded.get("normal_noise"))
+    recorded = provenance.read(Path(source.path))
+    given = [
+        _positive(recorded.get(name)) if value is None else value
+        for name, value in (
+            ("position_noise", source.position_noise),
+            ("normal_noise", source.normal_noise),
+        )
+    ]
     contacts = load_contacts(
-        path,
-        units=units,
-        normals=normals,
-        fingertip_radius=fingertip_radius,
-        position_noise=position_noise,
+        source.path,
+        units=source.units,
+        normals=source.normals,
+        fingertip_radius=source.fingertip_radius,
+        position_noise=given[0],
     )
-    position, normal = noise_of(
-        contacts,
-        position_noise,
-        normal_noise,
-        default=(np.nan, np.nan),
-    )
+    position, normal = noise_of(contacts, *given, default=(np.nan, np.nan))
     if np.isnan(position).any() or np.isnan(normal).any():
         estimates = estimate_noise(contacts)
         position = np.where(np.isnan(position), estimates[0], position)
@@ -61,30 +72,11 @@ def load_source(
     return replace(contacts, position_noise=position, normal_noise=normal)
 
 
-def join_sources(
-    paths: Sequence[Path | str],
-    *,
-    units: str = "m",
-    normals: NormalSide | None = None,
-    position_noise: float | None = None,
-    normal_noise: float | None = None,
-    fingertip_radii: Sequence[float] | None = None,
-) -> Contacts:
-    """Load the contacts of several sensors, one file each, as of `load_source`, and join them.
-
-    `fingertip_radii` [m] has one for each file; None takes 0.
-    """
+def join_sources(sources: Iterable[ContactSource]) -> Contacts:
+    """Load the contacts of several sensors, as of `load_source`, and join them."""
     joined = Contacts.empty()
-    for path, radius in zip(paths, fingertip_radii or [0.0] * len(paths), strict=True):
-        contacts = load_source(
-            path,
-            units=units,
-            normals=normals,
-            position_noise=position_noise,
-            normal_noise=normal_noise,
-            fingertip_radius=radius,
-        )
-        joined = joined.append(contacts)
+    for source in sources:
+        joined = joined.append(load_source(source))
     return joined
 
 

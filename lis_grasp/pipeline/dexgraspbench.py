@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -19,13 +20,17 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.servo_hand import servo_hand
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TabletopObject:
+    """An object on a table, as a union of convex pieces."""
+
+    name: str
+    pieces: Sequence[trimesh.Trimesh]  #: in O [m]
+    support_height: float  #: of the table in O [m]
+
+
 def save_for_dexgraspbench(
-    folder: Path,
-    name: str,
-    pieces: Sequence[trimesh.Trimesh],
-    hand: Hand,
-    grasps: Sequence[Grasp],
-    support_height: float,
+    folder: Path, target: TabletopObject, hand: Hand, grasps: Sequence[Grasp]
 ) -> Path:
     """Write an object, a hand and grasps for DexGraspBench, and return its `save_dir`.
 
@@ -42,23 +47,19 @@ def save_for_dexgraspbench(
     ----------
     folder
         Made if it is missing. Paths in the files are absolute.
-    name
-        Name of the object.
-    pieces
-        The object's convex pieces in O [m].
+    target
+        The object.
     hand, grasps
         The hand, and its grasps in O.
-    support_height
-        Height of the table in O [m].
 
     Raises
     ------
     InvalidFileError
         If a file cannot be written.
     """
-    folder = folder.resolve()
+    folder, name, support_height = folder.resolve(), target.name, target.support_height
     object_folder = folder / "object" / name
-    _save_object(object_folder, pieces)
+    _save_object(object_folder, target.pieces)
     _save_hand(folder / "hand", hand)
     for earlier in (folder / "graspdata" / name).glob("*.npy"):
         earlier.unlink()

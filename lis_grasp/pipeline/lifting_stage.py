@@ -6,19 +6,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 import trimesh
 
-from lis_grasp.arms.station import Station
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup, plan_arm_lift
 from lis_grasp.lifting.trial import AcceptGrasp
-from lis_grasp.pipeline.object_setup import support_height
+from lis_grasp.pipeline.scenario import Known, Scenario, support_height
 from lis_grasp.pipeline.worker_pool import worker_pool
-from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
-from lis_grasp.typing import FloatArray
 
 
 def require_simulator(simulator: str, shape: Shape) -> None:
@@ -30,67 +26,68 @@ def require_simulator(simulator: str, shape: Shape) -> None:
 
 
 def lift(
-    shape: Shape,
-    hand: Hand,
+    scenario: Scenario,
     grasp: Grasp,
     *,
-    mass: float,
-    friction: float,
-    simulator: str = "drake",
     accept_grasp: AcceptGrasp | None = None,
-    X_WO: FloatArray | None = None,
-    options: LiftOptions | None = None,
-    station: Station | None = None,
     estimate: trimesh.Trimesh | None = None,
+    options: LiftOptions | None = None,
 ) -> LiftOutcome:
-    """Simulate the lift of the true object in one of `SIMULATORS`.
+    """Simulate the lift of the true object in the configured simulator.
 
-    With a `station`, its arm carries the hand, and avoids the `estimate` of the object. The other
-    arguments are those of `LiftSetup` and of `lis_grasp.simulation.drake.lift.simulate_lift`.
+    Parameters
+    ----------
+    scenario
+        Its true object is lifted.
+    grasp
+        The grasp, in the frame of the contacts.
+    accept_grasp
+        Tactile check before the fingers squeeze, as of `simulate_lift`; None for none.
+    estimate
+        The object as known, which an arm avoids; None if nothing is known.
+    options
+        Options of the trial; None for `lift_options`.
     """
+    truth, known = scenario.truth, scenario.known
     setup = LiftSetup(
-        shape.mesh,
-        hand,
+        truth.shape.mesh,
+        known.hand,
         grasp,
-        support_height(shape),
-        mass,
-        friction,
-        options or LiftOptions(),
-        np.eye(4) if X_WO is None else X_WO,
+        support_height(truth.shape),
+        truth.mass,
+        truth.friction,
+        options or lift_options(known) or LiftOptions(),
+        truth.X_EO,
     )
-    return _simulate(simulator, station, estimate, setup, accept_grasp)
+    if known.station is None and scenario.config.simulator == "mujoco":
+        from lis_grasp.simulation.mujoco import lift as in_mujoco
+
+        return in_mujoco.simulate_lift(setup, accept_grasp)
+    from lis_grasp.simulation.drake.lift import simulate_lift
+
+    if known.station is not None:
+        step = setup.options.time_step
+        arm = plan_arm_lift(known.station, grasp, estimate, time_step=step)
+        if isinstance(arm, str):
+            return LiftOutcome.not_begun(arm, truth.X_EO)
+        setup = replace(setup, arm=arm)
+    return simulate_lift(setup, accept_grasp)
 
 
 def lift_each(
-    shape: Shape,
-    hand: Hand,
+    scenario: Scenario,
     grasps: Sequence[Grasp],
     *,
-    mass: float,
-    friction: float,
     jobs: int,
-    simulator: str = "drake",
-    X_WO: FloatArray | None = None,
-    options: LiftOptions | None = None,
-    station: Station | None = None,
     estimate: trimesh.Trimesh | None = None,
+    options: LiftOptions | None = None,
 ) -> Iterator[LiftOutcome]:
-    """Simulate the lift of each grasp on an object at the same pose X_WO, in `jobs` processes.
+    """Simulate the lift of each grasp on an object at the same pose, in `jobs` processes.
 
-    Outcomes are in the order of the grasps, and the same for any number of processes.
+    Outcomes are in the order of the grasps, and the same for any number of processes. The other
+    arguments are those of `lift`.
     """
-    simulate = partial(
-        lift,
-        shape,
-        hand,
-        mass=mass,
-        friction=friction,
-        simulator=simulator,
-        X_WO=X_WO,
-        options=options,
-        station=station,
-        estimate=estimate,
-    )
+    simulate = partial(lift, scenario, estimate=estimate, options=options)
     if jobs == 1 or len(grasps) < 2:
         yield from map(simulate, grasps)
         return
@@ -98,24 +95,8 @@ def lift_each(
         yield from pool.map(simulate, grasps)
 
 
-def _simulate(
-    simulator: str,
-    station: Station | None,
-    estimate: trimesh.Trimesh | None,
-    setup: LiftSetup,
-    accept_grasp: AcceptGrasp | None,
-) -> LiftOutcome:
-    """Simulate a lift; an arm's motion to the grasp is planned on the estimate."""
-    if station is None and simulator == "mujoco":
-        from lis_grasp.simulation.mujoco import lift as in_mujoco
-
-        return in_mujoco.simulate_lift(setup, accept_grasp)
-    from lis_grasp.simulation.drake.lift import simulate_lift
-
-    if station is not None:
-        step = setup.options.time_step
-        arm = plan_arm_lift(station, setup.grasp, estimate, time_step=step)
-        if isinstance(arm, str):
-            return LiftOutcome.not_begun(arm, setup.X_WO)
-        setup = replace(setup, arm=arm)
-    return simulate_lift(setup, accept_grasp)
+def lift_options(known: Known) -> LiftOptions | None:
+    """Return the options of a lift whose load is known as a prior says; None for the defaults."""
+    if known.load.is_known:
+        return None
+    return LiftOptions(assumed_friction=known.load.friction, assumed_mass=known.load.mass)

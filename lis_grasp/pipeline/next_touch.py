@@ -10,12 +10,12 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_positive
-from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Region, Workspace
+from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Workspace
 from lis_grasp.exploration.probe import since_loss
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Known
 from lis_grasp.pipeline.stages import make_estimator
-from lis_grasp.pipeline.touching import for_fingertips, make_policy
+from lis_grasp.pipeline.touching import make_policy
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import ImplicitSurface, carved
@@ -107,25 +107,16 @@ def workspace_of(
 
 
 def next_touch(
-    contacts: Contacts,
-    hand: Hand,
-    config: RunConfig,
-    space: Workspace | Region,
-    *,
-    outcomes: Sequence[ProbeOutcome] = (),
+    known: Known, contacts: Contacts, outcomes: Sequence[ProbeOutcome] = ()
 ) -> NextTouch:
-    """Return the next touch that the configured policy chooses and the hand can approach.
+    """Return the next touch that the known policy chooses and the hand can approach.
 
     Parameters
     ----------
+    known
+        Its hand needs a probe posture. In a region without contacts, the touch is a search motion.
     contacts
         All so far, in O.
-    hand
-        With a probe posture.
-    config
-        Its policy, estimator, noise and seed count.
-    space
-        Prior knowledge of the object; in a region without contacts, the touch is a search motion.
     outcomes
         Of the probes so far, if known: missed and blocked ones are not tried again.
 
@@ -134,17 +125,17 @@ def next_touch(
     EstimationError
         If no probe can be approached, or the policy has none left.
     """
-    space = for_fingertips(space, hand)
-    sensor, policy, planner = config.sensor(), make_policy(config, space), ApproachPlanner(hand)
+    hand, space, sensor = known.hand, known.space, known.sensor
+    policy, planner = make_policy(known.policy, space, sensor), ApproachPlanner(hand)
     estimated: ImplicitSurface | None = None
     surface: ImplicitSurface | None = None
     if len(contacts):
-        estimated = make_estimator(config.estimator, sensor)(contacts)
+        estimated = make_estimator(known.estimator, sensor)(contacts)
         surface = carved(estimated, contacts, margin=sensor.free_margin)
     obstacles = ObstacleModel(space.grown(contacts), contacts, surface)
     tried = list(since_loss(outcomes))
     made = len(tried)
-    rng = np.random.default_rng([config.seed, len(contacts), made])
+    rng = np.random.default_rng([known.seed, len(contacts), made])
     for blocked in range(_MOST_BLOCKED):
         probe = policy.next_probe(contacts, estimated, outcomes=tried, rng=rng)
         if probe is None:
@@ -156,10 +147,10 @@ def next_touch(
                 offsets = contacts.points - probe.target
                 distance = float(np.linalg.norm(offsets, axis=1).min())
                 deviation = float(estimated.uncertainty(probe.target[None])[0])
-            return NextTouch(probe, approach, config.policy, distance, deviation, blocked)
+            return NextTouch(probe, approach, str(known.policy), distance, deviation, blocked)
         tried.append(ProbeOutcome(probe, "blocked", reason="no approach"))
     raise EstimationError(
-        f"the policy {config.policy} has no probe that the hand {hand.name} can approach, after"
+        f"the policy {known.policy} has no probe that the hand {hand.name} can approach, after"
         f" {len(tried) - made} tries: check --center, --size, --support or --region, or"
         " choose another policy"
     )

@@ -8,17 +8,12 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exploration import Exploration
-from lis_grasp.shapes import Shape, placed
+from lis_grasp.geometry import inverse_pose
+from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 # Points of the true surface that measure the tracking error.
 _SAMPLES = 2000
-
-
-def true_object(shape: Shape, exploration: Exploration) -> Shape:
-    """Return the true object where it is after an exploration, in the frame of the contacts."""
-    X_EO = exploration.simulated_pose
-    return shape if X_EO is None else placed(shape, X_EO)
 
 
 def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | None:
@@ -39,7 +34,7 @@ def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | Non
     moved = trimesh.transform_points(center[None], X_WE @ X_EO)[0] - center
     points, _ = trimesh.sample.sample_surface(shape.mesh, _SAMPLES, seed=0)
     off, _ = distances_to_mesh(trimesh.transform_points(points, X_EO), shape.mesh)
-    now = trimesh.transform_points(exploration.contacts.points, np.linalg.inv(X_EO))
+    now = trimesh.transform_points(exploration.contacts.points, inverse_pose(X_EO))
     misplaced = distances_to_mesh(now, shape.mesh)[0] if len(now) else None
     losses = sum(belief.lost for belief in beliefs)
     return {

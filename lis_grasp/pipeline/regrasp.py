@@ -8,20 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.planar_motion import planar_pose, register_motions
+from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasp_ranking import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
-from lis_grasp.pipeline.arm_station import moved_frame
-from lis_grasp.pipeline.lifting_stage import lift as lift_stage
-from lis_grasp.pipeline.object_setup import support_height, table_of
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.lifting.trial import AcceptGrasp
+from lis_grasp.pipeline.lifting_stage import lift
+from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import estimate, plan
 from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 
 # Minimum distance [m] of new contacts to planned contacts at which a finger closed on nothing.
@@ -33,35 +30,40 @@ _TRIED_AGAIN = ("aborted", "set_down")
 # Outcomes, before the hand closed, after which the next grasp of the same plan is executed.
 _NEXT_GRASP = ("no_arm_motion", "out_of_arm_reach", "torque_limit", "arm_collision")
 
-# Estimates the surface from contacts, and plans grasps on it. Also called with the object's true
-# pose in the frame of the contacts, if it moved, for the headers of files.
-Planner = Callable[
-    [Contacts, "FloatArray | None", "Station | None"], tuple[trimesh.Trimesh, GraspSearch]
-]
+
+class Stages:
+    """The stages that an attempt repeats, in memory."""
+
+    def plan(self, scenario: Scenario, contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+        """Estimate the surface from contacts, and plan grasps on it."""
+        _, mesh = estimate(scenario.known, contacts)
+        return mesh, plan(scenario.known, mesh)
+
+    def lift(
+        self,
+        scenario: Scenario,
+        grasp: Grasp,
+        mesh: trimesh.Trimesh,
+        accept_grasp: AcceptGrasp | None,
+    ) -> LiftOutcome:
+        """Simulate the lift with a grasp that was planned on an estimate."""
+        return lift(scenario, grasp, accept_grasp=accept_grasp, estimate=mesh)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
     """One executed grasp, with the contacts and the estimate that it was planned on."""
 
+    scenario: Scenario  #: before it, in the frame of the contacts
     contacts: Contacts  #: all known before the attempt
     mesh: trimesh.Trimesh  #: the surface estimated from them, in O [m]
     search: GraspSearch  #: the grasps planned on it
     rank: int  #: of the executed grasp in the search
     outcome: LiftOutcome | None  #: of the lift; None if no grasp was found
-    X_WO: FloatArray | None = None  #: true pose of the object before it, in the contacts' frame
 
 
 def grasp_with_tactile_check(
-    shape: Shape,
-    hand: Hand,
-    contacts: Contacts,
-    config: RunConfig,
-    *,
-    planner: Planner | None = None,
-    lift: Callable[..., LiftOutcome] = lift_stage,
-    X_WO: FloatArray | None = None,
-    station: Station | None = None,
+    scenario: Scenario, contacts: Contacts, stages: Stages | None = None
 ) -> Iterator[Attempt]:
     """Grasp and lift; after a failed tactile check, estimate and plan again with the new contacts.
 
@@ -70,53 +72,46 @@ def grasp_with_tactile_check(
     under flat pads. If they are not, or if the hand hits the object during the approach, the
     attempt is aborted: the hand opens and retreats, and its contacts are added to the known ones.
     An object that slips at the start of the lift is set down. The next grasp avoids places where a
-    finger closed on nothing or slipped. The last of `RunConfig.attempts` is executed without the
+    finger closed on nothing or slipped. The last of `Known.attempts` is executed without the
     check. Where the arm has no way to a grasp, or has to stop on it, the next grasp of the plan is
     executed instead, as part of the same attempt. An attempt may push the object. Its motions are
     estimated from the contacts of all attempts (`register_motions`), and the frame of contacts and
     grasps moves with it.
 
-    `shape` is the true object, `contacts` are those of the exploration. `planner` estimates the
-    surface and plans grasps; None does so as configured. `lift` is called as `pipeline.lift`.
-    `X_WO`, shape (4, 4), is the object's true pose in the frame of the contacts, None for the
-    identity: an exploration may have moved the object without noticing. `station` is the arm that
-    carries the hand, in that frame; None for none.
+    Parameters
+    ----------
+    scenario
+        The scenario after the exploration (`Scenario.after`).
+    contacts
+        Those of the exploration.
+    stages
+        The stages to repeat; None for `Stages`, which keep their results in memory.
     """
-    planner, prior = planner or make_planner(shape, hand, config), config.load_prior(shape.mesh)
+    stages, known = stages or Stages(), scenario.known
     explored, missed = contacts, np.empty((0, 3))
     measured: list[Contacts] = []  # of each attempt, in the frame E of the explored ones
     first_estimate, X_EF = None, np.eye(4)  # F moves with the object, as believed
-    for left in reversed(range(config.attempts)):
-        mesh, search = planner(contacts, X_WO, station)
+    for left in reversed(range(known.attempts)):
+        mesh, search = stages.plan(scenario, contacts)
         first_estimate = mesh if first_estimate is None else first_estimate
         if not search.grasps:
-            yield Attempt(contacts, mesh, search, 0, None, X_WO)
+            yield Attempt(scenario, contacts, mesh, search, 0, None)
             return
+        check = _tactile_check(mesh, known.hand, known.load.friction) if left else None
         for rank in _away_first(missed, search):
             grasp = search.grasps[rank]
-            outcome = lift(
-                shape,
-                hand,
-                grasp,
-                mass=config.mass_of(shape.mesh),
-                friction=config.friction,
-                accept_grasp=_tactile_check(mesh, hand, prior.friction) if left else None,
-                simulator=config.simulator,
-                X_WO=X_WO,
-                options=lift_options(prior),
-                **({} if station is None else {"station": station, "estimate": mesh}),
-            )
-            yield Attempt(contacts, mesh, search, rank, outcome, X_WO)
+            outcome = stages.lift(scenario, grasp, mesh, check)
+            yield Attempt(scenario, contacts, mesh, search, rank, outcome)
             if outcome.reason not in _NEXT_GRASP or outcome.closed:
                 break
-            X_WO = outcome.X_WO if outcome.duration > 0.0 else X_WO
+            if outcome.duration > 0.0:
+                scenario = scenario.moved(np.eye(4), outcome.X_WO)
         if outcome.reason not in _TRIED_AGAIN:
             return
-        measured.append(outcome.measured_contacts.in_frame(np.linalg.inv(X_EF)))
+        measured.append(outcome.measured_contacts.in_frame(inverse_pose(X_EF)))
         contacts, X_EG = _on_the_object(explored, measured, first_estimate)
-        X_FG, X_EF = np.linalg.inv(X_EF) @ X_EG, X_EG
-        X_WO = np.linalg.inv(X_FG) @ outcome.X_WO
-        station = moved_frame(station, X_FG)
+        X_FG, X_EF = inverse_pose(X_EF) @ X_EG, X_EG
+        scenario = scenario.moved(X_FG, outcome.X_WO)
         missed = np.vstack([missed, _missed(grasp, outcome)])
 
 
@@ -132,41 +127,6 @@ def _on_the_object(
         X_EF = planar_pose(displacement)
         contacts = contacts.append(new.in_frame(X_EF))
     return contacts, X_EF
-
-
-def lift_options(prior: LoadPrior) -> LiftOptions | None:
-    """Return the options of a lift whose load is known as a prior says; None for the defaults."""
-    if prior.is_known:
-        return None
-    return LiftOptions(assumed_friction=prior.friction, assumed_mass=prior.mass)
-
-
-def make_planner(shape: Shape, hand: Hand, config: RunConfig) -> Planner:
-    """Return a planner with the options of a configuration; of the shape it uses the support."""
-
-    support = support_height(shape, config)
-
-    def estimate_and_plan(
-        contacts: Contacts, X_WO: FloatArray | None, station: Station | None
-    ) -> tuple[trimesh.Trimesh, GraspSearch]:
-        _, mesh = estimate(
-            contacts,
-            config.estimator,
-            config.sensor(),
-            free_space=config.free_space,
-            table=table_of(config, support),
-        )
-        return mesh, plan(
-            mesh,
-            hand,
-            support=support,
-            prior=config.load_prior(mesh),
-            count=config.grasps,
-            seed=config.seed,
-            station=station,
-        )
-
-    return estimate_and_plan
 
 
 def _tactile_check(

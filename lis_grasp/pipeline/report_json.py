@@ -9,81 +9,68 @@ from typing import Any
 import trimesh
 
 from lis_grasp.arms.station import Station
-from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.touch_coverage import reachable_coverage, touch_coverage, touch_radius
-from lis_grasp.exploration import STEP_FRACTION, Exploration
-from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.exploration import STEP_FRACTION, Exploration, Region
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.pipeline.arm_station import station_facts
-from lis_grasp.pipeline.object_motion import motion_facts, true_object
-from lis_grasp.pipeline.object_setup import support_height, table_of
+from lis_grasp.pipeline.object_motion import motion_facts
 from lis_grasp.pipeline.regrasp import Attempt
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes import Shape, placed
+from lis_grasp.pipeline.scenario import Scenario, station_facts
 from lis_grasp.version import __version__
 
 
 def build_report(
-    config: RunConfig,
-    shape: Shape,
-    hand: Hand,
-    attempts: Sequence[Attempt],
-    *,
+    scenario: Scenario,
     exploration: Exploration,
-    station: Station | None = None,
+    attempts: Sequence[Attempt],
     arm_use: ArmUse | None = None,
 ) -> dict[str, Any]:
     """Return the report of a run as plain values, in metres and seconds, without timings.
 
-    Surface, grasps and lift are those of the last attempt.
+    Surface, grasps and lift are those of the last attempt. `scenario` is the one after the
+    exploration, `arm_use` what touches demanded of the arm.
     """
-    last = attempts[-1]
-    truth = shape if last.X_WO is None else placed(shape, last.X_WO)
+    config, last = scenario.config, attempts[-1]
     return {
         "version": __version__,
         "config": config.facts(),
-        "object": shape.name,
+        "object": scenario.truth.shape.name,
         "hand": config.hand,
-        **arm_facts(station, arm_use),
+        **arm_facts(scenario.known.station, arm_use),
         "estimator": config.estimator,
         "seed": config.seed,
         "touches": len(exploration.contacts),
-        "exploration": exploration_facts(config, shape, hand, exploration, last.mesh),
-        "repairs": list(shape.repairs),
-        "surface": _surface_facts(truth, last.contacts, last.mesh),
-        "grasps": _grasp_facts(config, truth, hand, last.search),
+        "exploration": exploration_facts(scenario, exploration, last.mesh),
+        "repairs": list(scenario.truth.shape.repairs),
+        "surface": _surface_facts(last),
+        "grasps": _grasp_facts(last),
         "attempts": [_attempt_facts(attempt) for attempt in attempts],
-        "lift": lift_facts(last.outcome, mass=config.mass_of(shape.mesh)),
+        "lift": lift_facts(last.outcome, mass=scenario.truth.mass),
     }
 
 
 def exploration_facts(
-    config: RunConfig,
-    shape: Shape,
-    hand: Hand,
-    exploration: Exploration,
-    estimate: trimesh.Trimesh | None = None,
+    scenario: Scenario, exploration: Exploration, estimate: trimesh.Trimesh | None = None
 ) -> dict[str, Any]:
     """Return what an exploration made of what was asked, and what it covered, as plain values.
 
-    Covered is what is within `covered_radius` [m] of a contact on its side. The true surface is
-    known in simulation only; exploration never uses it.
+    `scenario` is the one after it. Covered is what is within `covered_radius` [m] of a contact on
+    its side. The true surface is known in simulation only; exploration never uses it.
     """
-    contacts = exploration.contacts
-    truth = true_object(shape, exploration)
+    contacts, known = exploration.contacts, scenario.known
+    shape = scenario.truth.shape
+    truth = scenario.truth.shape_now
     radius = touch_radius(shape.mesh)
-    tips = [posture.radius for posture in hand.probe_postures.values() if posture.radius > 0.0]
+    tips = [p.radius for p in known.hand.probe_postures.values() if p.radius > 0.0]
     return {
-        "asked": config.touches,
+        "asked": known.touches,
         "contacts": len(contacts),
         "probes": len(exploration.outcomes),
         "ended": exploration.ended,
         "seconds": exploration.duration,
-        "search": None if config.region is None else _search_facts(exploration),
+        "search": _search_facts(exploration) if isinstance(known.space, Region) else None,
         "motion": motion_facts(shape, exploration),
         "covered_radius": radius,
         "reachable_coverage": reachable_coverage(
@@ -91,7 +78,7 @@ def exploration_facts(
             contacts,
             tip_radius=min(tips, default=0.1 * radius),
             radius=radius,
-            support_height=table_of(config, support_height(shape, config)),
+            support_height=known.table,
         ),
         "estimate_coverage": None
         if estimate is None
@@ -109,8 +96,10 @@ def _search_facts(exploration: Exploration) -> dict[str, Any]:
     return {"found": False, "probes": len(outcomes), "seconds": seconds}
 
 
-def _surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> dict[str, Any]:
-    error = surface_error(mesh, shape, contacts, explored_radius=STEP_FRACTION * shape.size)
+def _surface_facts(attempt: Attempt) -> dict[str, Any]:
+    shape, mesh = attempt.scenario.truth.shape_now, attempt.mesh
+    radius = STEP_FRACTION * shape.size
+    error = surface_error(mesh, shape, attempt.contacts, explored_radius=radius)
     return {
         **asdict(error),
         "triangles": len(mesh.faces),
@@ -118,9 +107,8 @@ def _surface_facts(shape: Shape, contacts: Contacts, mesh: trimesh.Trimesh) -> d
     }
 
 
-def _grasp_facts(
-    config: RunConfig, shape: Shape, hand: Hand, search: GraspSearch
-) -> dict[str, Any]:
+def _grasp_facts(attempt: Attempt) -> dict[str, Any]:
+    search, truth = attempt.search, attempt.scenario.truth
     facts: dict[str, Any] = {
         "number": len(search.grasps),
         "candidates": search.candidates,
@@ -129,10 +117,10 @@ def _grasp_facts(
         "best_epsilon_truth": None,
     }
     if search.grasps:
-        best = search.grasps[0]
+        best, mesh = search.grasps[0], truth.shape_now.mesh
         facts["best_epsilon_estimate"] = best.quality["epsilon"]
         facts["best_epsilon_truth"] = epsilon_on_truth(
-            best, shape.mesh, hand, friction=config.friction
+            best, mesh, attempt.scenario.known.hand, friction=truth.friction
         )
     return facts
 

@@ -39,6 +39,39 @@ UNKNOWN_LOAD = LoadPrior(friction=0.8, mass=0.2, friction_spread=0.25, mass_spre
 
 
 @dataclass(frozen=True, slots=True)
+class StopLimits:
+    """Limits that end an exploration early; None for none of a kind.
+
+    Parameters
+    ----------
+    success
+        Predicted probability of a grasp's success, as far as the surface decides it.
+    coverage
+        Fraction of the estimate that is within a step of a contact.
+    uncertainty
+        Standard deviation of nearly all of the estimate [m].
+    seconds
+        Time of the robot [s].
+    """
+
+    success: float | None = None
+    coverage: float | None = None
+    uncertainty: float | None = None
+    seconds: float | None = None
+
+    def rules(self, space: Workspace | Region) -> list[StopRule]:
+        """Return new rules for the exploration of a space; that of success needs a planner."""
+        rules: list[StopRule] = []
+        if self.coverage is not None:
+            rules.append(stop_when_covered(self.coverage, space))
+        if self.uncertainty is not None:
+            rules.append(stop_when_certain(self.uncertainty, space))
+        if self.seconds is not None:
+            rules.append(stop_after(self.seconds))
+        return rules
+
+
+@dataclass(frozen=True, slots=True)
 class RunConfig:
     """Configuration of a run.
 
@@ -201,17 +234,17 @@ class RunConfig:
             object.__setattr__(self, "base", base)
         # Both validate the remaining fields.
         self.sensor()
-        self.stop_rules(Workspace(1.0, np.zeros(3), 1.0))
+        self.stop_limits().rules(Workspace(1.0, np.zeros(3), 1.0))
+
+    def stop_limits(self) -> StopLimits:
+        """Return the limits that end an exploration early."""
+        return StopLimits(
+            self.until_success, self.until_coverage, self.until_uncertainty, self.max_seconds
+        )
 
     def mass_of(self, mesh: trimesh.Trimesh) -> float:
         """Return the configured mass of an object [kg], or else `default_mass` of its mesh."""
         return default_mass(mesh, self.object) if self.mass is None else self.mass
-
-    def load_prior(self, mesh: trimesh.Trimesh) -> LoadPrior:
-        """Return what planning knows of mass and friction of an object, true or estimated."""
-        if self.load == "unknown":
-            return UNKNOWN_LOAD
-        return LoadPrior(self.friction, self.mass_of(mesh))
 
     def sensor(self) -> TactileSensor:
         """Return the tactile sensor of the hand."""
@@ -221,17 +254,6 @@ class RunConfig:
             normal_noise=self.normal_noise,
             taxel_pitch=self.taxel_pitch,
         )
-
-    def stop_rules(self, space: Workspace | Region) -> list[StopRule]:
-        """Return the rules that stop the exploration of a workspace early."""
-        rules: list[StopRule] = []
-        if self.until_coverage is not None:
-            rules.append(stop_when_covered(self.until_coverage, space))
-        if self.until_uncertainty is not None:
-            rules.append(stop_when_certain(self.until_uncertainty, space))
-        if self.max_seconds is not None:
-            rules.append(stop_after(self.max_seconds))
-        return rules
 
     def facts(self) -> dict[str, Any]:
         """Return the configuration as plain values, for file headers and reports."""

@@ -11,17 +11,13 @@ from functools import partial
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import (
-    TactileSensor,
-)
+from lis_grasp.exploration import TactileSensor
 from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.plugged_in import find_estimator
-from lis_grasp.robots.hand import Hand
+from lis_grasp.pipeline.scenario import Known, Perception
 from lis_grasp.surfaces import Estimator, ImplicitSurface, carved
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 
@@ -44,58 +40,40 @@ class Stopwatch:
             self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
 
 
-def make_estimator(name: str, sensor: TactileSensor | None = None) -> Estimator:
-    """Return an estimator, the package's or a plug-in, that is given the sensor's noise.
+def make_estimator(estimator: str | Estimator, sensor: TactileSensor) -> Estimator:
+    """Return the estimator of a name, the package's or a plug-in, given the sensor's noise.
 
-    The estimator estimates a noise that is 0 from the contacts, or keeps its own default.
+    It estimates a noise that is 0 from the contacts, or keeps its own default. An estimator that is
+    no name is returned as it is.
     """
-    if sensor is None:
-        return find_estimator(name)
+    if not isinstance(estimator, str):
+        return estimator
     noise = {"position_noise": sensor.position_noise, "normal_noise": sensor.normal_noise}
-    return partial(find_estimator(name), **{kind: value for kind, value in noise.items() if value})
+    given = {kind: value for kind, value in noise.items() if value}
+    return partial(find_estimator(estimator), **given)
 
 
-def estimate(
-    contacts: Contacts,
-    estimator: str,
-    sensor: TactileSensor | None = None,
-    *,
-    free_space: bool = True,
-    table: float | None = None,
-) -> tuple[ImplicitSurface, trimesh.Trimesh]:
-    """Estimate the surface from contacts of a sensor, and mesh it.
+def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, trimesh.Trimesh]:
+    """Estimate the surface from contacts, and mesh it.
 
-    With `free_space`, the contacts' free space is removed. A `table` at a height [m] closes the
-    estimate from below.
+    `known` says by which estimator and sensor, whether the contacts' free space is removed, and
+    which table closes the estimate from below.
     """
-    surface = make_estimator(estimator, sensor)(contacts)
-    if free_space:
-        margin = 0.0 if sensor is None else sensor.free_margin
-        surface = carved(surface, contacts, margin=margin)
-    surface = above_table(surface, table)
+    surface = make_estimator(known.estimator, known.sensor)(contacts)
+    if known.free_space:
+        surface = carved(surface, contacts, margin=known.sensor.free_margin)
+    surface = above_table(surface, known.table)
     return surface, extract_mesh(surface)
 
 
-def plan(
-    mesh: trimesh.Trimesh,
-    hand: Hand,
-    *,
-    support: float | None,
-    friction: float = 0.8,
-    prior: LoadPrior | None = None,
-    count: int,
-    seed: int,
-    candidates: int | None = None,
-    station: Station | None = None,
-) -> GraspSearch:
-    """Plan `count` ranked grasps on a mesh on a plane at height `support` in O [m].
+def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int | None = None) -> GraspSearch:
+    """Plan the ranked grasps of the known hand, and its arm if it has one, on a mesh.
 
-    The prior of mass and friction replaces the coefficient of `friction`. At most `candidates`
-    contact sets are sampled; None for the sampler's default. With a `station`, its arm carries the
-    hand, and grasps are within its reach.
+    At most `candidates` contact sets are sampled; None for the sampler's default.
     """
-    sampler = ForceClosureSampler(hand, **asdict(prior or LoadPrior(friction)), station=station)
+    load = asdict(known.load_prior(mesh))
+    sampler = ForceClosureSampler(known.hand, **load, station=known.station)
     if candidates is not None:
         sampler = replace(sampler, candidates=candidates)
-    rng = np.random.default_rng([seed, _GRASP_STREAM])
-    return sampler.sample(mesh, rng=rng, support_height=support, count=count)
+    rng = np.random.default_rng([known.seed, _GRASP_STREAM])
+    return sampler.sample(mesh, rng=rng, support_height=known.support, count=known.grasps)

@@ -1,17 +1,16 @@
-"""Touch stage: prior knowledge, policy, prober, tracker and stop rules of a configuration."""
+"""Touch stage: policy, prober, tracker and stop rules of a scenario."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
-from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import (
-    STEP_FRACTION,
     Exploration,
     ExplorationSetup,
     ExplorationState,
@@ -23,8 +22,8 @@ from lis_grasp.exploration import (
     Region,
     RegionPolicy,
     StopRule,
+    TactileSensor,
     TargetPolicy,
-    TouchLog,
     Workspace,
     explore,
     stop_when_graspable,
@@ -32,166 +31,132 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.policy import PolicyKind
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.contact_sources import load_source, prior_contacts
-from lis_grasp.pipeline.object_setup import support_height, table_of
+from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_policy
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Known, Scenario
 from lis_grasp.pipeline.stages import make_estimator, plan
-from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes import Shape
-from lis_grasp.surfaces import Estimator, ImplicitSurface
+from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 
 _TOUCH_STREAM = 1  # of random numbers: a stage run alone repeats its part of a whole run
 _FEW_SETS = 400  # contact sets sampled to predict a success during an exploration
 
 
-def workspace(shape: Shape, *, free: bool = False) -> Workspace:
-    """Return the prior knowledge of an object: centre of its bounding box and largest extent.
+class Watch(Protocol):
+    """Observer of an exploration."""
 
-    An object that is `free` rests on a table.
-    """
-    center = shape.mesh.bounds.mean(axis=0)
-    table = support_height(shape) if free else None
-    return Workspace(STEP_FRACTION * shape.size, center, shape.size, table)
+    def record(self, outcome: ProbeOutcome) -> None:
+        """Take every new outcome, before it is used."""
 
-
-def prior_knowledge(shape: Shape, config: RunConfig) -> Workspace | Region:
-    """Return what is known before the first touch: the configured region, or else `workspace`.
-
-    With a region, nothing of the true object is used.
-    """
-    if config.region is not None:
-        return Region(config.region)
-    on_table = config.free or config.pose is not None or config.arm is not None
-    return workspace(shape, free=on_table)
-
-
-def for_fingertips(space: Workspace | Region, hand: Hand) -> Workspace | Region:
-    """Return prior knowledge with the radius of the hand's thickest probing fingertip."""
-    radii = [posture.radius for posture in hand.probe_postures.values()]
-    return replace(space, tip_radius=max(radii)) if radii else space
+    def observe(self, state: ExplorationState) -> None:
+        """Take every state, the first too."""
 
 
 def touch(
-    shape: Shape,
-    hand: Hand,
-    config: RunConfig,
+    scenario: Scenario,
     *,
-    estimator: Estimator | None = None,
-    policy: Policy | None = None,
     prober: Prober | None = None,
-    log: TouchLog | None = None,
     recorded: Sequence[ProbeOutcome] = (),
-    observe: Callable[[ExplorationState], None] | None = None,
-    station: Station | None = None,
-    arm_use: ArmUse | None = None,
+    watch: Watch | None = None,
 ) -> Exploration:
-    """Explore the object by touch as configured; resume an interrupted log, reuse an ended one.
+    """Explore the object of a scenario by touch.
 
-    Your own `estimator`, `policy` or `prober` replaces the configured one. Without a log,
-    `recorded` are the outcomes to resume: those of the same exploration for fewer touches. The
-    configured cloud is known before the first touch; it is no part of the result. The object is
-    fixed, or free on a table: then it stays where a touch leaves it. `observe` is that of
-    `explore`.
+    The configured cloud is known before the first touch; it is no part of the result. The object is
+    fixed, or free on a table: then it stays where a touch leaves it.
 
-    The true `shape` is used for two things only: the prober touches it, and without a region its
-    bounding box is known. It is at the configured pose (see `pose_of`). With a `station`, its arm
-    carries the hand; simulated touches add what they demand of it to `arm_use`.
+    Parameters
+    ----------
+    scenario
+        The prober touches its true object; everything else depends on what is known.
+    prober
+        Carries out the probes; None for the configured one.
+    recorded
+        Outcomes to resume: those of the same exploration, interrupted or for fewer touches.
+    watch
+        Observer of the exploration; None for none.
     """
-    space = for_fingertips(prior_knowledge(shape, config), hand)
-    policy = policy or make_policy(config, space)
-    if log is not None:
-        recorded, ending = log.resume(), log.ending()
-        if ending is not None:
-            return replace(Exploration.replay(recorded, touches=config.touches), ended=ending)
-    cloud = None if config.cloud is None else prior_contacts(load_source(config.cloud))
-    prober = prober or make_prober(config, hand, shape, recorded, station, arm_use)
+    known = scenario.known
+    cloud = None if known.cloud is None else prior_contacts(load_source(ContactSource(known.cloud)))
+    prober = make_prober(scenario, recorded) if prober is None else prober
     setup = ExplorationSetup(
-        policy,
-        estimator or make_estimator(config.estimator, config.sensor()),
-        config.touches,
-        space=space,
+        make_policy(known.policy, known.space, known.sensor),
+        make_estimator(known.estimator, known.sensor),
+        known.touches,
+        space=known.space,
         prior=cloud,
-        sensor=config.sensor(),
-        stop=[*config.stop_rules(space), *_grasp_rule(shape, hand, config)],
-        tracker=make_tracker(config, prober),
+        sensor=known.sensor,
+        stop=[*known.stop.rules(known.space), *grasp_rules(known)],
+        tracker=make_tracker(scenario, prober),
     )
-    exploration = explore(
+    return explore(
         prober,
         setup,
-        rng=np.random.default_rng([config.seed, _TOUCH_STREAM]),
+        rng=np.random.default_rng([known.seed, _TOUCH_STREAM]),
         recorded=recorded,
-        record=log.append if log is not None else None,
-        observe=observe,
+        record=None if watch is None else watch.record,
+        observe=None if watch is None else watch.observe,
     )
-    if log is not None:
-        log.end(exploration.ended)
-    return exploration
 
 
-def _grasp_rule(shape: Shape, hand: Hand, config: RunConfig) -> list[StopRule]:
-    """Return the rule that stops once a good grasp is found on the estimate, if configured.
+def grasp_rules(known: Known) -> list[StopRule]:
+    """Return the rule that stops once a good grasp is found on the estimate, if it is wanted.
 
     Good is what succeeds as far as the surface decides it: touching does not show how much weight
-    a grasp must carry. Of the shape the rule uses the support only.
+    a grasp must carry.
     """
-    if config.until_success is None:
+    if known.stop.success is None:
         return []
-    support = support_height(shape, config)
-    table = table_of(config, support)
+    best = replace(known, grasps=1, station=None)
 
     def predict(surface: ImplicitSurface) -> float:
         try:
-            mesh = extract_mesh(above_table(surface, table))
+            mesh = extract_mesh(above_table(surface, known.table))
         except EstimationError:  # too few contacts for a closed surface
             return 0.0
-        prior = replace(config.load_prior(mesh), friction_spread=0.0, mass_spread=0.0)
-        search = plan(
-            mesh,
-            hand,
-            support=support,
-            prior=prior,
-            count=1,
-            seed=config.seed,
-            candidates=_FEW_SETS,
-        )
+        load = replace(known.load_prior(mesh), friction_spread=0.0, mass_spread=0.0)
+        certain = replace(best, load=load, mass_by_volume=False)
+        search = plan(certain, mesh, candidates=_FEW_SETS)
         return search.grasps[0].quality["shape_probability"] if search.grasps else 0.0
 
-    return [stop_when_graspable(config.until_success, predict)]
+    return [stop_when_graspable(known.stop.success, predict)]
 
 
-def make_policy(config: RunConfig, space: Workspace | Region) -> Policy:
-    """Return the policy that a configuration names, for one workspace or a region."""
+def make_policy(
+    policy: str | Callable[[Workspace], Policy], space: Workspace | Region, sensor: TactileSensor
+) -> Policy:
+    """Return the policy of a name, the package's or a plug-in, for one workspace or a region."""
     if isinstance(space, Region):
-        return RegionPolicy(space, partial(make_policy, config))
-    kind = POLICY_NAMES.find(config.policy)
+        return RegionPolicy(space, partial(make_policy, policy, sensor=sensor))
+    if not isinstance(policy, str):
+        return policy(space)
+    kind = POLICY_NAMES.find(policy)
     if not isinstance(kind, PolicyKind):
-        return find_policy(config.policy, space)
-    guess = make_estimator("gpis", config.sensor()) if kind.uses_gaussian_process else None
+        return find_policy(policy, space)
+    guess = make_estimator("gpis", sensor) if kind.uses_gaussian_process else None
     return TargetPolicy(space, kind.select, guess)
 
 
 def make_prober(
-    config: RunConfig,
-    hand: Hand,
-    shape: Shape,
-    recorded: Sequence[ProbeOutcome] = (),
-    station: Station | None = None,
-    arm_use: ArmUse | None = None,
+    scenario: Scenario, recorded: Sequence[ProbeOutcome] = (), arm_use: ArmUse | None = None
 ) -> Prober:
-    """Return the configured prober of the true object, in the state after recorded outcomes."""
+    """Return the configured prober of the true object, in the state after recorded outcomes.
+
+    Simulated touches add what they demand of an arm to `arm_use`.
+    """
+    config, truth, known = scenario.config, scenario.truth, scenario.known
+    mesh = truth.shape.mesh
     if config.prober == "dynamic":
         from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
         from lis_grasp.simulation.drake.object_plant import FreeObject
 
-        free = None
-        if config.free:
-            height = support_height(shape, config)
-            free = FreeObject(height, config.mass_of(shape.mesh), config.friction)
-        threshold = config.sensor().force_threshold or None  # a touch must be detected to end
+        free = FreeObject(known.support, truth.mass, truth.friction) if config.free else None
         prober = DynamicProber(
-            hand, shape.mesh, free=free, force_threshold=threshold, station=station, arm_use=arm_use
+            known.hand,
+            mesh,
+            free=free,
+            force_threshold=known.sensor.force_threshold or None,  # a touch must be detected to end
+            station=known.station,
+            arm_use=arm_use,
         )
         if recorded and recorded[-1].simulated_pose is not None:
             prober.place_object(recorded[-1].simulated_pose)
@@ -201,11 +166,11 @@ def make_prober(
     from lis_grasp.probing.kinematic_prober import Fingers, KinematicProber
 
     fingers: Fingers = "all" if config.fingers == "all" else "one"
-    return KinematicProber(hand, shape.mesh, fingers=fingers, station=station)
+    return KinematicProber(known.hand, mesh, fingers=fingers, station=known.station)
 
 
-def make_tracker(config: RunConfig, prober: Prober) -> PoseTracker | None:
+def make_tracker(scenario: Scenario, prober: Prober) -> PoseTracker | None:
     """Return the tracker of an object that is free; None for one that is fixed."""
-    if not config.free or not isinstance(prober, MovingProber):
+    if not scenario.config.free or not isinstance(prober, MovingProber):
         return None
-    return PoseTracker(config.sensor().position_noise)
+    return PoseTracker(scenario.known.sensor.position_noise)

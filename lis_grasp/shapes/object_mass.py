@@ -33,11 +33,17 @@ def default_mass(mesh: trimesh.Trimesh, name: str = "") -> float:
     name
         Path of its file, or another name.
     """
+    mass = published_mass(name)
+    return min(USUAL_MASS, LARGEST_DENSITY * float(mesh.volume)) if mass is None else mass
+
+
+def published_mass(name: str) -> float | None:
+    """Return the published mass of the scan at a path [kg]; None if it is not of the YCB set."""
     for part in (Path(name).stem, *reversed(Path(name).parent.parts)):
         found = _YCB_NAME.match(part)
         if found and found.group() in ycb_masses():
             return ycb_masses()[found.group()]
-    return min(USUAL_MASS, LARGEST_DENSITY * float(mesh.volume))
+    return None
 
 
 @lru_cache

@@ -9,7 +9,7 @@ import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import POLICIES
-from lis_grasp.pipeline import RunConfig, touch
+from lis_grasp.pipeline import RunConfig, Scenario, touch
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import BoolArray, IndexArray
@@ -94,7 +94,7 @@ def explored_contacts(shape: Shape, hand: Hand, draw: str, count: int, *, seed: 
     config = RunConfig(
         prober="kinematic", policy=EXPLORATIONS[draw], estimator="gpis", touches=count, seed=seed
     )
-    found = touch(shape, hand, config).contacts
+    found = touch(Scenario.from_config(config, shape, hand)).contacts
     return Contacts(found.points, found.normals)
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import trimesh
 
-from lis_grasp import pipeline
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.robots.hand import Hand
@@ -26,6 +25,7 @@ from lis_grasp_studies.study.study_trial import (
     estimate,
     lift,
     plan,
+    scenario_at,
     shape_at,
     single_threaded_drake,
     touch,
@@ -80,7 +80,7 @@ def _repeat(row: Row, files: Sequence[str]) -> dict[str, Any] | None:
         "grasps": grasps,
         "hand": hand,
         "motion": None if outcome is None else outcome.motion,
-        "support_height": pipeline.support_height(shape, trial.run_config()),
+        "support_height": scenario_at(trial.run_config(), shape, hand).known.support,
     }
 
 

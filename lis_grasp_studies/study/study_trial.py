@@ -26,8 +26,8 @@ from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.regrasp import lift_options
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Perception, Scenario
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
 from lis_grasp.surfaces import carved
@@ -93,21 +93,13 @@ def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimes
     config = _with_noise(trial)
     if config.free:
         surface = carved(surface, contacts, margin=config.sensor().free_margin)
-        surface = above_table(surface, pipeline.table_of(config, None))
+        surface = above_table(surface, Perception.from_config(config, None).table)
     return extract_mesh(surface)
 
 
 def plan(trial: Trial, mesh: trimesh.Trimesh, shape: Shape, hand: Hand) -> GraspSearch:
     """Plan the grasps of a trial on a mesh."""
-    config = trial.run_config()
-    return pipeline.plan(
-        mesh,
-        hand,
-        support=pipeline.support_height(shape, config),
-        prior=config.load_prior(mesh),
-        count=trial.setup.grasps,
-        seed=config.seed,
-    )
+    return pipeline.plan(scenario_at(trial.run_config(), shape, hand).known, mesh)
 
 
 def lift(
@@ -120,17 +112,15 @@ def lift(
     simulator: str = "drake",
 ) -> LiftOutcome:
     """Simulate the lift of a trial: the grasp on the true object, at a pose (4, 4)."""
-    setup, prior = trial.setup, trial.run_config().load_prior(shape.mesh)
-    return pipeline.lift(
-        shape,
-        hand,
-        grasp,
-        mass=setup.mass,
-        friction=setup.friction,
-        simulator=simulator,
-        X_WO=X_EO,
-        options=lift_options(prior),
-    )
+    config = trial.run_config(simulator=simulator)
+    return pipeline.lift(scenario_at(config, shape, hand, X_EO), grasp)
+
+
+def scenario_at(
+    config: RunConfig, shape: Shape, hand: Hand, X_EO: FloatArray | None = None
+) -> Scenario:
+    """Return the scenario of a shape that is placed already, and was moved to a pose (4, 4)."""
+    return Scenario.from_config(config, shape, hand, recorded={"X_EO": X_EO})
 
 
 def _rows(job: Job) -> Iterator[Row]:
@@ -265,9 +255,8 @@ def touch(trial: Trial, explorer: str) -> Touched:
     if known.touches > trial.touches:  # the order of a study is from small to large
         known.outcomes, known.seconds = (), 0.0
     config = _with_noise(trial, estimator=explorer, touches=trial.touches)
-    exploration = pipeline.touch(
-        trial.find_object(), Hand.load(trial.hand), config, recorded=known.outcomes
-    )
+    scenario = scenario_at(config, trial.find_object(), Hand.load(trial.hand))
+    exploration = pipeline.touch(scenario, recorded=known.outcomes)
     known.outcomes, known.touches = exploration.outcomes, trial.touches
     known.seconds += time.perf_counter() - start
     known.touched = Touched(exploration.contacts, exploration.simulated_pose, known.seconds)

@@ -16,10 +16,10 @@ from pydantic import ConfigDict, Field, StrictFloat, StrictInt, StrictStr
 from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import POLICIES
 from lis_grasp.pipeline.conditions import CONDITIONS
-from lis_grasp.pipeline.object_setup import pose_of
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator
 from lis_grasp.pipeline.run_config import PROBERS, RunConfig
-from lis_grasp.shapes import NAMES, UNITS, Shape, find, placed
+from lis_grasp.pipeline.scenario import place_object
+from lis_grasp.shapes import NAMES, UNITS, Shape, find
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp_studies.compared_estimators import Noise
 from lis_grasp_studies.test_objects.shape_sets import TEST_OBJECTS, graspable_shape
@@ -153,9 +153,8 @@ class Trial:
 
     def find_object(self) -> Shape:
         """Return the true object, at its pose at the start."""
-        shape = find_object(self.object, self.setup)
-        X_WO = pose_of(shape, self.run_config())
-        return shape if X_WO is None else placed(shape, X_WO)
+        shape, _ = place_object(find_object(self.object, self.setup), self.run_config())
+        return shape
 
     def run_config(self, **more: Any) -> RunConfig:
         """Return the configuration of a run of this trial, with `more` of `RunConfig`.

@@ -13,6 +13,7 @@ from lis_grasp.exploration import (
     ExplorationSetup,
     Probe,
     ProbeOutcome,
+    TactileSensor,
     TargetPolicy,
     Workspace,
     explore,
@@ -26,8 +27,7 @@ from lis_grasp.exploration.policy import (
 )
 from lis_grasp.exploration.probe_motions import ContactHull, surface_probe
 from lis_grasp.exploration.targets import Targets
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.touching import make_policy, workspace
+from lis_grasp.pipeline import make_policy, workspace
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import ESTIMATORS
@@ -189,7 +189,10 @@ def test_bars_and_plates_are_covered_with_few_missed_probes(
     exploration = explore(
         KinematicProber(hand, mesh),
         ExplorationSetup(
-            make_policy(RunConfig(), space), ESTIMATORS["blend"], touches=40, space=space
+            make_policy("spread", space, TactileSensor()),
+            ESTIMATORS["blend"],
+            touches=40,
+            space=space,
         ),
         rng=np.random.default_rng(0),
     )

@@ -25,7 +25,7 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.planar_motion import PoseBelief, Push, planar_pose, push_of
 from lis_grasp.exploration.policy import farthest
-from lis_grasp.pipeline.touching import workspace
+from lis_grasp.pipeline import workspace
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS
@@ -206,7 +206,7 @@ def explored(name: str, motion: Motion, *, tracked: bool) -> tuple[Exploration, 
     """Explore an object that moves; return the root mean square error of its contacts [m]."""
     shape = shapes.build(name, None)
     prober = MovingObjectProber(Hand.load("allegro"), shape, motion)
-    space = workspace(shape, free=True)
+    space = workspace(shape, on_table=True)
     exploration = explore(
         prober,
         ExplorationSetup(

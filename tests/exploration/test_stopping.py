@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from lis_grasp.exploration import (
     ExplorationSetup,
     Probe,
     ProbeOutcome,
-    TouchLog,
     Workspace,
     explore,
     stop_after,
@@ -23,9 +21,8 @@ from lis_grasp.exploration import (
     stop_when_graspable,
 )
 from lis_grasp.exploration.planar_motion import PoseBelief
-from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.touching import _grasp_rule, make_prober, touch
+from lis_grasp.pipeline import RunConfig, Scenario
+from lis_grasp.pipeline.touching import grasp_rules
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
 
 BOX, HAND = shapes.build("box"), Hand.load("allegro")
@@ -162,28 +159,6 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
         assert again <= predictions  # what decided nothing is not predicted again
 
 
-def test_an_ended_exploration_is_not_continued(tmp_path: Path) -> None:
-    config = RunConfig(prober="kinematic", touches=14, until_success=0.5)
-    log, asked = TouchLog(tmp_path / "touches.jsonl", {}), []
-
-    class Once:
-        """A prober that counts the probes."""
-
-        def __init__(self) -> None:
-            self.prober = make_prober(config, HAND, BOX, ())
-
-        def probe(self, probe: Probe, obstacles: ObstacleModel | None) -> ProbeOutcome:
-            asked.append(probe)
-            return self.prober.probe(probe, obstacles)
-
-    first = touch(BOX, HAND, config, prober=Once(), log=log)
-    assert first.ended.startswith("with a probability")
-    made = len(asked)
-    again = touch(BOX, HAND, config, prober=Once(), log=log)
-    assert (len(asked), again.ended) == (made, first.ended)
-    np.testing.assert_array_equal(again.contacts.points, first.contacts.points)
-
-
 def test_an_estimate_that_cannot_be_meshed_allows_no_grasp() -> None:
     class Nothing(Ball):
         """A surface without an inside."""
@@ -191,7 +166,8 @@ def test_an_estimate_that_cannot_be_meshed_allows_no_grasp() -> None:
         def evaluate(self, points: np.ndarray) -> np.ndarray:
             return np.ones(points.shape[:-1])
 
-    (rule,) = _grasp_rule(BOX, HAND, RunConfig(until_success=0.5))
+    scenario = Scenario.from_config(RunConfig(until_success=0.5), BOX, HAND)
+    (rule,) = grasp_rules(scenario.known)
     contacts = cap(0.5, 12)
     for _ in range(2):
         rule = rule.noted(contacts, Nothing())

@@ -14,13 +14,14 @@ from made_grasps import jaw_grasp
 from lis_grasp.cli.main import main
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.servo_postures import squeeze_posture
-from lis_grasp.pipeline.dexgraspbench import save_for_dexgraspbench
+from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_NAMES
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: bootstrap.sh mujoco")
 
 BOX = trimesh.creation.box((0.05, 0.05, 0.08))
+TARGET = TabletopObject("box", [BOX], -0.04)
 
 
 def pinch(hand: Hand) -> Grasp:
@@ -50,7 +51,7 @@ def pinch(hand: Hand) -> Grasp:
 def test_the_hand_file_has_the_poses_of_the_postures(name: str, tmp_path: Path) -> None:
     hand = Hand.load(name)
     grasp = pinch(hand)
-    folder = save_for_dexgraspbench(tmp_path, "box", [BOX], hand, [grasp], -0.04)
+    folder = save_for_dexgraspbench(tmp_path, TARGET, hand, [grasp])
     (file,) = (folder / "graspdata").glob("**/*.npy")
     data = np.load(file, allow_pickle=True).item()
     config = yaml.safe_load((folder / "hand" / f"lis_{name}.yaml").read_text())
@@ -72,7 +73,7 @@ def test_the_hand_file_has_the_poses_of_the_postures(name: str, tmp_path: Path) 
 def test_servos_in_the_squeeze_posture_exert_the_planned_forces(name: str, tmp_path: Path) -> None:
     hand = Hand.load(name)
     grasp = pinch(hand)
-    folder = save_for_dexgraspbench(tmp_path, "box", [BOX], hand, [grasp], -0.04)
+    folder = save_for_dexgraspbench(tmp_path, TARGET, hand, [grasp])
     model = mujoco.MjModel.from_xml_path(str(folder / "hand" / f"{name}.xml"))
     state = mujoco.MjData(model)
     (file,) = (folder / "graspdata").glob("**/*.npy")
@@ -96,7 +97,7 @@ def test_servos_in_the_squeeze_posture_exert_the_planned_forces(name: str, tmp_p
 def test_the_object_s_mass_is_that_of_its_pieces(tmp_path: Path) -> None:
     hand = Hand.load("wsg50")
     pieces = [BOX, BOX.copy().apply_translation((0.05, 0.0, 0.0))]
-    folder = save_for_dexgraspbench(tmp_path, "pair", pieces, hand, [], -0.04)
+    folder = save_for_dexgraspbench(tmp_path, TabletopObject("pair", pieces, -0.04), hand, [])
     facts = json.loads((folder / "object" / "pair" / "info" / "simplified.json").read_text())
     assert facts["mass"] == pytest.approx(2.0 * BOX.volume)
     assert facts["gravity_center"] == pytest.approx([0.025, 0.0, 0.0])

@@ -6,25 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lis_grasp import Hand, pipeline, shapes
-from lis_grasp.exploration import Exploration, Probe, ProbeOutcome, TouchLog
+from lis_grasp import pipeline
+from lis_grasp.cli.explore import explore_with_log
+from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 
 # A ball of 50 g that rolls at every touch.
-BALL = shapes.build("sphere", None)
 CONFIG = pipeline.RunConfig(object="sphere", free=True, mass=0.05, friction=0.5, touches=6)
+SCENARIO = pipeline.Scenario.from_config(CONFIG)
 
 
 @pytest.fixture(scope="module")
-def hand() -> Hand:
-    return Hand.load("allegro")
-
-
-@pytest.fixture(scope="module")
-def whole(hand: Hand, tmp_path_factory: pytest.TempPathFactory) -> tuple[Exploration, bytes]:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Exploration, bytes]:
     path = tmp_path_factory.mktemp("whole") / "touches.jsonl"
-    exploration = pipeline.touch(BALL, hand, CONFIG, log=TouchLog(path, {}))
+    exploration = explore_with_log(SCENARIO, path.parent)
     return exploration, path.read_bytes()
 
 
@@ -37,18 +34,18 @@ def test_the_object_moves_from_probe_to_probe(whole: tuple[Exploration, bytes]) 
 
 @pytest.mark.slow
 def test_an_interrupted_exploration_resumes_with_the_same_bytes(
-    whole: tuple[Exploration, bytes], hand: Hand, tmp_path: Path
+    whole: tuple[Exploration, bytes], tmp_path: Path
 ) -> None:
     lines = whole[1].splitlines(keepends=True)
     path = tmp_path / "touches.jsonl"
     path.write_bytes(b"".join(lines[:5]))  # the header and four probes
-    pipeline.touch(BALL, hand, CONFIG, log=TouchLog(path, {}))
+    explore_with_log(SCENARIO, path.parent)
     assert path.read_bytes() == whole[1]
 
 
 @pytest.mark.slow
 def test_a_lie_about_the_true_pose_changes_no_contact(
-    whole: tuple[Exploration, bytes], hand: Hand, monkeypatch: pytest.MonkeyPatch
+    whole: tuple[Exploration, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     honest = DynamicProber.probe
 
@@ -60,6 +57,19 @@ def test_a_lie_about_the_true_pose_changes_no_contact(
         return replace(outcome, simulated_pose=far_away, moved=1.0)
 
     monkeypatch.setattr(DynamicProber, "probe", lying)
-    exploration = pipeline.touch(BALL, hand, CONFIG)
+    exploration = pipeline.touch(SCENARIO)
     np.testing.assert_array_equal(exploration.contacts.points, whole[0].contacts.points)
     np.testing.assert_array_equal(exploration.contacts.normals, whole[0].contacts.normals)
+
+
+def test_an_ended_exploration_is_not_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = pipeline.RunConfig(prober="kinematic", touches=14, until_success=0.5)
+    scenario = pipeline.Scenario.from_config(config)
+    first = explore_with_log(scenario, tmp_path)
+    assert first.ended.startswith("with a probability")
+    monkeypatch.setattr(KinematicProber, "probe", None)
+    again = explore_with_log(scenario, tmp_path)
+    assert again.ended == first.ended
+    np.testing.assert_array_equal(again.contacts.points, first.contacts.points)

@@ -21,14 +21,18 @@ from lis_grasp.pipeline.next_touch import next_touch, workspace_of
 @pytest.fixture(scope="module")
 def explored() -> Exploration:
     config = pipeline.RunConfig(prober="kinematic", touches=7)
-    return pipeline.touch(shapes.build("mallet"), Hand.load("allegro"), config)
+    return pipeline.touch(pipeline.Scenario.from_config(config, shapes.build("mallet")))
+
+
+def known(hand: Hand, space: Workspace | Region) -> pipeline.Known:
+    return pipeline.Known.for_hand(pipeline.RunConfig(), hand, space, 0.0)
 
 
 @pytest.mark.parametrize("name", ["allegro", "wsg50"])
 def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration) -> None:
     hand, contacts = Hand.load(name), explored.contacts
     space = workspace_of(contacts)
-    found = next_touch(contacts, hand, pipeline.RunConfig(), space, outcomes=explored.outcomes)
+    found = next_touch(known(hand, space), contacts, explored.outcomes)
     posture, probe = found.approach.posture, found.probe
     X_OL = hand.forward_kinematics(found.approach.X_OH, posture.joint_positions)[posture.link]
     center = X_OL[:3, :3] @ posture.center_L + X_OL[:3, 3]
@@ -36,16 +40,16 @@ def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration)
     nearest = np.linalg.norm(contacts.points - probe.target, axis=1).min()
     assert found.distance == pytest.approx(nearest)
     assert nearest > 0.5 * contacts.spacing
-    again = next_touch(contacts, hand, pipeline.RunConfig(), space, outcomes=explored.outcomes)
+    again = next_touch(known(hand, space), contacts, explored.outcomes)
     assert again.facts(hand) == found.facts(hand)
 
 
 def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
-    contacts, hand, config = explored.contacts, Hand.load("allegro"), pipeline.RunConfig()
+    contacts, hand = explored.contacts, Hand.load("allegro")
     lost = replace(explored.outcomes[-1], tracked=replace(PoseBelief.start(), lost=True))
     space, since = workspace_of(contacts), [lost]
-    found = next_touch(contacts, hand, config, space, outcomes=since)
-    again = next_touch(contacts, hand, config, space, outcomes=[*explored.outcomes, lost])
+    found = next_touch(known(hand, space), contacts, since)
+    again = next_touch(known(hand, space), contacts, [*explored.outcomes, lost])
     assert again.facts(hand) == found.facts(hand)
 
 
@@ -53,7 +57,7 @@ def test_without_contacts_the_size_is_needed() -> None:
     with pytest.raises(InvalidOptionError, match="--size"):
         workspace_of(Contacts.empty())
     space = workspace_of(Contacts.empty(), size=0.1)
-    found = next_touch(Contacts.empty(), Hand.load("allegro"), pipeline.RunConfig(), space)
+    found = next_touch(known(Hand.load("allegro"), space), Contacts.empty())
     assert found.distance is None
     assert "no contacts" in found.why()
 
@@ -62,7 +66,7 @@ def test_a_place_that_cannot_be_approached_is_one_sentence(explored: Exploration
     contacts = explored.contacts
     buried = Workspace(0.03, contacts.bounds.mean(axis=0), 0.12, support_height=1.0)
     with pytest.raises(EstimationError, match="--support"):
-        next_touch(contacts, Hand.load("allegro"), pipeline.RunConfig(), buried)
+        next_touch(known(Hand.load("allegro"), buried), contacts)
 
 
 def test_the_command_writes_the_touch(explored: Exploration, tmp_path: Path) -> None:
@@ -71,7 +75,7 @@ def test_the_command_writes_the_touch(explored: Exploration, tmp_path: Path) -> 
     assert main(["next", str(path), "--hand", "wsg50"]) == 0
     written = json.loads((tmp_path / "next.json").read_text())
     hand, space = Hand.load("wsg50"), workspace_of(explored.contacts)
-    found = next_touch(explored.contacts, hand, pipeline.RunConfig(), space)
+    found = next_touch(known(hand, space), explored.contacts)
     assert written == json.loads(json.dumps(found.facts(hand)))
     assert main(["next", str(path), "--size", "0"]) == 2
 
@@ -90,7 +94,6 @@ def test_the_command_uses_the_region_and_the_table_that_a_file_records(
 ) -> None:
     contacts, hand = explored.contacts, Hand.load("wsg50")
     path, low = tmp_path / "contacts.ply", float(contacts.bounds[0, 2])
-    config = pipeline.RunConfig(hand="wsg50")
 
     def written(header: dict[str, object], *options: str) -> object:
         contacts.save(path, header=provenance.describe(hand="wsg50", **header))
@@ -98,7 +101,7 @@ def test_the_command_uses_the_region_and_the_table_that_a_file_records(
         return json.loads((tmp_path / "next.json").read_text())
 
     def expected(space: Workspace | Region) -> object:
-        return json.loads(json.dumps(next_touch(contacts, hand, config, space).facts(hand)))
+        return json.loads(json.dumps(next_touch(known(hand, space), contacts).facts(hand)))
 
     table = expected(workspace_of(contacts, support_height=low))
     assert written({"support_height": low}) == table

@@ -9,9 +9,11 @@ from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
-from lis_grasp.pipeline.object_motion import motion_facts, motion_line, true_object
+from lis_grasp.pipeline import RunConfig, Scenario
+from lis_grasp.pipeline.object_motion import motion_facts, motion_line
 
 BOX = shapes.build("box", 0.06)
+SCENARIO = Scenario.from_config(RunConfig(), BOX)
 SIDE = float(BOX.mesh.bounds[1, 0])
 PROBE = Probe([SIDE, 0.0, 0.0], [-1.0, 0.0, 0.0], 0.02, 0.02)
 SHIFT = planar_pose(np.array([0.002, 0.0, 0.0]))
@@ -25,7 +27,7 @@ def explored(simulated: np.ndarray | None, belief: PoseBelief | None) -> Explora
 
 def test_a_fixed_object_has_no_motion() -> None:
     assert motion_facts(BOX, explored(None, None)) is None
-    assert true_object(BOX, explored(None, None)) is BOX
+    assert SCENARIO.after(explored(None, None)).truth.shape_now is BOX
 
 
 def test_an_unnoticed_motion_is_an_error() -> None:
@@ -35,7 +37,7 @@ def test_an_unnoticed_motion_is_an_error() -> None:
     # The two faces across the motion are 2 mm off, the four others lie in themselves.
     assert 0.0002 < facts["tracking_error"] < 0.001
     assert facts["contact_error"] == pytest.approx(0.002)
-    moved = true_object(BOX, explored(SHIFT, None))
+    moved = SCENARIO.after(explored(SHIFT, None)).truth.shape_now
     np.testing.assert_allclose(moved.mesh.bounds, BOX.mesh.bounds + [0.002, 0.0, 0.0])
 
 

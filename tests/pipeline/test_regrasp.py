@@ -16,9 +16,9 @@ from lis_grasp import Contacts, Hand, shapes
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.pipeline import regrasp
-from lis_grasp.pipeline.regrasp import Attempt, grasp_with_tactile_check
-from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.lifting.trial import AcceptGrasp
+from lis_grasp.pipeline import RunConfig, Scenario, regrasp
+from lis_grasp.pipeline.regrasp import Attempt, Stages, grasp_with_tactile_check
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
 ALLEGRO = Hand.load("allegro")
@@ -41,31 +41,44 @@ def _outcome(reason: str, fingers: tuple[str, ...] = (), closed: bool = True) ->
     return LiftOutcome(held, held, 0.0, 0.0, reason, 0.0, 1.0, motion, closed, measured, pushed)
 
 
+class _Script(Stages):
+    """Planned grasps, and the outcomes of lifts; it keeps the calls of the lift."""
+
+    def __init__(self, outcomes: list[LiftOutcome], grasps: tuple[Grasp, ...]) -> None:
+        self.calls: list[dict[str, Any]] = []
+        self._left, self._grasps = iter(outcomes), grasps
+
+    def plan(self, scenario: Scenario, contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+        grasps = self._grasps
+        return BOX.mesh, GraspSearch(grasps=grasps, rejections={}, candidates=len(grasps))
+
+    def lift(
+        self,
+        scenario: Scenario,
+        grasp: Grasp,
+        mesh: trimesh.Trimesh,
+        accept_grasp: AcceptGrasp | None,
+    ) -> LiftOutcome:
+        X_EO = scenario.truth.X_EO
+        self.calls.append({"grasp": grasp, "accept_grasp": accept_grasp, "X_EO": X_EO})
+        return next(self._left)
+
+
 def _scripted(
     outcomes: list[LiftOutcome], grasps: tuple[Grasp, ...], attempts: int
 ) -> tuple[list[Attempt], list[dict[str, Any]]]:
     """Run the loop with planned grasps and the outcomes of lifts; return the calls of the lift."""
-    calls: list[dict[str, Any]] = []
-    left = iter(outcomes)
-
-    def planner(contacts: Contacts, *_: object) -> tuple[trimesh.Trimesh, GraspSearch]:
-        return BOX.mesh, GraspSearch(grasps=grasps, rejections={}, candidates=len(grasps))
-
-    def lift(shape: shapes.Shape, hand: Hand, grasp: Grasp, **options: Any) -> LiftOutcome:
-        calls.append({"grasp": grasp, **options})
-        return next(left)
-
-    config = RunConfig(attempts=attempts)
-    known = scenes.contacts()
-    made = grasp_with_tactile_check(BOX, scenes.hand(), known, config, planner=planner, lift=lift)
-    return list(made), calls
+    script = _Script(outcomes, grasps)
+    scenario = scenes.scenario(BOX, scenes.hand(), attempts=attempts)
+    made = list(grasp_with_tactile_check(scenario, scenes.contacts(), script))
+    return made, script.calls
 
 
 def test_a_held_grasp_ends_the_attempts() -> None:
     made, calls = _scripted([_outcome("held")], (scenes.grasp(),), 3)
     assert len(made) == len(calls) == 1
     assert calls[0]["accept_grasp"] is not None
-    assert calls[0]["X_WO"] is None
+    assert_array_equal(calls[0]["X_EO"], np.eye(4))
 
 
 def test_an_aborted_grasp_adds_its_contacts_and_starts_at_the_pushed_object() -> None:
@@ -75,7 +88,7 @@ def test_an_aborted_grasp_adds_its_contacts_and_starts_at_the_pushed_object() ->
     assert [len(attempt.contacts) for attempt in made] == [6, 7]
     measured = outcomes[0].measured_contacts.points[0]
     assert_allclose(made[1].contacts.points[6], measured, rtol=0.0, atol=1e-12)
-    assert_allclose(calls[1]["X_WO"], outcomes[0].X_WO, rtol=0.0, atol=1e-12)
+    assert_allclose(calls[1]["X_EO"], outcomes[0].X_WO, rtol=0.0, atol=1e-12)
 
 
 def test_the_last_attempt_has_no_tactile_check() -> None:
@@ -90,8 +103,8 @@ def test_a_grasp_to_which_the_arm_has_no_way_is_followed_by_the_next_of_the_plan
     made, calls = _scripted(outcomes, grasps, 1)
     assert [attempt.rank for attempt in made] == [0, 1, 2]
     assert [call["grasp"] is grasp for call, grasp in zip(calls, grasps, strict=True)] == [True] * 3
-    assert calls[1]["X_WO"] is None  # nothing has moved
-    assert_array_equal(calls[2]["X_WO"], stopped.X_WO)
+    assert_array_equal(calls[1]["X_EO"], np.eye(4))  # nothing has moved
+    assert_array_equal(calls[2]["X_EO"], stopped.X_WO)
 
 
 def test_an_arm_that_stops_with_the_object_in_its_hand_ends_the_attempts() -> None:
@@ -165,7 +178,8 @@ def _face_contacts(offset: np.ndarray) -> Contacts:
 
 def _attempts(offset: np.ndarray, attempts: int, seed: int = 0) -> list[Attempt]:
     config = RunConfig(object="box", estimator="blend", attempts=attempts, seed=seed)
-    return list(grasp_with_tactile_check(BOX, ALLEGRO, _face_contacts(offset), config))
+    scenario = Scenario.from_config(config, BOX, ALLEGRO)
+    return list(grasp_with_tactile_check(scenario, _face_contacts(offset)))
 
 
 def _holds(attempts: list[Attempt]) -> bool:
@@ -193,8 +207,8 @@ def test_contacts_of_aborted_grasps_correct_a_displaced_estimate() -> None:
         # The contacts of all attempts are on the true object, which each of them may have pushed.
         measured = after.contacts.points[len(runs[0][0].contacts) :]
         assert len(measured)
-        assert after.X_WO is not None
-        on_object = trimesh.transform_points(measured, np.linalg.inv(after.X_WO))
+        X_OE = np.linalg.inv(after.scenario.truth.X_EO)
+        on_object = trimesh.transform_points(measured, X_OE)
         assert distances_to_mesh(on_object, BOX.mesh)[0].max() < 0.01
     assert sum(map(_holds, runs)) >= 2
 

@@ -16,13 +16,10 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.io import provenance
-from lis_grasp.pipeline import RunConfig, pose_of, prior_knowledge, table_of, touch
+from lis_grasp.pipeline import RunConfig, Scenario, estimate, make_prober, touch
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, UNKNOWN
 from lis_grasp.pipeline.report_json import exploration_facts
-from lis_grasp.pipeline.stages import estimate
 from lis_grasp.pipeline.summary import exploration_lines
-from lis_grasp.pipeline.touching import make_prober
-from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
 
 CONFIG = RunConfig(
@@ -31,29 +28,26 @@ CONFIG = RunConfig(
 
 
 @cache
-def truth() -> Shape:
-    shape = shapes.build("cylinder")
-    X_WO = pose_of(shape, CONFIG)
-    assert X_WO is not None
-    return placed(shape, X_WO)
+def scenario() -> Scenario:
+    return Scenario.from_config(CONFIG)
 
 
 @cache
 def honest() -> Exploration:
-    return touch(truth(), Hand.load("allegro"), CONFIG)
+    return touch(scenario())
 
 
 def test_a_region_is_the_only_prior_knowledge() -> None:
+    known = vars(scenario().known) | {"hand": None}
     for name in ("box", "torus"):
-        space = prior_knowledge(shapes.build(name), CONFIG)
-        assert space == prior_knowledge(truth(), CONFIG)
+        other = Scenario.from_config(CONFIG, shapes.build(name))
+        assert vars(other.known) | {"hand": None} == known
 
 
 @pytest.mark.slow
 def test_a_lie_about_the_true_object_changes_nothing_but_what_the_prober_measures() -> None:
     lie = shapes.build("torus", 0.3)
-    hand = Hand.load("allegro")
-    lied = touch(lie, hand, CONFIG, prober=make_prober(CONFIG, hand, truth()))
+    lied = touch(Scenario.from_config(CONFIG, lie), prober=make_prober(scenario()))
     assert len(honest().contacts) == CONFIG.touches
     assert len(lied.outcomes) == len(honest().outcomes)
     assert np.array_equal(lied.contacts.points, honest().contacts.points)
@@ -63,7 +57,7 @@ def test_a_lie_about_the_true_object_changes_nothing_but_what_the_prober_measure
 @pytest.mark.slow
 def test_contacts_are_on_the_placed_object_and_above_the_table() -> None:
     contacts = honest().contacts
-    gaps = np.abs(truth().mesh.nearest.on_surface(contacts.points)[1])
+    gaps = np.abs(scenario().truth.shape.mesh.nearest.on_surface(contacts.points)[1])
     # Noise of 0.5 mm along each axis, and half a taxel of 2 mm along a surface of radius 36 mm.
     assert gaps.max() < 4.0 * 0.0005 + 0.001**2 / 0.036 + 1e-4
     assert contacts.points[:, 2].min() > -0.002
@@ -80,7 +74,7 @@ def test_the_hand_stays_above_the_table() -> None:
 
 @pytest.mark.slow
 def test_the_estimate_is_closed_at_the_table() -> None:
-    _, mesh = estimate(honest().contacts, "blend", CONFIG.sensor(), table=table_of(CONFIG, None))
+    _, mesh = estimate(scenario().known, honest().contacts)
     assert mesh.is_watertight
     assert mesh.bounds[0, 2] > -0.001
 
@@ -90,16 +84,15 @@ def test_a_ruler_of_4_mm_is_touched_along_its_whole_length() -> None:
     ruler = Shape("ruler", trimesh.creation.box([0.22, 0.03, 0.004]), np.empty((0, 2, 3)))
     # Of seeds 0 to 6, five reach 0.19 m or more of 0.22 m, the others 0.14 and 0.17 m.
     config = RunConfig(**UNKNOWN, object="ruler", touches=30, seed=2)
-    X_WO = pose_of(ruler, config)
-    assert X_WO is not None
-    contacts = touch(placed(ruler, X_WO), Hand.load("allegro"), config).contacts
-    along = contacts.points @ X_WO[:3, 0]
+    on_table = Scenario.from_config(config, ruler)
+    contacts = touch(on_table).contacts
+    along = contacts.points @ on_table.truth.X_WO[:3, 0]
     assert np.ptp(along) > 0.2
 
 
 @pytest.mark.slow
 def test_the_summary_says_when_the_object_was_found() -> None:
-    facts = exploration_facts(CONFIG, truth(), Hand.load("allegro"), honest())
+    facts = exploration_facts(scenario(), honest())
     search = facts["search"]
     assert search["found"]
     before = honest().outcomes[: search["probes"]]

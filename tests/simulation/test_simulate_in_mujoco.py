@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scenes
 import trimesh
 from made_grasps import jaw_grasp
 
@@ -17,6 +18,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
+from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
@@ -30,14 +32,19 @@ RING = Shape.from_mesh(
 )
 
 
-def lift_by_jaws(shape: Shape, **options: Any) -> LiftOutcome:
+def lift_by_jaws(
+    shape: Shape,
+    X_EO: np.ndarray | None = None,
+    accept_grasp: AcceptGrasp | None = None,
+    **options: Any,
+) -> LiftOutcome:
     """Lift with parallel jaws from above, across the object's width of 5 cm."""
     pytest.importorskip("mujoco", reason=NEEDS_MUJOCO)
     pytest.importorskip("coacd", reason=NEEDS_MUJOCO)
     hand = Hand.load("wsg50")
     grasp = jaw_grasp(hand, np.array([0.0, 0.0, 0.01]), 0.05)
-    conditions = {"mass": 0.2, "friction": 0.8, "options": QUICK, **options}
-    return pipeline.lift(shape, hand, grasp, simulator="mujoco", **conditions)
+    scenario = scenes.scenario(shape, hand, X_EO, simulator="mujoco", **options)
+    return pipeline.lift(scenario, grasp, accept_grasp=accept_grasp, options=QUICK)
 
 
 @pytest.mark.parametrize("shape", [BOX, pytest.param(RING, marks=pytest.mark.slow)])
@@ -66,7 +73,7 @@ def test_a_rejected_grasp_opens_and_leaves_the_object() -> None:
 def test_a_displaced_object_is_found_where_it_is() -> None:
     X_WO = np.eye(4)
     X_WO[1, 3] = 0.005
-    outcome = lift_by_jaws(BOX, X_WO=X_WO)
+    outcome = lift_by_jaws(BOX, X_WO)
     assert outcome.motion.poses[OBJECT][0] == pytest.approx(X_WO, abs=1e-9)
     assert outcome.held
 
@@ -85,9 +92,8 @@ def test_an_object_far_from_its_frame_is_lifted_alike() -> None:
     hand = Hand.load("wsg50")
     pytest.importorskip("mujoco", reason=NEEDS_MUJOCO)
     grasp = jaw_grasp(hand, np.array([0.0, 0.0, 0.01]) + far, 0.05)
-    outcome = pipeline.lift(
-        shape, hand, grasp, mass=0.2, friction=0.8, options=QUICK, simulator="mujoco"
-    )
+    scenario = scenes.scenario(shape, hand, simulator="mujoco")
+    outcome = pipeline.lift(scenario, grasp, options=QUICK)
     assert outcome.held
     assert outcome.slip == pytest.approx(lift_by_jaws(BOX).slip, abs=1e-4)
 
@@ -101,15 +107,8 @@ def test_a_planned_grasp_survives_the_shakes_in_both_simulators(name: str) -> No
         BOX.mesh, rng=np.random.default_rng(0), support_height=-0.05, count=1
     )
     for simulator in ("drake", "mujoco"):
-        outcome = pipeline.lift(
-            BOX,
-            hand,
-            search.grasps[0],
-            mass=0.1,
-            friction=0.8,
-            options=SHORT,
-            simulator=simulator,
-        )
+        scenario = scenes.scenario(BOX, hand, mass=0.1, simulator=simulator)
+        outcome = pipeline.lift(scenario, search.grasps[0], options=SHORT)
         assert outcome.reason == "held"
         assert outcome.acceleration_survived == 9.81
 
@@ -121,7 +120,7 @@ def test_without_the_package_one_sentence_names_the_extra(monkeypatch: pytest.Mo
     hand = Hand.load("wsg50")
     grasp = jaw_grasp(hand, np.zeros(3), 0.05)
     with pytest.raises(InvalidOptionError, match=r"pip install 'lis-grasp\[mujoco\]'"):
-        pipeline.lift(BOX, hand, grasp, mass=0.2, friction=0.8, simulator="mujoco")
+        pipeline.lift(scenes.scenario(BOX, hand, simulator="mujoco"), grasp)
 
 
 @pytest.mark.parametrize(("name", "package"), [("box", "mujoco"), ("torus", "coacd")])
@@ -151,7 +150,7 @@ def test_a_convex_object_needs_no_decomposition(monkeypatch: pytest.MonkeyPatch)
 def test_no_contacts_without_an_object_between_the_jaws() -> None:
     X_WO = np.eye(4)
     X_WO[1, 3] = 0.2
-    outcome = lift_by_jaws(BOX, X_WO=X_WO)
+    outcome = lift_by_jaws(BOX, X_WO)
     assert outcome.reason == "no_contact"
     assert isinstance(outcome.measured_contacts, Contacts)
     assert len(outcome.measured_contacts) == 0

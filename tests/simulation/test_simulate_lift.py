@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scenes
 import trimesh
 from made_grasps import jaw_grasp
 from scipy.optimize import least_squares
@@ -420,7 +421,7 @@ def test_lifts_do_not_depend_on_the_number_of_processes(wsg50: Hand) -> None:
     box = Shape("box", box_mesh(), np.empty((0, 2, 3)))
     grasps = [jaw_grasp(wsg50, np.array([0.0, 0.0, height]), 0.05) for height in (0.02, 0.3, 0.03)]
     alone, shared = (
-        list(lift_each(box, wsg50, grasps, mass=0.2, friction=0.8, jobs=jobs, options=QUICK))
+        list(lift_each(scenes.scenario(box, wsg50), grasps, jobs=jobs, options=QUICK))
         for jobs in (1, 2)
     )
     assert [outcome.reason for outcome in alone] == ["held", "no_contact", "held"]

@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scenes
 
 from lis_grasp import Hand, pipeline, shapes
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.simulation.drake.lift import simulate_lift
@@ -19,7 +19,8 @@ SUPPORT = float(BOX.mesh.bounds[0, 2])
 
 @cache
 def _grasp() -> Grasp:
-    return pipeline.plan(BOX.mesh, JAW, support=SUPPORT, count=3, seed=0).grasps[0]
+    known = scenes.scenario(BOX, JAW, grasps=3).known
+    return pipeline.plan(known, BOX.mesh).grasps[0]
 
 
 def _lift(*, mass: float, friction: float, careful: bool, assumed: bool = True) -> LiftOutcome:
@@ -69,9 +70,7 @@ def test_a_known_load_needs_no_reaction() -> None:
 @pytest.mark.slow
 def test_fingers_carry_the_weight_and_do_not_sag() -> None:
     hand, mass = Hand.load("allegro"), 0.5
-    search = pipeline.plan(
-        BOX.mesh, hand, support=SUPPORT, prior=LoadPrior(mass=mass), count=3, seed=0
-    )
+    search = pipeline.plan(scenes.scenario(BOX, hand, mass=mass, grasps=3).known, BOX.mesh)
     outcome = simulate_lift(
         LiftSetup(BOX.mesh, hand, search.grasps[0], support_height=SUPPORT, mass=mass)
     )

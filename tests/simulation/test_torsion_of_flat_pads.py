@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scenes
 import trimesh
 from made_grasps import jaw_grasp
 
@@ -35,8 +36,9 @@ def test_a_bar_turns_between_flat_pads_at_the_limit_of_friction(
 
     def turn(offset: float) -> float:
         grasp = jaw_grasp(hand, np.array([0.0, offset, 0.0]), 0.05)
-        conditions = {"mass": MASS, "friction": FRICTION, "options": OPTIONS}
-        return pipeline.lift(BAR, hand, grasp, simulator=simulator, **conditions).turn
+        conditions = {"mass": MASS, "friction": FRICTION, "simulator": simulator}
+        scenario = scenes.scenario(BAR, hand, **conditions)
+        return pipeline.lift(scenario, grasp, options=OPTIONS).turn
 
     setup = LiftSetup(
         BAR.mesh, hand, jaw_grasp(hand, np.zeros(3), 0.05), 0.0, MASS, FRICTION, OPTIONS, np.eye(4)

@@ -592,8 +592,8 @@ def test_a_trial_of_an_unknown_free_object_is_judged_where_the_object_is() -> No
 def test_equal_grasp_tasks_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     planned = []
 
-    def plan(*_: Any, **options: Any) -> GraspSearch:
-        planned.append(options["seed"])
+    def plan(*arguments: Any) -> GraspSearch:
+        planned.append(arguments)
         return GraspSearch((), {"ik": len(planned)}, candidates=len(planned))
 
     monkeypatch.setattr(pipeline, "plan", plan)

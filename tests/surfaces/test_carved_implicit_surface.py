@@ -15,10 +15,15 @@ from lis_grasp import shapes
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import Exploration, ExplorationSetup, Workspace, explore
+from lis_grasp.exploration import (
+    Exploration,
+    ExplorationSetup,
+    TactileSensor,
+    Workspace,
+    explore,
+)
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.touching import make_policy
+from lis_grasp.pipeline import make_policy
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
@@ -233,7 +238,10 @@ def explored(name: str, *, touches: int, seed: int) -> tuple[shapes.Shape, Explo
     exploration = explore(
         KinematicProber(Hand.load("allegro"), shape.mesh),
         ExplorationSetup(
-            make_policy(RunConfig(), space), ESTIMATORS["patch"], touches=touches, space=space
+            make_policy("spread", space, TactileSensor()),
+            ESTIMATORS["patch"],
+            touches=touches,
+            space=space,
         ),
         rng=np.random.default_rng(seed),
     )

@@ -143,7 +143,7 @@ def test_growth_is_the_estimate_from_the_first_contacts(explored: Path) -> None:
     assert [count for count, _ in growth] == GROWTH
     for count, mesh in growth[1::2]:
         first = Exploration.replay(outcomes).first(count)
-        surface, _ = pipeline.estimate(first, "blend")
+        surface, _ = pipeline.estimate(pipeline.Perception(estimator="blend"), first)
         cell = float(np.ptp(surface.bounds, axis=0).max()) / 26
         expected = extract_mesh(surface, resolution=cell)
         assert_array_equal(mesh.vertices, expected.vertices)
