@@ -13,7 +13,7 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.motion import Motion
 from lis_grasp.pipeline import RunConfig, Scenario
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import Joint, LinkGeometry, Pad
+from lis_grasp.robots.robot_model import Joint, LinkGeometry, Pad
 from lis_grasp.shapes import Shape
 from lis_grasp.visualization import Scene
 

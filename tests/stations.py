@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.joint_trajectory import JointTrajectory
-from lis_grasp.arms.reach_filter import ArmGrasp, ReachFilter
+from lis_grasp.arms.placement import home_of
+from lis_grasp.arms.reach import ArmGrasp, ReachFilter
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.station_home import home_of
-from lis_grasp.arms.time_scaling import TIME_STEP, joined, time_path
+from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory, joined, time_path
 from lis_grasp.arms.transit import TransitPlanner
 from lis_grasp.typing import FloatArray
 

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.station_collision import StationChecker
 from lis_grasp.typing import FloatArray
 
 MARGIN = 0.01

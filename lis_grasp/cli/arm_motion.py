@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.base_search import best_bases
 from lis_grasp.arms.grasp_motion import GraspMotion, plan_grasp_motion
-from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.arms.placement import best_bases
 from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.grasp import recorded_base
 from lis_grasp.cli.progress import Stage, say
@@ -28,7 +28,7 @@ from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.scenario import base_at
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.shipped_arms import ARM_NAMES
+from lis_grasp.robots.shipped_models import ARM_NAMES
 
 _CLOSING, _STEP = 1.0, 0.02  # time in which the hand closes, and between two points of it [s]
 

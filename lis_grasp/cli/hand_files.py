@@ -12,10 +12,10 @@ from lis_grasp.cli.findings import say_findings
 from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.robots.draft.draft_hand import draft_hand
+from lis_grasp.robots.draft.pipeline import draft_hand
+from lis_grasp.robots.draft.yaml_text import hand_yaml
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import check_hand
-from lis_grasp.robots.hand_yaml import hand_yaml
 from lis_grasp.robots.model_uri import resolve_uri
 
 

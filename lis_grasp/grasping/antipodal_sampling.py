@@ -10,8 +10,7 @@ import numpy as np
 from lis_grasp.geometry import cross, make_pose, unit
 from lis_grasp.grasping.contact_samples import SEARCH_RADIUS, SurfaceSamples
 from lis_grasp.grasping.contact_sets import ContactSets
-from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.thumb import thumb_of
+from lis_grasp.robots.hand import Hand, thumb_of
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Largest angles [rad] between opposed normals: straight across from the thumb, and of each finger.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.reach_filter import ReachFilter
+from lis_grasp.arms.reach import ReachFilter
 from lis_grasp.arms.station import Station
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.inverse_kinematics import Postures, solve_ik

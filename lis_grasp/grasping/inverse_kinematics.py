@@ -12,7 +12,7 @@ from lis_grasp.geometry import angle_between
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.records import subset_of
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.link_tree import by_joint_kind
+from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.typing import FloatArray, IndexArray
 
 _ITERATIONS = 20

@@ -10,7 +10,7 @@ from lis_grasp.geometry import apply_pose, rotate
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import Pad
+from lis_grasp.robots.robot_model import Pad
 from lis_grasp.typing import FloatArray
 
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad

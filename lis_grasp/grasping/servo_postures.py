@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.servo_hand import moving_joints, servo_efforts
+from lis_grasp.robots.mjcf import moving_joints, servo_efforts
 from lis_grasp.typing import FloatArray
 
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.lifting.wrist_path import WristPath
 from lis_grasp.typing import FloatArray
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from lis_grasp.arms.grasp_motion import plan_transit
@@ -16,8 +17,7 @@ from lis_grasp.grasping.load_capacity import GRAVITY
 from lis_grasp.lifting.joint_path import JointPath
 from lis_grasp.lifting.outcome import LiftOptions, Reason
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.link_tree import by_joint_kind
-from lis_grasp.robots.useful_efforts import useful_efforts
+from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.typing import FloatArray
 
 # A hand of 1 kg follows 1 g within 1 mm.
@@ -30,6 +30,7 @@ WRIST_LIMITS = (150.0, 15.0)
 
 # Joint error at which a finger's spring gives full effort: it yields to errors of the estimate.
 _FULL_EFFORT_ERROR = {"revolute": 0.1, "prismatic": 0.01}  # [rad], [m]
+_RESERVE = 3.0  # times the effort that the largest contact force needs
 _DAMPING_TIME = 0.035  # [s], damping by stiffness
 # The same transit is planned for the same grasp.
 _SEED = 0
@@ -170,3 +171,24 @@ def plan_arm_lift(
         return "no_arm_motion"
     _, transit = planned
     return ArmLift(station, JointPath.of(transit, time_step))
+
+
+def useful_efforts(hand: Hand, q: npt.ArrayLike) -> FloatArray:
+    """Return the joints' effort limits (J,) [N m or N], without what no contact force needs.
+
+    Files often give efforts far above those of the real motors. Three times the largest contact
+    force, at the longest lever of a pad about a joint of that kind, is the most that counts.
+
+    Parameters
+    ----------
+    hand
+        The hand.
+    q
+        Shape (J,): the joint positions [rad or m] in which the levers are taken.
+    """
+    _, _, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
+    levers = np.linalg.norm(jacobian[:, :, 6:], axis=1).max(axis=0)  # (J,) [m or 1]
+    turning = by_joint_kind(hand, revolute=1.0, prismatic=0.0) > 0.0
+    for kind in (turning, ~turning):
+        levers[kind] = levers[kind].max(initial=0.0)
+    return np.minimum(hand.effort_limits, _RESERVE * hand.max_contact_force * levers)

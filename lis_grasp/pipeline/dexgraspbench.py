@@ -17,7 +17,7 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.servo_postures import servo_postures
 from lis_grasp.io.atomic_writing import whole_file, write_text
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.servo_hand import servo_hand
+from lis_grasp.robots.mjcf import servo_hand
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.base_search import choose_base
+from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import (

@@ -9,13 +9,13 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.arms.probe_reach import ArmProbe, ProbeReach
+from lis_grasp.arms.reach import ArmProbe, ProbeReach
 from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import ProbePosture
+from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
 
 # Rotations about the finger, +x, shape (8, 3, 3).

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from lis_grasp.arms.joint_trajectory import JointTrajectory
-from lis_grasp.arms.time_scaling import joined
+from lis_grasp.arms.trajectory import JointTrajectory, joined
 from lis_grasp.exploration.probe_motions import ARM_RETREAT_SPEED, TRANSIT_SPEED
 from lis_grasp.geometry import make_pose
 from lis_grasp.robots.arm import Arm

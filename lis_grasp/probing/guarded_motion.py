@@ -8,10 +8,9 @@ from functools import partial
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.arms.placement import home_of
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.station_home import home_of
-from lis_grasp.arms.time_scaling import time_path
+from lis_grasp.arms.trajectory import JointTrajectory, time_path
 from lis_grasp.arms.transit import TransitPlanner
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
@@ -32,8 +31,8 @@ from lis_grasp.probing.approach_planner import (
 from lis_grasp.probing.course import Course, Leg
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import ProbePosture
 from lis_grasp.robots.pose_filter import balls_inside
+from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.shapes.winding_number import any_inside
 from lis_grasp.typing import FloatArray
 

@@ -16,7 +16,7 @@ from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.probing.guarded_motion import TOUCHING, GuardedMotion
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import Joint
+from lis_grasp.robots.robot_model import Joint
 from lis_grasp.typing import FloatArray
 
 Fingers = Literal["one", "all"]

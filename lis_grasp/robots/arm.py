@@ -12,17 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.records import reduce_record
-from lis_grasp.robots.arm_file import read_arm_file
-from lis_grasp.robots.arm_ik import ArmIK
-from lis_grasp.robots.arm_kinematics import ArmKinematics
-from lis_grasp.robots.find_arm_posture import joints_before
-from lis_grasp.robots.kinematics import Kinematics
-from lis_grasp.robots.link_tree import HandModel, link_kinematics, links_fixed_to
+from lis_grasp.robots.kinematics import Kinematics, link_kinematics
+from lis_grasp.robots.pose_ik import ArmIK, ArmKinematics
+from lis_grasp.robots.robot_model import RobotModel, joints_before, links_fixed_to
+from lis_grasp.robots.yaml_files import read_arm_file
 from lis_grasp.typing import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Arm(HandModel):
+class Arm(RobotModel):
     """A robot arm, read by `Arm.load` from a URDF or SDF and one YAML file.
 
     Frames: A the base link, L a link, F the flange, whose +z points out of it. J joints, from the

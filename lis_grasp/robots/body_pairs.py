@@ -7,11 +7,10 @@ from itertools import combinations
 
 import fcl
 import numpy as np
+from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.geometry import apply_pose
-from lis_grasp.robots.collision import fcl_shape
-from lis_grasp.robots.hand_parts import LinkGeometry
-from lis_grasp.robots.link_tree import HandModel
+from lis_grasp.robots.robot_model import LinkGeometry, RobotModel
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
 # Largest number of balls that cover one body, and the radius at which they are small enough [m]:
@@ -129,7 +128,7 @@ def balls_around(geometry: LinkGeometry) -> tuple[FloatArray, FloatArray]:
     return centers, np.full(len(centers), radius)
 
 
-def pairs_of_bodies(model: HandModel, exclusions: frozenset[tuple[str, str]]) -> IndexArray:
+def pairs_of_bodies(model: RobotModel, exclusions: frozenset[tuple[str, str]]) -> IndexArray:
     """Return the indices of the bodies that must not touch each other, (P, 2)."""
     pairs = [
         (i, j)
@@ -137,3 +136,20 @@ def pairs_of_bodies(model: HandModel, exclusions: frozenset[tuple[str, str]]) ->
         if a.link != b.link and (min(a.link, b.link), max(a.link, b.link)) not in exclusions
     ]
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
+
+
+def fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
+    """Return FCL's shape of a link's body."""
+    if geometry.kind == "mesh":
+        return mesh_to_BVH(geometry.mesh)
+    return getattr(fcl, geometry.kind.capitalize())(*geometry.dimensions)
+
+
+def outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
+    """Return points and a radius: balls of that radius about the points cover the body's hull."""
+    if geometry.kind == "sphere":
+        return np.zeros((1, 3)), geometry.dimensions[0]
+    if geometry.kind == "capsule":
+        radius, length = geometry.dimensions
+        return np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]]), radius
+    return np.asarray(geometry.mesh.vertices), 0.0

@@ -10,8 +10,9 @@ import trimesh
 from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.geometry import apply_pose, inverse_pose
+from lis_grasp.robots.body_pairs import fcl_shape, outline
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import LinkGeometry
+from lis_grasp.robots.robot_model import LinkGeometry
 from lis_grasp.shapes.winding_number import InsideTest
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -252,20 +253,3 @@ def _point_of(geometry: LinkGeometry) -> FloatArray:
     if geometry.kind == "mesh":
         return np.asarray(geometry.mesh.vertices[0])
     return np.zeros(3)
-
-
-def fcl_shape(geometry: LinkGeometry) -> fcl.CollisionGeometry:
-    """Return FCL's shape of a link's body."""
-    if geometry.kind == "mesh":
-        return mesh_to_BVH(geometry.mesh)
-    return getattr(fcl, geometry.kind.capitalize())(*geometry.dimensions)
-
-
-def outline(geometry: LinkGeometry) -> tuple[FloatArray, float]:
-    """Return points and a radius: balls of that radius about the points cover the body's hull."""
-    if geometry.kind == "sphere":
-        return np.zeros((1, 3)), geometry.dimensions[0]
-    if geometry.kind == "capsule":
-        radius, length = geometry.dimensions
-        return np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]]), radius
-    return np.asarray(geometry.mesh.vertices), 0.0

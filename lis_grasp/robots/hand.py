@@ -9,18 +9,25 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.records import reduce_record
-from lis_grasp.robots.hand_file import read_hand_file
-from lis_grasp.robots.hand_parts import HandKind, Pad, ProbePosture, joints_to
 from lis_grasp.robots.kinematics import Kinematics
-from lis_grasp.robots.link_tree import HandModel, links_fixed_to
+from lis_grasp.robots.robot_model import (
+    HandKind,
+    Pad,
+    ProbePosture,
+    RobotModel,
+    joints_to,
+    links_fixed_to,
+)
+from lis_grasp.robots.yaml_files import read_hand_file
 from lis_grasp.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
-class Hand(HandModel):
+class Hand(RobotModel):
     """A robot hand, read by `Hand.load` from a URDF or SDF and one YAML file.
 
     Frames: O the frame in which poses are given (the object's, or any other), H the palm frame,
@@ -200,3 +207,16 @@ class Hand(HandModel):
         return Kinematics(
             self.links, self.joints, self.pads, X_LH=self.X_LH, actuated=len(self.joint_names)
         )
+
+
+def thumb_of(axes: FloatArray) -> int:
+    """Return the index of the finger that opposes the others.
+
+    Its pad's axis is the least aligned with the mean axis of the other pads.
+
+    Parameters
+    ----------
+    axes
+        Shape (F, 3), unit: the pads' axes, as of `Hand.pad_axes`.
+    """
+    return int(np.argmin([axes[f] @ np.delete(axes, f, axis=0).mean(0) for f in range(len(axes))]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -9,18 +10,19 @@ from itertools import combinations
 import numpy as np
 
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.io.yaml_files import is_plain_text
 from lis_grasp.robots.collision import checker_of
-from lis_grasp.robots.efforts import is_plausible_effort
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import Inertial, LinkGeometry, Pad, ProbePosture
-from lis_grasp.robots.hand_yaml import exclusion_lines
 from lis_grasp.robots.inertias import impossible_inertias
+from lis_grasp.robots.robot_model import Inertial, LinkGeometry, Pad, ProbePosture
 from lis_grasp.typing import FloatArray
 
 # A pad counts as covered by its link where the link is further out by more than this [m].
 _PAD_COVERED = 0.002
 _PARALLEL = 1e-9  # cosine between a line and a face's normal
 _ROUNDING = 1e-4  # of a position that is written with few digits [m]
+# Largest effort of a hand's joint: N m of one that turns, N of one that slides.
+_MOST_EFFORT = {"revolute": 100.0, "continuous": 100.0, "prismatic": 2000.0}
 # Smallest useful lead of a probing tip over the rest of the hand [m].
 _LEAD = 0.02
 
@@ -103,6 +105,11 @@ def _efforts(hand: Hand) -> Iterator[Finding]:
             f"no joint of a hand has an effort limit as large as {', '.join(absurd)}: give its own"
             " under effort_limits in the YAML",
         )
+
+
+def is_plausible_effort(kind: str, effort: float | None) -> bool:
+    """Return whether an effort [N m or N] may be that of a hand's joint of this kind."""
+    return effort is not None and 0.0 < effort <= _MOST_EFFORT[kind]
 
 
 def _pads(hand: Hand) -> Iterator[Finding]:
@@ -276,3 +283,13 @@ def _body_link(hand: Hand, pad: Pad) -> str:
     while link not in bodies and link in parents and parents[link].kind == "fixed":
         link = parents[link].parent
     return link
+
+
+def exclusion_lines(pairs: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """Yield pairs of links as items of ``self_collision_exclusions``."""
+    yield from (f"  - [{word(first)}, {word(second)}]" for first, second in pairs)
+
+
+def word(text: str) -> str:
+    """Return a YAML scalar: as it is if YAML reads a plain word as text, else quoted."""
+    return text if is_plain_text(text) else json.dumps(text)

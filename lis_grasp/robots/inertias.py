@@ -10,7 +10,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.records import read_only
-from lis_grasp.robots.hand_parts import Inertial
+from lis_grasp.robots.robot_model import Inertial
 from lis_grasp.typing import FloatArray
 
 LEAST_MASS = 1e-3

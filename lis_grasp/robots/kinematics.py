@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.geometry import cross, cross_matrix, inverse_pose, rotate
-from lis_grasp.robots.hand_parts import Joint, Pad, joints_to
+from lis_grasp.robots.robot_model import Joint, Pad, RobotModel, joints_to
 from lis_grasp.typing import FloatArray
 
 
@@ -139,6 +139,19 @@ class Kinematics:
         if offsets is not None:
             centers += rotate(X_OL, np.moveaxis(offsets, -2, 0)[..., None, :])[..., 0, :]
         return centers, _rotated(X_OL, self._pad_axes)
+
+
+def link_kinematics(model: RobotModel) -> Kinematics:
+    """Return the kinematics of a tree without pads, in the frame of its base link."""
+    actuated = len(model.joint_names)
+    return Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
+
+
+def body_poses(model: RobotModel, q: FloatArray) -> FloatArray:
+    """Return the poses of all bodies in the base link, (N, G, 4, 4), at postures q (N, J)."""
+    kinematics = link_kinematics(model)
+    links = kinematics.poses(np.eye(4), q)
+    return np.stack([links[g.link] @ g.X_LG for g in model.link_geometries], axis=1)
 
 
 def _rotated(X: FloatArray, vectors: FloatArray) -> FloatArray:

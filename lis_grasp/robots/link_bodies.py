@@ -14,7 +14,7 @@ from scipy.spatial import QhullError
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspError, shown
 from lis_grasp.io.mesh_files import read_mesh
-from lis_grasp.robots.hand_parts import GeometryKind, LinkGeometry, LinkVisual
+from lis_grasp.robots.robot_model import GeometryKind, LinkGeometry, LinkVisual
 from lis_grasp.typing import FloatArray
 
 # Facets round a sphere or cylinder: the chord is within 1 % of the radius of the arc.

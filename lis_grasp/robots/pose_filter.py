@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import LinkGeometry
+from lis_grasp.robots.robot_model import LinkGeometry
 from lis_grasp.typing import FloatArray
 
 # Grid nodes along the object's largest extent, or the hand's largest ball radius if longer.

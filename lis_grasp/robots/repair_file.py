@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp.io.atomic_writing import write_text
-from lis_grasp.robots.description_edits import DescriptionEdits
-from lis_grasp.robots.hand_parts import Inertial
-from lis_grasp.robots.hand_urdf import parse_xml
+from lis_grasp.robots._build_model import read_description
+from lis_grasp.robots._description import DescriptionEdits
+from lis_grasp.robots._urdf import parse_xml
 from lis_grasp.robots.inertias import LEAST_MASS, is_possible
-from lis_grasp.robots.robot_description import read_description
+from lis_grasp.robots.robot_model import Inertial
 from lis_grasp.typing import FloatArray
 
 _MOMENTS = {

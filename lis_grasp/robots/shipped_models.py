@@ -1,8 +1,12 @@
-"""Paths of the shipped hand models."""
+"""Hands and arms by name: the package's own, and hands that installed packages register."""
+
+from __future__ import annotations
 
 from pathlib import Path
 
-from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.exceptions import InvalidArmError, InvalidFileError, InvalidHandError, nearest_of
+from lis_grasp.io.yaml_files import find_yaml_file
+from lis_grasp.plugins import Registry
 
 HAND_NAMES = ("allegro", "wsg50", "barrett")
 """The hands that the package ships, by the name that `Hand.load` takes."""
@@ -19,6 +23,22 @@ READY_HANDS = (*HAND_NAMES, *VENDOR_HANDS)
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 
+HAND_REGISTRY = Registry("hand", dict.fromkeys(READY_HANDS))
+"""Names of hands; a plug-in is the path of a YAML file, or a function that returns it."""
+
+ARM_NAMES = ("iiwa14",)
+"""The arms that the package ships, by the name that `Arm.load` takes."""
+
+VENDOR_ARMS = ("kuka_iiwa14", "franka_panda", "panda", "ur5e", "ur5", "xarm7")
+"""Vendors' arms whose YAML the package ships; the model is installed apart, as an error says."""
+
+READY_ARMS = (*ARM_NAMES, *VENDOR_ARMS)
+"""Every arm whose YAML the package ships."""
+
+_ARM_FILE = (
+    "write a YAML file with name, urdf (this file) and flange (the link that carries the hand)"
+)
+
 
 def model_path(relative: str) -> Path:
     """Return the path of a shipped model file or folder below ``models/``.
@@ -32,4 +52,55 @@ def model_path(relative: str) -> Path:
             return path
     raise InvalidFileError(
         f"the package ships no model '{relative}'; give the path of a file instead"
+    )
+
+
+def hand_path(name: str) -> Path:
+    """Return the YAML file of a hand of the package, or of an installed package.
+
+    Raises
+    ------
+    InvalidHandError
+        If there is no such hand, or what is registered gives no path.
+    InvalidOptionError
+        If the module of an installed package's hand cannot be imported.
+    """
+    if name in HAND_NAMES:
+        return model_path(f"hands/{name}/{name}.yaml")
+    if name in VENDOR_HANDS:
+        return model_path(f"hands/vendors/{name}.yaml")
+    known = HAND_REGISTRY.names
+    if name not in known:
+        raise InvalidHandError(
+            f"a hand must be one of {', '.join(known)}, or a hand's YAML file; '{name}' is"
+            f" neither{nearest_of(name, known)}"
+        )
+    found = HAND_REGISTRY.find(name)
+    path = found() if callable(found) else found
+    if not isinstance(path, str | Path):
+        raise InvalidHandError(
+            f"hand '{name}' must be the path of a YAML file, or a function that returns it; it is"
+            f" of type {type(path).__name__}"
+        )
+    return Path(path)
+
+
+def arm_path(path_or_name: str | Path) -> Path:
+    """Return the YAML file of an arm of the package, or the path of a file that is there.
+
+    Raises `InvalidArmError` if there is no such arm.
+    """
+    name = str(path_or_name)
+    if name in ARM_NAMES:
+        return model_path(f"arms/{name}/{name}.yaml")
+    if name in VENDOR_ARMS:
+        return model_path(f"arms/vendors/{name}.yaml")
+    path = find_yaml_file(
+        name, "arm", example=ARM_NAMES[0], advice=_ARM_FILE, error=InvalidArmError
+    )
+    if path is not None:
+        return path
+    raise InvalidArmError(
+        f"an arm must be one of {', '.join(READY_ARMS)}, or an arm's YAML file; '{name}' is"
+        f" neither{nearest_of(name, READY_ARMS)}"
     )

@@ -10,13 +10,13 @@ import trimesh
 from lis_grasp.robots.link_bodies import load_visual
 
 if TYPE_CHECKING:
-    from lis_grasp.robots.link_tree import HandModel
+    from lis_grasp.robots.robot_model import RobotModel
 
 _MOST_FACES = 4000  # of a link: a page holds all links, and a copy of each for every grasp
 _CELLS = 48  # along the largest extent of a mesh that is made coarser
 
 
-def link_looks(hand: HandModel, link: str) -> list[trimesh.Trimesh]:
+def link_looks(hand: RobotModel, link: str) -> list[trimesh.Trimesh]:
     """Return the meshes of a link in its frame [m], made coarser where they have many triangles."""
     loaded = [(v, load_visual(v)) for v in hand.visuals if v.link == link]
     drawn = [m.copy().apply_transform(v.X_LG) for v, m in loaded if m is not None]

@@ -11,9 +11,8 @@ from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES
-from lis_grasp.robots.hand_file import description_of
-from lis_grasp.robots.hand_plugins import hand_path
-from lis_grasp.robots.shipped_models import HAND_NAMES, VENDOR_HANDS
+from lis_grasp.robots.shipped_models import HAND_NAMES, VENDOR_HANDS, hand_path
+from lis_grasp.robots.yaml_files import description_of
 from lis_grasp_studies.compared_estimators import COMPARED
 from lis_grasp_studies.study.trial import (
     DEFAULT_CONDITIONS,

@@ -8,16 +8,17 @@ import yaml
 import yourdfpy
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.arms.arm_mount import CLEARANCE, back_on_flange, mount_of
+from lis_grasp.arms.station import CLEARANCE, back_on_flange, mount_of
 from lis_grasp.exceptions import InvalidArmError, InvalidHandError
 from lis_grasp.io.schemas import write_json_schema
 from lis_grasp.robots.arm import Arm
-from lis_grasp.robots.arm_ik import ANGLE_TOLERANCE, POSITION_TOLERANCE, pose_error
-from lis_grasp.robots.arm_schema import ArmEntry
+from lis_grasp.robots.arm_defaults import find_home
 from lis_grasp.robots.body_pairs import BodyPairs, balls_around, pairs_of_bodies
-from lis_grasp.robots.find_arm_posture import body_poses, find_home
 from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.kinematics import body_poses
 from lis_grasp.robots.link_bodies import primitive
+from lis_grasp.robots.pose_ik import ANGLE_TOLERANCE, POSITION_TOLERANCE, pose_error
+from lis_grasp.robots.schema import ArmEntry
 from lis_grasp.robots.shipped_models import model_path
 
 # Two joints, the second sliding, and a gripper of two fingers beyond the flange.

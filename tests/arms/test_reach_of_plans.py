@@ -5,9 +5,9 @@ import pytest
 import trimesh
 from stations import station_with
 
+from lis_grasp.arms.collision import StationChecker
+from lis_grasp.arms.reach import JUMP
 from lis_grasp.arms.station import Station, Table
-from lis_grasp.arms.station_collision import StationChecker
-from lis_grasp.arms.straight_motion import JUMP
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace

@@ -7,17 +7,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.arms.arm_check import check_arm, gravity_efforts
-from lis_grasp.arms.base_search import choose_base, reach_fraction
-from lis_grasp.arms.reach_filter import APPROACH, LIFT, ReachFilter
+from lis_grasp.arms.check import check_arm, gravity_efforts
+from lis_grasp.arms.collision import ARM_CLEARANCE, StationChecker, _Enlarged
+from lis_grasp.arms.placement import HEADROOM, choose_base, home_of, reach_fraction
+from lis_grasp.arms.reach import APPROACH, LIFT, ReachFilter, track
 from lis_grasp.arms.station import Station, Table
-from lis_grasp.arms.station_collision import ARM_CLEARANCE, StationChecker, _Enlarged
-from lis_grasp.arms.station_home import HEADROOM, home_of
-from lis_grasp.arms.straight_motion import track
 from lis_grasp.exceptions import InvalidArmError, InvalidOptionError
 from lis_grasp.robots.arm import Arm
-from lis_grasp.robots.arm_ik import pose_error
 from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.pose_ik import pose_error
 
 
 def _base(x: float, z: float = 0.0) -> np.ndarray:

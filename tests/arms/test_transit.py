@@ -5,10 +5,9 @@ import pytest
 import trimesh
 from stations import positions_between, station_with
 
-from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.station_collision import StationChecker
-from lis_grasp.arms.time_scaling import joined, time_path
+from lis_grasp.arms.trajectory import JointTrajectory, joined, time_path
 from lis_grasp.arms.transit import TransitPlanner
 from lis_grasp.robots.arm import Arm
 

@@ -7,14 +7,14 @@ import pytest
 import trimesh
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.robots.description_edits import DescriptionEdits
-from lis_grasp.robots.draft.draft_hand import draft_hand
-from lis_grasp.robots.draft.find_fingers import find_fingers
-from lis_grasp.robots.draft.fit_flat_pads import face_areas
+from lis_grasp.robots._build_model import read_description
+from lis_grasp.robots._description import DescriptionEdits
+from lis_grasp.robots.draft._flat_pads import face_areas
+from lis_grasp.robots.draft._structure import find_fingers
+from lis_grasp.robots.draft.pipeline import draft_hand
+from lis_grasp.robots.draft.yaml_text import hand_yaml
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import check_hand
-from lis_grasp.robots.hand_yaml import hand_yaml
-from lis_grasp.robots.robot_description import read_description
 
 # An angular finger along z: a plate 24 to 30 mm from the middle, on a foot from 8 mm on.
 FOOT, PLATE = (0.008, 0.030), (0.024, 0.030)

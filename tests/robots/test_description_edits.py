@@ -9,23 +9,22 @@ import trimesh
 import yaml
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.robots.description_edits import DescriptionEdits
+from lis_grasp.robots._build_model import read_description
+from lis_grasp.robots._description import DescriptionEdits
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import Inertial, LinkGeometry
 from lis_grasp.robots.inertias import is_possible, repaired_inertial, without_rounding
 from lis_grasp.robots.kinematics import Kinematics
 from lis_grasp.robots.link_bodies import convex_body
-from lis_grasp.robots.link_tree import HandModel
 from lis_grasp.robots.model_uri import resolve_uri
 from lis_grasp.robots.pose_filter import HandPoseFilter, balls_inside
-from lis_grasp.robots.robot_description import read_description
+from lis_grasp.robots.robot_model import Inertial, LinkGeometry, RobotModel
 from lis_grasp.robots.shipped_models import model_path
 
 ALLEGRO = model_path("hands/allegro/allegro.urdf")
 BARRETT = model_path("hands/barrett/barrett.urdf")
 
 
-def poses(model: HandModel, q: np.ndarray) -> dict[str, np.ndarray]:
+def poses(model: RobotModel, q: np.ndarray) -> dict[str, np.ndarray]:
     count = len(model.joint_names)
     kinematics = Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=count)
     return kinematics.poses(np.eye(4), q)

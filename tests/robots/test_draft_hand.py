@@ -9,13 +9,13 @@ import yaml
 
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.robots.draft.draft_hand import HandDraft, draft_hand
-from lis_grasp.robots.draft.find_fingers import find_fingers
+from lis_grasp.robots._build_model import read_description
+from lis_grasp.robots.draft._structure import find_fingers
+from lis_grasp.robots.draft.pipeline import HandDraft, draft_hand
+from lis_grasp.robots.draft.yaml_text import hand_yaml
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import check_hand
-from lis_grasp.robots.hand_parts import joints_to
-from lis_grasp.robots.hand_yaml import hand_yaml
-from lis_grasp.robots.robot_description import read_description
+from lis_grasp.robots.robot_model import joints_to
 from lis_grasp.robots.shipped_models import VENDOR_HANDS, model_path
 
 

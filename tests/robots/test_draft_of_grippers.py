@@ -9,19 +9,17 @@ import pytest
 import yaml
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
+from lis_grasp.lifting.setup import useful_efforts
+from lis_grasp.robots._build_model import read_description
 from lis_grasp.robots.collision import checker_of
-from lis_grasp.robots.draft.draft_hand import draft_hand
-from lis_grasp.robots.draft.find_exclusions import find_exclusions
-from lis_grasp.robots.draft.find_fingers import find_fingers
-from lis_grasp.robots.draft.find_hand_bases import find_hand_bases
-from lis_grasp.robots.draft.find_probe_postures import find_probe_postures
-from lis_grasp.robots.draft.fit_pads import fit_pads
+from lis_grasp.robots.draft._pads import fit_pads
+from lis_grasp.robots.draft._probe_postures import find_probe_postures
+from lis_grasp.robots.draft._structure import find_exclusions, find_fingers, find_hand_bases
+from lis_grasp.robots.draft.pipeline import draft_hand
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import check_hand
 from lis_grasp.robots.link_bodies import load_mesh
-from lis_grasp.robots.robot_description import read_description
 from lis_grasp.robots.shipped_models import HAND_NAMES
-from lis_grasp.robots.useful_efforts import useful_efforts
 
 BASE = ("base", [((0.06, 0.1, 0.04), (0.0, 0.0, 0.0))])
 

@@ -15,7 +15,7 @@ from trimesh.collision import CollisionManager
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.io.schemas import write_json_schema
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_schema import HandEntry
+from lis_grasp.robots.schema import HandEntry
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lis_grasp.arms.arm_check import gravity_efforts
+from lis_grasp.arms.check import gravity_efforts
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.lifting.joint_path import PalmPath, joint_path_along
 from lis_grasp.lifting.wrist_path import line, rest_at, shake_about

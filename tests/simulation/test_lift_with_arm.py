@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.arms.base_search import choose_base
+from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.sampler import ForceClosureSampler

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lis_grasp.arms.base_search import choose_base
+from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe

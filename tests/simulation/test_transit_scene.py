@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from stations import station_with
 
-from lis_grasp.arms.time_scaling import time_path
+from lis_grasp.arms.trajectory import time_path
 from lis_grasp.lifting.arm_use import ArmUse, violations
 from lis_grasp.lifting.scene import ArmStoppedError
 from lis_grasp.simulation.drake._transit_scene import TransitScene

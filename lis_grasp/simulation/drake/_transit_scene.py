@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.time_scaling import TIME_STEP
+from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.joint_path import JointPath
 from lis_grasp.simulation.drake._arm_watch import ArmWatch

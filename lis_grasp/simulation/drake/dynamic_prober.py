@@ -9,9 +9,8 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.joint_trajectory import JointTrajectory
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.time_scaling import TIME_STEP
+from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_positive
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome

@@ -41,11 +41,10 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import Context
 
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import Inertial, LinkGeometry
-from lis_grasp.robots.hand_parts import Joint as TreeJoint
 from lis_grasp.robots.inertias import LEAST_MASS
 from lis_grasp.robots.link_bodies import load_visual
-from lis_grasp.robots.link_tree import HandModel, by_joint_kind
+from lis_grasp.robots.robot_model import Inertial, LinkGeometry, RobotModel, by_joint_kind
+from lis_grasp.robots.robot_model import Joint as TreeJoint
 from lis_grasp.simulation.drake.object_plant import spatial_inertia
 from lis_grasp.typing import FloatArray
 
@@ -197,7 +196,9 @@ def ignore_self_collision(scene_graph: SceneGraph, added: HandInPlant) -> None:
     )
 
 
-def add_links(plant: MultibodyPlant, tree: HandModel, instance: ModelInstanceIndex) -> LinksInPlant:
+def add_links(
+    plant: MultibodyPlant, tree: RobotModel, instance: ModelInstanceIndex
+) -> LinksInPlant:
     """Add the links and joints of a hand or an arm, without motors; its root gets no joint.
 
     Joints have limits and no damping. Joints that follow another are not coupled to it yet.
@@ -233,7 +234,7 @@ def add_links(plant: MultibodyPlant, tree: HandModel, instance: ModelInstanceInd
 
 
 def add_skin(
-    plant: MultibodyPlant, tree: HandModel, links: LinksInPlant, *, friction: float, modulus: float
+    plant: MultibodyPlant, tree: RobotModel, links: LinksInPlant, *, friction: float, modulus: float
 ) -> dict[GeometryId, str]:
     """Add compliant collision bodies of a modulus [Pa], and return the link of each."""
     link_of_geometry = {}
@@ -249,7 +250,7 @@ def add_skin(
     return link_of_geometry
 
 
-def add_visuals(plant: MultibodyPlant, tree: HandModel, links: LinksInPlant) -> None:
+def add_visuals(plant: MultibodyPlant, tree: RobotModel, links: LinksInPlant) -> None:
     """Add what the links of a hand or an arm look like; those without a look, their bodies."""
     seen = set()
     for number, visual in enumerate(tree.visuals):

@@ -18,7 +18,7 @@ from lis_grasp.lifting.setup import (
     finger_gains,
 )
 from lis_grasp.motion import OBJECT
-from lis_grasp.robots.hand_mjcf import hand_mjcf, inertial, mesh_asset, numbers, pose
+from lis_grasp.robots.mjcf import hand_mjcf, inertial, mesh_asset, numbers, pose
 from lis_grasp.typing import FloatArray
 
 HAND = "hand/"

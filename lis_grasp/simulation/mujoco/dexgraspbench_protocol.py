@@ -16,8 +16,7 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.servo_postures import ServoPostures, servo_postures
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_mjcf import mesh_asset, numbers
-from lis_grasp.robots.servo_hand import moving_joints, servo_hand
+from lis_grasp.robots.mjcf import mesh_asset, moving_joints, numbers, servo_hand
 from lis_grasp.typing import FloatArray
 
 MASS, FRICTION, TORSION = 0.1, 0.6, 0.02

@@ -1,12 +1,13 @@
-"""Time-optimal timing of joint paths within speed and acceleration limits (TOPP-RA)."""
+"""Joint trajectories, and the time-optimal timing of joint paths within limits (TOPP-RA)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from lis_grasp.arms.joint_trajectory import JointTrajectory
+from lis_grasp.records import short_repr
 from lis_grasp.robots.arm import Arm
 from lis_grasp.typing import FloatArray
 
@@ -16,6 +17,34 @@ TIME_STEP = 0.01
 _POINTS = 60  # of the path's grid for each corner, and at least
 _ROUNDINGS = (0.3, 0.1, 0.03)  # largest lengths of a corner's sides that are rounded [rad or m]
 _TINY = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTrajectory:
+    """A motion of J joints from rest to rest, at T times."""
+
+    joint_names: tuple[str, ...]
+    times: FloatArray  # (T,) [s], from 0, increasing
+    positions: FloatArray  # (T, J) [rad or m]
+    velocities: FloatArray  # (T, J) [rad/s or m/s]
+    accelerations: FloatArray  # (T, J) [rad/s^2 or m/s^2]
+
+    __repr__ = short_repr
+
+    @property
+    def duration(self) -> float:
+        """Time of the motion [s]."""
+        return float(self.times[-1])
+
+    def reversed(self) -> JointTrajectory:
+        """Return the same motion backwards."""
+        return JointTrajectory(
+            self.joint_names,
+            self.times,
+            self.positions[::-1],
+            -self.velocities[::-1],
+            self.accelerations[::-1],
+        )
 
 
 def time_path(

@@ -1,12 +1,13 @@
-"""Placement of an arm's base: a search over base poses for the reach over a region."""
+"""Placement of an arm: its base by reach over a region, and a home posture clear of everything."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from lis_grasp.arms.reach_filter import APPROACH, best_solutions
+from lis_grasp.arms.collision import StationChecker
+from lis_grasp.arms.reach import APPROACH, best_solutions, track
 from lis_grasp.arms.station import Station, Table
-from lis_grasp.arms.straight_motion import track
+from lis_grasp.exceptions import InvalidArmError
 from lis_grasp.geometry import cross, make_pose, rotate, tangent_frame, unit
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
@@ -23,6 +24,13 @@ _PEDESTALS = (0.0, 0.2)
 _TILT, _AROUND, _TURNS = np.pi / 3.0, 6, 2
 # Seeds of a pose, and its solutions from which the straight approach is tried.
 _SEEDS, _KEPT = 4, 2
+
+HEADROOM = 0.25
+"""Least height of the hand above the table at home [m]: objects are below it."""
+
+# Heights of the pads above the table that are tried where the arm's own home is not free [m].
+_HEIGHTS = (0.35, 0.45, 0.3, 0.55)
+_HOME_SEEDS, _HOME_KEPT = 8, 4
 
 
 def choose_base(arm: Arm, hand: Hand, *, table: Table | None = None) -> Station:
@@ -119,3 +127,47 @@ def _middle(table: Table) -> FloatArray:
 
 def _base(table: Table, distance: float, pedestal: float) -> FloatArray:
     return make_pose(np.eye(3), _middle(table) + [-distance, 0.0, pedestal])
+
+
+def home_of(station: Station) -> FloatArray:
+    """Return the arm's home (J,) if the hand is high and free there, else a posture that is.
+
+    It is free in every pregrasp and probe posture of the hand. Such a posture has the hand pointing
+    down, or obliquely, above the middle of the table.
+
+    Raises
+    ------
+    InvalidArmError
+        If there is none: the base is too far from the table, for example.
+    """
+    checker = StationChecker(station)
+    if _is_home(station, checker, station.arm.home):
+        return station.arm.home
+    table = station.table or Table()
+    for height in _HEIGHTS:
+        center = np.array([*table.center, table.height + height])
+        targets = palm_targets(station.hand, center, (0.0, 0.0, 0.0), each=1)
+        for turned in targets.swapaxes(0, 1):
+            solutions = station.solve_ik(turned, seeds=_HOME_SEEDS, first=station.arm.home)
+            for q in best_solutions(station, solutions, kept=_HOME_KEPT)[1]:
+                if _is_home(station, checker, q):
+                    return q
+    raise InvalidArmError(
+        f"arm {station.arm.name} must have a home posture with hand {station.hand.name} above the"
+        f" table; none was found from its base at {np.round(station.X_WA[:3, 3], 3).tolist()}: move"
+        " the base nearer to the object, or give home in the arm's YAML",
+        key="home",
+    )
+
+
+def _is_home(station: Station, checker: StationChecker, q: FloatArray) -> bool:
+    """Return whether the hand is high and free in all its postures, the arm at q (J,)."""
+    hand = station.hand
+    probes = [posture.joint_positions for posture in hand.probe_postures.values()]
+    postures = np.array([*hand.pregrasps.values(), *probes])
+    floor = HEADROOM if station.table is None else station.table.height + HEADROOM
+    links = hand.forward_kinematics(station.palm_poses(q), postures)
+    heights = np.stack([X[:, 2, 3] for X in links.values()])
+    if heights.min() < floor:
+        return False
+    return bool(checker.free(np.tile(q, (len(postures), 1)), postures).all())

@@ -8,13 +8,11 @@ import numpy as np
 
 from lis_grasp.geometry import angle_between, apply_pose, cross, tangent_frame, unit
 from lis_grasp.records import read_only
-from lis_grasp.robots.draft.find_fingers import Finger
-from lis_grasp.robots.draft.fit_flat_pads import fit_flat_pads
-from lis_grasp.robots.draft.hand_points import reach
-from lis_grasp.robots.hand_parts import Pad
-from lis_grasp.robots.kinematics import Kinematics
+from lis_grasp.robots.draft._flat_pads import fit_flat_pads
+from lis_grasp.robots.draft._structure import Finger, reach
+from lis_grasp.robots.kinematics import Kinematics, link_kinematics
 from lis_grasp.robots.link_bodies import fibonacci_directions
-from lis_grasp.robots.link_tree import HandModel, link_kinematics
+from lis_grasp.robots.robot_model import Pad, RobotModel
 from lis_grasp.typing import FloatArray
 
 TILTS = (0.45, 0.25, 0.7, 0.0)
@@ -31,7 +29,7 @@ _SYMMETRIC = 0.3  # a range of motion is one-sided if one end is farther from 0 
 
 
 def fit_pads(
-    model: HandModel, fingers: Sequence[Finger], tilts: Sequence[float] = TILTS
+    model: RobotModel, fingers: Sequence[Finger], tilts: Sequence[float] = TILTS
 ) -> tuple[Pad, ...]:
     """Return one pad for each finger; the flat faces of a gripper's two, else spheres.
 
@@ -61,7 +59,7 @@ def fit_pads(
 
 
 def _slides(
-    model: HandModel, fingers: Sequence[Finger], kinematics: Kinematics
+    model: RobotModel, fingers: Sequence[Finger], kinematics: Kinematics
 ) -> dict[int, FloatArray]:
     """Return by finger the direction (3,) in which tips move without turning, relative to others.
 
@@ -100,7 +98,7 @@ def _sliding(
 
 
 def _closing(
-    model: HandModel, finger: Finger, towards_L: FloatArray
+    model: RobotModel, finger: Finger, towards_L: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return unit vectors in the link frame: the tip's motion when closing, and its far end."""
     joint = finger.joint

@@ -1,19 +1,24 @@
-"""Reach of an arm: filter of grasps by inverse kinematics, straight motions and collisions."""
+"""Reach of an arm for grasps and probes: inverse kinematics, straight motions and collisions."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import trimesh
 
+from lis_grasp.arms.collision import StationChecker
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.station_collision import StationChecker
-from lis_grasp.arms.straight_motion import track
 from lis_grasp.robots.arm import Arm
-from lis_grasp.robots.arm_ik import ArmSolutions
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.robots.pose_ik import ArmSolutions
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+
+STEP = 0.02
+"""Largest distance between tracked poses of the palm [m]."""
+JUMP = 0.35
+"""Largest motion of a joint in one step [rad or m]; more is a jump to another branch."""
 
 APPROACH, LIFT = 0.12, 0.1
 """Lengths of the straight approach to a grasp, and of the straight lift [m]."""
@@ -23,6 +28,53 @@ _SAME = 0.1  # solutions with joints this near are one [rad or m]
 # More distance from the joint limits than this is no better; what it is worth to be near home.
 _SPARE, _FAR = 0.4, 0.1  # [rad or m], [1]
 _CHECKED = 2  # of the poses along a straight motion, every second is checked for collisions
+
+# Points (P, 3) -> which are inside of what is known, (P,).
+Occupied = Callable[[FloatArray], BoolArray]
+
+_PROBE_SEEDS, _PROBE_KEPT = 4, 2  # seeds of a pose; its solutions that are tried
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """Joint positions that follow B straight motions."""
+
+    q: FloatArray  # (B, S + 1, J): at the start, and after each of the S steps
+    followed: BoolArray  # (B,): to the end, within limits and without a jump
+
+
+def track(station: Station, q: FloatArray, X_WH: FloatArray, moved: FloatArray) -> Tracked:
+    """Track straight motions of the palm without turning.
+
+    Parameters
+    ----------
+    station
+        The station.
+    q
+        Shape (B, J): joint positions at the start.
+    X_WH
+        Shape (B, 4, 4): the palm's poses there.
+    moved
+        Shape (3,) or (B, 3): translations in W [m].
+    """
+    moved = np.broadcast_to(moved, (len(q), 3))
+    longest = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
+    steps = max(int(np.ceil(longest / STEP)), 1)
+    positions = np.repeat(np.asarray(q, np.float64)[:, None], steps + 1, axis=1)  # (B, S + 1, J)
+    followed = np.ones(len(q), dtype=bool)
+    for step in range(1, steps + 1):
+        active = np.flatnonzero(followed)
+        if not len(active):
+            break
+        target = X_WH[active].copy()
+        target[:, :3, 3] += step / steps * moved[active]
+        before = positions[active, step - 1]
+        # Going on as before is near the next position.
+        guess = before if step == 1 else 2.0 * before - positions[active, step - 2]
+        found, solved = station.follow(station.arm.clipped(guess), target)
+        positions[active, step:] = found[:, None]
+        followed[active] = solved & (np.abs(found - before).max(axis=1) <= JUMP)
+    return Tracked(positions, followed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,3 +192,65 @@ def _turned_to(home: FloatArray, q: FloatArray, arm: Arm) -> FloatArray:
     moved = q - 2.0 * np.pi * np.round((q - home) / (2.0 * np.pi))
     within = (moved >= arm.lower) & (moved <= arm.upper) & turns
     return np.where(within, moved, q)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmProbe:
+    """Joint positions of an arm for one probe, J joints."""
+
+    approach: FloatArray  # (S, J): straight, up to the start of the probe
+    motion: FloatArray  # (M, J): the guarded motion, from there to its end
+
+
+class ProbeReach:
+    """Finds which poses of the hand at the start of a probe an arm can carry out, and how.
+
+    The arm has to follow the straight approach and the guarded motion within joint limits, and to
+    collide with neither table, nor itself, nor what is known of the object.
+    """
+
+    def __init__(self, station: Station) -> None:
+        self._station = station
+        self._checker = StationChecker(station, arm_only=True)
+
+    def first(
+        self,
+        X_WH: FloatArray,
+        q_hand: FloatArray,
+        *,
+        approach: FloatArray,
+        motion: FloatArray,
+        occupied: Occupied,
+    ) -> tuple[int, ArmProbe] | None:
+        """Return the first of R poses that the arm can carry out, with its joint positions.
+
+        Parameters
+        ----------
+        X_WH
+            Shape (R, 4, 4): the palm's poses at the start of the probe.
+        q_hand
+            Shape (R, K): the hand's joint positions.
+        approach
+            Shape (R, 3) [m], in W: translations of the approaches to the start.
+        motion
+            Shape (3,) [m], in W: translation of the probe.
+        occupied
+            Says which points are inside of known object, which the arm must avoid. The hand is
+            not checked.
+        """
+        station = self._station
+        solutions = station.solve_ik(X_WH, seeds=_PROBE_SEEDS, first=station.arm.home)
+        pose, q = best_solutions(station, solutions, kept=_PROBE_KEPT)
+        if not len(q):
+            return None
+        back = track(station, q, X_WH[pose], -approach[pose])
+        ahead = track(station, q, X_WH[pose], motion)
+        for i in np.flatnonzero(back.followed & ahead.followed):
+            found = ArmProbe(back.q[i, ::-1], ahead.q[i])
+            ends = np.array([found.approach[0], found.motion[0], found.motion[-1]])
+            path = np.concatenate([ends, found.approach[1:-1:3], found.motion[1:-1:3]])
+            if not self._checker.free(path, q_hand[pose[i]]).all():
+                continue
+            if not occupied(self._checker.arm_points(path)).any():
+                return int(pose[i]), found
+        return None

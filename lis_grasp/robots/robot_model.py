@@ -1,13 +1,14 @@
-"""Records of a hand's parts: joints, inertias, collision bodies, pads, and probe postures."""
+"""Model of a robot: links, joints, inertias, collision bodies, and the pads of a hand."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from lis_grasp.typing import FloatArray
@@ -108,3 +109,55 @@ class ProbePosture:
     link: str  # of the fingertip's sphere
     center_L: FloatArray  # (3,) [m], its centre in the link frame
     radius: float  # of the sphere [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotModel:
+    """Links, joints and collision bodies of a URDF or SDF; the fields are those of `Hand`."""
+
+    joint_names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    effort_limits: FloatArray
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    inertials: Mapping[str, Inertial]
+    link_geometries: tuple[LinkGeometry, ...]
+    visuals: tuple[LinkVisual, ...]
+    hulls_of_visuals: tuple[str, ...]
+
+
+def by_joint_kind(model: RobotModel, *, revolute: float, prismatic: float) -> FloatArray:
+    """Return one of two values for each actuated joint, shape (J,)."""
+    values = {"revolute": revolute, "prismatic": prismatic}
+    kinds = {joint.index: joint.kind for joint in model.joints if joint.is_actuated}
+    return np.array([values[kinds[i]] for i in range(len(model.joint_names))])
+
+
+def links_fixed_to(model: RobotModel, link: str) -> frozenset[str]:
+    """Return a link, and all links that no movable joint separates from it."""
+    root = link
+    for joint in reversed(joints_to(model.joints, link)):
+        if joint.kind != "fixed":
+            break
+        root = joint.parent
+    group = {root}
+    for joint in model.joints:  # parents come before their children
+        if joint.kind == "fixed" and joint.parent in group:
+            group.add(joint.child)
+    return frozenset(group)
+
+
+def joints_before(model: RobotModel) -> Mapping[str, int]:
+    """Return the number of movable joints from the base to each link, by its name."""
+    return {
+        link: sum(joint.kind != "fixed" for joint in joints_to(model.joints, link))
+        for link in model.links
+    }
+
+
+def rpy_pose(translation: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
+    """Return a pose (4, 4) from a translation [m] and the URDF's fixed-axis angles [rad]."""
+    pose = trimesh.transformations.euler_matrix(*np.asarray(rpy, np.float64), axes="sxyz")
+    pose[:3, 3] = translation
+    return np.asarray(pose, np.float64)

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.geometry import inverse_pose, rotate
-from lis_grasp.robots.hand_urdf import parse_xml
+from lis_grasp.robots._urdf import parse_xml
 from lis_grasp.robots.link_bodies import LARGEST, Capsule
-from lis_grasp.robots.link_tree import rpy_pose
+from lis_grasp.robots.robot_model import rpy_pose
 from lis_grasp.typing import FloatArray
 
 _DRAKE = "{http://drake.mit.edu}"

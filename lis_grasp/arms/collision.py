@@ -12,8 +12,7 @@ from trimesh.collision import mesh_to_BVH
 
 from lis_grasp.arms.station import Station
 from lis_grasp.geometry import apply_pose
-from lis_grasp.robots.body_pairs import BodyPairs, balls_around, pairs_of_bodies
-from lis_grasp.robots.collision import outline
+from lis_grasp.robots.body_pairs import BodyPairs, balls_around, outline, pairs_of_bodies
 from lis_grasp.typing import BoolArray, FloatArray
 
 Obstacle = Literal["table", "object", "self"]

@@ -1,8 +1,9 @@
-"""Fingers of a robot description: rigid groups of links, leaf groups, and the joints to them."""
+"""Structure of a described hand: its base, fingers and points, and links that collide by design."""
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -10,10 +11,14 @@ import numpy as np
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
-from lis_grasp.robots.draft.hand_points import points_of_bodies
-from lis_grasp.robots.hand_parts import Joint, joints_to
-from lis_grasp.robots.link_tree import HandModel, link_kinematics
+from lis_grasp.robots.collision import HandCollisionChecker
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.kinematics import link_kinematics
+from lis_grasp.robots.link_bodies import fibonacci_directions
+from lis_grasp.robots.robot_model import Joint, LinkGeometry, RobotModel, joints_to
 from lis_grasp.typing import FloatArray
+
+_KEPT = 60  # points of a body
 
 MOST_FINGERS = 6
 # Of leaf links that one motor moves, those that reach less far than this fraction of the farthest
@@ -24,6 +29,45 @@ _LEAST_MOTION = 0.006  # of a fingertip's middle over the ranges of its joints [
 _PHALANX = "[^a-z]|$|tip|distal|middle|proximal|link|joint"
 _MARK = 0.004  # size of a body up to which it marks a place, and is no fingertip [m]
 _STEPS = 9  # positions of a joint at which that is measured
+
+_ARM = 3  # movable joints before a hand, at least
+_FINGER = 7  # movable joints of a finger, at most
+
+_SAMPLES = 200
+# A pair may touch if it collides in this fraction of random postures: near in the tree, and any.
+_OFTEN_NEAR, _OFTEN = 0.1, 0.4
+_NEAR = 3  # movable joints between two links that are near in the tree
+_CHAINED = 2  # movable joints between two links of one chain whose limits keep them apart
+
+
+def points_of_bodies(bodies: Sequence[LinkGeometry]) -> FloatArray:
+    """Return all vertices of bodies of one link, shape (N, 3) [m], in the link frame."""
+    placed = [apply_pose(b.X_LG, np.asarray(b.mesh.vertices)) for b in bodies]
+    return np.vstack([np.empty((0, 3)), *placed])
+
+
+def link_points(model: RobotModel) -> dict[str, FloatArray]:
+    """Return by link some vertices of its bodies, (N, 3) [m], in the link frame.
+
+    They are the outermost ones along directions spread over the sphere, so that extents along any
+    direction are exact to a small fraction of a body's size.
+    """
+    points: dict[str, list[FloatArray]] = {}
+    directions = fibonacci_directions(_KEPT)
+    for body in model.link_geometries:
+        p_L = points_of_bodies([body])
+        if len(p_L) > _KEPT:
+            p_L = p_L[np.unique(np.argmax(p_L @ directions.T, axis=0))]
+        points.setdefault(body.link, []).append(p_L)
+    return {link: np.vstack(parts) for link, parts in points.items()}
+
+
+def reach(p_L: FloatArray, origin_L: FloatArray, axis_L: FloatArray) -> FloatArray:
+    """Return the vector (3,) [m] from a joint to the points farthest from its axis, across it."""
+    arms = p_L - origin_L
+    arms = arms - np.outer(arms @ axis_L, axis_L)
+    lengths = np.linalg.norm(arms, axis=1)
+    return np.asarray(arms[lengths >= 0.9 * lengths.max()].mean(axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +97,7 @@ class Finger:
         return np.vstack([body.points_L for body in self.bodies])
 
 
-def find_fingers(model: HandModel, tips: Sequence[str] = ()) -> tuple[Finger, ...]:
+def find_fingers(model: RobotModel, tips: Sequence[str] = ()) -> tuple[Finger, ...]:
     """Return the fingers of a hand: one for each of the named tip links, else for each leaf.
 
     A leaf is a rigid group of links with bodies that moves and carries no other such group. Raises
@@ -87,7 +131,7 @@ def find_fingers(model: HandModel, tips: Sequence[str] = ()) -> tuple[Finger, ..
     return tuple(_renamed(fingers))
 
 
-def rigid_groups(model: HandModel) -> dict[str, str]:
+def rigid_groups(model: RobotModel) -> dict[str, str]:
     """Return by link the first link of those that are fixed to each other with it."""
     groups = {model.links[0]: model.links[0]}
     for joint in model.joints:  # parents come before their children
@@ -95,14 +139,14 @@ def rigid_groups(model: HandModel) -> dict[str, str]:
     return groups
 
 
-def shared_joints(model: HandModel, fingers: Sequence[Finger]) -> list[Joint]:
+def shared_joints(model: RobotModel, fingers: Sequence[Finger]) -> list[Joint]:
     """Return the movable joints before all fingers, as of a wrist or an arm, the first first."""
     chains = [[j.name for j in joints_to(model.joints, f.link) if j.index >= 0] for f in fingers]
     common = set(chains[0]).intersection(*chains[1:])
     return [joint for joint in model.joints if joint.name in common]
 
 
-def leaf_groups(model: HandModel) -> list[str]:
+def leaf_groups(model: RobotModel) -> list[str]:
     """Return the first links of the rigid groups with bodies that move and carry no other such."""
     groups = rigid_groups(model)
     solid = {groups[body.link] for body in model.link_geometries} - {groups[model.links[0]]}
@@ -115,7 +159,7 @@ def leaf_groups(model: HandModel) -> list[str]:
     return [link for link in model.links if link in solid - carriers]
 
 
-def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
+def _finger(model: RobotModel, groups: Mapping[str, str], leaf: str) -> Finger:
     members = [link for link in model.links if groups[link] == leaf]
     X_GL = {leaf: np.eye(4)}  # poses of the group's links in the first one
     for joint in model.joints:
@@ -151,7 +195,7 @@ def _finger(model: HandModel, groups: Mapping[str, str], leaf: str) -> Finger:
     )
 
 
-def _without_knobs(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
+def _without_knobs(model: RobotModel, fingers: Sequence[Finger]) -> list[Finger]:
     """Leave out what turns in place, as a wheel, a knob or a motor's horn; all stay if all do."""
     kinematics = link_kinematics(model)
     shared = {joint.index for joint in shared_joints(model, fingers)} if fingers else set()
@@ -169,7 +213,7 @@ def _without_knobs(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
     return kept or list(fingers)
 
 
-def _without_linkages(model: HandModel, fingers: Sequence[Finger]) -> list[Finger]:
+def _without_linkages(model: RobotModel, fingers: Sequence[Finger]) -> list[Finger]:
     """Leave out bars of linkages: they move with the same motor as a tip, and reach less far.
 
     The reach is measured from the first joint that this motor moves.
@@ -205,3 +249,73 @@ def _renamed(fingers: Sequence[Finger]) -> list[Finger]:
     if len(set(names)) < len(names):
         names = [finger.link for finger in fingers]
     return [replace(finger, name=name) for finger, name in zip(fingers, names, strict=True)]
+
+
+def find_hand_bases(model: RobotModel) -> tuple[str, ...]:
+    """Return the links where the hands of a whole robot begin; none for a hand alone.
+
+    Each is the first link of a leaf's chain that carries several leaves, has three movable joints
+    or more before it, and no more than seven after it.
+    """
+    groups = rigid_groups(model)
+    chains = [
+        [groups[j.parent] for j in joints_to(model.joints, leaf) if j.kind != "fixed"] + [leaf]
+        for leaf in leaf_groups(model)
+    ]
+    bases = []
+    for chain in chains:
+        for before, group in enumerate(chain[:-1]):
+            after = [c[c.index(group) + 1 :] for c in chains if group in c]
+            forks = len({rest[0] for rest in after}) > 1
+            if before >= _ARM and forks and max(map(len, after)) <= _FINGER:
+                bases.append(group)
+                break
+    return tuple(dict.fromkeys(bases))
+
+
+def find_exclusions(
+    hand: Hand, checker: HandCollisionChecker, *, rng: np.random.Generator
+) -> frozenset[tuple[str, str]]:
+    """Return the pairs of links that collide in so many postures that they must do so by design.
+
+    These are pairs that collide in 40 % of random postures, and in 10 % if at most three movable
+    joints are between them. Links of one chain with two joints between them may touch wherever they
+    do: the limits of two joints keep the real links apart, so that only their hulls overlap. Of a
+    hand with two fingers every pair that collides at all counts,
+    since its fingers close on each other and its linkages overlap.
+    """
+    q = rng.uniform(hand.lower, hand.upper, size=(_SAMPLES, len(hand.joint_names)))
+    q[0] = np.clip(0.0, hand.lower, hand.upper)
+    ends = rng.spawn(1)[0].uniform(-0.5, 1.5, size=q.shape).clip(0.0, 1.0)  # many at limits
+    chained = {
+        pair
+        for posture in hand.lower + ends * (hand.upper - hand.lower)
+        for pair in checker.self_collisions(posture)
+        if _are_chained(hand, *pair)
+    }
+    found = Counter(pair for posture in q for pair in checker.self_collisions(posture))
+    excluded = set(chained)
+    for pair, count in found.items():
+        often = _OFTEN_NEAR if _joints_between(hand, *pair) <= _NEAR else _OFTEN
+        if (
+            len(hand.pads) == 2
+            or count >= often * _SAMPLES
+            or pair in checker.self_collisions(q[0])
+        ):
+            excluded.add(pair)
+    return frozenset(excluded)
+
+
+def _joints_between(hand: Hand, first: str, second: str) -> int:
+    return len(_movers(hand, first) ^ _movers(hand, second))
+
+
+def _are_chained(hand: Hand, first: str, second: str) -> bool:
+    """Return whether one link carries the other, with two movable joints between them at most."""
+    movers = _movers(hand, first), _movers(hand, second)
+    in_one_chain = movers[0] <= movers[1] or movers[1] <= movers[0]
+    return in_one_chain and len(movers[0] ^ movers[1]) <= _CHAINED
+
+
+def _movers(hand: Hand, link: str) -> set[str]:
+    return {joint.name for joint in joints_to(hand.joints, link) if joint.index >= 0}

@@ -1,18 +1,22 @@
-"""Home posture of an arm, and pairs of its links that touch by design, found by sampling."""
+"""What an arm's file leaves out: the flange frame, links that may touch, the home posture."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
 
-from lis_grasp.robots.arm_ik import ArmIK
-from lis_grasp.robots.arm_kinematics import ArmKinematics
+from lis_grasp.geometry import apply_pose, axis_across, frame_along, inverse_pose, make_pose, rotate
 from lis_grasp.robots.body_pairs import BodyPairs, pairs_of_bodies
-from lis_grasp.robots.hand_parts import joints_to
-from lis_grasp.robots.link_tree import HandModel, link_kinematics
+from lis_grasp.robots.kinematics import body_poses, link_kinematics
+from lis_grasp.robots.pose_ik import ArmIK, ArmKinematics
+from lis_grasp.robots.robot_model import RobotModel, joints_before, joints_to
 from lis_grasp.typing import BoolArray, FloatArray
+
+BEYOND = 0.03
+"""Bodies of the last link may be as far beyond the flange frame [m]: mounts and their covers."""
+
+_ALONG = 0.999  # cosine of the angle between axes that are parallel
 
 _SAMPLES = 120
 # A pair of links may touch if it collides in this fraction of random postures.
@@ -26,22 +30,42 @@ _SEEDS = 4
 _FAR = 0.3
 
 
-def joints_before(model: HandModel) -> Mapping[str, int]:
-    """Return the number of movable joints from the base to each link, by its name."""
-    return {
-        link: sum(joint.kind != "fixed" for joint in joints_to(model.joints, link))
-        for link in model.links
-    }
+def flange_frame(model: RobotModel, flange: str) -> FloatArray:
+    """Return the flange frame F in the flange's link, X_LF (4, 4), from the bodies about it.
 
-
-def body_poses(model: HandModel, q: FloatArray) -> FloatArray:
-    """Return the poses of all bodies in the base link, (N, G, 4, 4), at postures q (N, J)."""
+    A flange points along the axis of the last joint, to the side where the last link reaches beyond
+    the link before. F is the link's frame if its +z does, else a frame at the same place that does.
+    If bodies of the last link are more than 3 cm beyond F, it is moved out to their end.
+    """
+    order = joints_before(model)
+    last = order[flange]
+    middle = np.clip(0.0, model.lower, model.upper)
     kinematics = link_kinematics(model)
-    links = kinematics.poses(np.eye(4), q)
-    return np.stack([links[g.link] @ g.X_LG for g in model.link_geometries], axis=1)
+    links = kinematics.poses(np.eye(4), middle)
+    X_LA = inverse_pose(links[flange])
+
+    def corners(number: int) -> FloatArray:
+        return np.vstack(
+            [np.zeros((1, 3))]
+            + [
+                apply_pose(X, np.asarray(g.mesh.vertices))
+                for g in model.link_geometries
+                if order[g.link] == number
+                for X in [X_LA @ links[g.link] @ g.X_LG]
+            ]
+        )
+
+    joint = next(j for j in reversed(joints_to(model.joints, flange)) if j.kind != "fixed")
+    axis = rotate(X_LA @ links[joint.child], joint.axis_J)
+    sides = np.array([axis, -axis])
+    own = (corners(last) @ sides.T).max(axis=0)  # (2,)
+    side = int(np.argmax(own - (corners(last - 1) @ sides.T).max(axis=0)))
+    out = sides[side]
+    R_LF = frame_along(out, axis_across(out)) if out[2] < _ALONG else np.eye(3)
+    return make_pose(R_LF, own[side] * out if own[side] > BEYOND else np.zeros(3))
 
 
-def find_arm_exclusions(model: HandModel) -> frozenset[tuple[str, str]]:
+def find_arm_exclusions(model: RobotModel) -> frozenset[tuple[str, str]]:
     """Return the pairs of links that may touch, each sorted: neighbours, and pairs that often do.
 
     Neighbours are links that one movable joint or none separates. Pairs that collide in half of the
@@ -74,7 +98,7 @@ def find_arm_exclusions(model: HandModel) -> frozenset[tuple[str, str]]:
 
 
 def find_home(
-    model: HandModel, kinematics: ArmKinematics, exclusions: frozenset[tuple[str, str]]
+    model: RobotModel, kinematics: ArmKinematics, exclusions: frozenset[tuple[str, str]]
 ) -> FloatArray:
     """Return a posture (J,) with the flange ahead of the base, above it, and pointing down.
 
@@ -118,7 +142,7 @@ def _pointing_down(ik: ArmIK, kinematics: ArmKinematics) -> FloatArray:
     return ik.postures[np.argsort(poses[:, 2, 2] - ahead_above)[:_SAMPLES]]
 
 
-def _free(model: HandModel, exclusions: frozenset[tuple[str, str]], q: FloatArray) -> BoolArray:
+def _free(model: RobotModel, exclusions: frozenset[tuple[str, str]], q: FloatArray) -> BoolArray:
     """Return which postures neither collide nor have a link below the base, beyond the first."""
     bodies = BodyPairs(model.link_geometries, pairs_of_bodies(model, exclusions))
     poses = body_poses(model, q)

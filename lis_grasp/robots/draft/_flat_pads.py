@@ -10,10 +10,9 @@ from scipy.spatial import ConvexHull
 
 from lis_grasp.geometry import angle_between, apply_pose, rotate, unit
 from lis_grasp.records import read_only
-from lis_grasp.robots.draft.find_fingers import Finger, FingerBody
-from lis_grasp.robots.draft.hand_points import link_points
-from lis_grasp.robots.hand_parts import Pad
-from lis_grasp.robots.link_tree import HandModel, link_kinematics
+from lis_grasp.robots.draft._structure import Finger, FingerBody, link_points
+from lis_grasp.robots.kinematics import link_kinematics
+from lis_grasp.robots.robot_model import Pad, RobotModel
 from lis_grasp.typing import FloatArray
 
 # Of the pads [rad]; those of a gripper whose faces turn must be about parallel when they touch.
@@ -30,7 +29,7 @@ _RECESSED = 0.002  # by which a body nearer to the finger's end may be in front 
 _TIP_LENGTH = 0.04  # part of a finger, from its end, that counts as its tip [m]
 
 
-def fit_flat_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
+def fit_flat_pads(model: RobotModel, fingers: Sequence[Finger]) -> tuple[Pad, ...]:
     """Return the pads of a gripper's two fingers.
 
     The fingers close along the motion of one tip relative to the other. The pad of each is the
@@ -44,7 +43,7 @@ def fit_flat_pads(model: HandModel, fingers: Sequence[Finger]) -> tuple[Pad, ...
     return tuple(replace(pad, half_angle=half_angle) for pad in pads)
 
 
-def face_areas(model: HandModel, fingers: Sequence[Finger]) -> FloatArray:
+def face_areas(model: RobotModel, fingers: Sequence[Finger]) -> FloatArray:
     """Return the area of the flat face that each of a gripper's fingers closes with, (2,) [m^2].
 
     An area counts less the more its face is oblique to the closing direction; 0 without a face.
@@ -57,7 +56,7 @@ def face_areas(model: HandModel, fingers: Sequence[Finger]) -> FloatArray:
 class _Gripper:
     """Two fingers' motion: their tips, the gap between them, and its direction."""
 
-    def __init__(self, model: HandModel, fingers: Sequence[Finger]) -> None:
+    def __init__(self, model: RobotModel, fingers: Sequence[Finger]) -> None:
         self._model, self._fingers = model, fingers
         self._kinematics = link_kinematics(model)
         poses = self.poses(0.5 * (model.lower + model.upper))

@@ -10,11 +10,10 @@ import numpy as np
 from lis_grasp.geometry import apply_inverse, apply_pose
 from lis_grasp.records import read_only
 from lis_grasp.robots.collision import HandCollisionChecker
-from lis_grasp.robots.draft.find_fingers import rigid_groups
-from lis_grasp.robots.draft.hand_points import link_points, points_of_bodies
+from lis_grasp.robots.draft._structure import link_points, points_of_bodies, rigid_groups
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_parts import ProbePosture, joints_to
 from lis_grasp.robots.link_bodies import fibonacci_directions
+from lis_grasp.robots.robot_model import ProbePosture, joints_to
 from lis_grasp.typing import FloatArray
 
 _SAMPLES = 300  # postures of each finger

@@ -6,15 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lis_grasp.arms.arm_mount import CLEARANCE, mount_of
-from lis_grasp.arms.base_search import REGION, choose_base, palm_targets, reach_fraction
-from lis_grasp.arms.station import Station
-from lis_grasp.arms.station_collision import StationChecker
-from lis_grasp.arms.station_home import home_of
+from lis_grasp.arms.collision import StationChecker
+from lis_grasp.arms.placement import REGION, choose_base, home_of, palm_targets, reach_fraction
+from lis_grasp.arms.station import CLEARANCE, Station, mount_of
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.geometry import apply_pose, cross, inverse_pose, rotate
 from lis_grasp.robots.arm import Arm
-from lis_grasp.robots.find_flange import BEYOND
+from lis_grasp.robots.arm_defaults import BEYOND
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import Finding, body_findings
 from lis_grasp.typing import FloatArray

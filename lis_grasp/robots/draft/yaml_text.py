@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.io.yaml_files import is_plain_text
-from lis_grasp.robots.description_edits import DescriptionEdits
-from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.thumb import thumb_of
+from lis_grasp.robots._description import DescriptionEdits
+from lis_grasp.robots.hand import Hand, thumb_of
+from lis_grasp.robots.hand_check import exclusion_lines, word
 from lis_grasp.typing import FloatArray
 
 
@@ -23,24 +21,24 @@ def hand_yaml(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[st
 def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str]) -> Iterator[str]:
     yield "# Drafted by `lis-grasp hand new`. Lengths in m, angles in rad, forces in N."
     yield from (f"# Note: {note}." for note in notes)
-    yield f"name: {_word(hand.name)}"
+    yield f"name: {word(hand.name)}"
     yield f"kind: {hand.kind}  # multi_finger: rounded pads; parallel_jaw: two flat parallel pads"
-    yield f"urdf: {_word(urdf)}"
+    yield f"urdf: {word(urdf)}"
     if edits.base_link is not None:
-        yield f"base_link: {_word(edits.base_link)}  # links before it are left out"
+        yield f"base_link: {word(edits.base_link)}  # links before it are left out"
     if edits.locked_joints:
-        locked = ", ".join(f"{_word(k)}: {v:.6g}" for k, v in edits.locked_joints.items())
+        locked = ", ".join(f"{word(k)}: {v:.6g}" for k, v in edits.locked_joints.items())
         yield f"locked_joints: {{{locked}}}  # do not move"
     if edits.effort_limits:
         yield "effort_limits:  # instead of the file's [N m or N]; usual values: check them"
-        yield from (f"  {_word(name)}: {v:g}" for name, v in edits.effort_limits.items())
+        yield from (f"  {word(name)}: {v:g}" for name, v in edits.effort_limits.items())
     if edits.repair:
         yield "repair: true  # impossible inertias and missing masses are replaced"
     if edits.convex_parts:
-        links = ", ".join(map(_word, edits.convex_parts))
+        links = ", ".join(map(word, edits.convex_parts))
         yield f"convex_parts: [{links}]  # concave links: several bodies, not one hull"
     yield "# Movable joints in the file's order; a posture has one number for each."
-    yield f"joints: [{', '.join(map(_word, hand.joint_names))}]"
+    yield f"joints: [{', '.join(map(word, hand.joint_names))}]"
     yield "# Palm frame H in the base link: z is the approach, x is from the thumb to the fingers."
     rpy = Rotation.from_matrix(hand.X_LH[:3, :3]).as_euler("xyz")
     yield f"palm_frame: {{translation: {_row(hand.X_LH[:3, 3])}, rpy: {_row(rpy)}}}"
@@ -50,7 +48,7 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
     yield "pads:"
     for pad in hand.pads:
         yield (
-            f"  {_word(pad.finger)}: {{link: {_word(pad.link)}, center: {_row(pad.center_L)},"
+            f"  {word(pad.finger)}: {{link: {word(pad.link)}, center: {_row(pad.center_L)},"
             f" radius: {pad.radius:.4g}, axis: {_row(pad.axis_L)},"
             f" half_angle: {pad.half_angle:.2f}}}"
         )
@@ -61,11 +59,11 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
     if hand.probe_postures:
         yield "probe_postures:"
     for finger, posture in hand.probe_postures.items():
-        yield f"  {_word(finger)}:"
+        yield f"  {word(finger)}:"
         yield f"    positions: {_row(posture.joint_positions)}"
         yield f"    direction: {_row(posture.direction_H)}"
         yield (
-            f"    tip: {{link: {_word(posture.link)}, center: {_row(posture.center_L)},"
+            f"    tip: {{link: {word(posture.link)}, center: {_row(posture.center_L)},"
             f" radius: {posture.radius:.4g}}}"
         )
     yield "# Pairs of links that collide by design; those joined by a joint are excluded already."
@@ -76,11 +74,6 @@ def _lines(hand: Hand, urdf: str, edits: DescriptionEdits, notes: Sequence[str])
         return
     yield "self_collision_exclusions:"
     yield from exclusion_lines(pairs)
-
-
-def exclusion_lines(pairs: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """Yield pairs of links as items of ``self_collision_exclusions``."""
-    yield from (f"  - [{_word(first)}, {_word(second)}]" for first, second in pairs)
 
 
 def _gap(hand: Hand, q: FloatArray) -> float:
@@ -95,8 +88,3 @@ def _gap(hand: Hand, q: FloatArray) -> float:
 def _row(values: FloatArray) -> str:
     # Adding 0 turns -0 into 0.
     return "[" + ", ".join(f"{round(float(v), 4) + 0.0:g}" for v in values) + "]"
-
-
-def _word(text: str) -> str:
-    """Return a YAML scalar: as it is if YAML reads a plain word as text, else quoted."""
-    return text if is_plain_text(text) else json.dumps(text)

@@ -1,42 +1,29 @@
-"""The tree of links and joints of a hand, built from a robot description and checked."""
+"""The model of a robot, built from a description and checked."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError, LisGraspError
+from lis_grasp.geometry import unit
 from lis_grasp.records import read_only
-from lis_grasp.robots.description_edits import DescriptionEdits, apply_edits
-from lis_grasp.robots.description_numbers import (
-    joint_limits,
-    link_inertial,
-    pose_matrix,
-    unit_axis,
-)
-from lis_grasp.robots.hand_parts import (
-    Inertial,
-    Joint,
-    JointKind,
-    LinkGeometry,
-    LinkVisual,
-    joints_to,
-)
+from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
 from lis_grasp.robots.inertias import (
     LEAST_MASS,
     impossible_inertias,
     repaired_inertial,
+    without_rounding,
 )
-from lis_grasp.robots.kinematics import Kinematics
 from lis_grasp.robots.link_bodies import (
+    LARGEST,
     convex_body,
     load_mesh,
     load_visual,
@@ -44,6 +31,14 @@ from lis_grasp.robots.link_bodies import (
     shape_and_sizes,
 )
 from lis_grasp.robots.model_uri import resolve_uri
+from lis_grasp.robots.robot_model import (
+    Inertial,
+    Joint,
+    JointKind,
+    LinkGeometry,
+    LinkVisual,
+    RobotModel,
+)
 from lis_grasp.shapes.solids import convex_parts
 from lis_grasp.typing import FloatArray
 
@@ -56,39 +51,17 @@ _JOINT_KINDS: Mapping[str, JointKind] = {
 # Of a concave mesh: its convex parts, and the voxels of their search.
 _MOST_PARTS, _VOXELS = 6, 50_000
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HandModel:
-    """Links, joints and collision bodies of a URDF or SDF; the fields are those of `Hand`."""
-
-    joint_names: tuple[str, ...]
-    lower: FloatArray
-    upper: FloatArray
-    effort_limits: FloatArray
-    links: tuple[str, ...]
-    joints: tuple[Joint, ...]
-    inertials: Mapping[str, Inertial]
-    link_geometries: tuple[LinkGeometry, ...]
-    visuals: tuple[LinkVisual, ...]
-    hulls_of_visuals: tuple[str, ...]
+_HEAVIEST = 1e6  # [kg] or [kg m^2]
 
 
-def link_kinematics(model: HandModel) -> Kinematics:
-    """Return the kinematics of a tree without pads, in the frame of its base link."""
-    actuated = len(model.joint_names)
-    return Kinematics(model.links, model.joints, (), X_LH=np.eye(4), actuated=actuated)
+def read_description(path: Path, edits: DescriptionEdits | None = None) -> RobotModel:
+    """Read links, joints, inertias and collision bodies; errors as of `build_model`."""
+    return build_model(parse_description(path), path, edits)
 
 
-def by_joint_kind(model: HandModel, *, revolute: float, prismatic: float) -> FloatArray:
-    """Return one of two values for each actuated joint, shape (J,)."""
-    values = {"revolute": revolute, "prismatic": prismatic}
-    kinds = {joint.index: joint.kind for joint in model.joints if joint.is_actuated}
-    return np.array([values[kinds[i]] for i in range(len(model.joint_names))])
-
-
-def build_hand_model(
+def build_model(
     robot: yourdfpy.Robot, path: Path, edits: DescriptionEdits | None = None
-) -> HandModel:
+) -> RobotModel:
     """Return links, joints, inertias and collision bodies of the robot that a file describes.
 
     The edits are applied to the robot first. A link that has visual meshes and no collision bodies
@@ -121,7 +94,7 @@ class _Builder:
         self._actuated = [j for j in robot.joints if j.type != "fixed" and j.mimic is None]
         self._names = [joint.name for joint in self._actuated]
 
-    def model(self) -> HandModel:
+    def model(self) -> RobotModel:
         joints = self._ordered_joints()
         limits = np.array([joint_limits(joint) for joint in self._actuated])  # (J, 3)
         names = (joints[0].parent, *(joint.child for joint in joints))
@@ -132,7 +105,7 @@ class _Builder:
         bodies += hulls
         inertials = self._inertials(names, joints, bodies)
         lower, upper, effort = (read_only(column.copy()) for column in limits.T)
-        return HandModel(
+        return RobotModel(
             joint_names=tuple(self._names),
             lower=lower,
             upper=upper,
@@ -295,22 +268,60 @@ def _in_link(body: LinkGeometry) -> trimesh.Trimesh:
     return body.mesh.copy().apply_transform(body.X_LG)
 
 
-def rpy_pose(translation: npt.ArrayLike, rpy: npt.ArrayLike) -> FloatArray:
-    """Return a pose (4, 4) from a translation [m] and the URDF's fixed-axis angles [rad]."""
-    pose = trimesh.transformations.euler_matrix(*np.asarray(rpy, np.float64), axes="sxyz")
-    pose[:3, 3] = translation
-    return np.asarray(pose, np.float64)
+def unit_axis(joint: Any) -> FloatArray:
+    """Return a joint's axis (3,), unit."""
+    axis = np.asarray(joint.axis, np.float64)
+    largest = np.abs(axis).max(initial=0.0)
+    if axis.shape != (3,) or not 0.0 < largest < np.inf:
+        raise InvalidHandError(
+            f"joint '{joint.name}' must have an axis of three numbers, not all 0"
+        )
+    scaled = axis / largest  # the square of a very large number is infinite
+    return unit(scaled)
 
 
-def links_fixed_to(model: HandModel, link: str) -> frozenset[str]:
-    """Return a link, and all links that no movable joint separates from it."""
-    root = link
-    for joint in reversed(joints_to(model.joints, link)):
-        if joint.kind != "fixed":
-            break
-        root = joint.parent
-    group = {root}
-    for joint in model.joints:  # parents come before their children
-        if joint.kind == "fixed" and joint.parent in group:
-            group.add(joint.child)
-    return frozenset(group)
+def joint_limits(joint: Any) -> tuple[float, float, float]:
+    """Return lower and upper limit [rad or m] and effort [N m or N]."""
+    limit = joint.limit
+    effort = None if limit is None else limit.effort
+    if effort is None or not (np.isfinite(effort) and effort > 0.0):
+        raise InvalidHandError(
+            f"joint '{joint.name}' must have a limit with an effort above 0; it is {effort}: give"
+            " it under effort_limits in the YAML"
+        )
+    if joint.type == "continuous":
+        return -np.pi, np.pi, float(effort)
+    lower, upper = limit.lower, limit.upper
+    if lower is None or upper is None or not -LARGEST <= lower < upper <= LARGEST:
+        raise InvalidHandError(
+            f"joint '{joint.name}' must have a lower limit below its upper limit; they are"
+            f" {lower} and {upper}: correct them in the file, or give the joint type 'fixed'"
+        )
+    return float(lower), float(upper), float(effort)
+
+
+def link_inertial(link: Any) -> Inertial:
+    """Return a link's mass properties in the link frame."""
+    inertial = link.inertial
+    if inertial is None or not inertial.mass:
+        return Inertial(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
+    mass = float(inertial.mass)
+    inertia = np.zeros((3, 3)) if inertial.inertia is None else np.asarray(inertial.inertia)
+    if not (0.0 <= mass <= _HEAVIEST and np.all(np.abs(inertia) <= _HEAVIEST)):
+        raise InvalidHandError(
+            f"link '{link.name}' must have a mass of at least 0 and finite moments of inertia"
+            f" [kg, m]; its mass is {mass}"
+        )
+    X_LI = pose_matrix(inertial.origin)
+    rotated = without_rounding(X_LI[:3, :3] @ inertia @ X_LI[:3, :3].T)
+    return Inertial(mass, read_only(X_LI[:3, 3].copy()), read_only(rotated))
+
+
+def pose_matrix(matrix: FloatArray | None) -> FloatArray:
+    """Return a pose (4, 4), the identity for None; InvalidHandError if it is not finite."""
+    X = np.eye(4) if matrix is None else np.array(matrix, np.float64)
+    if not np.all(np.abs(X) <= LARGEST):
+        raise InvalidHandError(
+            f"a pose must be finite, and within {LARGEST:g} m; it is at {X[:3, 3].tolist()}"
+        )
+    return read_only(X)

@@ -13,27 +13,24 @@ import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.records import fields_of, read_only
+from lis_grasp.robots._build_model import build_model, link_inertial
+from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
 from lis_grasp.robots.collision import checker_of
-from lis_grasp.robots.description_edits import DescriptionEdits, apply_edits
-from lis_grasp.robots.description_numbers import link_inertial
-from lis_grasp.robots.draft.find_exclusions import find_exclusions
-from lis_grasp.robots.draft.find_fingers import (
+from lis_grasp.robots.draft._flat_pads import face_areas
+from lis_grasp.robots.draft._pads import fit_pads
+from lis_grasp.robots.draft._pregrasps import MOST_TURNED, Opening, find_palm_frame, find_pregrasps
+from lis_grasp.robots.draft._probe_postures import find_probe_postures
+from lis_grasp.robots.draft._structure import (
     Finger,
+    find_exclusions,
     find_fingers,
+    find_hand_bases,
     rigid_groups,
     shared_joints,
 )
-from lis_grasp.robots.draft.find_hand_bases import find_hand_bases
-from lis_grasp.robots.draft.find_pregrasps import MOST_TURNED, Opening, find_pregrasps
-from lis_grasp.robots.draft.find_probe_postures import find_probe_postures
-from lis_grasp.robots.draft.fit_flat_pads import face_areas
-from lis_grasp.robots.draft.fit_pads import fit_pads
-from lis_grasp.robots.draft.palm_frame import find_palm_frame
-from lis_grasp.robots.efforts import is_plausible_effort, usual_effort
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.hand_check import forces_along_pads
-from lis_grasp.robots.link_tree import HandModel, build_hand_model
-from lis_grasp.robots.robot_description import parse_description
+from lis_grasp.robots.hand_check import forces_along_pads, is_plausible_effort
+from lis_grasp.robots.robot_model import RobotModel
 
 # Joints before all fingers that are locked, as of a wrist; more are an arm, which is left out.
 _WRIST = 2
@@ -43,6 +40,8 @@ _TURNED = 0.95  # error of a pad's axis that is accepted at last (chord)
 # Parts replace a gripper's hulls if their faces are so many times the hulls', and this [m^2].
 _HIDDEN, _LEAST_FACE = 2.0, 3e-5
 _LISTED = 4  # links, or pairs of them, in a note
+# Of many hands' joints [N m or N].
+_USUAL_EFFORT = {"revolute": 1.0, "continuous": 1.0, "prismatic": 40.0}
 _USED = 0.9  # fraction of an effort that a finger's force may need
 # Of one finger [N]: files often give more than a robot uses.
 _LEAST_FORCE, _MOST_FORCE = 1.0, {"multi_finger": 10.0, "parallel_jaw": 40.0}
@@ -89,12 +88,12 @@ def draft_hand(
     notes: list[str] = []
     robot = parse_description(path)
     edits = _edits(deepcopy(robot), base_link, notes)
-    model = build_hand_model(deepcopy(robot), path, edits)
+    model = build_model(deepcopy(robot), path, edits)
     if base_link is None and not tips:
         edits = _without_robot(model, edits, path.name, notes)
         if edits.base_link is not None:
             edits = _pruned(edits, apply_edits(deepcopy(robot), edits))
-            model = build_hand_model(deepcopy(robot), path, edits)
+            model = build_model(deepcopy(robot), path, edits)
     fingers = find_fingers(model, tips)
     wrist = shared_joints(model, fingers)
     if wrist:
@@ -110,11 +109,11 @@ def draft_hand(
             edits = replace(edits, locked_joints=MappingProxyType(positions))
             notes.append(f"joints of the wrist are locked: {', '.join(positions)}")
         edits = _pruned(edits, apply_edits(deepcopy(robot), edits))
-        model = build_hand_model(deepcopy(robot), path, edits)
+        model = build_model(deepcopy(robot), path, edits)
         fingers = find_fingers(model, tips)
     if len(fingers) == 2:
         split = _split_fingers(model, fingers, edits)
-        parts = build_hand_model(deepcopy(robot), path, split)
+        parts = build_model(deepcopy(robot), path, split)
         fingers_of_parts = find_fingers(parts, tips)
         if _hulls_hide_faces(model, fingers, parts, fingers_of_parts):
             edits, model, fingers = split, parts, fingers_of_parts
@@ -163,7 +162,7 @@ def draft_hand(
 
 
 def _with_openings(
-    model: HandModel, name: str, fingers: Sequence[Finger], rng: np.random.Generator
+    model: RobotModel, name: str, fingers: Sequence[Finger], rng: np.random.Generator
 ) -> tuple[Hand, list[Opening]]:
     """Return a hand with pads, and its openings, the widest first.
 
@@ -188,7 +187,7 @@ def _with_openings(
 
 
 def _split_fingers(
-    model: HandModel, fingers: Sequence[Finger], edits: DescriptionEdits
+    model: RobotModel, fingers: Sequence[Finger], edits: DescriptionEdits
 ) -> DescriptionEdits:
     """Return edits by which the fingers' tips collide as several convex parts."""
     links = {body.link for finger in fingers for body in finger.bodies}
@@ -196,7 +195,7 @@ def _split_fingers(
 
 
 def _hulls_hide_faces(
-    model: HandModel, fingers: Sequence[Finger], parts: HandModel, of_parts: Sequence[Finger]
+    model: RobotModel, fingers: Sequence[Finger], parts: RobotModel, of_parts: Sequence[Finger]
 ) -> bool:
     """Return whether the flat faces of a gripper are inside the hulls of its fingers.
 
@@ -215,14 +214,14 @@ def _edits(robot: yourdfpy.Robot, base_link: str | None, notes: list[str]) -> De
         if joint.type in ("revolute", "continuous", "prismatic") and joint.mimic is None:
             effort = None if joint.limit is None else joint.limit.effort
             if not is_plausible_effort(joint.type, effort):
-                efforts[joint.name] = usual_effort(joint.type)
+                efforts[joint.name] = _USUAL_EFFORT[joint.type]
     if efforts:
         notes.append(f"efforts are missing or absurd, so usual ones are set: {', '.join(efforts)}")
     return replace(edits, effort_limits=MappingProxyType(efforts))
 
 
 def _without_robot(
-    model: HandModel, edits: DescriptionEdits, file: str, notes: list[str]
+    model: RobotModel, edits: DescriptionEdits, file: str, notes: list[str]
 ) -> DescriptionEdits:
     """Return edits that leave out all of a robot but its hand; edits of a hand stay as they are."""
     bases = find_hand_bases(model)
@@ -258,7 +257,7 @@ def _pruned(edits: DescriptionEdits, robot: yourdfpy.Robot) -> DescriptionEdits:
     return replace(edits, effort_limits=MappingProxyType(efforts))
 
 
-def _repaired_links(robot: yourdfpy.Robot, model: HandModel, edits: DescriptionEdits) -> list[str]:
+def _repaired_links(robot: yourdfpy.Robot, model: RobotModel, edits: DescriptionEdits) -> list[str]:
     """Return the links of a repaired model whose inertia is not that of the file."""
     own = {link.name: link_inertial(link) for link in apply_edits(deepcopy(robot), edits).links}
     return [
@@ -273,12 +272,12 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_LISTED]) + rest
 
 
-def _joined_pairs(model: HandModel) -> frozenset[tuple[str, str]]:
+def _joined_pairs(model: RobotModel) -> frozenset[tuple[str, str]]:
     """Return the pairs of links that a joint joins."""
     return frozenset((min(j.parent, j.child), max(j.parent, j.child)) for j in model.joints)
 
 
-def _without_postures(model: HandModel, name: str, pads: tuple) -> Hand:
+def _without_postures(model: RobotModel, name: str, pads: tuple) -> Hand:
     middle = read_only(0.5 * (model.lower + model.upper))
     return Hand(
         **fields_of(model),
