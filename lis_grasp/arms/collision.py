@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import fcl
 import numpy as np
@@ -10,10 +10,12 @@ import numpy.typing as npt
 import trimesh
 from trimesh.collision import mesh_to_BVH
 
-from lis_grasp.arms.station import Station
 from lis_grasp.geometry import apply_pose
 from lis_grasp.robots.body_pairs import BodyPairs, balls_around, outline, pairs_of_bodies
 from lis_grasp.typing import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from lis_grasp.arms.station import Station
 
 Obstacle = Literal["table", "object", "self"]
 

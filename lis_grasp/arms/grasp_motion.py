@@ -12,6 +12,7 @@ from lis_grasp.arms.reach import ArmGrasp, ReachFilter
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory, joined, time_path
 from lis_grasp.arms.transit import TransitPlanner
+from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.typing import FloatArray
 
 SPEED = 0.1
@@ -32,9 +33,7 @@ class GraspMotion:
 def plan_grasp_motion(
     station: Station,
     mesh: trimesh.Trimesh | None,
-    X_WH: FloatArray,
-    q_open: FloatArray,
-    q_closed: FloatArray,
+    grasp: Grasp,
     *,
     rng: np.random.Generator,
 ) -> GraspMotion | str:
@@ -49,28 +48,23 @@ def plan_grasp_motion(
         The station.
     mesh
         Closed mesh of the object's estimate in W [m]; None for none.
-    X_WH
-        Shape (4, 4): the palm's pose at the grasp.
-    q_open, q_closed
-        Shape (K,): the hand's joint positions on the approach, and at the grasp.
+    grasp
+        The grasp, in W.
     rng
         For the path around the object.
     """
-    planned = plan_transit(station, mesh, X_WH, q_open, q_closed, rng=rng)
+    planned = plan_transit(station, mesh, grasp, rng=rng)
     if isinstance(planned, str):
         return planned
-    grasp, transit = planned
-    return GraspMotion(
-        joined([transit, _straight(station, grasp.approach)]), _straight(station, grasp.lift)
-    )
+    straight, transit = planned
+    approach, lift = (_straight(station, path) for path in (straight.approach, straight.lift))
+    return GraspMotion(joined([transit, approach]), lift)
 
 
 def plan_transit(
     station: Station,
     mesh: trimesh.Trimesh | None,
-    X_WH: FloatArray,
-    q_open: FloatArray,
-    q_closed: FloatArray,
+    grasp: Grasp,
     *,
     rng: np.random.Generator,
     step: float = TIME_STEP,
@@ -80,15 +74,17 @@ def plan_transit(
     Or the reason that there are none. Arguments are as of `plan_grasp_motion`; the motion has a
     point each `step` [s].
     """
-    reach = ReachFilter(station, mesh)
-    (found,) = reach.plan(X_WH[None], q_open[None], q_closed[None])
-    if found is None:
-        return next(iter(+reach.rejected))
+    q_open = grasp.pregrasp_positions
+    (straight,) = ReachFilter(station, mesh).plan(
+        grasp.X_OH[None], q_open[None], grasp.joint_positions[None]
+    )
+    if isinstance(straight, str):
+        return straight
     planner = TransitPlanner(station, mesh)
-    corners = planner.plan(home_of(station), found.standoff, q_open, rng=rng)
+    corners = planner.plan(home_of(station), straight.standoff, q_open, rng=rng)
     if corners is None:
         return NO_PATH
-    return found, time_path(
+    return straight, time_path(
         station.arm, corners, is_free=lambda path: planner.is_free(path, q_open), step=step
     )
 

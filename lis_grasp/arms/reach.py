@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
 
 from lis_grasp.arms.collision import StationChecker
-from lis_grasp.arms.station import Station
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.pose_ik import ArmSolutions
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+
+if TYPE_CHECKING:
+    from lis_grasp.arms.station import Station
 
 STEP = 0.02
 """Largest distance between tracked poses of the palm [m]."""
@@ -94,7 +96,7 @@ class ReachFilter:
     """Finds which grasps an arm can carry out, and how.
 
     A grasp is kept if the arm reaches it, approaches it and lifts from it straight, within joint
-    limits and on one branch, and collides with nothing on the way. `rejected` counts the others:
+    limits and on one branch, and collides with nothing on the way. Each of the others has a reason:
 
     - ``out_of_arm_reach``: no joint positions;
     - ``no_straight_arm_motion``: a joint limit or a jump ends the approach or the lift;
@@ -112,12 +114,11 @@ class ReachFilter:
     def __init__(self, station: Station, mesh: trimesh.Trimesh | None = None) -> None:
         self._station = station
         self._checker = StationChecker(station, mesh, arm_only=True)
-        self.rejected: Counter[str] = Counter()
 
     def plan(
         self, X_WH: FloatArray, q_open: FloatArray, q_closed: FloatArray
-    ) -> list[ArmGrasp | None]:
-        """Return the arm's motion for each of N grasps, None for those that are rejected.
+    ) -> list[ArmGrasp | str]:
+        """Return the arm's motion for each of N grasps, or the reason that there is none.
 
         Parameters
         ----------
@@ -128,27 +129,28 @@ class ReachFilter:
         """
         solutions = self._station.solve_ik(X_WH, seeds=_SEEDS, first=self._station.arm.home)
         pose, q = best_solutions(self._station, solutions, kept=_KEPT)
-        self.rejected["out_of_arm_reach"] += int((~solutions.reached).sum())
         forward = X_WH[pose, :3, :3] @ self._station.hand.approach_H
         away = track(self._station, q, X_WH[pose], -APPROACH * forward)
         up = track(self._station, q, X_WH[pose], np.array([0.0, 0.0, LIFT]))
-        straight = away.followed & up.followed
-        found: list[ArmGrasp | None] = [None] * len(X_WH)
-        reasons: dict[int, str] = {}
-        for i in np.flatnonzero(straight):
+        motions: list[ArmGrasp | str] = [
+            "no_straight_arm_motion" if reached else "out_of_arm_reach"
+            for reached in solutions.reached
+        ]
+        for i in np.flatnonzero(away.followed & up.followed):
             n = int(pose[i])
-            if found[n] is not None:
+            if isinstance(motions[n], ArmGrasp):
                 continue
             approach, lift = away.q[i, ::-1], up.q[i]
             hit = self._first_hit(approach, q_open[n]) or self._first_hit(lift, q_closed[n])
-            if hit is None:
-                found[n] = ArmGrasp(approach, lift)
-            else:
-                reasons[n] = f"arm_hits_{hit}"
-        for n, reached in enumerate(solutions.reached):
-            if reached and found[n] is None:
-                self.rejected[reasons.get(n, "no_straight_arm_motion")] += 1
-        return found
+            motions[n] = ArmGrasp(approach, lift) if hit is None else f"arm_hits_{hit}"
+        return motions
+
+    def rejections(
+        self, X_WH: FloatArray, q_open: FloatArray, q_closed: FloatArray
+    ) -> list[str | None]:
+        """Return why the arm cannot carry out each of N grasps, None if it can; see `plan`."""
+        motions = self.plan(X_WH, q_open, q_closed)
+        return [motion if isinstance(motion, str) else None for motion in motions]
 
     def _first_hit(self, path: FloatArray, q_hand: FloatArray) -> str | None:
         """Return what a path of joint positions (S, J) collides with; None if it is free."""

@@ -7,9 +7,12 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
 
+from lis_grasp.arms.reach import ReachFilter
 from lis_grasp.exceptions import InvalidHandError, InvalidOptionError
 from lis_grasp.geometry import apply_pose, cross, frame_along, inverse_pose, make_pose, require_pose
+from lis_grasp.grasping.reach import ReachCheck
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.body_pairs import BodyPairs
@@ -242,6 +245,10 @@ class Station:
     def follow(self, q: npt.ArrayLike, X_WH: npt.ArrayLike) -> tuple[FloatArray, BoolArray]:
         """Return positions near q (B, J) for palm poses (B, 4, 4), and which were found, (B,)."""
         return self.arm.ik.follow(np.asarray(q, np.float64), self._flange_targets(X_WH))
+
+    def reach_check(self, mesh: trimesh.Trimesh) -> ReachCheck:
+        """Return the check of grasps of an object's mesh in W, `ReachFilter.rejections`."""
+        return ReachFilter(self, mesh).rejections
 
     def _flange_targets(self, X_WH: npt.ArrayLike) -> FloatArray:
         to_base, to_flange = inverse_pose(self.X_WA), inverse_pose(self.X_FH)

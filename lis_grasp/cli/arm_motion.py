@@ -102,8 +102,7 @@ def _first_motion(
     reasons: Counter[str] = Counter()
     for rank, grasp in grasps.items():
         for station in stations:
-            q_open, q_closed = grasp.pregrasp_positions, grasp.joint_positions
-            motion = plan_grasp_motion(station, mesh, grasp.X_OH, q_open, q_closed, rng=rng)
+            motion = plan_grasp_motion(station, mesh, grasp, rng=rng)
             if not isinstance(motion, str):
                 return rank, station, motion
             reasons[motion] += 1

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.reach import ReachFilter
-from lis_grasp.arms.station import Station
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.inverse_kinematics import Postures, solve_ik
 from lis_grasp.grasping.pad_offsets import FingertipContacts
+from lis_grasp.grasping.reach import Reach
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.pose_filter import HandPoseFilter
@@ -52,9 +51,9 @@ class CandidateFilter:
     - ``pad_does_not_face_the_surface``: a contact is outside its pad;
     - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp, or slightly opened;
     - ``approach_hits_object``, ``_support``, ``_self``: a collision opened or on the approach;
-    - with a `station`, the reasons of `ReachFilter`.
+    - with a `reach`, the reasons of its check.
 
-    Arguments are as of `HandCollisionChecker`. The station's arm is to carry the hand.
+    Arguments are as of `HandCollisionChecker`. `reach` is that of the arm that carries the hand.
     """
 
     def __init__(
@@ -63,12 +62,12 @@ class CandidateFilter:
         mesh: trimesh.Trimesh,
         *,
         support_height: float | None,
-        station: Station | None = None,
+        reach: Reach | None = None,
     ) -> None:
-        self._reach = None if station is None else ReachFilter(station, mesh)
+        self._reach_check = None if reach is None else reach.reach_check(mesh)
         self._hand = hand
         clearance, spare = _CLEARANCE, _SPARE
-        if station is not None:
+        if reach is not None:
             clearance, spare = _ARM_CLEARANCE, _SPARE + _ARM_ERROR
         self._checker = HandCollisionChecker(
             hand, mesh, support_height=support_height, clearance=clearance
@@ -112,18 +111,17 @@ class CandidateFilter:
         return kept[free], GraspCandidates(contacts, postures, opened[free], clearances)
 
     def _within_reach(self, postures: Postures, opened: FloatArray) -> BoolArray:
-        """Return which grasps the station's arm can carry out, (B,); all without a station."""
-        if self._reach is None or not len(opened):
+        """Return which grasps are within reach, (B,)."""
+        if self._reach_check is None or not len(opened):
             return np.ones(len(opened), dtype=bool)
-        self._reach.rejected.clear()
-        found = self._reach.plan(postures.X_OH, opened, postures.q)
-        self.rejected += self._reach.rejected
-        return np.array([motion is not None for motion in found], dtype=bool)
+        reasons = self._reach_check(postures.X_OH, opened, postures.q)
+        self.rejected += Counter(reason for reason in reasons if reason is not None)
+        return np.array([reason is None for reason in reasons], dtype=bool)
 
     def _approaches(self, X_OH: FloatArray) -> FloatArray:
         """Return palm poses along the approach to each pose (B, 4, 4), shape (B, W, 4, 4)."""
         back = np.linspace(0.0, _STANDOFF, _APPROACH_STEPS)
-        if self._reach is not None:
+        if self._reach_check is not None:
             back = np.append(-_ARM_ERROR, back)
         paths = np.repeat(X_OH[:, None], len(back), axis=1)
         paths[:, :, :3, 3] -= back[:, None] * (X_OH[:, :3, :3] @ self._hand.approach_H)[:, None]

@@ -12,7 +12,6 @@ import numpy.typing as npt
 import trimesh
 from scipy.special import ndtr
 
-from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError, require_at_least
 from lis_grasp.geometry import rotate
 from lis_grasp.grasping.antipodal_sampling import (
@@ -27,6 +26,7 @@ from lis_grasp.grasping.contact_sets import ContactSets, contacts_of
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.grasping.load_prior import LoadPrior
+from lis_grasp.grasping.reach import Reach
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -76,7 +76,7 @@ class ForceClosureSampler:
         Sampling ends early when enough grasps are robust. Refinement tries up to ten more sets for
         each grasp.
     station
-        The arm that carries the hand, in whose reach grasps have to be; None for a free hand.
+        The `Station` of an arm, in whose reach grasps have to be; None for a free hand.
     """
 
     hand: Hand
@@ -85,7 +85,7 @@ class ForceClosureSampler:
     friction_spread: float = 0.0
     mass_spread: float = 0.0
     candidates: int = 4000
-    station: Station | None = None
+    station: Reach | None = None
 
     def __post_init__(self) -> None:
         self.load_prior()
@@ -135,7 +135,7 @@ class ForceClosureSampler:
         radius = min(pad.radius for pad in self.hand.pads)
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=radius)
         candidate_filter = CandidateFilter(
-            self.hand, mesh, support_height=support_height, station=self.station
+            self.hand, mesh, support_height=support_height, reach=self.station
         )
         scorer = GraspScorer(self.hand, mesh, prior=self.load_prior(), rng=rng)
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)

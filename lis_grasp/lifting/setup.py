@@ -158,15 +158,8 @@ def plan_arm_lift(
     The arm avoids the table and the `estimate` of the object; None for no object. Its path has a
     sample each `time_step` [s].
     """
-    planned = plan_transit(
-        station,
-        estimate,
-        grasp.X_OH,
-        grasp.pregrasp_positions,
-        grasp.joint_positions,
-        rng=np.random.default_rng(_SEED),
-        step=time_step,
-    )
+    rng = np.random.default_rng(_SEED)
+    planned = plan_transit(station, estimate, grasp, rng=rng, step=time_step)
     if isinstance(planned, str):
         return "no_arm_motion"
     _, transit = planned

@@ -1,11 +1,13 @@
 """Motions for grasps, and the files that drivers play."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 import yaml
+from made_grasps import jaw_grasp
 from stations import positions_between, station_with
 
 from lis_grasp.arms.collision import StationChecker
@@ -29,9 +31,10 @@ def test_a_motion_leads_from_home_to_the_grasp_and_up(station: Station) -> None:
     X_WH = np.eye(4)
     X_WH[:3, :3] = np.diag([1.0, -1.0, -1.0])  # the jaw points down
     X_WH[:3, 3] = 0.0, 0.0, 0.13
-    q_open, q_closed = station.hand.pregrasps["medium"], np.array([0.025, 0.025])
-    rng = np.random.default_rng(0)
-    motion = plan_grasp_motion(station, box, X_WH, q_open, q_closed, rng=rng)
+    q_open = station.hand.pregrasps["medium"]
+    grasp = jaw_grasp(station.hand, np.array([0.0, 0.0, 0.07]), 0.05)
+    grasp = replace(grasp, X_OH=X_WH, pregrasp_positions=q_open)
+    motion = plan_grasp_motion(station, box, grasp, rng=np.random.default_rng(0))
     assert isinstance(motion, GraspMotion)
     np.testing.assert_allclose(motion.approach.positions[0], home_of(station))
     np.testing.assert_allclose(station.palm_poses(motion.approach.positions[-1]), X_WH, atol=2e-3)
@@ -47,11 +50,9 @@ def test_a_motion_leads_from_home_to_the_grasp_and_up(station: Station) -> None:
 
 
 def test_a_grasp_out_of_reach_has_a_reason(station: Station) -> None:
-    X_WH = np.eye(4)
-    X_WH[0, 3] = 2.0
-    q = station.hand.pregrasps["wide"]
-    rng = np.random.default_rng(0)
-    assert plan_grasp_motion(station, None, X_WH, q, q, rng=rng) == "out_of_arm_reach"
+    far = jaw_grasp(station.hand, np.array([2.0, 0.0, 0.0]), 0.05)
+    reason = plan_grasp_motion(station, None, far, rng=np.random.default_rng(0))
+    assert reason == "out_of_arm_reach"
 
 
 def test_files_keep_a_trajectory(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import trimesh
 from lis_grasp.arms.check import check_arm, gravity_efforts
 from lis_grasp.arms.collision import ARM_CLEARANCE, StationChecker, _Enlarged
 from lis_grasp.arms.placement import HEADROOM, choose_base, home_of, reach_fraction
-from lis_grasp.arms.reach import APPROACH, LIFT, ReachFilter, track
+from lis_grasp.arms.reach import APPROACH, LIFT, ArmGrasp, ReachFilter, track
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.exceptions import InvalidArmError, InvalidOptionError
 from lis_grasp.robots.arm import Arm
@@ -178,7 +178,7 @@ def test_straight_motions_end_at_the_reach(station: Station) -> None:
     assert not tracked.followed.any()
 
 
-def test_grasps_are_kept_or_counted_by_reason(station: Station) -> None:
+def test_grasps_are_kept_or_rejected_with_a_reason(station: Station) -> None:
     box = trimesh.creation.box([0.06, 0.08, 0.12])
     box.apply_translation([0.0, 0.0, 0.06])
     down = np.eye(4)
@@ -187,13 +187,12 @@ def test_grasps_are_kept_or_counted_by_reason(station: Station) -> None:
     far, under = down.copy(), down.copy()
     far[0, 3], under[1:3, 3] = 1.0, [0.25, -0.1]
     q_open = station.hand.pregrasps["wide"]
-    reach = ReachFilter(station, box)
-    kept, *others = reach.plan(
-        np.array([down, far, under]), np.tile(q_open, (3, 1)), np.tile(q_open, (3, 1))
-    )
-    assert others == [None, None]
-    assert reach.rejected == {"out_of_arm_reach": 1, "arm_hits_table": 1}
-    assert kept is not None
+    grasps = np.array([down, far, under]), np.tile(q_open, (3, 1)), np.tile(q_open, (3, 1))
+    reasons = ["out_of_arm_reach", "arm_hits_table"]
+    kept, *others = ReachFilter(station, box).plan(*grasps)
+    assert others == reasons
+    assert station.reach_check(box)(*grasps) == [None, *reasons]
+    assert isinstance(kept, ArmGrasp)
     np.testing.assert_allclose(station.palm_poses(kept.approach[-1]), down, atol=2e-3)
     np.testing.assert_allclose(kept.lift[0], kept.approach[-1])
     back = station.palm_poses(kept.standoff)[:3, 3] - down[:3, 3]
