@@ -217,12 +217,6 @@ def _study_objects() -> int:
     return len(_study()["objects"])
 
 
-def _own_readers() -> int:
-    """Return the number of readers of files, that of a study's rows included."""
-    fuzzing = import_module("fuzzing.kinds")
-    return len({*fuzzing.KINDS["files"].groups, "rows.parquet"})
-
-
 # Counts in prose: a pattern with the number, and what it must be.
 _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
     ("docs/hands.md", r"takes all ([\w-]+) hands", lambda: len(READY_HANDS)),
@@ -243,7 +237,6 @@ _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
         r"trials on (\d+) objects, with all losses",
         _study_objects,
     ),
-    ("docs/robustness.md", r"files, ([\w-]+) readers", _own_readers),
 )
 
 

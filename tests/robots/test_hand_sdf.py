@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from fuzzing.claw import SDF, YAML
+from claw import SDF, YAML
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.robots.hand import Hand

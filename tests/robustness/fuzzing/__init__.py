@@ -1,1 +1,0 @@
-"""Fuzzing: generators of malformed input from seeds, and checks of the results."""

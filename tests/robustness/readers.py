@@ -1,0 +1,406 @@
+"""Every reader of the package: a valid file of its kind, and the check of what it reads."""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import json
+import resource
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import trimesh
+import yaml
+from claw import SDF, YAML
+from made_grasps import jaw_grasp
+from random_directions import random_directions
+from rosbags import rosbag1, rosbag2
+from rosbags.typesys import Stores, get_typestore
+
+import lis_grasp
+from lis_grasp import Contacts, shapes
+from lis_grasp.exceptions import LisGraspError
+from lis_grasp.exploration import Probe, ProbeOutcome, TouchLog, load_outcomes
+from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.io import provenance
+from lis_grasp.io.surface_files import load_surface, save_surface
+from lis_grasp.logs import Finger, LogFrames, TouchDetection, contacts_from_log, open_log
+from lis_grasp.motion import Motion
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.hand_check import check_hand
+from lis_grasp.robots.link_bodies import load_mesh
+from lis_grasp.robots.shipped_models import model_path
+from lis_grasp.surfaces import load_contacts
+from lis_grasp_studies.study.study import Study, load_study
+
+_LONGEST_MESSAGE = 1000  # a longer one is a dump of data
+_MEMORY = 4 * 2**30  # [bytes] beyond those of the process: inputs of a few kilobytes need far less
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A kind of file: how to write a valid one into a folder, and the check of a damaged one.
+
+    `write` returns the file to damage; its check reads it, or what it is a part of.
+    """
+
+    write: Callable[[Path], Path]
+    check: Callable[[Path], object]
+
+
+@contextmanager
+def refused_at_most(seconds: float = 10.0) -> Iterator[None]:
+    """Permit no error but one of a readable sentence, within a time of the processor and memory."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    start, size = time.process_time(), pages * resource.getpagesize()
+    # The system ends a process that hangs: a dead worker fails the test.
+    limits = {resource.RLIMIT_AS: size + _MEMORY, resource.RLIMIT_CPU: int(start + 6 * seconds) + 1}
+    message = "none"
+    before = {kind: resource.getrlimit(kind) for kind in limits}
+    for kind, most in limits.items():
+        resource.setrlimit(kind, (most, before[kind][1]))
+    try:
+        yield
+    except LisGraspError as error:
+        message = str(error)
+    finally:
+        for kind, limit in before.items():
+            resource.setrlimit(kind, limit)
+    assert message
+    assert "\n" not in message
+    assert len(message) <= _LONGEST_MESSAGE
+    assert time.process_time() - start < seconds
+
+
+_HEADER = provenance.describe(object="box", seed=0, hand="allegro")
+
+
+def sphere_contacts(count: int, rng: np.random.Generator) -> Contacts:
+    normals = random_directions(count, rng)
+    return Contacts(0.05 * normals, normals)
+
+
+def _contacts() -> Contacts:
+    rng = np.random.default_rng(1)
+    plain = sphere_contacts(12, rng)
+    return Contacts(
+        plain.points,
+        plain.normals,
+        forces=rng.uniform(0, 1, 12),
+        fingers=("thumb", "index") * 6,
+        times=np.arange(12.0),
+        free_points=0.1 * rng.standard_normal((4, 3)),
+    )
+
+
+def _box(ending: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        path = folder / f"mesh.{ending}"
+        box = trimesh.creation.box(extents=(0.05, 0.06, 0.07)).subdivide()
+        if ending != "gltf":
+            box.export(path)
+            return path
+        files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(box))
+        header = json.loads(files["model.gltf"])
+        for buffer in header["buffers"]:
+            content = base64.b64encode(files[buffer["uri"]]).decode()
+            buffer["uri"] = f"data:application/octet-stream;base64,{content}"
+        path.write_text(json.dumps(header))
+        return path
+
+    return write
+
+
+def _surface(folder: Path) -> Path:
+    mesh = trimesh.creation.icosphere(subdivisions=1, radius=0.05)
+    mesh.vertex_attributes["uncertainty"] = np.linspace(0.0, 0.01, len(mesh.vertices))
+    save_surface(mesh, folder / "surface.ply", header=_HEADER)
+    return folder / "surface.ply"
+
+
+def _saved(name: str, save: Callable[[Path], object]) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        save(folder / name)
+        return folder / name
+
+    return write
+
+
+def _save_grasps(path: Path) -> None:
+    grasp = jaw_grasp(Hand.load("wsg50"), np.zeros(3), 0.05)
+    GraspSearch((grasp, grasp), {"steep": 3}, 7).save(path, header=_HEADER)
+
+
+def _save_touches(path: Path) -> None:
+    contacts = _contacts()
+    probe = Probe(np.array([0.05, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]), 0.1, 0.05)
+    log = TouchLog(path, {"object": "box", "seed": 0})
+    for i in range(4):
+        log.append(ProbeOutcome(probe, "touched", contacts.subset([i]), duration=1.0))
+    log.append(ProbeOutcome(probe, "missed", free_points=contacts.free_points))
+    log.append(ProbeOutcome(probe, "blocked", reason="out of reach"))
+    log.end("as many touches as asked for")
+
+
+def _save_motion(path: Path) -> None:
+    poses = np.tile(np.eye(4), (20, 1, 1))
+    poses[:, 2, 3] = np.linspace(0.0, 0.1, 20)
+    Motion(np.linspace(0, 2, 20), {"object": poses, "palm": poses}).save(path)
+
+
+def _save_study(path: Path) -> None:
+    facts = {
+        "objects": ["box", "torus"],
+        "estimators": ["gpis", "blend"],
+        "touches": [10, 20],
+        "noise": ["none", "1mm/3deg"],
+        "hands": ["wsg50"],
+        "seeds": 2,
+        "reference": "gpis",
+        "policy": "spread",
+        "mass": 0.2,
+        "friction": 0.8,
+        "size": None,
+        "units": "m",
+        "grasps": 5,
+        "prober": "kinematic",
+    }
+    path.write_text(yaml.safe_dump(facts))
+
+
+def _save_rows(path: Path) -> None:
+    from lis_grasp_studies.study.study_results import StudyResults
+    from lis_grasp_studies.study.study_trial import COLUMNS
+
+    row = dict.fromkeys(COLUMNS)
+    row |= {"key": "a" * 16, "object": "box", "version": lis_grasp.__version__, "seed": 0}
+    results = StudyResults(path.parent)
+    results.lines.append([row])
+    results.write_merged()
+    (path.parent / "rows.jsonl").unlink()
+
+
+# One body is a mesh, so that its file can be damaged too.
+_SDF = SDF.replace("<pose>0.01 0 0 0 0 0.3</pose>", "").replace(
+    "<box><size>0.06 0.05 0.04</size></box>",
+    "<mesh><uri>body.stl</uri><scale>1 1 1</scale></mesh>",
+)
+
+
+def write_hand(folder: Path, model: str) -> Path:
+    """Write a valid hand with a mesh; return its URDF or SDF, beside the YAML of its name."""
+    trimesh.creation.box(extents=(0.06, 0.05, 0.04)).export(folder / "body.stl")
+    if model == "claw":
+        (folder / "claw.yaml").write_text(yaml.safe_dump(YAML))
+        (folder / "claw.sdf").write_text(_SDF)
+        return folder / "claw.sdf"
+    for ending in (".yaml", ".urdf"):
+        shutil.copy(model_path(f"hands/{model}/{model}{ending}"), folder)
+    urdf = folder / f"{model}.urdf"
+    box = '<box size="0.146 0.0495 0.0725"/>'
+    urdf.write_text(urdf.read_text().replace(box, '<mesh filename="body.stl" scale="1 1 1"/>'))
+    return urdf
+
+
+def _write_yaml(folder: Path, model: str) -> Path:
+    return write_hand(folder, model).with_suffix(".yaml")
+
+
+def _save_points(path: Path) -> None:
+    points = 0.04 * random_directions(16, np.random.default_rng(0))
+    separator = "," if path.suffix == ".csv" else " "
+    rows = [separator.join(f"{value:.6f}" for value in point) for point in points]
+    names = [f"property double {axis}" for axis in "xyz"]
+    heads = {
+        ".csv": ["x,y,z"],
+        ".off": ["OFF", "16 0 0"],
+        ".ply": ["ply", "format ascii 1.0", "element vertex 16", *names, "end_header"],
+    }
+    path.write_text("\n".join([*heads.get(path.suffix, []), *rows]) + "\n")
+
+
+def _save_log(path: Path) -> None:
+    """Write a log of three touches of a plane; the force is a number, the tip a pose."""
+    times = np.arange(60) / 20.0
+    heights = 0.02 * np.abs(np.sin(np.pi * times)) - 0.001
+    forces = np.where(heights < 0.0, 5.0, 0.0)
+    rows = list(zip(times.tolist(), forces.tolist(), heights.tolist(), strict=True))
+    if path.suffix == ".csv":
+        lines = ["time,force,x,y,z", *(f"{t},{f},{0.01 * t},0,{h}" for t, f, h in rows)]
+        path.write_text("\n".join(lines))
+        return
+    ros1, folder = path.suffix == ".bag", path.with_name("bag")
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    plugins = rosbag2.StoragePlugin
+    plugin = plugins.MCAP if path.suffix == ".mcap" else plugins.SQLITE3
+    writer = (
+        rosbag1.Writer(path) if ros1 else rosbag2.Writer(folder, version=8, storage_plugin=plugin)
+    )
+    serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+    point, turn, pose, number = (
+        store.types[f"{name}"]
+        for name in (
+            *("geometry_msgs/msg/Point", "geometry_msgs/msg/Quaternion", "geometry_msgs/msg/Pose"),
+            "std_msgs/msg/Float64",
+        )
+    )
+    with writer:
+        topics = {
+            "/force": (number.__msgtype__, lambda _, force, __: number(force)),
+            "/tip": (
+                pose.__msgtype__,
+                lambda t, _, h: pose(point(0.01 * t, 0.0, h), turn(0.0, 0.0, 0.0, 1.0)),
+            ),
+        }
+        links = {
+            name: writer.add_connection(name, kind, typestore=store)
+            for name, (kind, _) in topics.items()
+        }
+        for row in rows:
+            for name, (kind, make) in topics.items():
+                writer.write(links[name], round(1e9 * (row[0] + 1.0)), serialize(make(*row), kind))
+    if not ros1:
+        next(folder.glob(f"*{path.suffix}")).rename(path)
+
+
+def _check_contacts(path: Path) -> None:
+    provenance.read(path)
+    contacts = Contacts.load(path)
+    assert np.isfinite(contacts.points).all()
+    assert np.abs(np.linalg.norm(contacts.normals, axis=1) - 1.0).max(initial=0.0) < 1e-9
+    again = path.with_name("again.ply")
+    contacts.save(again)
+    assert np.array_equal(Contacts.load(again).points, contacts.points)
+
+
+def check_shape(shape: shapes.Shape, given: np.ndarray | None = None) -> None:
+    """Require a closed, outward mesh with a volume, no larger than the vertices in the file."""
+    mesh = shape.mesh
+    assert np.isfinite(mesh.vertices).all()
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert np.linalg.det(mesh.triangles - mesh.vertices.mean(axis=0)).sum() > 0.0
+    assert np.isfinite(shape.edges).all()
+    assert all(repair and "\n" not in repair for repair in shape.repairs)
+    if given is not None and np.isfinite(given).all():
+        slack = 1e-4 * shape.size + 1e-6 * np.abs(given).max()
+        assert (mesh.vertices >= given.min(axis=0) - slack).all()
+        assert (mesh.vertices <= given.max(axis=0) + slack).all()
+
+
+def _check_surface(path: Path) -> None:
+    provenance.read(path)
+    mesh = load_surface(path)
+    assert np.isfinite(mesh.vertices).all()
+    assert len(mesh.faces) > 0
+    assert mesh.faces.max() < len(mesh.vertices)
+    save_surface(mesh, path.with_name("again.ply"))
+
+
+def _check_grasps(path: Path) -> None:
+    provenance.read(path)
+    search = GraspSearch.load(path)
+    for grasp in search.grasps:
+        assert np.isfinite(grasp.X_OH).all()
+        assert all(isinstance(finger, str) for finger in grasp.contact_fingers)
+    search.save(path.with_name("again.json"))
+
+
+def _check_touches(path: Path) -> None:
+    outcomes = load_outcomes(path)
+    for outcome in outcomes:
+        assert np.isfinite(outcome.contacts.points).all()
+        assert isinstance(outcome.reason, str)
+        assert np.isfinite(outcome.moved)
+    assert len(TouchLog(path, {"object": "box", "seed": 0}).resume()) <= len(outcomes)
+
+
+def _check_motion(path: Path) -> None:
+    motion = Motion.load(path)
+    assert all(np.isfinite(poses).all() for poses in motion.poses.values())
+    motion.save(path.with_name("again.npz"))
+
+
+def _check_study(path: Path) -> None:
+    study = Study.from_facts(load_study(path))
+    assert len(study.trials()) > 0
+    Study.from_facts(study.facts())
+
+
+def _check_rows(path: Path) -> None:
+    from lis_grasp_studies.study.study_results import StudyResults
+
+    (row,) = StudyResults(path.parent).read()
+    assert isinstance(row, dict)
+
+
+def check_hand_file(path: Path) -> None:
+    """Require a hand with limits in order, finite kinematics, and findings that are sentences."""
+    hand = Hand.load(path.with_suffix(".yaml"))
+    assert (hand.lower < hand.upper).all()
+    assert np.isfinite([hand.lower, hand.upper]).all()
+    assert (hand.effort_limits > 0.0).all()
+    middle = 0.5 * (hand.lower + hand.upper)
+    assert np.isfinite(hand.pad_centers(np.eye(4), middle)).all()
+    assert np.isfinite(hand.pad_jacobians(np.eye(4), middle)[2]).all()
+    poses = hand.forward_kinematics(np.eye(4), middle).values()
+    turns = np.array([pose[:3, :3] for pose in poses])
+    assert np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).max() < 1e-6
+    for inertial in hand.inertials.values():
+        assert 0.0 <= inertial.mass < np.inf
+        assert np.isfinite(inertial.inertia_L).all()
+    for geometry in hand.link_geometries:
+        assert np.isfinite(geometry.mesh.vertices).all()
+        assert all(size > 0.0 for size in geometry.dimensions)
+    assert all(finding.text.strip() for finding in check_hand(hand))
+
+
+def _check_points(path: Path) -> None:
+    contacts = load_contacts(path)
+    assert np.isfinite(contacts.points).all()
+    assert contacts.normal_noise is None or (contacts.normal_noise > 0.0).all()
+
+
+def _check_log(path: Path) -> None:
+    touch = TouchDetection(normals="approach")
+    contacts, _ = contacts_from_log(open_log(path), [Finger()], LogFrames(), touch)
+    assert np.isfinite(contacts.points).all()
+
+
+READERS: dict[str, Reader] = {
+    **{
+        name: Reader(_saved(name, lambda path: _contacts().save(path)), _check_contacts)
+        for name in ("contacts.ply", "contacts.csv")
+    },
+    **{
+        f"mesh {ending}": Reader(_box(ending), lambda path: check_shape(shapes.load(path)))
+        for ending in ("stl", "obj", "ply", "off", "glb", "gltf")
+    },
+    "body dae": Reader(_box("dae"), lambda path: load_mesh(path, None)),
+    "surface.ply": Reader(_surface, _check_surface),
+    "grasps.json": Reader(_saved("grasps.json", _save_grasps), _check_grasps),
+    "touches.jsonl": Reader(_saved("touches.jsonl", _save_touches), _check_touches),
+    "motion.npz": Reader(_saved("motion.npz", _save_motion), _check_motion),
+    "study.yaml": Reader(_saved("study.yaml", _save_study), _check_study),
+    "hand yaml": Reader(partial(_write_yaml, model="wsg50"), check_hand_file),
+    "hand yaml of an sdf": Reader(partial(_write_yaml, model="claw"), check_hand_file),
+    "hand urdf": Reader(partial(write_hand, model="wsg50"), check_hand_file),
+    "hand urdf of three fingers": Reader(partial(write_hand, model="barrett"), check_hand_file),
+    "hand sdf": Reader(partial(write_hand, model="claw"), check_hand_file),
+    **{
+        f"points {ending}": Reader(_saved(f"points.{ending}", _save_points), _check_points)
+        for ending in ("csv", "off", "ply", "xyz")
+    },
+    **{
+        f"log {ending}": Reader(_saved(f"log.{ending}", _save_log), _check_log)
+        for ending in ("csv", "bag", "mcap", "db3")
+    },
+}
+if importlib.util.find_spec("pyarrow"):
+    READERS["rows.parquet"] = Reader(_saved("rows.parquet", _save_rows), _check_rows)
