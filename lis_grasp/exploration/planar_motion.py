@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import trimesh
@@ -116,6 +116,11 @@ _CHANGE = 0.1
 _OUTLIER = 3.0
 
 
+PoseTrust = Literal["trusted", "doubted", "on_probation", "lost"]
+"""State of a tracked pose: a contradiction makes it doubted; found again, it is on probation; or
+the last probe showed that the object is somewhere else."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseBelief:
     """Belief about the displacement of an object from the frame E of its contacts.
@@ -128,12 +133,10 @@ class PoseBelief:
     means: FloatArray  #: (M, 3) [m, m, rad]
     covariances: FloatArray  #: (M, 3, 3)
     log_weights: FloatArray  #: (M,), up to a constant
-    #: probes since one contradicted certain surface; after the object was found again, probes on
-    #: probation, negative
-    doubts: int = 0
+    trust: PoseTrust = "trusted"
+    count: int = 0  #: probes since the first doubt; on probation, probes that are left of it
     repeated: bool = False  #: whether the last probe repeated an earlier one
     suspicious: bool = False  #: whether its contact was far from the expected surface
-    lost: bool = False  #: whether the last probe showed that the object is somewhere else
 
     __repr__ = short_repr
 
@@ -236,10 +239,10 @@ class PoseBelief:
             "means": self.means.tolist(),
             "covariances": self.covariances.tolist(),
             "log_weights": self.log_weights.tolist(),
-            "doubts": self.doubts,
+            "doubts": {"doubted": self.count, "on_probation": -self.count}.get(self.trust, 0),
             "repeated": self.repeated,
             "suspicious": self.suspicious,
-            "lost": self.lost,
+            "lost": self.trust == "lost",
         }
 
     @classmethod
@@ -257,13 +260,9 @@ class PoseBelief:
             if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
                 required = f"finite numbers of shape {shape}"
                 raise InvalidOptionError.out_of_range(name, values[name], required)
-        return cls(
-            arrays["X_WE"],
-            arrays["means"],
-            arrays["covariances"],
-            arrays["log_weights"],
-            int(values["doubts"]),
-            bool(values["repeated"]),
-            bool(values["suspicious"]),
-            bool(values["lost"]),
-        )
+        doubts = int(values["doubts"])  # below 0 on probation
+        trust: PoseTrust = "lost" if values["lost"] else "trusted"
+        if doubts:
+            trust = "doubted" if doubts > 0 else "on_probation"
+        flags = bool(values["repeated"]), bool(values["suspicious"])
+        return cls(**arrays, trust=trust, count=abs(doubts), repeated=flags[0], suspicious=flags[1])

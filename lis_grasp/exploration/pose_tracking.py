@@ -10,7 +10,7 @@ from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import require_at_least
-from lis_grasp.exploration.planar_motion import PoseBelief, push_of
+from lis_grasp.exploration.planar_motion import PoseBelief, PoseTrust, push_of
 from lis_grasp.exploration.probe import Probe, ProbeOutcome, since_loss
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
@@ -91,11 +91,12 @@ class PoseTracker:
         belief = outcomes[-1].tracked if outcomes else None
         if belief is None or not touches:
             return None
-        if belief.repeated and belief.doubts <= 0:
+        in_doubt = belief.trust == "doubted"
+        if belief.repeated and not in_doubt:
             return None
         # Blocked ones again are blocked; while in doubt, every probe comes once. What was repeated
         # just now, and is still uncertain, is where it says little.
-        count, doubts = len(outcomes), max(belief.doubts, 0)
+        count, doubts = len(outcomes), belief.count if in_doubt else 0
         tried = [
             outcome.probe.target
             for i, outcome in enumerate(outcomes)
@@ -148,45 +149,28 @@ class PoseTracker:
             contradicted |= repeated and not usable
             suspicious = surprise > _SUSPICIOUS
             deviations = np.sqrt(belief.variances(contacts.points, contacts.normals))
-            usable &= not (contradicted or belief.doubts > 0 or deviations.max() > _UNUSABLE)
+            usable &= not (
+                contradicted or belief.trust == "doubted" or deviations.max() > _UNUSABLE
+            )
             noise = np.hypot(self.position_noise, deviations)
             outcome = replace(outcome, contacts=replace(contacts, position_noise=noise))
         belief, X_EC = belief.centered()  # the frame C when the contacts were made
         outcome = outcome.in_frame(X_EC)
         if push is not None:
             belief = belief.pushed(push, detected=True)
-        belief = self._doubted(belief, known, contradicted)
+        belief = _judged(belief, known, contradicted=contradicted)
         belief, X_CF = belief.centered()
-        belief = replace(
-            belief,
-            repeated=repeated,
-            suspicious=suspicious and not repeated,
-            lost=belief.doubts > _LOST_AFTER or _nothing_left([*outcomes, outcome], known),
-        )
-        if belief.lost:
-            belief = replace(PoseBelief.start(), X_WE=belief.X_WE, lost=True)
-        outcome = replace(outcome.object_moved(X_CF), tracked=belief)
-        if belief.lost:
+        belief = replace(belief, repeated=repeated, suspicious=suspicious and not repeated)
+        outcome = outcome.object_moved(X_CF)
+        if belief.trust == "lost" or _nothing_left([*outcomes, outcome], known):
+            belief = replace(PoseBelief.start(), X_WE=belief.X_WE, trust="lost")
             new = outcome.contacts
             if len(new):  # they define the new frame: the doubt about the old pose is not theirs
                 new = replace(new, position_noise=np.full(len(new), self.position_noise))
             outcome = replace(outcome, contacts=new, reason=LOST)
         elif not usable:
             outcome = replace(outcome, status="blocked", contacts=Contacts.empty(), reason=MOVED)
-        return outcome, (X_EC, X_CF)
-
-    def _doubted(self, belief: PoseBelief, known: Contacts, contradicted: bool) -> PoseBelief:
-        """Return the belief with the new number of doubts, loosened by a contradiction."""
-        doubts = belief.doubts
-        if contradicted:
-            doubts = _LOST_AFTER + 1 if doubts < 0 else doubts + (2 if doubts else 1)
-            return replace(belief.loosened(np.array(_LARGE_MOTION)), doubts=doubts)
-        if doubts > 0:
-            worst = float(belief.variances(known.points, known.normals).max())
-            doubts = -_FEW if worst < _FOUND**2 else doubts + 1
-        elif doubts < 0:
-            doubts += 1
-        return replace(belief, doubts=doubts)
+        return replace(outcome, tracked=belief), (X_EC, X_CF)
 
     def _measured(
         self,
@@ -213,6 +197,25 @@ class PoseTracker:
                 surprise = max(surprise, abs(off) / deviation)
             belief = belief.measured(point, normal, distance, variance)
         return belief, surprise
+
+
+def _judged(belief: PoseBelief, known: Contacts, *, contradicted: bool) -> PoseBelief:
+    """Return the belief in its next state of trust, loosened by a contradiction."""
+    count = belief.count + 1
+    if contradicted:
+        belief = belief.loosened(np.array(_LARGE_MOTION))
+        if belief.trust == "on_probation":
+            return replace(belief, trust="lost", count=0)
+        count += belief.trust == "doubted"
+    elif belief.trust == "doubted":
+        worst = float(belief.variances(known.points, known.normals).max())
+        if worst < _FOUND**2:
+            return replace(belief, trust="on_probation", count=_FEW)
+    else:
+        on_probation = belief.trust == "on_probation" and belief.count > 1
+        trust: PoseTrust = "on_probation" if on_probation else "trusted"
+        return replace(belief, trust=trust, count=max(belief.count - 1, 0))
+    return replace(belief, trust="doubted" if count <= _LOST_AFTER else "lost", count=count)
 
 
 def _to_plane(

@@ -197,7 +197,7 @@ class ProbeOutcome:
     @property
     def lost(self) -> bool:
         """Whether the probe showed that the tracked object is somewhere else."""
-        return self.tracked is not None and self.tracked.lost
+        return self.tracked is not None and self.tracked.trust == "lost"
 
     def object_moved(self, X_EF: FloatArray) -> ProbeOutcome:
         """Return the outcome after a believed motion of the object that its contacts precede."""

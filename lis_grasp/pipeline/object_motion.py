@@ -36,7 +36,7 @@ def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | Non
     off, _ = distances_to_mesh(trimesh.transform_points(points, X_EO), shape.mesh)
     now = trimesh.transform_points(exploration.contacts.points, inverse_pose(X_EO))
     misplaced = distances_to_mesh(now, shape.mesh)[0] if len(now) else None
-    losses = sum(belief.lost for belief in beliefs)
+    losses = sum(belief.trust == "lost" for belief in beliefs)
     return {
         "displacement": float(np.linalg.norm(moved)),
         "largest_motion": max(outcome.moved for outcome in exploration.outcomes),

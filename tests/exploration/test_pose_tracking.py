@@ -124,7 +124,7 @@ def test_a_place_that_a_repetition_left_uncertain_is_not_repeated_at_once() -> N
 def test_contacts_before_a_loss_are_dropped() -> None:
     start = PoseBelief.start()
     before = [replace(touched_at(x), tracked=start) for x in (-0.03, -0.05, -0.07)]
-    lost = replace(touched_at(0.1), tracked=replace(start, lost=True))
+    lost = replace(touched_at(0.1), tracked=replace(start, trust="lost"))
     exploration = Exploration.replay([*before, lost, *before[:1]])
     np.testing.assert_array_equal(exploration.contacts.points[:, 0], [0.1, -0.03])
     assert [touch.contacts.points[0, 0] for touch in exploration.touches] == [0.1, -0.03]
@@ -135,7 +135,7 @@ def test_an_object_that_a_dozen_probes_miss_is_searched_again() -> None:
     made = [tracker.track(touched_at(-0.03), (), Contacts.empty(), None, repeated=False)[0]]
     missed = ProbeOutcome(PROBE, "missed")
     known = Exploration.replay(made).contacts
-    while not made[-1].tracked.lost:
+    while not made[-1].lost:
         assert len(made) < 13
         made.append(tracker.track(missed, made, known, None, repeated=False)[0])
     assert len(made) == 13
@@ -143,13 +143,14 @@ def test_an_object_that_a_dozen_probes_miss_is_searched_again() -> None:
     # With five contacts, only free space and repetitions show a motion.
     five = Contacts(np.tile(known.points, (5, 1)), np.tile(known.normals, (5, 1)))
     again, _ = tracker.track(missed, made[:12], five, None, repeated=False)
-    assert not again.tracked.lost
+    assert not again.lost
 
 
 def test_the_contact_that_shows_a_loss_has_the_noise_of_the_sensor() -> None:
     # It defines the object's new frame, so the doubt about the old one does not make it uncertain.
     tracker = PoseTracker(position_noise=5e-4)
-    doubtful = replace(PoseBelief.start().loosened(np.array([0.015, 0.015, 0.3])), doubts=6)
+    uncertain = PoseBelief.start().loosened(np.array([0.015, 0.015, 0.3]))
+    doubtful = replace(uncertain, trust="doubted", count=6)
     known = touched_at(-0.03).contacts
     five = Contacts(np.tile(known.points, (5, 1)), np.tile(known.normals, (5, 1)))
     before = ProbeOutcome(PROBE, "missed", tracked=doubtful)

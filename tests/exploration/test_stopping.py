@@ -117,7 +117,9 @@ def test_a_resumed_exploration_ends_at_the_same_prediction(lost_at: int | None) 
         def probe(self, probe: Probe, obstacles: object) -> ProbeOutcome:
             self.made += 1
             contact = Contacts([[0.0, 0.0, 0.01 * self.made]], [[0.0, 0.0, 1.0]])
-            belief = replace(PoseBelief.start(), lost=self.made == lost_at)
+            belief = replace(
+                PoseBelief.start(), trust="lost" if self.made == lost_at else "trusted"
+            )
             return ProbeOutcome(probe, "touched", contact, tracked=belief)
 
         def __init__(self, made: int) -> None:

@@ -25,7 +25,7 @@ from lis_grasp.exploration import (
     explore,
     load_outcomes,
 )
-from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
+from lis_grasp.exploration.planar_motion import PoseBelief, PoseTrust, planar_pose
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import ESTIMATORS
@@ -191,14 +191,19 @@ def test_a_log_without_hand_poses_loads(tmp_path: Path) -> None:
     assert len(outcome.contacts) == 1
 
 
-@pytest.mark.parametrize("doubts", [-5, 0, 3])  # below 0: the pose was found again
-def test_a_log_keeps_the_belief_of_an_object_that_was_lost(doubts: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("trust", "count"), [("on_probation", 5), ("trusted", 0), ("doubted", 3), ("lost", 0)]
+)
+def test_a_log_keeps_the_belief_of_an_object_that_was_lost(
+    trust: PoseTrust, count: int, tmp_path: Path
+) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
-    belief = replace(PoseBelief.start(), doubts=doubts)
+    belief = replace(PoseBelief.start(), trust=trust, count=count)
     log.append(ProbeOutcome(Probe([0, 0, 0], [0, 0, 1], 0.1, 0.1), "missed", tracked=belief))
     (outcome,) = load_outcomes(log.path)
     assert outcome.tracked is not None
     assert outcome.tracked.as_dict() == belief.as_dict()
+    assert (outcome.tracked.trust, outcome.tracked.count) == (trust, count)
 
 
 @pytest.mark.parametrize(

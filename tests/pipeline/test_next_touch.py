@@ -46,7 +46,7 @@ def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration)
 
 def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
     contacts, hand = explored.contacts, Hand.load("allegro")
-    lost = replace(explored.outcomes[-1], tracked=replace(PoseBelief.start(), lost=True))
+    lost = replace(explored.outcomes[-1], tracked=replace(PoseBelief.start(), trust="lost"))
     space, since = workspace_of(contacts), [lost]
     found = next_touch(known(hand, space), contacts, since)
     again = next_touch(known(hand, space), contacts, [*explored.outcomes, lost])

@@ -51,7 +51,7 @@ def test_a_tracked_motion_is_no_error() -> None:
 
 
 def test_after_a_loss_only_contacts_have_an_error() -> None:
-    belief = replace(PoseBelief.start(), lost=True)
+    belief = replace(PoseBelief.start(), trust="lost")
     facts = motion_facts(BOX, explored(SHIFT, belief))
     assert facts is not None
     assert facts["tracking_error"] is None
