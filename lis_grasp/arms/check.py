@@ -15,12 +15,12 @@ from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.arm_defaults import BEYOND
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import Finding, body_findings
+from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.typing import FloatArray
 
 OBJECT_MASS = 0.5
 """Mass that the arm is to carry [kg]."""
 
-_GRAVITY = 9.81  # [m/s^2]
 _ENOUGH = 0.4  # fraction of the region that must be reached
 _USED = 0.9  # fraction of an effort limit that gravity may use
 _POSTURES = 60  # in the region, in which efforts are computed
@@ -194,5 +194,5 @@ def gravity_efforts(station: Station, q: FloatArray, *, load: float = 0.0) -> Fl
     for mass, order, place in bodies:
         lever = cross(axes, place[:, None, :3] - origins)[..., 2]
         rise = np.where(turns, lever, axes[..., 2])  # (N, J)
-        efforts[:, :order] += _GRAVITY * mass * rise[:, :order]
+        efforts[:, :order] += GRAVITY * mass * rise[:, :order]
     return efforts

@@ -9,10 +9,8 @@ from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.expanding_polytope import inscribed_ball_radii
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
-
-GRAVITY = 9.81
-"""Acceleration of gravity [m/s^2]."""
 
 
 def largest_forces(

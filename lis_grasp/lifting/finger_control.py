@@ -12,10 +12,10 @@ from lis_grasp.geometry import apply_inverse, apply_pose, unit
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.grasping.grip_forces import balanced_grip
-from lis_grasp.grasping.load_capacity import GRAVITY
 from lis_grasp.lifting.scene import HandContact, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.typing import FloatArray
 
 # Force at which a finger stops closing: the weight of a few coins.

@@ -13,11 +13,11 @@ from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_positive
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.load_capacity import GRAVITY
 from lis_grasp.lifting.joint_path import JointPath
 from lis_grasp.lifting.outcome import LiftOptions, Reason
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
+from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.typing import FloatArray
 
 # A hand of 1 kg follows 1 g within 1 mm.

@@ -13,6 +13,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.io.atomic_writing import write_text
+from lis_grasp.shapes.object_mass import uniform_inertia
 from lis_grasp.typing import FloatArray
 
 _DRAKE = "http://drake.mit.edu"
@@ -73,7 +74,7 @@ class ObjectModel:
     @property
     def inertia(self) -> FloatArray:
         """Inertia about the centre of mass along O's axes, shape (3, 3) [kg m^2]."""
-        return np.asarray(self.mesh.moment_inertia) * (self.mass / self.mesh.volume)
+        return uniform_inertia(self.mesh, self.mass)
 
     def save(self, folder: Path, format_name: str) -> Path:
         """Write the description and its meshes into a folder, and return the description's path.

@@ -1,4 +1,4 @@
-"""Default mass of a true object: from a table of the YCB set, or from its volume."""
+"""Mass and inertia of a true object: published masses of the YCB set, or from its volume."""
 
 from __future__ import annotations
 
@@ -7,7 +7,13 @@ import re
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import trimesh
+
+from lis_grasp.typing import FloatArray
+
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s^2]."""
 
 USUAL_MASS = 0.2
 """Mass of an object of which nothing else is known [kg]."""
@@ -51,3 +57,11 @@ def ycb_masses() -> dict[str, float]:
     """Return the published masses of the objects of the YCB set [kg] (Calli et al. 2015)."""
     with Path(__file__).with_name("ycb_masses.csv").open(encoding="utf-8", newline="") as table:
         return {row["object"]: 1e-3 * float(row["mass_g"]) for row in csv.DictReader(table)}
+
+
+def uniform_inertia(mesh: trimesh.Trimesh, mass: float) -> FloatArray:
+    """Return the inertia of a mass [kg] spread evenly over a closed mesh, (3, 3) [kg m^2].
+
+    It is about the centre of mass, along the axes of the mesh.
+    """
+    return np.asarray(mesh.moment_inertia) * (mass / mesh.volume)

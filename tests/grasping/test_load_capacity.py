@@ -11,11 +11,11 @@ from lis_grasp import Hand
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
 from lis_grasp.grasping.load_capacity import (
-    GRAVITY,
     largest_forces,
     largest_wrenches,
     spare_accelerations,
 )
+from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.typing import FloatArray
 
 HAND = Hand.load("allegro")

@@ -15,9 +15,11 @@ from pydrake.systems.framework import DiagramBuilder
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 from lis_grasp.simulation.drake._free_wrist import WristInPlant
+from lis_grasp.simulation.drake.contact_patches import link_contacts
 from lis_grasp.simulation.drake.hand_plant import (
     HandInPlant,
     add_hand,
+    add_visuals,
     ignore_self_collision,
 )
 from lis_grasp.simulation.drake.object_plant import add_object
@@ -183,3 +185,41 @@ def test_a_coupled_joint_follows_its_leader_while_it_moves() -> None:
             # Drake's constraint is a stiff spring: a thousandth of a radian at the start.
             assert joint.get_angle(context) == pytest.approx(float(follower.position(q)), abs=2e-3)
     np.testing.assert_allclose(q, goal, atol=2e-2)
+
+
+def test_two_hands_in_one_plant_are_felt_apart() -> None:
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
+    jaws = Hand.load("wsg50")
+    left = add_hand(plant, jaws, name="left")
+    right = add_hand(plant, jaws, name="right")
+    box = add_object(plant, trimesh.creation.box([0.1, 0.1, 0.1]), mass=0.2, name="box")
+    for added, height in ((left, 1.0), (right, 0.0)):  # the right one is inside of the box
+        X_WB = RigidTransform([0.0, 0.0, height])
+        plant.WeldFrames(plant.world_frame(), added.base.body_frame(), X_WB)
+        ignore_self_collision(scene_graph, added)
+    plant.Finalize()
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    for added in (left, right):
+        plant.get_desired_state_input_port(added.instance).FixValue(context, np.zeros(4))
+    simulator.AdvanceTo(TIME_STEP)
+    results = plant.get_contact_results_output_port().Eval(context)
+    assert link_contacts(results, {box.geometry}, left.link_of_geometry) == []
+    assert link_contacts(results, {box.geometry}, right.link_of_geometry)
+
+
+def test_a_hand_is_seen_where_its_links_are(hand: Hand) -> None:
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
+    added = add_hand(plant, hand)
+    add_visuals(plant, hand, added.links)
+    plant.Finalize()
+    seen = plant.GetVisualGeometriesForBody
+    shown = {link for link, body in added.links.bodies.items() if seen(body)}
+    assert {geometry.link for geometry in hand.link_geometries} <= shown
+    assert {visual.link for visual in hand.visuals} <= shown
+    inspector = scene_graph.model_inspector()
+    for visual in hand.visuals:
+        poses = [inspector.GetPoseInFrame(g) for g in seen(added.links.bodies[visual.link])]
+        assert any(X.IsNearlyEqualTo(RigidTransform(visual.X_LG), 1e-12) for X in poses)

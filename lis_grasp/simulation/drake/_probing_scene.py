@@ -10,6 +10,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from lis_grasp.arms.station import Station
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.shapes.solids import merge_flat_faces
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probe_carriers import ProbeArm, ProbeRail
@@ -180,4 +181,4 @@ def _motion(X: FloatArray, Y: FloatArray) -> float:
 
 def _rolling_resistance(mesh: trimesh.Trimesh, mass: float) -> float:
     """Return the moment of rolling resistance [N m], at the radius of half the least extent."""
-    return _ROLLING_RESISTANCE * mass * 9.81 * 0.5 * float(np.min(mesh.extents))
+    return _ROLLING_RESISTANCE * mass * GRAVITY * 0.5 * float(np.min(mesh.extents))

@@ -31,6 +31,7 @@ from pydrake.multibody.tree import (
 from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.exceptions import require_positive
+from lis_grasp.shapes.object_mass import uniform_inertia
 from lis_grasp.typing import FloatArray
 
 _TABLE_SIZE, _TABLE_THICKNESS = 1.5, 0.1  # [m]
@@ -95,7 +96,8 @@ def add_object(
     static and dynamic. The plant is not finalized yet.
     """
     instance = plant.AddModelInstance(name)
-    body = plant.AddRigidBody(name, instance, _uniform_inertia(mesh, mass))
+    inertia = spatial_inertia(mass, mesh.center_mass, uniform_inertia(mesh, mass))
+    body = plant.AddRigidBody(name, instance, inertia)
     obj = mesh.export(file_type="obj", include_normals=False, include_texture=False)
     shape = Mesh(InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", name)))
     properties = ProximityProperties()
@@ -109,11 +111,6 @@ def spatial_inertia(mass: float, center: FloatArray, matrix: FloatArray) -> Spat
     """Return the inertia of a mass [kg] at a centre (3,) [m], given about it, (3, 3) [kg m^2]."""
     inertia = RotationalInertia(*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2])
     return SpatialInertia.MakeFromCentralInertia(mass, center, inertia)
-
-
-def _uniform_inertia(mesh: trimesh.Trimesh, mass: float) -> SpatialInertia:
-    matrix = np.asarray(mesh.moment_inertia) * (mass / mesh.volume)  # about the centre of mass
-    return spatial_inertia(mass, mesh.center_mass, matrix)
 
 
 def add_table(

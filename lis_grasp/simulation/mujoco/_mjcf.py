@@ -19,6 +19,7 @@ from lis_grasp.lifting.setup import (
 )
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.mjcf import hand_mjcf, inertial, mesh_asset, numbers, pose
+from lis_grasp.shapes.object_mass import uniform_inertia
 from lis_grasp.typing import FloatArray
 
 HAND = "hand/"
@@ -95,8 +96,7 @@ def _object(setup: LiftSetup, pieces: int) -> Element:
     X_WB[:3, 3] += rotate(X_WB, center)
     body = Element("body", {"name": OBJECT, **pose(X_WB)})
     SubElement(body, "freejoint", {"name": OBJECT})
-    matrix = np.asarray(mesh.moment_inertia) * (setup.mass / mesh.volume)
-    body.append(inertial(setup.mass, np.zeros(3), matrix))
+    body.append(inertial(setup.mass, np.zeros(3), uniform_inertia(mesh, setup.mass)))
     shape = {"type": "mesh", "pos": numbers(-center)}
     for k in range(pieces):
         geom = SubElement(body, "geom", {"name": f"piece_{k}", "mesh": f"piece_{k}", **shape})
