@@ -13,9 +13,9 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import result_file
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io import provenance
-from lis_grasp.logs.log_touches import Finger, LogFrames, contacts_from_log
-from lis_grasp.logs.robot_logs import open_log
-from lis_grasp.logs.touch_detection import FORCES_ON, NORMAL_SOURCES, TouchDetection
+from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
+from lis_grasp.logs.detection import FORCES_ON, NORMAL_SOURCES, TouchDetection
+from lis_grasp.logs.readers import open_log
 from lis_grasp.typing import FloatArray
 
 _DEFAULTS = TouchDetection()

@@ -18,7 +18,7 @@ from lis_grasp.shapes.builtin import (
     sphere,
     torus,
 )
-from lis_grasp.shapes.mesh_loading import FORMATS, UNITS, find, load
+from lis_grasp.shapes.loading import FORMATS, UNITS, find, load
 from lis_grasp.shapes.object_mass import default_mass
 from lis_grasp.shapes.placement import (
     STABLE,

@@ -13,7 +13,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.geometry import require_pose
+from lis_grasp.geometry import apply_pose, make_pose, require_pose, unit
 from lis_grasp.io.limits import MEBIBYTE, reading
 from lis_grasp.shapes.shape import Shape
 from lis_grasp.typing import FloatArray
@@ -62,8 +62,8 @@ def draw_pose(
         return X_WO
     rotation = np.eye(3) if pose == UPRIGHT else roll_to_rest(shape.mesh, rng=rng)
     for _ in range(_YAWS):
-        X_WO = np.eye(4)
-        X_WO[:3, :3] = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix() @ rotation
+        yaw = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
+        X_WO = make_pose(yaw @ rotation)
         low, high = _bounds(shape, X_WO)
         room = np.array(region) - (high - low)
         if np.all(room >= 0.0):
@@ -82,10 +82,8 @@ def placed(shape: Shape, X_WO: npt.ArrayLike) -> Shape:
         If the pose is not a rigid transform.
     """
     pose = require_pose("X_WO", X_WO)
-    mesh = trimesh.Trimesh(
-        trimesh.transform_points(shape.mesh.vertices, pose), shape.mesh.faces, process=False
-    )
-    edges = trimesh.transform_points(shape.edges.reshape(-1, 3), pose).reshape(-1, 2, 3)
+    mesh = trimesh.Trimesh(apply_pose(pose, shape.mesh.vertices), shape.mesh.faces, process=False)
+    edges = apply_pose(pose, shape.edges.reshape(-1, 3)).reshape(-1, 2, 3)
     return replace(shape, mesh=mesh, edges=edges)
 
 
@@ -100,8 +98,7 @@ def roll_to_rest(mesh: trimesh.Trimesh, *, rng: np.random.Generator) -> FloatArr
     hull = mesh.convex_hull
     normals = np.asarray(hull.face_normals)
     heights = np.einsum("fk,fk->f", normals, hull.triangles[:, 0] - mesh.center_mass)
-    down = rng.normal(size=3)
-    down /= np.linalg.norm(down)
+    down = unit(rng.normal(size=3))
     while True:
         along = normals @ down
         ahead = np.where(along > 0.0, along, 1.0)
@@ -115,7 +112,7 @@ def roll_to_rest(mesh: trimesh.Trimesh, *, rng: np.random.Generator) -> FloatArr
 
 
 def _bounds(shape: Shape, X_WO: FloatArray) -> FloatArray:
-    points = trimesh.transform_points(shape.mesh.vertices, X_WO)
+    points = apply_pose(X_WO, shape.mesh.vertices)
     return np.array([points.min(axis=0), points.max(axis=0)])
 
 

@@ -9,8 +9,8 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.records import read_only
-from lis_grasp.shapes.repair import repair_mesh
-from lis_grasp.shapes.topology import signed_volume
+from lis_grasp.shapes._repair import repair_mesh
+from lis_grasp.shapes._topology import signed_volume
 from lis_grasp.typing import FloatArray
 
 SHARP_ANGLE = float(np.radians(30.0))

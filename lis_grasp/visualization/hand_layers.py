@@ -9,13 +9,19 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.motion import OBJECT, Motion
 from lis_grasp.typing import FloatArray
-from lis_grasp.visualization import drawing
-from lis_grasp.visualization.arm_layer import arm_approach, arm_poses, arm_tracks, draw_arm
+from lis_grasp.visualization import _drawing as drawing
+from lis_grasp.visualization._arm_layer import (
+    arm_approach,
+    arm_poses,
+    arm_tracks,
+    draw_arm,
+    link_looks,
+)
+from lis_grasp.visualization._drawing import OBJECT_NODE, ROOT, Canvas, Layer
 from lis_grasp.visualization.camera import outermost, surface_points
-from lis_grasp.visualization.drawing import OBJECT_NODE, ROOT, Canvas, Layer
-from lis_grasp.visualization.link_looks import link_looks
 
 if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
@@ -154,7 +160,7 @@ def _placed(
     points = [np.empty((0, 3))]
     for geometry, p_G in zip(hand.link_geometries, points_G, strict=True):
         X_OG = posture[number[geometry.link]] @ geometry.X_LG
-        points.append(p_G @ X_OG[:3, :3].T + X_OG[:3, 3])
+        points.append(apply_pose(X_OG, p_G))
     return np.vstack(points)
 
 
@@ -164,12 +170,12 @@ def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> Float
     outlines = {OBJECT: trimesh.bounds.corners(ends)}
     for geometry in hand.link_geometries:
         X = geometry.X_LG
-        corners = trimesh.bounds.corners(geometry.mesh.bounds) @ X[:3, :3].T + X[:3, 3]
+        corners = apply_pose(X, trimesh.bounds.corners(geometry.mesh.bounds))
         outlines[geometry.link] = np.vstack([outlines.get(geometry.link, corners[:0]), corners])
     moments = np.unique(np.linspace(0, len(motion) - 1, _MOMENTS).astype(int))
     poses = {**motion.poses, OBJECT: _since_the_start(motion)}
     points = [
-        p_B @ X_WB[:3, :3].T + X_WB[:3, 3]
+        apply_pose(X_WB, p_B)
         for body, p_B in outlines.items()
         if body in poses
         for X_WB in poses[body][moments]
@@ -180,7 +186,7 @@ def moved_points(motion: Motion, hand: Hand, object_points: FloatArray) -> Float
 def _since_the_start(motion: Motion) -> FloatArray:
     """Return the object's motion (T, 4, 4) from where it was first, and where the scene has it."""
     poses = motion.poses[OBJECT]
-    return np.asarray(poses @ np.linalg.inv(poses[0]))
+    return np.asarray(poses @ inverse_pose(poses[0]))
 
 
 def _note(grasp: Grasp) -> str:

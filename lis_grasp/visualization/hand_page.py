@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
+from lis_grasp.geometry import make_pose
 from lis_grasp.typing import FloatArray
-from lis_grasp.visualization import drawing
+from lis_grasp.visualization import _drawing as drawing
+from lis_grasp.visualization._drawing import OBJECT_NODE, ROOT, Canvas, Layer
+from lis_grasp.visualization._object_layers import draw_table
+from lis_grasp.visualization._page import build_overlay, build_page
+from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.camera import ELEVATION, outermost
-from lis_grasp.visualization.drawing import OBJECT_NODE, ROOT, Canvas, Layer
 from lis_grasp.visualization.hand_layers import LINK_COLOUR, column_major, draw_hand, hand_points
-from lis_grasp.visualization.html_page import build_page
-from lis_grasp.visualization.object_layers import draw_table
-from lis_grasp.visualization.overlay import build_overlay
-from lis_grasp.visualization.story import Story
 
 if TYPE_CHECKING:
     from lis_grasp.robots.hand import Hand
@@ -55,10 +55,6 @@ def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:
     story = Story(tuple(replace(chapter, label="Postures") for chapter in story.chapters))
     seen = np.round(outline, 5).tolist()
     facts = {
-        "layers": [
-            {"id": layer.identity, "on": layer.on, "colour": layer.colour, "note": layer.note}
-            for layer in canvas.layers
-        ],
         "grasps": [[column_major(X) for X in posture] for posture in poses],
         "touches": [],
         "story": {**story.facts(), "postures": [label for label, _ in postures]},
@@ -74,14 +70,13 @@ def hand_page(hand: Hand, *, summary: tuple[str, ...] = ()) -> str:
     overlay = build_overlay(
         title, summary, layers=canvas.layers, scale=None, grid=grid, story=story, postures=True
     )
-    return build_page(title, overlay=overlay, scene=facts, commands=canvas.commands)
+    return build_page(title, canvas, overlay=overlay, scene=facts)
 
 
 def _approach_down(hand: Hand) -> FloatArray:
     """Return a pose of H with its approach downwards."""
-    X = np.eye(4)
-    X[:3, :3] = trimesh.geometry.align_vectors(hand.approach_H, [0.0, 0.0, -1.0])[:3, :3]
-    return X
+    turn = trimesh.geometry.align_vectors(hand.approach_H, [0.0, 0.0, -1.0])
+    return make_pose(turn[:3, :3])
 
 
 def _draw_marks(canvas: Canvas, hand: Hand) -> None:

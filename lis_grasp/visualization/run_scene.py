@@ -20,8 +20,8 @@ from lis_grasp.motion import Motion
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import find, placed_as_recorded
+from lis_grasp.visualization._exploration_layers import search_of
 from lis_grasp.visualization.scene import Scene
-from lis_grasp.visualization.search_layer import search_of
 
 _SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
 

@@ -16,9 +16,19 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.motion import Motion
 from lis_grasp.typing import FloatArray
-from lis_grasp.visualization.arm_layer import arm_points, draw_pedestal, standing_points
+from lis_grasp.visualization._arm_layer import arm_points, draw_pedestal, standing_points
+from lis_grasp.visualization._drawing import Canvas
+from lis_grasp.visualization._exploration_layers import draw_pose_track, draw_search
+from lis_grasp.visualization._object_layers import (
+    draw_contacts,
+    draw_estimates,
+    draw_table,
+    draw_truth,
+    marker_size,
+)
+from lis_grasp.visualization._page import build_overlay, build_page
+from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.camera import ELEVATION, choose_azimuth, outermost, surface_points
-from lis_grasp.visualization.drawing import Canvas
 from lis_grasp.visualization.hand_layers import (
     column_major,
     draw_grasps,
@@ -31,18 +41,6 @@ from lis_grasp.visualization.hand_layers import (
     touch_facts,
     touching_points,
 )
-from lis_grasp.visualization.html_page import build_page
-from lis_grasp.visualization.object_layers import (
-    draw_contacts,
-    draw_estimates,
-    draw_table,
-    draw_truth,
-    marker_size,
-)
-from lis_grasp.visualization.overlay import build_overlay
-from lis_grasp.visualization.pose_layer import draw_pose_track
-from lis_grasp.visualization.search_layer import draw_search
-from lis_grasp.visualization.story import Story
 
 if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
@@ -166,8 +164,7 @@ class Scene:
 
     def html(self) -> str:
         """Return the scene as one self-contained HTML page; equal scenes give equal bytes."""
-        canvas = Canvas()
-        object_points = self._object_points()
+        canvas, object_points = Canvas(), self._object_points()
         size = max(float(np.ptp(object_points, axis=0).max()), _LEAST_SIZE)
         surfaces = list(self.growth)
         if self.estimate is not None:
@@ -179,49 +176,29 @@ class Scene:
         if self.region is not None:
             draw_search(canvas, self.region, self.search)
         draw_pose_track(canvas, self.moved, object_points.mean(axis=0))
-        lift_seconds, postures, moved = self._draw_hand(canvas, object_points)
-        best, around = _NOTHING, [_NOTHING]
-        if self.hand is not None and postures:
-            best, around = hand_points(self.hand, postures[0]), [outlines(self.hand, postures)]
-        touches = touch_facts(self.hand, self.touches, self.station) if self.hand else []
-        standing = _NOTHING
-        if self.station is not None and (touches or postures or lift_seconds > 0.0):
-            standing = standing_points(self.station)
-            around += [touching_points(touches), standing]
-        hands = outermost(np.vstack(around))
+        shown = self._draw_hand(canvas, object_points)
         story = Story.of(
             contacts=len(self.contacts),
             surfaces=[count for count, mesh in surfaces if len(mesh.faces)],
-            grasps=len(postures),
+            grasps=len(shown.postures),
             planned=len(self.grasps),
-            lift_seconds=lift_seconds,
+            lift_seconds=shown.lift_seconds,
         )
-
-        drawn = object_points
-        if self.estimate is not None:
-            drawn = np.vstack([object_points, self.estimate.vertices])
-        drawn = outermost(drawn)
-        outline = outermost(np.vstack([drawn, hands]))
-        lowest = float(object_points[:, 2].min())
-        support = lowest if self.support_height is None else self.support_height
-        on_table = outline if self.region is None else np.vstack([outline, self.region.bounds])
-        grid = draw_table(canvas, object_points, on_table, support)
-        azimuth = choose_azimuth(object_points, np.vstack([best, standing]))
+        parts = [object_points, *([] if self.estimate is None else [self.estimate.vertices])]
+        drawn = outermost(np.vstack(parts))
+        grid = self._draw_table(canvas, object_points, np.vstack([drawn, shown.around]))
+        azimuth = choose_azimuth(object_points, np.vstack([shown.best, shown.standing]))
         facts: Mapping[str, Any] = {
-            "layers": [
-                {"id": layer.identity, "on": layer.on, "colour": layer.colour, "note": layer.note}
-                for layer in canvas.layers
-            ],
-            "grasps": [[column_major(X) for X in posture] for posture in postures],
-            "touches": touches,
+            "grasps": [[column_major(X) for X in posture] for posture in shown.postures],
+            "touches": shown.touches,
             "story": story.facts(),
             "camera": {
                 "azimuth": round(float(np.rad2deg(azimuth)), 3),
                 "elevation": round(float(np.rad2deg(ELEVATION)), 3),
                 "object": _rounded(drawn),
-                "hand": _rounded(hands),
-                "moved": _rounded(moved),
-                "arm": bool(len(standing)),
+                "hand": _rounded(shown.around),
+                "moved": _rounded(shown.moved),
+                "arm": bool(len(shown.standing)),
             },
         }
         overlay = build_overlay(
@@ -233,7 +210,7 @@ class Scene:
             story=story,
             planned=len(self.grasps),
         )
-        return build_page(self.title, overlay=overlay, scene=facts, commands=canvas.commands)
+        return build_page(self.title, canvas, overlay=overlay, scene=facts)
 
     def _repr_html_(self) -> str:
         """Return the page in a frame, which a notebook displays without a running kernel."""
@@ -249,26 +226,62 @@ class Scene:
                 return surface_points(mesh)
         return self.contacts.points
 
-    def _draw_hand(
-        self, canvas: Canvas, object_points: FloatArray
-    ) -> tuple[float, list[list[FloatArray]], FloatArray]:
-        """Draw the hand; return the lift's duration [s], the grasps' link poses, swept points."""
-        shown = tuple(self.grasps)[:_SHOWN_GRASPS]
+    def _draw_table(self, canvas: Canvas, object_points: FloatArray, drawn: FloatArray) -> float:
+        """Draw the table below everything, points (N, 3) [m]; return its grid's spacing [m]."""
+        support = self.support_height
+        if support is None:
+            support = float(object_points[:, 2].min())
+        outline = outermost(drawn)
+        if self.region is not None:
+            outline = np.vstack([outline, self.region.bounds])
+        return draw_table(canvas, object_points, outline, support)
+
+    def _draw_hand(self, canvas: Canvas, object_points: FloatArray) -> _ShownHand:
+        """Draw the hand and its arm, at grasps and in the lift."""
+        grasps, station = tuple(self.grasps)[:_SHOWN_GRASPS], self.station
         motion = self.motion if self.motion is not None and self.motion.duration > 0.0 else None
-        if self.hand is None or not (shown or self.touches or motion is not None):
-            return 0.0, [], _NOTHING
-        postures = [link_poses(self.hand, grasp, self.station) for grasp in shown]
-        draw_hand(canvas, self.hand, self.station)
-        if self.station is not None:
-            draw_pedestal(canvas, self.station)
-        draw_grasps(canvas, shown)
-        if motion is None:
-            return 0.0, postures, _NOTHING
-        draw_motion(canvas, motion, self.hand, self.station)
-        moved = moved_points(motion, self.hand, object_points)
-        if self.station is not None:
-            moved = outermost(np.vstack([moved, arm_points(self.station, motion)]))
-        return motion.duration, postures, moved
+        if self.hand is None or not (grasps or self.touches or motion is not None):
+            return _ShownHand()
+        postures = [link_poses(self.hand, grasp, station) for grasp in grasps]
+        touches = touch_facts(self.hand, self.touches, station)
+        draw_hand(canvas, self.hand, station)
+        if station is not None:
+            draw_pedestal(canvas, station)
+        draw_grasps(canvas, grasps)
+        best = moved = standing = _NOTHING
+        around = [_NOTHING]
+        if motion is not None:
+            draw_motion(canvas, motion, self.hand, station)
+            moved = moved_points(motion, self.hand, object_points)
+        if postures:
+            best, around = hand_points(self.hand, postures[0]), [outlines(self.hand, postures)]
+        if station is not None:
+            standing = standing_points(station)
+            around += [touching_points(touches), standing]
+            if motion is not None:
+                moved = outermost(np.vstack([moved, arm_points(station, motion)]))
+        return _ShownHand(
+            0.0 if motion is None else motion.duration,
+            postures,
+            touches,
+            best=best,
+            around=outermost(np.vstack(around)),
+            standing=standing,
+            moved=moved,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ShownHand:
+    """Poses of the hand and its arm on the page, and points (N, 3) [m] that frame the camera."""
+
+    lift_seconds: float = 0.0
+    postures: Sequence[list[FloatArray]] = ()  # poses of all links at the shown grasps
+    touches: Sequence[dict[str, Any] | None] = ()
+    best: FloatArray = field(default_factory=lambda: _NOTHING)  # of the best grasp
+    around: FloatArray = field(default_factory=lambda: _NOTHING)  # of all grasps and touches
+    standing: FloatArray = field(default_factory=lambda: _NOTHING)  # of the arm at home
+    moved: FloatArray = field(default_factory=lambda: _NOTHING)  # in the lift
 
 
 def _rounded(points: FloatArray) -> list[list[float]]:

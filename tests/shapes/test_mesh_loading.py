@@ -10,7 +10,7 @@ import trimesh
 
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidFileError, InvalidMeshError, InvalidOptionError
-from lis_grasp.shapes.parts import overlapping_groups
+from lis_grasp.shapes._parts import overlapping_groups
 
 YCB = Path(os.environ.get("LIS_GRASP_YCB", ""))
 

@@ -12,8 +12,8 @@ import scenes
 from browser import CHROMIUM, PHONE, Browser
 
 from lis_grasp.visualization import Scene, SceneServer
+from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.colours import VIRIDIS, srgb
-from lis_grasp.visualization.story import Story
 
 pytestmark = [
     pytest.mark.slow,

@@ -28,10 +28,10 @@ from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.visualization import Scene, SceneServer
+from lis_grasp.visualization._drawing import animate, draw_mesh, material, shade
+from lis_grasp.visualization._object_layers import _poses_along, marker_size
 from lis_grasp.visualization.camera import choose_azimuth, outermost, surface_points
 from lis_grasp.visualization.colours import ColourScale, linear_rgb, round_up, viridis
-from lis_grasp.visualization.drawing import animate, draw_mesh, material, shade
-from lis_grasp.visualization.object_layers import _poses_along, marker_size
 
 
 def _facts(page: str) -> dict[str, Any]:

@@ -9,15 +9,15 @@ from scipy.ndimage import uniform_filter1d
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, require_at_least
-from lis_grasp.logs.log_streams import Content, TimedForces
-from lis_grasp.logs.robot_logs import RobotLog
-from lis_grasp.logs.timed_poses import FrameTree, inverse_poses
-from lis_grasp.logs.touch_detection import (
+from lis_grasp.geometry import apply_pose, inverse_pose
+from lis_grasp.logs._streams import Content, FrameTree, TimedForces
+from lis_grasp.logs.detection import (
     TouchDetection,
     Touches,
     contacts_of_touches,
     detect_touches,
 )
+from lis_grasp.logs.readers import RobotLog
 from lis_grasp.typing import FloatArray
 
 _LARGEST_FORCE = 1e9  # [N]
@@ -151,7 +151,7 @@ def _touches(
     else:
         other, X_BO, _ = _pose_of(log, frames.object_pose, None, times, "--object-pose", near=base)
         X_PO = _related(log, base, other, times) @ X_BO
-    X_OP = inverse_poses(X_PO)
+    X_OP = inverse_pose(X_PO)
     X_OT = X_OP @ X_PT
     R_OF = _force_frame(measured, log, base, tip, X_OP, X_OT)
     forces = _conditioned(measured, frames)
@@ -159,7 +159,7 @@ def _touches(
     if forces.shape[1] == 3:
         # A rotation that is unknown must not hide a touch.
         forces[known] = np.einsum("tij,tj->ti", R_OF[known], forces[known])
-    tips = X_OT[:, :3, 3] + X_OT[:, :3, :3] @ np.asarray(frames.tip_offset, dtype=np.float64)
+    tips = apply_pose(X_OT, np.asarray(frames.tip_offset, dtype=np.float64))
     return detect_touches(times, forces, tips, detection, finger=finger.name, directed=known)
 
 

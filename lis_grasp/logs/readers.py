@@ -1,21 +1,35 @@
-"""ROS 1 bags, ROS 2 bags and MCAP files, read by the pure-Python package `rosbags`."""
+"""Readers of robots' logs: forces and poses over time, from ROS bags, MCAP and CSV files.
+
+ROS 1 bags, ROS 2 bags and MCAP files are read by the pure-Python package `rosbags`. A CSV table has
+one row for each moment and the columns ``time`` [s]; ``force`` [N] or ``fx,fy,fz``; the tip
+``x,y,z`` [m], optionally ``qx,qy,qz,qw``; the object, optionally, ``ox,oy,oz`` and
+``oqx,oqy,oqz,oqw``. Forces are in the frame of the tip if that has an orientation, else in the
+frame of the poses.
+"""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import closing
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.io.csv_tables import read_csv_columns, read_table
 from lis_grasp.io.optional_packages import needed_package
-from lis_grasp.logs.log_streams import Content, TimedForces, Topic
-from lis_grasp.logs.timed_poses import FrameTree, TimedPoses
+from lis_grasp.logs._streams import Content, FrameTree, TimedForces, TimedPoses, Topic
 from lis_grasp.typing import FloatArray
 
+_FORCES = (("fx", "fy", "fz"), ("force",))
+_POSES = {
+    "tip": (("x", "y", "z"), ("qx", "qy", "qz", "qw")),
+    "object": (("ox", "oy", "oz"), ("oqx", "oqy", "oqz", "oqw")),
+}
+_COLUMNS = {"time", *chain.from_iterable((*_FORCES, *chain.from_iterable(_POSES.values())))}
 # Message types by what they contain, without package folders: geometry_msgs/msg/Wrench.
 _CONTENT: dict[str, Content] = {
     "geometry_msgs/Wrench": "force",
@@ -32,6 +46,66 @@ _CONTENT: dict[str, Content] = {
     "tf/tfMessage": "transforms",
     "tf2_msgs/TFMessage": "transforms",
 }
+
+
+class RobotLog(Protocol):
+    """Forces and poses of a log, by topic."""
+
+    topics: tuple[Topic, ...]
+
+    def forces(self, topic: str) -> TimedForces:
+        """Return the forces of a topic."""
+
+    def poses(self, topic: str) -> TimedPoses:
+        """Return the poses of a topic."""
+
+    def frames(self) -> FrameTree:
+        """Return the transforms between frames of all transform topics."""
+
+
+class CsvLog:
+    """Forces and poses of a CSV table: the topics `force`, `tip` and, if it is there, `object`."""
+
+    def __init__(self, path: Path) -> None:
+        """Read a table; `InvalidFileError` if it is missing, damaged or lacks columns."""
+        self._columns = read_csv_columns(path, _COLUMNS)
+        present = set(self._columns)
+        self._force = next((names for names in _FORCES if present >= set(names)), ())
+        if "time" not in present or not self._force or not present >= set("xyz"):
+            raise InvalidFileError(
+                f"a log as CSV needs the columns time, fx,fy,fz or force, and x,y,z of the tip;"
+                f" {path} has {', '.join(read_table(path)[0])}",
+                path=path,
+            )
+        count = len(self._columns["time"])
+        posed = [name for name, (point, _) in _POSES.items() if present >= set(point)]
+        self.topics = (
+            Topic("force", ",".join(self._force), count, "force"),
+            *(Topic(name, ",".join(_POSES[name][0]), count, "pose") for name in posed),
+        )
+
+    def forces(self, topic: str) -> TimedForces:
+        """Return the forces."""
+        turned = "qx" in self._columns
+        order = np.argsort(self._columns["time"], kind="stable")
+        values = self._table(self._force)[order]
+        return TimedForces(self._columns["time"][order], values, "tip" if turned else "")
+
+    def poses(self, topic: str) -> TimedPoses:
+        """Return the poses of `tip` or `object`; without quaternions they are not turned."""
+        point, turn = _POSES[topic]
+        positions = self._table(point)
+        unturned = np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1))
+        quaternions = self._table(turn) if set(turn) <= set(self._columns) else unturned
+        values = np.hstack([positions, quaternions])
+        return TimedPoses.collect(self._columns["time"], values, child=topic)
+
+    def frames(self) -> FrameTree:
+        """Return no transforms: a table has none."""
+        return FrameTree({})
+
+    def _table(self, names: tuple[str, ...]) -> FloatArray:
+        return np.column_stack([self._columns[name] for name in names])
 
 
 class BagLog:
@@ -169,3 +243,26 @@ def _pose(message: Any) -> FloatArray:
 
 def _xyz(vector: Any) -> list[float]:
     return [vector.x, vector.y, vector.z]
+
+
+def open_log(path: Path) -> RobotLog:
+    """Open a robot's log: .bag (ROS 1), .mcap, .db3 or a folder (ROS 2), or .csv.
+
+    Raises
+    ------
+    InvalidInputError
+        If a package is missing that reads the format.
+    InvalidFileError
+        If the file is missing, damaged, or of another format.
+    """
+    if not path.exists():
+        raise InvalidFileError(f"cannot read {path}: no such file or folder", path=path)
+    ending = path.suffix.lower()
+    if ending == ".csv":
+        return CsvLog(path)
+    if path.is_dir() or ending in (".bag", ".mcap", ".db3"):
+        return BagLog(path)
+    raise InvalidFileError(
+        f"logs end in .bag, .mcap, .db3 or .csv, or are folders of ROS 2; {path} is none of these",
+        path=path,
+    )

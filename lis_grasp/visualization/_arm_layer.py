@@ -1,4 +1,4 @@
-"""Links of the arm that carries the hand: their looks, and poses at touches and grasps."""
+"""Looks of links, and the links of the arm that carries the hand at touches and grasps."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import trimesh
 
+from lis_grasp.geometry import apply_pose
 from lis_grasp.motion import Motion, arm_body
+from lis_grasp.robots.link_bodies import load_visual
 from lis_grasp.typing import FloatArray
-from lis_grasp.visualization import drawing
-from lis_grasp.visualization.drawing import ROOT, Canvas
-from lis_grasp.visualization.link_looks import link_looks
+from lis_grasp.visualization import _drawing as drawing
+from lis_grasp.visualization._drawing import ROOT, Canvas
 
 if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
+    from lis_grasp.robots.robot_model import RobotModel
+
 
 ARM_COLOUR, FOOT_COLOUR = "#d9dbdf", "#7a8088"
 
@@ -25,6 +28,10 @@ _SEEDS = 4
 _APPROACH, _FRAMES = 0.15, 4
 _MOMENTS = 12
 _LEAST_PEDESTAL, _PEDESTAL_WIDTH = 0.01, 0.2  # [m]
+
+
+_MOST_FACES = 4000  # of a link: a page holds all links, and a copy of each for every grasp
+_CELLS = 48  # along the largest extent of a mesh that is made coarser
 
 
 def draw_arm(canvas: Canvas, station: Station, *, first: int) -> None:
@@ -59,9 +66,7 @@ def arm_points(station: Station, motion: Motion) -> FloatArray:
         if arm_body(geometry.link) in motion.poses:
             X_WG = motion.poses[arm_body(geometry.link)][moments] @ geometry.X_LG
             corners = trimesh.bounds.corners(geometry.mesh.bounds)
-            points.append(
-                (corners @ X_WG[:, :3, :3].swapaxes(1, 2) + X_WG[:, None, :3, 3]).reshape(-1, 3)
-            )
+            points.append(apply_pose(X_WG, corners).reshape(-1, 3))
     return np.vstack(points)
 
 
@@ -74,7 +79,7 @@ def standing_points(station: Station) -> FloatArray:
     points = [foot[None]]
     for geometry in station.arm.link_geometries:
         corners = trimesh.bounds.corners(geometry.mesh.bounds)
-        points.append(trimesh.transform_points(corners, links[geometry.link] @ geometry.X_LG))
+        points.append(apply_pose(links[geometry.link] @ geometry.X_LG, corners))
     return np.vstack(points)
 
 
@@ -125,3 +130,32 @@ def arm_tracks(station: Station, motion: Motion, *, first: int) -> list[tuple[st
         for number, link in enumerate(station.arm.links, start=first)
         if arm_body(link) in motion.poses
     ]
+
+
+def link_looks(hand: RobotModel, link: str) -> list[trimesh.Trimesh]:
+    """Return the meshes of a link in its frame [m], made coarser where they have many triangles."""
+    loaded = [(v, load_visual(v)) for v in hand.visuals if v.link == link]
+    drawn = [m.copy().apply_transform(v.X_LG) for v, m in loaded if m is not None]
+    if not drawn:
+        bodies = (body for body in hand.link_geometries if body.link == link)
+        drawn = [body.mesh.copy().apply_transform(body.X_LG) for body in bodies]
+    return [mesh if len(mesh.faces) <= _MOST_FACES else coarser(mesh) for mesh in drawn]
+
+
+def coarser(mesh: trimesh.Trimesh, cells: int = _CELLS) -> trimesh.Trimesh:
+    """Return a mesh with the vertices of each cell of a grid joined at their mean.
+
+    Vertex clustering (Rossignac and Borrel, 1993); `cells` is the number of cells along the largest
+    extent.
+    """
+    cell = float(mesh.extents.max()) / cells or 1.0
+    keys = np.floor((mesh.vertices - mesh.bounds[0]) / cell).astype(np.int64)
+    _, cluster, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    cluster = cluster.ravel()
+    vertices = np.zeros((len(counts), 3))
+    np.add.at(vertices, cluster, mesh.vertices)
+    faces = cluster[mesh.faces]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return trimesh.Trimesh(vertices / counts[:, None], faces[np.sort(first)], process=False)

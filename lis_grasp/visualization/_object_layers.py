@@ -8,10 +8,11 @@ import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.geometry import make_pose, tangent_frame
 from lis_grasp.typing import FloatArray
-from lis_grasp.visualization import drawing
+from lis_grasp.visualization import _drawing as drawing
+from lis_grasp.visualization._drawing import OBJECT_NODE, ROOT, Canvas, Layer
 from lis_grasp.visualization.colours import ColourScale, round_up
-from lis_grasp.visualization.drawing import OBJECT_NODE, ROOT, Canvas, Layer
 
 TRUTH_COLOUR = "#5f86bd"
 CONTACT_COLOUR, NORMAL_COLOUR = "#ff4d4d", "#f2912c"
@@ -88,8 +89,7 @@ def draw_contacts(canvas: Canvas, contacts: Contacts, size: float) -> None:
     free = contacts.free_points
     if len(free):
         shown = free[:: -(-len(free) // _MOST_FREE_POINTS)]
-        at = np.tile(np.eye(4), (len(shown), 1, 1))
-        at[:, :3, 3] = shown
+        at = make_pose(np.eye(3), shown)
         speck = trimesh.creation.icosphere(0, _FREE_POINT_RADIUS * size)
         colour = drawing.material(FREE_COLOUR, opacity=0.7)
         canvas.commands.append(drawing.draw_copies(f"{OBJECT_NODE}/free", speck, colour, at))
@@ -142,11 +142,5 @@ def _grid_lines(radius: float, spacing: float) -> FloatArray:
 
 def _poses_along(points: FloatArray, directions: FloatArray) -> FloatArray:
     """Return poses (N, 4, 4) at `points` whose z axes are the unit `directions` (N, 3)."""
-    # The axis least like z gives the steadiest cross product.
-    helper = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
-    x = np.cross(helper, directions)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    poses = np.zeros((len(points), 4, 4))
-    poses[:, :3, 0], poses[:, :3, 1] = x, np.cross(directions, x)
-    poses[:, :3, 2], poses[:, :3, 3], poses[:, 3, 3] = directions, points, 1.0
-    return poses
+    axes = np.concatenate([tangent_frame(directions), directions[:, None]], axis=1)
+    return make_pose(np.swapaxes(axes, 1, 2), points)

@@ -1,22 +1,56 @@
-"""Timed poses: interpolation, and chains of transforms between frames."""
+"""Streams of a robot's log: topics, forces and poses over time, and trees of frames."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import networkx as nx
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from lis_grasp.exceptions import InvalidInputError
+from lis_grasp.geometry import inverse_pose, make_pose, unit
 from lis_grasp.typing import FloatArray
+
+Content = Literal["force", "pose", "transforms", "other"]
+
 
 # A pose between two samples farther apart than this is unknown [s].
 _LONGEST_GAP = 0.25
 _FARTHEST = 1e7  # [m]
 _UNIT_TOLERANCE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of a log: its name, type, number of messages, and what it contains."""
+
+    name: str
+    type: str
+    messages: int
+    content: Content
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedForces:
+    """Forces over time.
+
+    Attributes
+    ----------
+    times
+        Shape (T,) [s], not decreasing.
+    forces
+        Shape (T, 3) [N], or (T, 1) where only the magnitude is known.
+    frame
+        Name of the frame in which vectors are given; empty if unknown.
+    """
+
+    times: FloatArray
+    forces: FloatArray
+    frame: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +90,13 @@ class TimedPoses:
         valid = np.abs(lengths - 1.0) < _UNIT_TOLERANCE
         _, order = np.unique(times[valid], return_index=True)
         rows = values[valid][order]
-        unit = rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
-        return cls(times[valid][order], rows[:, :3], unit, parent.lstrip("/"), child.lstrip("/"))
+        return cls(
+            times[valid][order],
+            rows[:, :3],
+            unit(rows[:, 3:]),
+            parent.lstrip("/"),
+            child.lstrip("/"),
+        )
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the interpolated poses at times (N,), shape (N, 4, 4); NaN where unknown.
@@ -65,18 +104,15 @@ class TimedPoses:
         Positions linearly, orientations along great circles (Slerp). A single sample is a static
         transform. Unknown are times outside of the samples, or in a gap of more than 0.25 s.
         """
-        poses = np.tile(np.eye(4), (len(times), 1, 1))
         if not len(self.times):
-            return np.full_like(poses, np.nan)
+            return np.full((len(times), 4, 4), np.nan)
         if len(self.times) == 1:
-            poses[:, :3, :3] = Rotation.from_quat(self.quaternions[0]).as_matrix()
-            poses[:, :3, 3] = self.positions[0]
-            return poses
+            rotation = Rotation.from_quat(self.quaternions[0]).as_matrix()
+            return np.tile(make_pose(rotation, self.positions[0]), (len(times), 1, 1))
         within = np.clip(times, self.times[0], self.times[-1])
         slerp = Slerp(self.times, Rotation.from_quat(self.quaternions))
-        poses[:, :3, :3] = slerp(within).as_matrix()
-        for axis in range(3):
-            poses[:, axis, 3] = np.interp(within, self.times, self.positions[:, axis])
+        places = [np.interp(within, self.times, column) for column in self.positions.T]
+        poses = make_pose(slerp(within).as_matrix(), np.stack(places, axis=1))
         after = np.clip(np.searchsorted(self.times, within), 1, len(self.times) - 1)
         gap = self.times[after] - self.times[after - 1]
         exact = (self.times[after] == within) | (self.times[after - 1] == within)
@@ -120,16 +156,6 @@ class FrameTree:
             if forward is not None:
                 step = forward.at(times)
             else:
-                step = inverse_poses(self.transforms[(after, before)].at(times))
+                step = inverse_pose(self.transforms[(after, before)].at(times))
             poses = poses @ step
         return poses
-
-
-def inverse_poses(poses: FloatArray) -> FloatArray:
-    """Return the inverses of poses (..., 4, 4)."""
-    inverses = np.empty_like(poses)
-    turned = np.swapaxes(poses[..., :3, :3], -1, -2)
-    inverses[..., :3, :3] = turned
-    inverses[..., :3, 3] = -np.einsum("...ij,...j->...i", turned, poses[..., :3, 3])
-    inverses[..., 3, :] = poses[..., 3, :]
-    return inverses

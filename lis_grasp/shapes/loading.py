@@ -18,8 +18,8 @@ from lis_grasp.exceptions import (
 from lis_grasp.io.contact_files import POINT_FORMATS
 from lis_grasp.io.mesh_files import read_mesh
 from lis_grasp.io.surface_files import no_faces_error
+from lis_grasp.shapes._repair import repair_mesh
 from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
-from lis_grasp.shapes.repair import repair_mesh
 from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape, sharp_edges
 from lis_grasp.typing import FloatArray, IntArray
 
