@@ -6,15 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from lis_grasp.contacts import Contacts
 from lis_grasp.io import provenance
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_loading import NormalSide
-from lis_grasp.surfaces.contact_noise import noise_of
-from lis_grasp.surfaces.contact_thinning import thin_contacts
-from lis_grasp.surfaces.noise_estimation import estimate_noise
+from lis_grasp.surfaces.contact_preparation import thin_contacts, with_noise
 
 # An exploration estimates the surface after every touch: more contacts of a cloud are thinned.
 _MOST_OF_CLOUD = 300
@@ -64,12 +60,7 @@ def load_source(source: ContactSource) -> Contacts:
         fingertip_radius=source.fingertip_radius,
         position_noise=given[0],
     )
-    position, normal = noise_of(contacts, *given, default=(np.nan, np.nan))
-    if np.isnan(position).any() or np.isnan(normal).any():
-        estimates = estimate_noise(contacts)
-        position = np.where(np.isnan(position), estimates[0], position)
-        normal = np.where(np.isnan(normal), estimates[1], normal)
-    return replace(contacts, position_noise=position, normal_noise=normal)
+    return with_noise(contacts, *given)
 
 
 def join_sources(sources: Iterable[ContactSource]) -> Contacts:

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.optimize import brentq
 
 from lis_grasp.exceptions import EstimationError
@@ -21,6 +22,8 @@ ROWS = 4
 
 # Least amplitude of the search, as a fraction of the amplitude without any noise.
 _LEAST_AMPLITUDE = 1e-3
+
+_LOG_2_PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +98,31 @@ def gradient_covariance(kernel: RadialKernel, nodes: FloatArray) -> FloatArray:
     return blocks.reshape(ROWS * len(nodes), ROWS * len(nodes))
 
 
+def factorize(covariance: FloatArray, variances: FloatArray) -> FloatArray:
+    """Return the lower Cholesky factor of a covariance (M, M) with variances (M,) of noise.
+
+    The covariance is overwritten. Raises `EstimationError` if the equations are singular.
+    """
+    covariance.reshape(-1)[:: len(covariance) + 1] += variances  # the diagonal
+    factor, info = dpotrf(covariance, lower=1, clean=1, overwrite_a=1)
+    if info:
+        raise EstimationError(
+            f"the equations of {len(covariance) // ROWS} contacts are singular: raise misfit, give"
+            " their noise, or remove contacts at the same place"
+        )
+    return np.asarray(factor)
+
+
+def log_likelihood(factor: FloatArray, targets: FloatArray) -> float:
+    """Return the log marginal likelihood of targets (M,), whose covariance has a factor (M, M).
+
+    Rasmussen and Williams 2006, eq. 2.30.
+    """
+    whitened, _ = dtrtrs(factor, targets, lower=1)
+    log_determinant = 2.0 * float(np.log(factor.diagonal()).sum())
+    return -0.5 * (float(whitened @ whitened) + log_determinant + len(targets) * _LOG_2_PI)
+
+
 def _distances(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return distances between rows, shape (P, N)."""
     squares = squared_distances(first, second)
@@ -162,16 +190,8 @@ class GradientRegression:
         covariance: FloatArray,
     ) -> GradientRegression:
         """Solve the equations with a prior covariance (4N, 4N), which is overwritten."""
-        matrix = covariance
         noise = np.broadcast_to(noise, targets.shape)
-        matrix[np.diag_indices_from(matrix)] += noise.ravel()
-        try:
-            factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
-        except LinAlgError as error:
-            raise EstimationError(
-                f"the Gaussian process' equations are singular ({error}): raise misfit,"
-                " or remove contacts at the same place"
-            ) from None
+        factor = factorize(covariance, noise.ravel())
         weights = cho_solve((factor, True), targets.reshape(-1), check_finite=False)
         return cls(kernel, nodes, targets, noise, factor, weights.reshape(-1, ROWS))
 
@@ -197,14 +217,27 @@ class GradientRegression:
         high = float(np.log(process.likeliest_amplitude())) + 0.1
         low = high + float(np.log(_LEAST_AMPLITUDE))
 
-        def excess(log_amplitude: float) -> float:
-            noise = misfit + sensor_noise * np.exp(-2.0 * log_amplitude)
-            process = cls._solve(kernel, nodes, targets, noise, covariance.copy())
-            return float(np.log(process.likeliest_amplitude())) - log_amplitude
-
-        if excess(low) <= 0.0:  # noise explains all of the scatter
+        # Arguments, no closure: SciPy makes a cycle of references that would keep the covariance.
+        arguments = (kernel, nodes, targets, sensor_noise, misfit, covariance)
+        if cls._excess(low, *arguments) <= 0.0:  # noise explains all of the scatter
             return low
-        return float(brentq(excess, low, high, xtol=1e-9))
+        return float(brentq(cls._excess, low, high, args=arguments, xtol=1e-9))
+
+    @classmethod
+    def _excess(
+        cls,
+        log_amplitude: float,
+        kernel: RadialKernel,
+        nodes: FloatArray,
+        targets: FloatArray,
+        sensor_noise: FloatArray,
+        misfit: FloatArray,
+        covariance: FloatArray,
+    ) -> float:
+        """Return how much larger the logarithm of the likeliest amplitude is than that assumed."""
+        noise = misfit + sensor_noise * np.exp(-2.0 * log_amplitude)
+        process = cls._solve(kernel, nodes, targets, noise, covariance.copy())
+        return float(np.log(process.likeliest_amplitude())) - log_amplitude
 
     @property
     def mean(self) -> KernelExpansion:

@@ -13,13 +13,11 @@ Both are finite at r = 0 for the kernels here, or nearly: the second of the thin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from lis_grasp.typing import FloatArray
-
-KernelName = Literal["rbf", "matern52", "thin_plate"]
 
 
 class RadialKernel(Protocol):

@@ -12,14 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
+from scipy.linalg.lapack import dpotrs
 
-from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces._gaussian_process_regression import (
     ROWS,
     KernelExpansion,
     cross_covariance,
+    factorize,
     gradient_covariance,
+    log_likelihood,
 )
 from lis_grasp.surfaces._kernels import Matern52
 from lis_grasp.typing import FloatArray, IndexArray
@@ -80,8 +81,6 @@ _SAMPLE = 100
 
 # Less noise than this (in spacings and rad) makes the equations ill-conditioned.
 _LEAST_NOISE = 1e-4
-
-_LOG_2_PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,21 +174,10 @@ class PatchEquations:
 
     def factor(self, amplitude: float) -> FloatArray:
         """Return the lower Cholesky factor of the covariance of targets, (4M, 4M)."""
-        covariance = self.trend + amplitude**2 * self.residual
-        covariance.ravel()[:: len(covariance) + 1] += self.variances  # the diagonal
-        factor, info = dpotrf(covariance, lower=1, clean=1, overwrite_a=1)
-        if info:
-            raise EstimationError(
-                f"the equations of {len(self.nodes)} contacts are singular: give their noise"
-            )
-        return np.asarray(factor)
+        return factorize(self.trend + amplitude**2 * self.residual, self.variances)
 
     def _log_likelihood(self, amplitude: float) -> float:
-        factor = self.factor(amplitude)
-        whitened, _ = dtrtrs(factor, self.targets, lower=1)
-        log_determinant = 2.0 * float(np.log(factor.diagonal()).sum())
-        constant = len(self.targets) * _LOG_2_PI
-        return -0.5 * (float(whitened @ whitened) + log_determinant + constant)
+        return log_likelihood(self.factor(amplitude), self.targets)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lis_grasp.surfaces._patch import PatchContacts
-from lis_grasp.surfaces.contact_merging import SMALLEST
+from lis_grasp.surfaces.contact_places import SMALLEST
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Largest distance of a pair of contacts, in spacings.

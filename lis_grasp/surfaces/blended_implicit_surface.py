@@ -10,7 +10,7 @@ import numpy.typing as npt
 from lis_grasp.contacts import Contacts
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import squared_distances
-from lis_grasp.surfaces.contact_places import ContactPlaces
+from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
 from lis_grasp.surfaces.queries import flat_points, map_rows
@@ -80,7 +80,7 @@ class BlendedImplicitSurface:
         Parameters
         ----------
         contacts
-            Measured on the object; duplicates are merged first.
+            Measured on the object, prepared by `prepare_contacts`.
         position_noise, normal_noise
             One standard deviation along the normal [m] and of each component of the normal [rad],
             for contacts whose own noise is unknown. None estimates it from the contacts.
@@ -92,22 +92,16 @@ class BlendedImplicitSurface:
         InvalidOptionError
             If an option is outside its range.
         """
-        sharp = PatchImplicitSurface.from_contacts(
-            contacts, position_noise=position_noise, normal_noise=normal_noise
-        )
-        known = Contacts(
-            sharp.points,
-            sharp.normals,
-            position_noise=sharp.position_noise,
-            normal_noise=sharp.normal_noise,
-        )
-        smooth = GaussianProcessImplicitSurface.from_contacts(known)
-        places = ContactPlaces.of(sharp.points)
+        prepared = prepare_contacts(contacts, position_noise, normal_noise)
+        sharp = PatchImplicitSurface.from_prepared(prepared)
+        with_noise = prepared.with_noise(sharp.position_noise, sharp.normal_noise)
+        smooth = GaussianProcessImplicitSurface.from_prepared(with_noise)
+        places = prepared.places
         log_ratios = np.zeros(len(places.nodes))
         if len(places.nodes) >= _LEAST_PLACES:
             folds = (np.arange(len(places.nodes)) % _FOLDS)[places.place]
-            of_sharp = _log_errors(*_predict_left_out(sharp, folds), known, sharp.spacing)
-            of_smooth = _log_errors(*smooth.leave_groups_out(folds), known, sharp.spacing)
+            of_sharp = _log_errors(*_predict_left_out(sharp, folds), sharp)
+            of_smooth = _log_errors(*smooth.leave_groups_out(folds), sharp)
             sums = np.bincount(places.place, of_smooth - of_sharp)
             log_ratios = np.clip(sums / np.bincount(places.place), -_LIMIT, _LIMIT)
         return cls(sharp, smooth, sharp.points[places.nodes], log_ratios)
@@ -228,11 +222,11 @@ def _predict_left_out(
 
 
 def _log_errors(
-    values: FloatArray, gradients: FloatArray, contacts: Contacts, spacing: float
+    values: FloatArray, gradients: FloatArray, contacts: PatchImplicitSurface
 ) -> FloatArray:
     """Return the logarithm of each contact's prediction error in distance and normal, (N,)."""
     slopes = np.linalg.norm(gradients, axis=1)
-    distances = np.abs(values) / np.maximum(slopes, 0.3) / spacing
+    distances = np.abs(values) / np.maximum(slopes, 0.3) / contacts.spacing
     units = gradients / np.maximum(slopes, 1e-9)[:, None]
     tilts = np.linalg.norm(units - contacts.normals, axis=1)
     return np.log(np.minimum(distances, 1.0) + _NORMAL_ERROR * tilts + _ERROR_FLOOR)

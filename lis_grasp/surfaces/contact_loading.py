@@ -16,7 +16,7 @@ from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.shapes import UNITS
 from lis_grasp.shapes.shape import LARGEST, SMALLEST
-from lis_grasp.surfaces.contact_noise import filled
+from lis_grasp.surfaces._contact_noise import filled
 from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray

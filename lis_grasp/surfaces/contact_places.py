@@ -1,4 +1,4 @@
-"""Places of contacts: an even cover of the touched surface, and its spacing."""
+"""Spacing, bounds and places of contacts: how finely, and where, a surface was touched."""
 
 from __future__ import annotations
 
@@ -7,8 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lis_grasp.surfaces.contact_merging import LONE_CONTACT_SPACING, SMALLEST
+from lis_grasp.contacts import Contacts
 from lis_grasp.typing import FloatArray, IndexArray
+
+# Spacing of a lone contact [m]: the average exploration step of Ottenhaus et al. 2016, IV.B.
+LONE_CONTACT_SPACING = 0.05
+
+# Contacts closer than 1 nm, or than rounding at their distance from the origin, are at one place.
+SMALLEST = 1e-9
+_ROUNDING = 1e-12
 
 # The places are the farthest-point order up to its last contact that covers this fraction of the
 # largest area, k g_k^2 with the gap g_k of contact k. From 0.4 to 0.8 the estimates change little.
@@ -52,6 +59,39 @@ class ContactPlaces:
         return cls(nodes, cKDTree(points[nodes]).query(points)[1].astype(np.intp), gaps[last])
 
 
+def farthest_point_order(
+    points: FloatArray, most: int, *, factors: FloatArray | None = None
+) -> tuple[IndexArray, FloatArray]:
+    """Return at most so many points in order (K,), and each one's distance from all earlier (K,).
+
+    `points` are of shape (N, D). The order begins with the point farthest from the centroid, and
+    ends when all others are at the places of earlier ones (Gonzalez 1985). The distances of each
+    point are multiplied by its factor, (N,). The order is independent of that of the points; of the
+    frame, too, except for equal distances.
+    """
+    relative = points - points.mean(axis=0)
+    distances = np.linalg.norm(relative, axis=1)
+    if factors is not None:
+        distances *= factors
+    resolution = max(_EQUAL_DISTANCES * float(distances.max()), SMALLEST)
+    keys = np.round(np.column_stack([distances, relative]) / resolution)
+    ranked = np.lexsort(keys.T[::-1])[::-1]  # the farthest from the centroid first
+    sorted_points = points[ranked]
+    weights = None if factors is None else factors[ranked] ** 2
+    chosen, gaps = [0], [np.inf]
+    nearest = np.full(len(points), np.inf)
+    while len(chosen) < min(most, len(points)):
+        offsets = sorted_points - sorted_points[chosen[-1]]
+        squares = np.einsum("nk,nk->n", offsets, offsets)
+        np.minimum(nearest, squares if weights is None else weights * squares, out=nearest)
+        farthest = nearest.max()
+        if farthest <= resolution**2:
+            break
+        chosen.append(int(np.argmax(nearest >= farthest - resolution * np.sqrt(farthest))))
+        gaps.append(float(np.sqrt(farthest)))
+    return ranked[chosen], np.array(gaps)
+
+
 def box_area(points: FloatArray) -> float:
     """Return the area of the box along the principal axes of points (N, 3) [m^2]."""
     a, b, c = box_lengths(points)
@@ -65,27 +105,18 @@ def box_lengths(points: FloatArray) -> FloatArray:
     return np.asarray(np.ptp(centered @ axes, axis=0))
 
 
-def farthest_point_order(points: FloatArray, most: int) -> tuple[IndexArray, FloatArray]:
-    """Return at most so many points in order (K,), and each one's distance from all earlier (K,).
+def spacing_of(contacts: Contacts) -> float:
+    """Return the contacts' spacing [m], or a default where there is only one place."""
+    spacing = contacts.spacing
+    return spacing if spacing > resolution_of(contacts) else LONE_CONTACT_SPACING
 
-    `points` are of shape (N, D). The order begins with the point farthest from the centroid, and
-    ends when all others are at the places of earlier ones. It is independent of the order of the
-    points; of the frame, too, except for equal distances.
-    """
-    relative = points - points.mean(axis=0)
-    distances = np.linalg.norm(relative, axis=1)
-    resolution = max(_EQUAL_DISTANCES * float(distances.max()), SMALLEST)
-    keys = np.round(np.column_stack([distances, relative]) / resolution)
-    ranked = np.lexsort(keys.T[::-1])[::-1]  # the farthest from the centroid first
-    sorted_points = points[ranked]
-    chosen, gaps = [0], [np.inf]
-    nearest = np.full(len(points), np.inf)
-    while len(chosen) < min(most, len(points)):
-        offsets = sorted_points - sorted_points[chosen[-1]]
-        np.minimum(nearest, np.einsum("nk,nk->n", offsets, offsets), out=nearest)
-        farthest = nearest.max()
-        if farthest <= resolution**2:
-            break
-        chosen.append(int(np.argmax(nearest >= farthest - resolution * np.sqrt(farthest))))
-        gaps.append(float(np.sqrt(farthest)))
-    return ranked[chosen], np.array(gaps)
+
+def resolution_of(contacts: Contacts) -> float:
+    """Return the distance [m] up to which two contacts are at one place."""
+    farthest = float(np.abs(contacts.points).max(initial=0.0))
+    return max(SMALLEST, _ROUNDING * farthest)
+
+
+def padded_bounds(contacts: Contacts, margin: float) -> FloatArray:
+    """Return the contacts' bounding box grown by a margin [m] on all sides, shape (2, 3) [m]."""
+    return contacts.bounds + margin * np.array([[-1.0], [1.0]])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,24 +15,18 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces._kernels import (
-    KernelName,
     Matern52,
     RadialKernel,
     SquaredExponential,
     ThinPlate,
 )
-from lis_grasp.surfaces.contact_merging import (
-    drop_repetitions,
-    padded_bounds,
-    resolution_of,
-    spacing_of,
-)
-from lis_grasp.surfaces.contact_noise import noise_of
-from lis_grasp.surfaces.contact_places import ContactPlaces
-from lis_grasp.surfaces.contact_thinning import thin_contacts
-from lis_grasp.surfaces.noise_estimation import noise_or_estimate
-from lis_grasp.surfaces.queries import flat_points, map_rows, require_contacts, require_range
+from lis_grasp.surfaces.contact_places import resolution_of
+from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
+from lis_grasp.surfaces.queries import flat_points, map_rows, require_range
 from lis_grasp.typing import FloatArray, IndexArray
+
+KernelName = Literal["rbf", "matern52", "thin_plate"]
+"""Name of a kernel."""
 
 _KERNELS: dict[KernelName, type[SquaredExponential] | type[Matern52] | type[ThinPlate]] = {
     "rbf": SquaredExponential,
@@ -47,8 +42,8 @@ _LENGTHS: dict[KernelName, float] = {"rbf": 0.4, "matern52": 0.8, "thin_plate": 
 
 # Below this slope the gradient does not locate the surface.
 _MIN_SLOPE = 0.1
-# More contacts are thinned: time grows with the cube of their number.
-_MOST_CONTACTS = 400
+# Noise for edges that no smooth f can follow, see `from_contacts`.
+_MISFIT = (0.001, 0.1)
 # The prior's amplitude is fitted to so many contacts at most: it takes a dozen solutions.
 _MOST_FOR_AMPLITUDE = 150
 
@@ -76,6 +71,7 @@ class GaussianProcessImplicitSurface:
     scale: float  #: their unit [m]: the largest distance between two contacts
     mean: float  #: prior mean, scaled
     bounds: FloatArray  #: (2, 3) [m], the contacts' box grown by one spacing
+    _contacts: PreparedContacts
     _process: GradientRegression
 
     __repr__ = short_repr
@@ -89,17 +85,18 @@ class GaussianProcessImplicitSurface:
         length: float | None = None,
         position_noise: float | None = None,
         normal_noise: float | None = None,
-        misfit: tuple[float, float] = (0.001, 0.1),
+        misfit: tuple[float, float] = _MISFIT,
         prior_mean: float | None = None,
     ) -> GaussianProcessImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        More than 400 contacts are thinned to as many local averages (`thin_contacts`).
+        Contacts at one place count once; more than 400 are thinned to as many local averages
+        (`prepare_contacts`).
 
         Parameters
         ----------
         contacts
-            Measured on the object; an exact repetition counts once.
+            Measured on the object.
         kernel
             "matern52", "rbf" (eq. 6) or "thin_plate" (eq. 2, see `ThinPlate`).
         length
@@ -127,14 +124,28 @@ class GaussianProcessImplicitSurface:
         EstimationError
             If the equations are singular to working precision.
         """
-        require_contacts(contacts)
-        contacts = drop_repetitions(contacts)
+        return cls.from_prepared(
+            prepare_contacts(contacts, position_noise, normal_noise),
+            kernel=kernel,
+            length=length,
+            misfit=misfit,
+            prior_mean=prior_mean,
+        )
+
+    @classmethod
+    def from_prepared(
+        cls,
+        prepared: PreparedContacts,
+        *,
+        kernel: KernelName = "matern52",
+        length: float | None = None,
+        misfit: tuple[float, float] = _MISFIT,
+        prior_mean: float | None = None,
+    ) -> GaussianProcessImplicitSurface:
+        """Estimate the surface from prepared contacts; arguments and errors of `from_contacts`."""
         if kernel not in _KERNELS:
             raise InvalidOptionError.not_one_of("kernel", kernel, _KERNELS)
-        position, normal = noise_or_estimate(contacts, position_noise, normal_noise)
-        contacts = replace(contacts, position_noise=position, normal_noise=normal)
-        contacts = thin_contacts(contacts, _MOST_CONTACTS)
-        spacing = spacing_of(contacts)
+        contacts, spacing = prepared.contacts, prepared.spacing
         largest = float(pdist(contacts.points).max(initial=0.0))
         scale = largest if largest > resolution_of(contacts) else spacing
         for part in misfit:
@@ -149,19 +160,19 @@ class GaussianProcessImplicitSurface:
             scaled_length = require_range("length", length, unit="m", above_zero=True) / scale
         center = contacts.bounds.mean(axis=0)
 
-        def observed(some: Contacts) -> tuple[FloatArray, FloatArray, FloatArray]:
-            values = np.full((len(some), 1), -prior_mean / scale)  # f less its prior mean
-            position, normal = noise_of(some, None, None)
+        def observed(some: PreparedContacts) -> tuple[FloatArray, FloatArray, FloatArray]:
+            points, normals = some.contacts.points, some.contacts.normals
+            values = np.full((len(points), 1), -prior_mean / scale)  # f less its prior mean
             return (
-                (some.points - center) / scale,
-                np.hstack([values, some.normals]),
-                _variances(position / scale, normal),
+                (points - center) / scale,
+                np.hstack([values, normals]),
+                _variances(some.position_noise / scale, some.normal_noise),
             )
 
         prior, of_misfit = _KERNELS[kernel](scaled_length), _variances(*misfit)
-        nodes, targets, noise = observed(contacts)
+        nodes, targets, noise = observed(prepared)
         if noise.any():  # in units of the prior's amplitude, and so is the result
-            few, few_targets, few_noise = observed(thin_contacts(contacts, _MOST_FOR_AMPLITUDE))
+            few, few_targets, few_noise = observed(prepared.thinned(_MOST_FOR_AMPLITUDE))
             log_amplitude = GradientRegression.log_prior_amplitude(
                 prior, few, few_targets, sensor_noise=few_noise, misfit=of_misfit
             )
@@ -174,7 +185,8 @@ class GaussianProcessImplicitSurface:
             center=center,
             scale=scale,
             mean=prior_mean / scale,
-            bounds=padded_bounds(contacts, spacing),
+            bounds=prepared.bounds,
+            _contacts=prepared,
             _process=process,
         )
 
@@ -182,7 +194,7 @@ class GaussianProcessImplicitSurface:
     def amplitude(self) -> float:
         """Standard deviation of the prior, scaled, see `variance`."""
         # Contacts of one place predict each other, however wrong the surface between places.
-        places = ContactPlaces.of(self.points)
+        places = self._contacts.places
         return self._process.leave_groups_out_amplitude(places.place, places.nodes)
 
     def evaluate(self, points: npt.ArrayLike) -> FloatArray:

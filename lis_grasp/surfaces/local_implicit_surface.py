@@ -12,10 +12,9 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.records import short_repr
+from lis_grasp.surfaces._contact_noise import precisions_of
 from lis_grasp.surfaces._kernel_mean import NEGLIGIBLE, KernelMean, density_weights
-from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
-from lis_grasp.surfaces.contact_noise import precisions_of
-from lis_grasp.surfaces.noise_estimation import noise_or_estimate
+from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points, require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -109,15 +108,15 @@ class LocalImplicitSurface(BlockwiseSurface):
         InvalidOptionError
             If an option is outside its range or set.
         """
-        merged = merge_duplicates(contacts, position_noise, normal_noise)
-        position, normal = noise_or_estimate(merged, position_noise, normal_noise)
-        spacing = spacing_of(merged)
+        prepared = prepare_contacts(contacts, position_noise, normal_noise, most=None)
+        spacing = prepared.spacing
         sigma = _SIGMA * spacing if sigma is None else sigma
         require_range("sigma", sigma, unit="m", above_zero=True)
         if beta not in _BETA_SIGN:
             raise InvalidOptionError.not_one_of("beta", beta, _BETA_SIGN)
-        points, normals = merged.points, merged.normals
-        weights = density_weights(points, sigma) * precisions_of(position, len(points))
+        points, normals = prepared.contacts.points, prepared.contacts.normals
+        precisions = precisions_of(prepared.position_noise, len(points))
+        weights = density_weights(points, sigma) * precisions
         return cls(
             points=points,
             normals=normals,
@@ -125,9 +124,9 @@ class LocalImplicitSurface(BlockwiseSurface):
             convexity=None if beta == "none" else Convexity.from_contacts(points, normals, sigma),
             beta_sign=_BETA_SIGN[beta],
             spacing=spacing,
-            position_noise=position,
-            normal_noise=normal,
-            bounds=padded_bounds(merged, spacing),
+            position_noise=prepared.position_noise,
+            normal_noise=prepared.normal_noise,
+            bounds=prepared.bounds,
         )
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:

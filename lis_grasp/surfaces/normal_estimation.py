@@ -14,9 +14,9 @@ from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
+from lis_grasp.surfaces._contact_noise import mean_where_unknown
 from lis_grasp.surfaces._normal_posterior import EstimatedNormals, NormalPosterior
-from lis_grasp.surfaces.contact_merging import spacing_of
-from lis_grasp.surfaces.contact_noise import mean_where_unknown
+from lis_grasp.surfaces.contact_places import farthest_point_order, spacing_of
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
@@ -236,21 +236,10 @@ def _mixture(found: list[EstimatedNormals]) -> tuple[FloatArray, FloatArray]:
 
 def _estimate_many(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return normals and deviations from local planes, on the side of the normals of a few."""
-    few = _spread(centers.points, _MOST_IN_FIELD)
+    few, _ = farthest_point_order(centers.points, _MOST_IN_FIELD)
     normals, _ = _estimate(centers.subset(few), inward[few])
     _, nearest = cKDTree(centers.points[few]).query(centers.points)
     return _local_planes(centers.points, normals[nearest])
-
-
-def _spread(points: FloatArray, count: int) -> IndexArray:
-    """Return indices of points far from each other: farthest-point sampling (Gonzalez 1985)."""
-    chosen = np.empty(count, dtype=np.intp)
-    nearest = np.full(len(points), np.inf)
-    chosen[0] = np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1))
-    for i in range(1, count):
-        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[i - 1]], axis=1))
-        chosen[i] = np.argmax(nearest)
-    return chosen
 
 
 def _free_near(centers: Contacts, reach: float) -> IndexArray:

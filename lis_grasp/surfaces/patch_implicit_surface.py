@@ -21,11 +21,7 @@ from lis_grasp.surfaces._patch_csg import (
     solid_values,
 )
 from lis_grasp.surfaces._patch_segmentation import ContactPairs, segment
-from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
-from lis_grasp.surfaces.contact_noise import noise_of
-from lis_grasp.surfaces.contact_places import ContactPlaces
-from lis_grasp.surfaces.contact_thinning import thin_contacts
-from lis_grasp.surfaces.noise_estimation import noise_or_estimate
+from lis_grasp.surfaces.contact_preparation import PreparedContacts, prepare_contacts
 from lis_grasp.surfaces.queries import BlockwiseSurface, flat_points
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
@@ -35,8 +31,7 @@ _SIGMA = 0.2
 # Least noise of contacts, in spacings and rad: no surface is exactly a quadric or a process.
 _LEAST_NOISE = (0.003, 0.015)
 
-# More contacts are thinned, for time and memory. More patches fit no object.
-MOST_CONTACTS = 400
+# More patches fit no object.
 _MOST_PATCHES = 200
 
 
@@ -82,12 +77,13 @@ class PatchImplicitSurface(BlockwiseSurface):
     ) -> PatchImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        More than 400 contacts are replaced by 400 means of neighbouring ones (`thin_contacts`).
+        Contacts at one place count once; more than 400 are thinned to as many local averages
+        (`prepare_contacts`).
 
         Parameters
         ----------
         contacts
-            Measured on the object; duplicates are merged first.
+            Measured on the object.
         position_noise, normal_noise
             One standard deviation along the normal [m] and of each component of the normal [rad],
             for contacts whose own noise is unknown. None estimates it from the contacts.
@@ -101,23 +97,23 @@ class PatchImplicitSurface(BlockwiseSurface):
         EstimationError
             If contacts contradict each other so much that they have hardly a patch in common.
         """
-        merged = merge_duplicates(contacts, position_noise, normal_noise)
-        merged = thin_contacts(merged, MOST_CONTACTS)
-        points, normals = merged.points, merged.normals
-        spacing = ContactPlaces.of(points).spacing
+        return cls.from_prepared(prepare_contacts(contacts, position_noise, normal_noise))
+
+    @classmethod
+    def from_prepared(cls, prepared: PreparedContacts) -> PatchImplicitSurface:
+        """Estimate the surface from prepared contacts; errors of `from_contacts`."""
+        points, normals = prepared.contacts.points, prepared.contacts.normals
+        spacing = prepared.places.spacing
         pairs = ContactPairs.within(points, normals, spacing)
-        estimated = noise_or_estimate(merged, position_noise, normal_noise)
-        least = noise_of(
-            merged,
-            _LEAST_NOISE[0] * spacing if position_noise is None else position_noise,
-            _LEAST_NOISE[1] if normal_noise is None else normal_noise,
-        )
+        noise = np.stack([prepared.position_noise, prepared.normal_noise])
+        floors = np.array([[_LEAST_NOISE[0] * spacing], [_LEAST_NOISE[1]]])
         # Contacts too sparse for a shape with edges look noisy until they are divided into patches.
-        noise = np.maximum(estimated, least)
+        least = np.where(prepared.estimated, floors, noise)
+        noise = np.maximum(noise, least)
         known = PatchContacts.of(points, normals, spacing, (noise[0], noise[1]))
         patch_of, evidence = segment(known, pairs)
         if not np.array_equal(noise, least):
-            smooth = known.with_noise(least)
+            smooth = known.with_noise((least[0], least[1]))
             other, other_evidence = segment(smooth, pairs)
             if other_evidence > evidence:
                 known, patch_of = smooth, other
@@ -127,8 +123,7 @@ class PatchImplicitSurface(BlockwiseSurface):
                 f"{len(points)} contacts form {separate} smooth patches, more than {_MOST_PATCHES}:"
                 " check whether each normal belongs to its point, and give the noise"
             )
-        bounds = padded_bounds(merged, spacing_of(merged))
-        return cls._join(points, known, patch_of, pairs, [None] * separate, bounds)
+        return cls._join(points, known, patch_of, pairs, [None] * separate, prepared.bounds)
 
     def without(self, left_out: BoolArray) -> PatchImplicitSurface:
         """Return the estimate without some contacts, (N,), with the same segmentation and noise.

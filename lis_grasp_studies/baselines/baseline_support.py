@@ -10,7 +10,8 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces.contact_merging import merge_duplicates, padded_bounds, spacing_of
+from lis_grasp.surfaces.contact_places import padded_bounds, spacing_of
+from lis_grasp.surfaces.contact_preparation import merge_duplicates
 from lis_grasp.surfaces.queries import flat_points, require_contacts
 from lis_grasp.typing import FloatArray
 

@@ -13,7 +13,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.plugins import Registry
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
-from lis_grasp.surfaces._kernels import KernelName
+from lis_grasp.surfaces.gaussian_process import KernelName
 from lis_grasp_studies.baselines import (
     HermiteRBFSurface,
     MeshLabSurface,

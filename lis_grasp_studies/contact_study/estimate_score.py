@@ -18,7 +18,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.solids import solid_of
 from lis_grasp.surfaces import ImplicitSurface
-from lis_grasp.surfaces.contact_merging import padded_bounds, spacing_of
+from lis_grasp.surfaces.contact_places import padded_bounds, spacing_of
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.compared_estimators import NoisyEstimator
 from lis_grasp_studies.contact_study.study_sets import ContactSet

@@ -10,9 +10,12 @@ import pytest
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, LocalImplicitSurface
-from lis_grasp.surfaces.contact_merging import drop_repetitions, merge_duplicates
-from lis_grasp.surfaces.contact_noise import noise_of
-from lis_grasp.surfaces.noise_estimation import noise_or_estimate
+from lis_grasp.surfaces._contact_noise import noise_of
+from lis_grasp.surfaces.contact_preparation import (
+    merge_duplicates,
+    prepare_contacts,
+    with_noise,
+)
 
 with_own_noise = pytest.mark.parametrize(
     "estimate",
@@ -33,13 +36,13 @@ def queries(count: int = 100) -> np.ndarray:
     return np.random.default_rng(7).uniform(-0.07, 0.07, (count, 3))
 
 
-def test_a_contact_s_own_noise_is_used_before_what_is_given_and_that_before_the_default() -> None:
+def test_a_contact_s_own_noise_is_used_before_what_is_given() -> None:
     contacts = replace(sphere_contacts(3), position_noise=[0.001, np.nan, 0.0])
-    position, normal = noise_of(contacts, 0.002, None, default=(0.003, 0.1))
+    position, normal = noise_of(contacts, 0.002, None)
     np.testing.assert_array_equal(position, [0.001, 0.002, 0.0])
-    np.testing.assert_array_equal(normal, [0.1, 0.1, 0.1])
-    position, _ = noise_of(contacts, None, None, default=(0.003, 0.1))
-    np.testing.assert_array_equal(position, [0.001, 0.003, 0.0])
+    np.testing.assert_array_equal(normal, np.full(3, np.nan))
+    position, _ = noise_of(contacts, None, None)
+    np.testing.assert_array_equal(position, [0.001, np.nan, 0.0])
 
 
 @pytest.mark.parametrize("option", ["position_noise", "normal_noise"])
@@ -88,7 +91,7 @@ def test_an_exact_measurement_decides_its_place() -> None:
 def test_an_exact_repetition_is_one_measurement_with_the_least_noise() -> None:
     contacts = replace(sphere_contacts(5), normal_noise=np.arange(5) / 10)
     again = replace(contacts.subset([4, 2, 2]), normal_noise=[0.6, np.nan, 0.1])
-    distinct = drop_repetitions(contacts.append(again))
+    distinct = merge_duplicates(contacts.append(again))
     np.testing.assert_array_equal(distinct.points, contacts.points)
     np.testing.assert_array_equal(distinct.normal_noise, [0.0, 0.1, 0.1, 0.3, 0.4])
     assert distinct.position_noise is None
@@ -168,12 +171,13 @@ def test_noise_is_estimated_from_the_contacts_that_lack_it() -> None:
     clean, noisy = sphere_contacts(60), sphere_contacts(60, seed=1)
     known = replace(clean, position_noise=np.full(60, 1e-4), normal_noise=np.full(60, 1e-3))
     unknown = replace(noisy, points=noisy.points + 3e-3 * rng.normal(size=(60, 1)) * noisy.normals)
-    position, normal = noise_or_estimate(known.append(unknown), None, 0.01)
-    np.testing.assert_array_equal(position[:60], 1e-4)
-    np.testing.assert_allclose(position[60:], 3e-3, rtol=0.5)
-    np.testing.assert_array_equal(normal[60:], 0.01)
+    completed = with_noise(known.append(unknown), None, 0.01)
+    np.testing.assert_array_equal(completed.position_noise[:60], 1e-4)
+    np.testing.assert_allclose(completed.position_noise[60:], 3e-3, rtol=0.5)
+    np.testing.assert_array_equal(completed.normal_noise[60:], 0.01)
     few = Contacts(np.eye(3), np.eye(3))
-    np.testing.assert_array_equal(noise_or_estimate(few, None, None), np.zeros((2, 3)))
+    assert with_noise(few).position_noise is None
+    np.testing.assert_array_equal(prepare_contacts(few).position_noise, np.zeros(3))
 
 
 def test_a_noisy_cloud_is_not_one_place() -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
-from lis_grasp.surfaces.contact_thinning import thin_contacts
+from lis_grasp.surfaces.contact_preparation import thin_contacts
 
 RADIUS = 0.05
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import subprocess
 import sys
+import weakref
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -18,11 +20,18 @@ from random_directions import random_directions
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.surfaces import BlendedImplicitSurface, GaussianProcessImplicitSurface
+from lis_grasp.surfaces import (
+    BlendedImplicitSurface,
+    GaussianProcessImplicitSurface,
+    _gaussian_process_regression,
+)
 from lis_grasp.surfaces._gaussian_process_regression import GradientRegression, gradient_covariance
 from lis_grasp.surfaces._kernels import Matern52, RadialKernel, SquaredExponential, ThinPlate
-from lis_grasp.surfaces.contact_merging import LONE_CONTACT_SPACING
-from lis_grasp.surfaces.contact_places import ContactPlaces, farthest_point_order
+from lis_grasp.surfaces.contact_places import (
+    LONE_CONTACT_SPACING,
+    ContactPlaces,
+    farthest_point_order,
+)
 from lis_grasp_studies.test_objects.shape_sets import EVALUATION, graspable_shape
 
 KERNELS = ["rbf", "matern52", "thin_plate"]
@@ -157,6 +166,26 @@ def test_noise_far_below_the_misfit_changes_nothing() -> None:
     # Variances of noise are (1e-10 / 1e-3)^2 of the misfit's or less.
     np.testing.assert_allclose(noisy.evaluate(queries), plain.evaluate(queries), atol=1e-12)
     np.testing.assert_allclose(noisy.uncertainty(queries), plain.uncertainty(queries), rtol=1e-6)
+
+
+def test_no_cycle_of_references_keeps_a_covariance(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[weakref.ref[np.ndarray]] = []
+
+    def recorded(*arguments: Any) -> np.ndarray:
+        covariance = gradient_covariance(*arguments)
+        made.append(weakref.ref(covariance))
+        return covariance
+
+    monkeypatch.setattr(_gaussian_process_regression, "gradient_covariance", recorded)
+    gc.disable()
+    try:
+        GaussianProcessImplicitSurface.from_contacts(
+            sphere_contacts(30), position_noise=0.001, normal_noise=0.05
+        )
+        assert made
+        assert all(covariance() is None for covariance in made)
+    finally:
+        gc.enable()
 
 
 def test_the_prior_mean_returns_far_away() -> None:

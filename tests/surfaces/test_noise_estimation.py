@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp import shapes
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces.noise_estimation import estimate_noise
+from lis_grasp.surfaces.contact_preparation import estimate_noise
 from lis_grasp.typing import FloatArray
 
 SIZE = 0.2

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
-from lis_grasp.surfaces.contact_merging import merge_duplicates
+from lis_grasp.surfaces.contact_preparation import merge_duplicates
 
 every_estimator = pytest.mark.parametrize("name", list(ESTIMATORS))
 

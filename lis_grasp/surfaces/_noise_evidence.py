@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces._gaussian_process_regression import ROWS, gradient_covariance
+from lis_grasp.surfaces._gaussian_process_regression import (
+    ROWS,
+    GradientRegression,
+    factorize,
+    gradient_covariance,
+    log_likelihood,
+)
 from lis_grasp.surfaces._kernels import Matern52
 from lis_grasp.typing import FloatArray
 
@@ -40,15 +45,17 @@ def least_noise(contacts: Contacts, noise: tuple[float, float]) -> tuple[float, 
         return noise
     scale = float(pdist(contacts.points).max())
     nodes = (contacts.points - contacts.bounds.mean(axis=0)) / scale
-    targets = np.column_stack([np.full(len(nodes), -1.0), contacts.normals]).ravel()
-    matrix = gradient_covariance(Matern52(_LENGTH), nodes)
-    matrix[np.diag_indices_from(matrix)] += _variances(*_CONDITIONING, len(nodes))
+    targets = np.column_stack([np.full(len(nodes), -1.0), contacts.normals])
+    kernel, conditioning = Matern52(_LENGTH), _variances(*_CONDITIONING, len(nodes))
+    matrix = gradient_covariance(kernel, nodes) + np.diag(conditioning)
     variances = _variances(noise[0] / scale, noise[1], len(nodes))
 
     def evidence(part: FloatArray) -> float:
-        return max(_log_likelihood(matrix, part, targets, amplitude * a) for a in _AMPLITUDES)
+        factors = (factorize(a**2 * matrix, part) for a in amplitude * np.array(_AMPLITUDES))
+        return max(log_likelihood(factor, targets.ravel()) for factor in factors)
 
-    amplitude = _likeliest_amplitude(matrix, targets)
+    process = GradientRegression.fit(kernel, nodes, targets, conditioning.reshape(-1, ROWS))
+    amplitude = process.likeliest_amplitude()
     best, chosen = evidence(variances) + _LOG_BAYES_FACTOR, 1.0
     for fraction in _FRACTIONS:
         value = evidence(fraction**2 * variances)
@@ -59,23 +66,3 @@ def least_noise(contacts: Contacts, noise: tuple[float, float]) -> tuple[float, 
 
 def _variances(value: float, slope: float, count: int) -> FloatArray:
     return np.tile(np.array([value, *[slope] * (ROWS - 1)]) ** 2, count)
-
-
-def _solve(matrix: FloatArray, targets: FloatArray) -> tuple[float, float]:
-    """Return targets^T matrix^-1 targets and the logarithm of the determinant."""
-    factor = cholesky(matrix, lower=True, check_finite=False)
-    solved = solve_triangular(factor, targets, lower=True, check_finite=False)
-    return float(solved @ solved), 2.0 * float(np.log(np.diag(factor)).sum())
-
-
-def _likeliest_amplitude(matrix: FloatArray, targets: FloatArray) -> float:
-    return float(np.sqrt(_solve(matrix, targets)[0] / len(targets)))
-
-
-def _log_likelihood(
-    matrix: FloatArray, variances: FloatArray, targets: FloatArray, amplitude: float
-) -> float:
-    """Return the log density of targets, but for a constant, under amplitude^2 matrix + noise."""
-    noisy = matrix + np.diag(variances / amplitude**2)
-    squares, volume = _solve(noisy, targets)
-    return -0.5 * (squares / amplitude**2 + volume + 2.0 * len(targets) * np.log(amplitude))

@@ -1,4 +1,4 @@
-"""Estimation of contacts' noise by maximum likelihood of local quadrics."""
+"""Noise of contacts: what is known and given, that of means, and maximum likelihood estimates."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ from scipy.spatial import cKDTree
 from scipy.special import logsumexp
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.surfaces.contact_merging import drop_repetitions, resolution_of
-from lis_grasp.surfaces.contact_noise import noise_of
-from lis_grasp.surfaces.noise_evidence import least_noise
+from lis_grasp.surfaces._noise_evidence import least_noise
+from lis_grasp.surfaces.contact_places import resolution_of
+from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+
+# Least noise in a weight, relative to the largest: an exact measurement has no finite weight.
+_LEAST_NOISE = 1e-6
 
 # Neighbours of a contact that its quadric explains, at most and at least, and how many are looked
 # at to find them.
@@ -49,24 +52,70 @@ _LOWEST, _HIGHEST = -7.0, 1.0
 _STARTS = np.array([(-6.0, -5.0), (-6.0, -2.0), (-2.5, -2.0)])
 
 
-def estimate_noise(contacts: Contacts) -> tuple[float, float]:
-    """Return the standard deviations of positions [m] and normals [rad] of a set of contacts.
+def noise_of(
+    contacts: Contacts, position_noise: float | None, normal_noise: float | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the noise of each contact: its own, else what is given, else NaN.
 
-    Around each contact a quadric h + n.d + d'Qd / 2 explains the heights and normals of up to six
-    neighbours on the same smooth patch. h and n have the noise as prior, Q a broad one; they are
-    integrated out (Bayesian linear regression). The noise maximises the product of the marginal
-    likelihoods (composite likelihood), in which each quadric is a mixture of departures of
-    surfaces from quadrics: an edge among the neighbours says little about noise.
-
-    Positions have noise along the normal, normals in each component perpendicular to it. Exact
-    repetitions count once. Where quadrics do not resolve the shape, its departure from them would
-    count as noise: a smooth surface through up to 100 contacts may show that there is less
-    (`least_noise`). The noise of positions is uncertain where that of
-    normals times the contacts' spacing is ten times larger. Both are NaN if fewer than six
-    contacts have four neighbours on their patch: so few contacts do not determine the noise.
+    `position_noise` [m] and `normal_noise` [rad] are those of contacts whose own are unknown.
+    Returns two arrays of shape (N,) [m] and [rad]. Raises `InvalidOptionError` if an option is
+    outside its range.
     """
-    distinct = drop_repetitions(contacts)
-    blocks = _Blocks.of(distinct)
+    options = {"position_noise": (position_noise, "m"), "normal_noise": (normal_noise, "rad")}
+    for name, (value, unit) in options.items():
+        if value is not None:
+            require_range(name, value, unit=unit)
+    position, normal = (np.nan if value is None else value for value, _ in options.values())
+    return (
+        filled(contacts.position_noise, position, len(contacts)),
+        filled(contacts.normal_noise, normal, len(contacts)),
+    )
+
+
+def precisions_of(noise: FloatArray | None, count: int) -> FloatArray:
+    """Return relative weights of measurements, 1 / variance, shape (N,); 1 for the noisiest.
+
+    `noise` (N,) are standard deviations, or None where all are unknown. An unknown one, NaN, counts
+    as their root mean square; an exact one, 0, as a millionth of the largest.
+    """
+    if noise is None:
+        return np.ones(count)
+    known = mean_where_unknown(noise)
+    largest = known.max()
+    if largest == 0.0:
+        return np.ones(count)
+    return np.asarray(1.0 / np.maximum(known / largest, _LEAST_NOISE) ** 2)
+
+
+def mean_where_unknown(noise: FloatArray) -> FloatArray:
+    """Return noise (N,), where it is unknown the root mean square of what is known."""
+    return np.where(np.isnan(noise), np.sqrt(np.nanmean(noise**2)), noise)
+
+
+def noise_of_means(noise: FloatArray | None, group: IndexArray) -> FloatArray | None:
+    """Return the noise of inverse-variance weighted means, (sum of 1 / variance)^(-1/2).
+
+    `noise` (N,) are standard deviations of independent measurements or None, `group` (N,) their
+    groups, numbered from 0. NaN for a group whose noise is all unknown.
+    """
+    if noise is None:
+        return None
+    known = ~np.isnan(noise)
+    with np.errstate(divide="ignore"):
+        precisions = 1.0 / noise[known] ** 2  # infinite for an exact measurement
+        total = np.bincount(group[known], precisions, minlength=int(group.max()) + 1)
+        means = 1.0 / np.sqrt(total)
+    return np.where(np.isin(np.arange(len(total)), group[known]), means, np.nan)
+
+
+def filled(own: FloatArray | None, value: float, count: int) -> FloatArray:
+    """Return noise (N,) of so many contacts: their own, a value where it is unknown."""
+    return np.full(count, value) if own is None else np.where(np.isnan(own), value, own)
+
+
+def likeliest_noise(contacts: Contacts) -> tuple[float, float]:
+    """Return the noise of distinct contacts, see `contact_preparation.estimate_noise`."""
+    blocks = _Blocks.of(contacts)
     if blocks is None:
         return np.nan, np.nan
     start = min(_STARTS, key=lambda x: blocks.loss(x)[0])
@@ -78,24 +127,7 @@ def estimate_noise(contacts: Contacts) -> tuple[float, float]:
     noise = float(position * blocks.spacing), float(normal)
     if position < _SMALL_POSITION and normal < _SMALL_NORMAL:
         return noise
-    return least_noise(distinct, noise)
-
-
-def noise_or_estimate(
-    contacts: Contacts, position_noise: float | None, normal_noise: float | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return the noise of each contact: its own, else what is given, else the estimate.
-
-    As `noise_of`; 0 where the contacts do not determine it. Those of unknown noise are assumed to
-    come from one sensor.
-    """
-    given = (position_noise, normal_noise)
-    position, normal = noise_of(contacts, *given, default=(np.nan, np.nan))
-    unknown = np.isnan(position) | np.isnan(normal)
-    if not unknown.any():
-        return position, normal
-    estimates = np.nan_to_num(estimate_noise(contacts.subset(unknown)))
-    return noise_of(contacts, *given, default=(float(estimates[0]), float(estimates[1])))
+    return least_noise(contacts, noise)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
