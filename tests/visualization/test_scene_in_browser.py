@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import scenes
 from browser import CHROMIUM, PHONE, Browser
 
+from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.visualization import Scene, SceneServer
 from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.colours import VIRIDIS, srgb
@@ -123,6 +125,20 @@ def test_the_true_object_is_glass_round_the_estimate_and_solid_without_it(
     assert _share(solid, BLUE) > 0.1
     assert _share(glass, BLUE) < 0.1 * _share(solid, BLUE)
     assert np.abs(glass - _look(browser, page, "layers=&t=0")).max(axis=2).mean() > 0.005
+
+
+def test_the_path_of_a_moved_object_is_a_layer_of_the_touches(
+    browser: Browser, tmp_path: Path
+) -> None:
+    poses = [scenes.pose(0.004 * k, 0.004 * k, 0.0) for k in range(4)]
+    moved = tuple(
+        replace(touch, simulated_pose=np.eye(4), tracked=replace(PoseBelief.start(), X_WE=X))
+        for touch, X in zip(scenes.touches(), poses, strict=False)
+    )
+    page = _write(scenes.scene(moved=moved), tmp_path)
+    for time, visible in ((TOUCH.end, True), (GRASP.end, False), (LIFT.end, False)):
+        shown, hidden = (_look(browser, page, f"layers={on}&t={time}") for on in ("motion", ""))
+        assert bool((np.abs(shown - hidden).max(axis=2) > 0.1).mean() > 1e-4) == visible
 
 
 # ---- time -----------------------------------------------------------------------------------

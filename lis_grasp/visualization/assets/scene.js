@@ -75,9 +75,10 @@
       for (const mesh of meshes(layers.truth)) pushBack(mesh.material);
       node("object").add(layers.glass);
     }
-    if (has("search")) {
-      layers.search = node("search");
-      for (const mesh of meshes(layers.search)) mesh.castShadow = false;
+    for (const id of ["search", "motion"]) {
+      if (!has(id)) continue;
+      layers[id] = node(id);
+      for (const mesh of meshes(layers[id])) mesh.castShadow = false;
     }
     const table = [...meshes(node("table")), ...meshes(node("grid"))];
     for (const mesh of table) mesh.castShadow = false;
@@ -157,7 +158,9 @@
       put(id, layers[id], now.contacts ? on(id) * estimated : 0);
     }
     if (layers.free) put("free", layers.free, now.name === "touch" ? 0 : on("free") * (1 - truth));
-    if (layers.search) put("search", layers.search, now.name === "touch" ? on("search") : 0);
+    for (const id of ["search", "motion"]) {
+      if (layers[id]) put(id, layers[id], now.name === "touch" ? on(id) : 0);
+    }
     if (layers.truth) {
       // Solid at once behind the fading estimate: two transparent surfaces would flicker.
       const solid = !on("estimate") || !surfaces.length || truth > 0;
