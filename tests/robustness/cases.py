@@ -20,7 +20,7 @@ from readers import READERS, check_shape, refused_at_most
 from lis_grasp import Contacts, extract_mesh, shapes
 from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 
-_TIMES = int(os.environ.get("ROBUSTNESS", "1"))
+TIMES = int(os.environ.get("ROBUSTNESS", "1"))
 _CELLS = 14  # of a mesh along the largest extent
 
 
@@ -28,9 +28,9 @@ def cases(count: int) -> settings:
     """Return settings of a test that takes `count` cases."""
     checks = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example]
     return settings(
-        max_examples=count * _TIMES,
+        max_examples=count * TIMES,
         deadline=None,
-        derandomize=_TIMES == 1,
+        derandomize=TIMES == 1,
         database=None,
         suppress_health_check=checks,
     )
