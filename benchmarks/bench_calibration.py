@@ -17,10 +17,7 @@ with other seeds, and on other objects.
 Continues where it stopped when run again with the same folder.
 """
 
-from __future__ import annotations
-
-import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -30,7 +27,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 from scipy.stats import rankdata
 
-from lis_grasp import Hand, pipeline
+from lis_grasp import Grasp, Hand, pipeline
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.load_prior import LoadPrior
@@ -38,15 +35,15 @@ from lis_grasp.grasping.success_model import SUCCESS_MODEL
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp_studies.calibration import (
-    calibration_bins,
+from lis_grasp_studies.harness.calibration import (
     chance_calibration_error,
     expected_calibration_error,
 )
-from lis_grasp_studies.runner import local_scheduler, run_trials
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.program import read_options
+from lis_grasp_studies.harness.tables import Column, grouped_table, split, values_of, where
 from lis_grasp_studies.study.trial import Setup, find_object
 from lis_grasp_studies.test_objects.shape_sets import DEVELOPMENT
-from lis_grasp_studies.trial_results import Job, TrialResults, missing_jobs
 
 TOUCHES = (5, 10, 20)
 MASSES, FRICTIONS = (0.05, 0.2, 0.5, 1.0), (0.3, 0.5, 0.8)
@@ -58,137 +55,106 @@ FEW_LOADS = 2
 class CalibrationTrial:
     object: str
     seed: int
-    hand: str
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    development = [name for names in DEVELOPMENT.values() for name in names]
-    parser.add_argument("objects", nargs="*", default=development)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
-    parser.add_argument("--hands", nargs="+", default=["allegro", "wsg50"])
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--output", type=Path, default=Path("results/calibration"))
-    options = parser.parse_args()
-    trials = [
-        CalibrationTrial(*names) for names in product(options.objects, options.seeds, options.hands)
-    ]
-    results = TrialResults(options.output / "rows.jsonl", "calibration")
-    known = {key_of(row) for row in results.read()}
-    jobs = missing_jobs(trials, ["lifts"], known, lambda trial, _: trial)
-    for done, total in run_trials(jobs, len(jobs), results, local_scheduler(options.jobs), lifts):
-        print(f"\r{done} of {total} objects", end="", flush=True)
-    print()
-    rows = [row for row in results.read() if key_of(row) in set(trials)]
-    report([row for row in rows if row["reason"] is not None])
-
-
-def key_of(row: Row) -> CalibrationTrial:
-    return CalibrationTrial(row["object"], row["seed"], row["hand"])
-
-
-def lifts(job: Job) -> list[Row]:
+def lifts(trial: CalibrationTrial, hand_name: str) -> list[Row]:
     """Return one row for each lift, after one without a reason that marks the trial as done."""
-    name, seed = job.trial.object, job.trial.seed
+    name, seed, hand = trial.object, trial.seed, Hand.load(hand_name)
     shape = find_object(name, Setup())
-    hand = Hand.load(job.trial.hand)
     conditions = {**UNKNOWN, "region": tuple(UNKNOWN["region"]), "free": False}
     config = RunConfig(
         object=name, touches=TOUCHES[-1], seed=seed, prober="kinematic", **conditions
     )
     scenario = pipeline.Scenario.from_config(config, shape, hand)
     exploration = pipeline.touch(scenario)
-    first: Row = {"object": name, "seed": seed, "hand": job.trial.hand, "reason": None}
-    rows = [first]
+    rows: list[Row] = [{"reason": None}]
     rng = np.random.default_rng([seed, len(name)])
     for touches in TOUCHES:
+        contacts = exploration.first(touches)
         try:
-            _, mesh = pipeline.estimate(scenario.known, exploration.first(touches))
+            _, mesh = pipeline.estimate(scenario.known, contacts)
         except (EstimationError, InvalidContactsError):
             continue
-        found = pipeline.plan(scenario.known, mesh).grasps
-        for grasp in dict.fromkeys([*found[:1], *found[-1:]]):
-            best = grasp is found[0]
-            every = best and touches == TOUCHES[-1]
+        grasps = pipeline.plan(scenario.known, mesh).grasps
+
+        def lift(grasp: Grasp, mass: float, friction: float, mesh=mesh) -> Row:
+            # The same draws of the surface as a planner's.
+            scorer = GraspScorer(
+                hand, mesh, prior=LoadPrior(friction, mass), rng=np.random.default_rng(seed)
+            )
+            load = {"mass": mass, "friction": friction}
+            outcome = pipeline.lift(replace(scenario, truth=replace(scenario.truth, **load)), grasp)
+            quality = dict(scorer.predict_success([grasp])[0].quality)
+            observed = {"held": outcome.held, "reason": outcome.reason, "slip": outcome.slip}
+            return load | quality | observed
+
+        for grasp in dict.fromkeys([*grasps[:1], *grasps[-1:]]):
+            best = grasp is grasps[0]
             few = [LOADS[i] for i in rng.choice(len(LOADS), FEW_LOADS, replace=False)]
-            for mass, friction in LOADS if every else few:
-                # The same draws of the surface as a planner's.
-                scorer = GraspScorer(
-                    hand, mesh, prior=LoadPrior(friction, mass), rng=np.random.default_rng(seed)
-                )
-                truth = replace(scenario.truth, mass=mass, friction=friction)
-                outcome = pipeline.lift(replace(scenario, truth=truth), grasp)
-                rows.append(
-                    first
-                    | {"touches": touches, "best": best, "jaw": hand.kind == "parallel_jaw"}
-                    | {"mass": mass, "friction": friction}
-                    | dict(scorer.predict_success([grasp])[0].quality)
-                    | {"held": outcome.held, "reason": outcome.reason, "slip": outcome.slip}
-                )
+            facts = {"touches": touches, "best": best, "jaw": hand.kind == "parallel_jaw"}
+            rows += [
+                facts | lift(grasp, mass, friction)
+                for mass, friction in (LOADS if best and touches == TOUCHES[-1] else few)
+            ]
     return rows
 
 
-def report(rows: list[Row]) -> None:
-    for hand in dict.fromkeys(row["hand"] for row in rows):
-        mine = [row for row in rows if row["hand"] == hand]
-        print(f"{hand}: {len(mine)} lifts")
-        print_rates([r for r in mine if r["best"] and r["touches"] == TOUCHES[-1]])
-        held = np.array([row["held"] for row in mine])
-        predicted = np.array([row["success_probability"] for row in mine])
-        print_calibration(predicted, held)
-        print(f"area under the ROC curve: {_area(predicted, held):.3f}")
-    parameters = fit(rows)
-    print("fit of the success model:", {k: round(v, 2) for k, v in parameters.items()})
-    probability = predicted_for_new_objects(rows)
-    held = np.array([row["held"] for row in rows])
-    hands = np.array([row["hand"] for row in rows])
-    each = {"all": np.full(len(rows), True), **{name: hands == name for name in np.unique(hands)}}
-    for name, mine in each.items():
-        print(f"{name}, each object predicted by a fit to the others:")
-        print_calibration(probability[mine], held[mine])
-        print(f"area under the ROC curve: {_area(probability[mine], held[mine]):.3f}")
-        print_rates_beside(
-            [row for row, own in zip(rows, mine, strict=True) if own], probability[mine]
-        )
+def calibration_columns(column: str = "predicted") -> list[Column]:
+    """Return columns of predictions and outcomes of lifts."""
+
+    def both(measure: Callable[..., float]) -> Callable[[Sequence[Row]], str]:
+        return lambda rows: f"{measure(values_of(rows, column), values_of(rows, 'held')):.3f}"
+
+    return [
+        ("lifts", lambda rows: str(len(rows))),
+        ("predicted", both(lambda predicted, _: predicted.mean())),
+        ("held", both(lambda _, held: held.mean())),
+        ("calibration error", both(expected_calibration_error)),
+        ("by chance", both(lambda predicted, _: chance_calibration_error(predicted))),
+        ("ROC area", both(roc_area)),
+    ]
 
 
-def print_rates(rows: list[Row]) -> None:
-    """Print how many best grasps held, by mass and friction."""
-    held = np.array([row["held"] for row in rows])
-    print_by_load("held after 20 touches", rows, lambda of: f"{held[of].sum():3d} of {of.sum()}")
-
-
-def print_rates_beside(rows: list[Row], predicted: np.ndarray) -> None:
-    """Print predicted and observed rates in percent, by mass and friction."""
-    held = np.array([row["held"] for row in rows])
-    print_by_load(
-        "predicted / held [%]",
-        rows,
-        lambda of: f"{100 * predicted[of].mean():3.0f} / {100 * held[of].mean():3.0f}",
-    )
-
-
-def print_by_load(title: str, rows: list[Row], text_of: Callable[[np.ndarray], str]) -> None:
-    """Print a text for the rows of each mass (a line) and friction (a column)."""
-    loads = np.array([(row["mass"], row["friction"]) for row in rows])
-    print(f"{title:23}" + "".join(f"{f'friction {f:g}':14}" for f in FRICTIONS))
-    for mass in MASSES:
-        cells = [text_of((loads == (mass, friction)).all(axis=1)) for friction in FRICTIONS]
-        print(f"{f'  {mass:4g} kg':23}" + "".join(f"{cell:14}" for cell in cells))
-
-
-def print_calibration(predicted: np.ndarray, held: np.ndarray) -> None:
-    """Print observed rates by predicted probability, and the expected calibration error."""
-    for count, probability, rate in calibration_bins(predicted, held):
-        print(f"predicted {probability:.2f}: {rate:.2f} of {count} held")
-    error, chance = expected_calibration_error(predicted, held), chance_calibration_error(predicted)
-    print(f"expected calibration error {error:.3f}, by chance {chance:.3f}")
-
-
-def _area(values: np.ndarray, held: np.ndarray) -> float:
+def roc_area(values: np.ndarray, held: np.ndarray) -> float:
     """Return the area under the ROC curve, from ranks (Mann and Whitney)."""
     ranks, good = rankdata(values), held.sum()
-    return float((ranks[held].sum() - good * (good + 1) / 2) / (good * (len(held) - good)))
+    if good in (0, len(held)):
+        return float("nan")
+    return float((ranks[held > 0].sum() - good * (good + 1) / 2) / (good * (len(held) - good)))
+
+
+def print_by_load(title: str, rows: list[Row], cell: Callable[[Sequence[Row]], str]) -> None:
+    """Print a cell for the rows of each mass (a line) and friction (a column)."""
+    columns = [
+        (f"friction {f:g}", lambda rows, f=f: cell(where(rows, friction=f))) for f in FRICTIONS
+    ]
+    print(grouped_table("loads", title, "mass [kg]", split(rows, "mass"), columns).text())
+
+
+def held_count(rows: Sequence[Row]) -> str:
+    return f"{sum(row['held'] for row in rows)} of {len(rows)}"
+
+
+def predicted_beside(rows: Sequence[Row]) -> str:
+    both = (values_of(rows, name) for name in ("refitted", "held"))
+    return " / ".join(f"{100.0 * values.mean():.0f}" if len(values) else "–" for values in both)
+
+
+def report(rows: list[Row]) -> None:
+    title = "Predictions by the constants in use"
+    columns = calibration_columns("success_probability")
+    print(grouped_table("in_use", title, "hand", split(rows, "hand"), columns).text())
+    for hand, lifts_of_hand in split(rows, "hand").items():
+        best = where(lifts_of_hand, best=True, touches=TOUCHES[-1])
+        print_by_load(f"{hand}: held after 20 touches", best, held_count)
+    print("fit of the success model:", {k: round(v, 2) for k, v in fit(rows).items()})
+    refitted = predicted_for_new_objects(rows)
+    rows = [row | {"refitted": float(p)} for row, p in zip(rows, refitted, strict=True)]
+    groups = {"all": rows, **split(rows, "hand")}
+    title = "Each object predicted by a fit to the others"
+    print(grouped_table("new", title, "hand", groups, calibration_columns("refitted")).text())
+    for hand, lifts_of_hand in groups.items():
+        print_by_load(f"{hand}: predicted / held [%]", lifts_of_hand, predicted_beside)
 
 
 def predict(rows: list[Row], parameters: dict[str, float]) -> np.ndarray:
@@ -239,11 +205,22 @@ def predicted_for_new_objects(rows: list[Row]) -> np.ndarray:
     objects = np.array([Path(row["object"]).stem for row in rows])
     probability = np.empty(len(rows))
     for name in np.unique(objects):
-        parameters = fit([row for row, own in zip(rows, objects == name, strict=True) if not own])
-        probability[objects == name] = predict(
-            [row for row, own in zip(rows, objects == name, strict=True) if own], parameters
-        )
+        left_out = objects == name
+        parameters = fit([row for row, out in zip(rows, left_out, strict=True) if not out])
+        own_lifts = [row for row, out in zip(rows, left_out, strict=True) if out]
+        probability[left_out] = predict(own_lifts, parameters)
     return probability
+
+
+def main() -> None:
+    development = [name for names in DEVELOPMENT.values() for name in names]
+    defaults = {"objects": development, "seeds": [0], "hands": ["allegro", "wsg50"], "jobs": 2}
+    options = read_options(__doc__, **defaults, output=Path("results/calibration"))
+    trials = [CalibrationTrial(*names) for names in product(options.objects, options.seeds)]
+    experiment = Experiment("calibration", lifts, variant="hand")
+    file = options.output / "rows.jsonl"
+    rows = experiment.complete(trials, options.hands, file, jobs=options.jobs)
+    report([row for row in rows if row["reason"] is not None])
 
 
 if __name__ == "__main__":

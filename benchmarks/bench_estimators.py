@@ -1,4 +1,4 @@
-"""Cost of estimators against the number of contacts: fit, added contact, field, mesh, memory.
+"""Cost of estimators against the number of contacts: fit, field, mesh, memory.
 
     python benchmarks/bench_estimators.py
     pip install lis-grasp[baselines]      # for offset_gp (scikit-learn) and poisson (MeshLab)
@@ -6,27 +6,26 @@
 Contacts are spread evenly over the mallet at 0.20 m. Times are the best of several runs on one
 thread. The field is evaluated at 200 000 points within a spacing of the surface; the mesh has cells
 of 1/64 of the object; memory is the peak while fitting (tracemalloc, NumPy's arrays). An estimator
-whose fit takes longer than the limit gets no more contacts. The last line of an estimator has the k
+whose fit takes longer than --limit gets no more contacts. The last line of an estimator has the k
 of time ~ N^k, by least squares on logarithms.
 """
 
-from __future__ import annotations
-
-import argparse
 import time
 import tracemalloc
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from lis_grasp import Contacts, extract_mesh, shapes
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import LisGraspError
+from lis_grasp.io.json_lines import Row
 from lis_grasp.surfaces import ESTIMATORS
 from lis_grasp_studies.baselines import BASELINES
+from lis_grasp_studies.harness.program import read_options
+from lis_grasp_studies.harness.runner import single_thread
+from lis_grasp_studies.harness.tables import grouped_table, mean_cell, values_of
 
 SIZES = (50, 100, 200, 500, 1000, 2000, 5000)
 QUERIES = 200_000
@@ -49,15 +48,7 @@ def best_time(function: Callable[[], object], budget: float = 0.5) -> float:
     return least
 
 
-@dataclass(frozen=True)
-class Costs:
-    fit: float
-    field: float
-    mesh: float
-    memory: int
-
-
-def measure(make: Callable[[Contacts], Any], count: int) -> Costs:
+def measure(make: Callable[[Contacts], Any], count: int) -> Row:
     contacts = even_contacts(count)
     rng = np.random.default_rng(0)
     aside = contacts.spacing * rng.uniform(-1.0, 1.0, (QUERIES, 3))
@@ -67,55 +58,45 @@ def measure(make: Callable[[Contacts], Any], count: int) -> Costs:
     make(contacts)
     memory = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    fit = best_time(lambda: make(contacts))
-    return Costs(
-        fit=fit,
-        field=best_time(lambda: surface.evaluate(queries)) / QUERIES,
-        mesh=best_time(lambda: extract_mesh(surface, resolution=0.2 / 64), budget=0.1),
-        memory=memory,
-    )
+    return {
+        "contacts": count,
+        "fit": best_time(lambda: make(contacts)),
+        "field": best_time(lambda: surface.evaluate(queries)) / QUERIES,
+        "mesh": best_time(lambda: extract_mesh(surface, resolution=0.2 / 64), budget=0.1),
+        "memory": memory,
+    }
 
 
-def exponent(sizes: list[int], times: list[float]) -> float:
-    return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
+def exponent(rows: list[Row], column: str) -> str:
+    logs = np.log([values_of(rows, name) for name in ("contacts", column)])
+    return f"N^{np.polyfit(*logs, 1)[0]:.2f} ({column})"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
-    parser.add_argument("--limit", type=float, default=20.0, help="longest fit [s]")
-    parser.add_argument(
-        "--estimators", nargs="+", default=[*ESTIMATORS, "hermite_rbf", "offset_gp", "poisson"]
-    )
-    arguments = parser.parse_args()
-    print("estimator        N   fit [ms]  field [us/point]  mesh [s]  memory [MB]")
-    for name in arguments.estimators:
-        sizes: list[int] = []
-        costs: list[Costs] = []
-        for count in arguments.sizes:
+    names = [*ESTIMATORS, "hermite_rbf", "offset_gp", "poisson"]
+    options = read_options(__doc__, sizes=list(SIZES), limit=20.0, estimators=names)
+    columns = [
+        ("fit [ms]", mean_cell("fit", 1e3)),
+        ("field [us/point]", mean_cell("field", 1e6, 2)),
+        ("mesh [s]", mean_cell("mesh", digits=2)),
+        ("memory [MB]", mean_cell("memory", 2**-20)),
+    ]
+    for name in options.estimators:
+        rows: list[Row] = []
+        for count in options.sizes:
             try:
-                c = measure({**ESTIMATORS, **BASELINES}[name], count)
+                rows.append(measure({**ESTIMATORS, **BASELINES}[name], count))
             except LisGraspError as error:
-                print(f"{name:12s} {count:5d} {error}", flush=True)
+                print(f"{name} {count} {error}", flush=True)
                 break
-            sizes.append(count)
-            costs.append(c)
-            print(
-                f"{name:12s} {count:5d} {1e3 * c.fit:10.1f} {1e6 * c.field:17.2f} {c.mesh:9.2f}"
-                f" {c.memory / 2**20:12.1f}",
-                flush=True,
-            )
-            if c.fit > arguments.limit:
+            if rows[-1]["fit"] > options.limit:
                 break
-        if len(sizes) > 2:
-            print(
-                f"{name:12s} grows as N^{exponent(sizes, [c.fit for c in costs]):.2f} (fit),"
-                f" N^{exponent(sizes, [c.field for c in costs]):.2f} (field),"
-                f" N^{exponent(sizes, [float(c.memory) for c in costs]):.2f} (memory)",
-                flush=True,
-            )
+        groups = {row["contacts"]: [row] for row in rows}
+        print(grouped_table(name, name, "contacts", groups, columns).text(), flush=True)
+        if len(rows) > 2:
+            print("grows as", ", ".join(exponent(rows, c) for c in ("fit", "field", "memory")))
 
 
 if __name__ == "__main__":
-    with threadpool_limits(1):
+    with single_thread():
         main()

@@ -1,60 +1,64 @@
 """Time and outcome of simulated lifts: the best grasps planned on the true built-in shapes.
 
-python benchmarks/bench_lift.py [--hand allegro] [--seeds 1] [--best 1] [--masses 0.1,0.2,0.5]
+python benchmarks/bench_lift.py [--hand allegro] [--seeds 1] [--best 1] [--masses 0.1 0.2 0.5]
 """
 
-from __future__ import annotations
-
-import argparse
 import time
 from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from lis_grasp import ForceClosureSampler, Hand, shapes
+from lis_grasp.io.json_lines import Row
 from lis_grasp.lifting.setup import LiftSetup
-from lis_grasp.robots.shipped_models import HAND_NAMES
 from lis_grasp.simulation.drake.lift import simulate_lift
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.program import read_options
+from lis_grasp_studies.harness.tables import grouped_table, median_cell, split
+
+
+@dataclass(frozen=True)
+class LiftTrial:
+    object: str
+    seed: int
+    hand: str
+    best: int
+
+
+def lifts(trial: LiftTrial, mass: str) -> list[Row]:
+    mesh, hand = shapes.build(trial.object).mesh, Hand.load(trial.hand)
+    height = float(mesh.bounds[0, 2])
+    search = ForceClosureSampler(hand).sample(
+        mesh, rng=np.random.default_rng(trial.seed), support_height=height
+    )
+    rows: list[Row] = [] if search.grasps else [{"reason": "no_grasp", "seconds": None}]
+    for rank, grasp in enumerate(search.grasps[: trial.best], start=1):
+        start = time.perf_counter()
+        outcome = simulate_lift(LiftSetup(mesh, hand, grasp, height, mass=float(mass)))
+        seconds = time.perf_counter() - start
+        rows.append({"rank": rank, "reason": outcome.reason, "seconds": seconds})
+    return rows
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--hand", default=HAND_NAMES[0])
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--best", type=int, default=1, help="grasps to try of each search")
-    parser.add_argument("--masses", default="0.2", help="[kg], separated by commas")
-    options = parser.parse_args()
-    hand = Hand.load(options.hand)
-    masses = [float(mass) for mass in options.masses.split(",")]
-    reasons: dict[float, Counter[str]] = {mass: Counter() for mass in masses}
-    seconds = []
-    for name in shapes.NAMES:
-        mesh = shapes.build(name).mesh
-        support_height = float(mesh.bounds[0, 2])
-        for seed in range(options.seeds):
-            search = ForceClosureSampler(hand).sample(
-                mesh, rng=np.random.default_rng(seed), support_height=support_height
-            )
-            if not search.grasps:
-                print(f"{name:16} seed {seed}  no grasp: {dict(search.rejections)}", flush=True)
-            for rank, grasp in enumerate(search.grasps[: options.best], start=1):
-                for mass in masses:
-                    start = time.perf_counter()
-                    outcome = simulate_lift(
-                        LiftSetup(mesh, hand, grasp, support_height=support_height, mass=mass)
-                    )
-                    seconds.append(time.perf_counter() - start)
-                    reasons[mass][outcome.reason] += 1
-                    print(
-                        f"{name:16} seed {seed}  grasp {rank}  {mass:.2f} kg  {outcome.reason:12}"
-                        f"  slip {1e3 * outcome.slip:5.1f} mm  {seconds[-1]:4.1f} s"
-                        f" for {outcome.duration:.1f} s simulated",
-                        flush=True,
-                    )
-    for mass, counts in reasons.items():
-        print(f"{mass:.2f} kg: {counts['held']} of {counts.total()} held; {dict(counts)}")
-    if seconds:
-        print(f"a trial: median {np.median(seconds):.1f} s, longest {max(seconds):.1f} s")
+    defaults = {"hand": "allegro", "seeds": 1, "best": 1, "masses": ["0.2"], "jobs": 1}
+    options = read_options(__doc__, **defaults, output=Path("results/bench_lift"))
+    trials = [
+        LiftTrial(name, seed, options.hand, options.best)
+        for seed in range(options.seeds)
+        for name in shapes.NAMES
+    ]
+    experiment = Experiment("bench_lift", lifts, variant="mass")
+    file = options.output / "rows.jsonl"
+    rows = experiment.complete(trials, options.masses, file, jobs=options.jobs)
+    columns = [
+        ("reasons", lambda rows: str(dict(Counter(row["reason"] for row in rows)))),
+        ("median of a lift [s]", median_cell("seconds")),
+    ]
+    groups = split(rows, "mass", "object")
+    print(grouped_table("lifts", "Lifts", "mass [kg] | object", groups, columns).text())
 
 
 if __name__ == "__main__":

@@ -13,11 +13,8 @@ Continues where it stopped when run again with the same folder. Intervals: 95 %,
 seeds.
 """
 
-from __future__ import annotations
-
-import argparse
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 
 import matplotlib
@@ -40,8 +37,9 @@ from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import ESTIMATORS
-from lis_grasp_studies.runner import local_scheduler, run_trials, single_thread
-from lis_grasp_studies.trial_results import Job, TrialResults, missing_jobs
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.program import read_options
+from lis_grasp_studies.harness.tables import grouped_table, mean_cell, split, where
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -65,14 +63,6 @@ class PolicyTrial:
     touches: int
 
 
-def key(trial: PolicyTrial, policy: str) -> tuple:
-    return trial.object, trial.seed, trial.touches, policy
-
-
-def key_of(row: Row) -> tuple:
-    return row["object"], row["seed"], row["touches"], row["policy"]
-
-
 def reachable_points(shape: Shape) -> np.ndarray:
     points, faces = sample_mesh(shape.mesh, 3000)
     centers = points + TIP_RADIUS * shape.mesh.face_normals[faces]
@@ -86,45 +76,30 @@ def edge_error(shape: Shape, contacts: Contacts) -> float:
     return float(np.sqrt(np.mean(off**2)))
 
 
-def run(job: Job) -> list[Row]:
-    """Return one row for each policy."""
-    return [explore_with(policy, job.trial) for policy in job.variants]
-
-
-def explore_with(policy: str, trial: PolicyTrial) -> Row:
-    name, seed, touches = trial.object, trial.seed, trial.touches
-    shape = shapes.build(name, shapes.PAPER_SIZE)
+def measure(trial: PolicyTrial, policy: str) -> Row:
+    """Return how an exploration covers an object, and its edge errors."""
+    shape = shapes.build(trial.object, shapes.PAPER_SIZE)
     space = workspace(shape)
-    with single_thread():
-        exploration = explore(
-            KinematicProber(Hand.load("allegro"), shape.mesh),
-            ExplorationSetup(
-                make_policy(policy, space, TactileSensor()),
-                ESTIMATORS[POLICIES[policy]],
-                touches=touches,
-                space=space,
-            ),
-            rng=np.random.default_rng(seed),
-        )
-        contacts = exploration.contacts
-        apart = np.linalg.norm(reachable_points(shape)[:, None] - contacts.points, axis=-1)
-        nearest = np.minimum.accumulate(apart, axis=1)  # (P, N)
-        edges = {}
-        if len(shape.edges):
-            for k in EDGE_COUNTS:
-                if k <= len(contacts):
-                    edges[str(k)] = edge_error(shape, contacts.subset(slice(0, k)))
+    exploration = explore(
+        KinematicProber(Hand.load("allegro"), shape.mesh),
+        ExplorationSetup(
+            make_policy(policy, space, TactileSensor()),
+            ESTIMATORS[POLICIES[policy]],
+            touches=trial.touches,
+            space=space,
+        ),
+        rng=np.random.default_rng(trial.seed),
+    )
+    contacts = exploration.contacts
+    apart = np.linalg.norm(reachable_points(shape)[:, None] - contacts.points, axis=-1)
+    nearest = np.minimum.accumulate(apart, axis=1)  # (P, N)
+    counts = [k for k in EDGE_COUNTS if k <= len(contacts) and len(shape.edges)]
     probes = _probes_at_contacts(exploration)
-    seconds = motion_seconds(exploration, space)
     return {
-        "object": name,
-        "policy": policy,
-        "seed": seed,
-        "touches": touches,
         "coverage": np.mean(nearest < space.step, axis=0).tolist(),
         "probes": probes,
-        "seconds": seconds[np.array(probes) - 1].tolist(),
-        "edges": edges,
+        "seconds": motion_seconds(exploration, space)[np.array(probes) - 1].tolist(),
+        "edges": {str(k): edge_error(shape, contacts.subset(slice(0, k))) for k in counts},
     }
 
 
@@ -172,14 +147,13 @@ def seconds_until(row: Row, touches: int) -> float:
     return row["seconds"][min(touches, len(row["seconds"])) - 1]
 
 
-MEASURES = {
+MEASURES: dict[str, Callable[[Row], float]] = {
     "touches to 90 %": lambda row: touches_to_cover(row, probes=False),
     "probes to 90 %": lambda row: touches_to_cover(row, probes=True),
     "seconds to 90 %": lambda row: seconds_until(row, touches_to_cover(row, probes=False)),
     "touches to 2 mm": touches_to_edges,
     "seconds to 2 mm": lambda row: seconds_until(row, touches_to_edges(row)),
 }
-OF_EDGES = ("touches to 2 mm", "seconds to 2 mm")
 
 
 def interval(values: np.ndarray) -> tuple[float, float, float]:
@@ -190,17 +164,32 @@ def interval(values: np.ndarray) -> tuple[float, float, float]:
     return float(values.mean()), float(low), float(high)
 
 
-def by_object(rows: list[Row], policy: str, measure) -> np.ndarray:
-    mine = [row for row in rows if row["policy"] == policy]
-    names = list(dict.fromkeys(row["object"] for row in mine))
-    return np.array([[measure(r) for r in mine if r["object"] == name] for name in names], float)
+def by_object(rows: Sequence[Row], measure: Callable[[Row], object]) -> np.ndarray:
+    """Return values (objects, seeds, ...) of the rows of one policy."""
+    return np.array([[measure(r) for r in part] for part in split(rows, "object").values()], float)
 
 
-def edge_errors(rows: list[Row], policy: str) -> np.ndarray:
+def measured(rows: Sequence[Row]) -> list[Row]:
+    """Return rows with their measures; those of edges only where there are edges."""
+    return [
+        row | {n: m(row) for n, m in MEASURES.items() if row["edges"] or not n.endswith("2 mm")}
+        for row in rows
+    ]
+
+
+def with_interval(name: str) -> Callable[[Sequence[Row]], str]:
+    def cell(rows: Sequence[Row]) -> str:
+        known = [row for row in rows if name in row]
+        return "{:.1f} ({:.1f} to {:.1f})".format(*interval(by_object(known, lambda r: r[name])))
+
+    return cell
+
+
+def edge_errors(rows: Sequence[Row]) -> np.ndarray:
     """Return errors [mm] of (objects with edges, seeds, numbers of touches)."""
     edged = [row for row in rows if row["edges"]]
     return by_object(
-        edged, policy, lambda row: [1e3 * row["edges"].get(str(k), np.nan) for k in EDGE_COUNTS]
+        edged, lambda row: [1e3 * row["edges"].get(str(k), np.nan) for k in EDGE_COUNTS]
     )
 
 
@@ -216,64 +205,29 @@ def touches_to_mean(errors: np.ndarray) -> float:
     return float(np.interp(0.0, [-mean[k], -mean[k + 1]], EDGE_COUNTS[k : k + 2]))
 
 
-def print_means(rows: list[Row]) -> None:
-    """Print the touches to a mean error of 2 mm, and `spread` against the others."""
-    of = {policy: edge_errors(rows, policy) for policy in POLICIES}
-    rng = np.random.default_rng(0)
-    seeds = of["spread"].shape[1]
+def print_means(errors: dict[str, np.ndarray]) -> None:
+    """Print the touches to a mean error of 2 mm, and `spread` against `uncertainty`."""
+    rng, seeds = np.random.default_rng(0), errors["spread"].shape[1]
     drawn = rng.integers(seeds, size=(2000, seeds))
-    draws = {p: np.array([touches_to_mean(e[:, d]) for d in drawn]) for p, e in of.items()}
-    print("\ntouches from which on the mean error at the edges, over objects, is 2 mm or less")
-    for policy, errors in of.items():
+    draws = {p: np.array([touches_to_mean(e[:, d]) for d in drawn]) for p, e in errors.items()}
+    print("touches from which on the mean error at the edges, over objects, is 2 mm or less")
+    for policy, values in errors.items():
         low, high = np.quantile(draws[policy], [0.025, 0.975], method="nearest")
-        print(f"{policy:12s} {touches_to_mean(errors):5.1f} ({low:.1f} to {high:.1f})")
-    reduction = 1.0 - touches_to_mean(of["spread"]) / touches_to_mean(of["uncertainty"])
+        print(f"{policy:12s} {touches_to_mean(values):5.1f} ({low:.1f} to {high:.1f})")
+    reduction = 1.0 - touches_to_mean(errors["spread"]) / touches_to_mean(errors["uncertainty"])
     low, high = np.quantile(1.0 - draws["spread"] / draws["uncertainty"], [0.025, 0.975])
-    print(f"spread below uncertainty: {reduction:.0%} ({low:.0%} to {high:.0%})")
+    print(f"spread below uncertainty: {reduction:.0%} ({low:.0%} to {high:.0%})\n")
 
 
-def print_table(rows: list[Row]) -> None:
-    edged = [row for row in rows if row["edges"]]
-    print("policy      " + "".join(f"{name:>23s}" for name in MEASURES))
-    for policy in POLICIES:
-        values = [
-            by_object(edged if name in OF_EDGES else rows, policy, measure)
-            for name, measure in MEASURES.items()
-        ]
-        cells = ["{:.1f} ({:.1f} to {:.1f})".format(*interval(v)) for v in values]
-        print(f"{policy:12s}" + "".join(f"{cell:>23s}" for cell in cells))
-    for mine, reference in (("spread", "random"), ("spread", "uncertainty"), ("swift", "spread")):
-        reductions = []
-        for name, measure in MEASURES.items():
-            one, other = (
-                by_object(edged if name in OF_EDGES else rows, policy, measure).mean()
-                for policy in (mine, reference)
-            )
-            reductions.append(f"{name} {100.0 * (1.0 - one / other):.0f} %")
-        print(f"{mine} below {reference}: " + ", ".join(reductions))
-    print("\nper object, touches to 90 % | touches to 2 mm (mean over seeds)")
-    for name in dict.fromkeys(row["object"] for row in rows):
-        cells = []
-        for policy in POLICIES:
-            mine = [r for r in rows if r["object"] == name and r["policy"] == policy]
-            cover = np.mean([touches_to_cover(r, probes=False) for r in mine])
-            edge = (
-                f"{np.mean([touches_to_edges(r) for r in mine]):.0f}" if mine[0]["edges"] else "-"
-            )
-            cells.append(f"{policy} {cover:.0f} | {edge}")
-        print(f"{name:16s} " + "   ".join(cells))
-
-
-def plot(rows: list[Row], path: Path) -> None:
+def plot(rows: Sequence[Row], path: Path) -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
     touches = min(len(row["coverage"]) for row in rows)
     counts = np.arange(1, touches + 1)
-    for policy in POLICIES:
-        covered = by_object(rows, policy, lambda row: row["coverage"][:touches])
-        edges = edge_errors(rows, policy)
+    for policy, part in split(rows, "policy").items():
+        covered = by_object(part, lambda row: row["coverage"][:touches])
         for axes, x, values in (
             (left, counts, 100.0 * covered),
-            (right, np.array(EDGE_COUNTS), edges),
+            (right, np.array(EDGE_COUNTS), edge_errors(part)),
         ):
             bands = np.array([interval(values[:, :, k]) for k in range(len(x))])
             (line,) = axes.plot(x, bands[:, 0], label=policy)
@@ -287,27 +241,30 @@ def plot(rows: list[Row], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--touches", type=int, default=40)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--output", type=Path, default=Path("results/policies"))
-    arguments = parser.parse_args()
-    results = TrialResults(arguments.output / "rows.jsonl", "policies")
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    trials = [PolicyTrial(name, seed, arguments.touches) for seed in seeds for name in shapes.NAMES]
-    jobs = missing_jobs(trials, list(POLICIES), {key_of(row) for row in results.read()}, key)
-    for done, total in run_trials(jobs, len(jobs), results, local_scheduler(arguments.jobs), run):
-        print(f"\r{done} of {total}", end="", flush=True)
-    print()
-    order = {key(t, policy): k for k, (t, policy) in enumerate(product(trials, POLICIES))}
-    rows = [row for row in results.read() if key_of(row) in order]
-    rows.sort(key=lambda row: order[key_of(row)])
-    print_table(rows)
-    print_means(rows)
-    plot(rows, arguments.output / "policies.png")
-    print(f"\nwrote {results.path}, {arguments.output / 'policies.png'}")
+    defaults = {"seeds": 10, "first_seed": 0, "touches": 40, "jobs": 2}
+    options = read_options(__doc__, **defaults, output=Path("results/policies"))
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    trials = [PolicyTrial(name, seed, options.touches) for seed in seeds for name in shapes.NAMES]
+    experiment = Experiment("policies", measure, variant="policy")
+    file = options.output / "rows.jsonl"
+    rows = measured(experiment.complete(trials, list(POLICIES), file, jobs=options.jobs))
+    columns = [(name, with_interval(name)) for name in MEASURES]
+    groups = split(rows, "policy")
+    print(grouped_table("policies", "Mean (95 %)", "policy", groups, columns).text())
+    print_means({policy: edge_errors(part) for policy, part in groups.items()})
+    columns = [
+        (
+            policy,
+            lambda rows, p=policy: " | ".join(
+                mean_cell(n, digits=0)(where(rows, policy=p))
+                for n in ("touches to 90 %", "touches to 2 mm")
+            ),
+        )
+        for policy in POLICIES
+    ]
+    title = "Touches to 90 % | to 2 mm"
+    print(grouped_table("objects", title, "object", split(rows, "object"), columns).text())
+    plot(rows, options.output / "policies.png")
 
 
 if __name__ == "__main__":

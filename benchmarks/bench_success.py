@@ -10,24 +10,24 @@ along and about every axis, and has it still at rest in the hand. Intervals: 95 
 Continues where it stopped when run again with the same folder.
 """
 
-from __future__ import annotations
-
-import argparse
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-from bench_calibration import print_calibration
+from bench_calibration import calibration_columns
 
 from lis_grasp import Hand, shapes
+from lis_grasp.exploration import Exploration
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline import Scenario, lift, plan, touch
 from lis_grasp.pipeline.regrasp import grasp_with_tactile_check
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp_studies.runner import local_scheduler, run_trials
-from lis_grasp_studies.statistics import success_rate
-from lis_grasp_studies.trial_results import Job, TrialResults, missing_jobs
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.program import read_options
+from lis_grasp_studies.harness.tables import grouped_table, mean_cell, split
+from lis_grasp_studies.study.cells import held_text
 
 HANDS = {"allegro": ("truth", "40", "15"), "wsg50": ("truth", "40")}
 
@@ -39,94 +39,69 @@ class LiftTrial:
     hand: str
 
 
+@lru_cache(maxsize=1)
+def explored(trial: LiftTrial) -> tuple[Scenario, Exploration]:
+    name, hand = trial.object, Hand.load(trial.hand)
+    shape = shapes.build(name) if name in shapes.NAMES else shapes.load(name)
+    facts = {"object": name, "hand": trial.hand, "seed": trial.seed}
+    scenario = Scenario.from_config(RunConfig(**facts, prober="kinematic"), shape, hand)
+    return scenario, touch(scenario)
+
+
+def measure(trial: LiftTrial, planned_on: str) -> Row:
+    scenario, exploration = explored(trial)
+    attempts, outcome, predicted = 1, None, None
+    if planned_on == "truth":
+        for grasp in plan(scenario.known, scenario.truth.shape.mesh).grasps[:1]:
+            predicted = grasp.quality["success_probability"]
+            outcome = lift(scenario, grasp)
+    else:
+        contacts = exploration.first(int(planned_on))
+        tried = list(grasp_with_tactile_check(scenario, contacts))
+        attempts, outcome = len(tried), tried[-1].outcome
+        if outcome is not None:
+            grasp = tried[-1].search.grasps[tried[-1].rank]
+            predicted = grasp.quality["success_probability"]
+    return {
+        "attempts": attempts,
+        "predicted": predicted,
+        "reason": "no_grasp" if outcome is None else outcome.reason,
+        "held": outcome is not None and outcome.held,
+        "lifted": outcome is not None and outcome.lifted,
+        "survived": 0.0 if outcome is None else outcome.acceleration_survived,
+    }
+
+
+def survived(rows: Sequence[Row]) -> str:
+    lifted = [row for row in rows if row["lifted"]]
+    return f"{sum(row['survived'] > 9.8 for row in lifted)} of {len(lifted)}"
+
+
+def failures(rows: Sequence[Row]) -> str:
+    failed = [row for row in rows if not row["held"]]
+    return str(dict(Counter(f"{Path(row['object']).stem}: {row['reason']}" for row in failed)))
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("objects", nargs="*", default=list(shapes.NAMES))
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--output", type=Path, default=Path("results/success"))
-    options = parser.parse_args()
-    results = TrialResults(options.output / "rows.jsonl", "success")
-    known = {key_of(row) for row in results.read()}
-    jobs, wanted = [], set()
+    defaults = {"objects": list(shapes.NAMES), "seeds": 5, "jobs": 2}
+    options = read_options(__doc__, **defaults, output=Path("results/success"))
+    experiment = Experiment("success", measure, variant="planned_on")
+    rows: list[Row] = []
     for hand, variants in HANDS.items():
         trials = [LiftTrial(n, s, hand) for s in range(options.seeds) for n in options.objects]
-        wanted |= {key(trial, name) for trial in trials for name in variants}
-        jobs += missing_jobs(trials, variants, known, key)
-    for done, total in run_trials(jobs, len(jobs), results, local_scheduler(options.jobs), run):
-        print(f"\r{done} of {total}", end="", flush=True)
-    print()
-    report([row for row in results.read() if key_of(row) in wanted])
-
-
-def key(trial: LiftTrial, planned_on: str) -> tuple:
-    return trial.object, trial.seed, trial.hand, planned_on
-
-
-def key_of(row: Row) -> tuple:
-    return row["object"], row["seed"], row["hand"], row["planned_on"]
-
-
-def run(job: Job) -> list[Row]:
-    """Return one row for each way to plan."""
-    name, seed = job.trial.object, job.trial.seed
-    shape = shapes.build(name) if name in shapes.NAMES else shapes.load(name)
-    hand = Hand.load(job.trial.hand)
-    config = RunConfig(object=name, hand=job.trial.hand, seed=seed, prober="kinematic")
-    scenario = Scenario.from_config(config, shape, hand)
-    exploration = touch(scenario)
-    rows = []
-    for planned_on in job.variants:
-        attempts, outcome, predicted = 1, None, None
-        if planned_on == "truth":
-            search = plan(scenario.known, shape.mesh)
-            if search.grasps:
-                grasp = search.grasps[0]
-                predicted = grasp.quality["success_probability"]
-                outcome = lift(scenario, grasp)
-        else:
-            known = exploration.first(int(planned_on))
-            tried = list(grasp_with_tactile_check(scenario, known))
-            attempts, outcome = len(tried), tried[-1].outcome
-            if outcome is not None:
-                grasp = tried[-1].search.grasps[tried[-1].rank]
-                predicted = grasp.quality["success_probability"]
-        rows.append(
-            {
-                "object": name,
-                "seed": seed,
-                "hand": job.trial.hand,
-                "planned_on": planned_on,
-                "attempts": attempts,
-                "predicted": predicted,
-                "reason": "no_grasp" if outcome is None else outcome.reason,
-                "held": outcome is not None and outcome.held,
-                "lifted": outcome is not None and outcome.lifted,
-                "survived": 0.0 if outcome is None else outcome.acceleration_survived,
-            }
-        )
-    return rows
-
-
-def report(rows: list[Row]) -> None:
-    print("hand, planned on: held (95 %); survived 1 g of those lifted; attempts; other reasons")
-    for hand, variants in HANDS.items():
-        for planned_on in variants:
-            chosen = [r for r in rows if (r["hand"], r["planned_on"]) == (hand, planned_on)]
-            rate = success_rate(chosen)
-            interval = "" if rate.low is None else f" ({rate.low:.0%} to {rate.high:.0%})"
-            lifted = [row for row in chosen if row["lifted"]]
-            survived = sum(row["survived"] > 9.8 for row in lifted)
-            failed = [row for row in chosen if not row["held"]]
-            reasons = Counter(f"{Path(row['object']).stem}: {row['reason']}" for row in failed)
-            print(
-                f"{hand}, {planned_on}: {rate.held} of {rate.trials}{interval};"
-                f" {survived} of {len(lifted)}; {np.mean([r['attempts'] for r in chosen]):.2f};"
-                f" {dict(reasons)}"
-            )
-        tried = [r for r in rows if r["hand"] == hand and r["predicted"] is not None]
-        print(f"{hand}: of {len(tried)} grasps executed")
-        print_calibration([r["predicted"] for r in tried], [r["held"] for r in tried])
+        file = options.output / "rows.jsonl"
+        rows += experiment.complete(trials, variants, file, jobs=options.jobs)
+    columns = [
+        ("held [%] (95 %)", held_text),
+        ("1 g survived, of those lifted", survived),
+        ("attempts", mean_cell("attempts", digits=2)),
+        ("other reasons", failures),
+    ]
+    groups = split(rows, "hand", "planned_on")
+    print(grouped_table("success", "Success rates", "hand | planned on", groups, columns).text())
+    executed = split((row for row in rows if row["predicted"] is not None), "hand")
+    title = "Predicted and observed success"
+    print(grouped_table("calibration", title, "hand", executed, calibration_columns()).text())
 
 
 if __name__ == "__main__":

@@ -19,10 +19,10 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.hand_check import check_hand
 from lis_grasp.robots.shipped_models import READY_HANDS
 from lis_grasp.shapes import NAMES
-from lis_grasp_studies.runner import local_scheduler, run_trials
+from lis_grasp_studies.harness.runner import local_scheduler, run_trials
+from lis_grasp_studies.study.results import StudyResults
+from lis_grasp_studies.study.run import run_trial
 from lis_grasp_studies.study.study import Study
-from lis_grasp_studies.study.study_results import StudyResults
-from lis_grasp_studies.study.study_trial import run_trial
 
 FURTHER_OBJECTS = ("bottle", "bean", "vase", "rounded_box", "dumbbell", "l_bracket")
 """Test objects beside the built-in shapes."""

@@ -15,10 +15,12 @@ import networkx as nx
 import pytest
 
 import lis_grasp
+import lis_grasp_studies
 from lis_grasp import pipeline
 from lis_grasp.pipeline import lifting_stage, next_touch, scenario, touching
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
+STUDIES = Path(lis_grasp_studies.__file__).resolve().parent
 
 # The flow: a module imports from its own folder and from those above it in this list, never below.
 LAYERS = [
@@ -48,8 +50,8 @@ _TYPE_CHECKING = ast.dump(ast.Name("TYPE_CHECKING", ast.Load()))
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
 
-def _modules() -> list[Path]:
-    return sorted(PACKAGE.rglob("*.py"))
+def _modules(package: Path = PACKAGE) -> list[Path]:
+    return sorted(package.rglob("*.py"))
 
 
 def _folder(module: str) -> str:
@@ -86,9 +88,9 @@ def _module_name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def _import_graph() -> nx.DiGraph:
-    """Return modules of the package, with an arrow from each to every module that it imports."""
-    modules = {_module_name(path): path for path in _modules()}
+def _import_graph(package: Path = PACKAGE) -> nx.DiGraph:
+    """Return modules of a package, with an arrow from each to every module that it imports."""
+    modules = {_module_name(path): path for path in _modules(package)}
     graph = nx.DiGraph()
     graph.add_nodes_from(modules)
     for module, path in modules.items():
@@ -149,6 +151,12 @@ def test_a_private_file_is_imported_in_its_own_folder_only() -> None:
 def test_the_core_imports_no_studies() -> None:
     for path in _modules():
         assert not any(name.startswith("lis_grasp_studies") for name in _imports(path)), path
+
+
+def test_imports_of_the_studies_have_no_circle_and_none_is_of_a_verb() -> None:
+    graph = _import_graph(STUDIES)
+    assert not [group for group in nx.strongly_connected_components(graph) if len(group) > 1]
+    assert not [(a, b) for a, b in graph.edges if _folder(b) == "cli" != _folder(a)]
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from lis_grasp.robots.shipped_models import READY_HANDS
 from lis_grasp.shapes import NAMES
 from lis_grasp.simulation.drake import dynamic_prober
 from lis_grasp.surfaces import ESTIMATORS
-from lis_grasp_studies.study.study import load_study
+from lis_grasp_studies.unknown_study.definition import study_objects
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -124,7 +124,7 @@ def _options() -> dict[str, set[str]]:
         ]
         options[verb] = {name for p in nested for a in p._actions for name in a.option_strings}
     scripts = [*(ROOT / "benchmarks").glob("*.py"), *(ROOT / "tests/robustness").glob("*.py")]
-    scripts += [ROOT / "lis_grasp_studies/hand_table.py", *DOCS.rglob("make_page.py")]
+    scripts += [*(ROOT / "lis_grasp_studies").rglob("*.py")]
     elsewhere = set().union(*(re.findall(r"--[a-z][\w-]+", _text(script)) for script in scripts))
     return options | {"": set().union(*options.values(), elsewhere)}
 
@@ -199,43 +199,14 @@ def _number(word: str) -> int:
     return int(plain) if plain.isdecimal() else _NUMBERS.index(word.lower())
 
 
-def _study() -> dict[str, Any]:
-    return load_study(DOCS / "study" / "first" / "study.yaml")
-
-
-def _trials() -> int:
-    facts = _study()
-    seeds = facts["seeds"] if isinstance(facts["seeds"], int) else len(facts["seeds"])
-    lists = ("objects", "touches", "noise", "hands")
-    count = seeds
-    for name in lists:
-        count *= len(facts[name])
-    return count
-
-
-def _study_objects() -> int:
-    return len(_study()["objects"])
-
-
 # Counts in prose: a pattern with the number, and what it must be.
 _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
     ("docs/hands.md", r"takes all ([\w-]+) hands", lambda: len(READY_HANDS)),
     ("docs/hands.md", r"the (\w+) built-in shapes", lambda: len(NAMES)),
     (
-        "docs/first-study.md",
-        r"for\s(\w+) estimators and the true",
-        lambda: len(_study()["estimators"]) - 1,
-    ),
-    ("docs/first-study.md", r"on (\d+) objects, with every", _study_objects),
-    (
         "notebooks/05_does_a_better_surface_give_a_better_grasp.ipynb",
-        r"published study \(`docs/first-study.md`\) has (\d+) trials",
-        _trials,
-    ),
-    (
-        "notebooks/05_does_a_better_surface_give_a_better_grasp.ipynb",
-        r"trials on (\d+) objects, with all losses",
-        _study_objects,
+        r"published study \(`docs/study.md`\) has (\d+) objects",
+        lambda: len(study_objects()),
     ),
 )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,9 @@ from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
 from lis_grasp.robots.hand_check import check_hand
 from lis_grasp.surfaces import ESTIMATORS
-from lis_grasp_studies.compared_estimators import compared_estimator
-from lis_grasp_studies.contact_study.competitors import studied_estimator
-from lis_grasp_studies.study.row_keys import row_key
+from lis_grasp_studies.estimators import TUNED, compared_estimator
 from lis_grasp_studies.study.study import Study
-from lis_grasp_studies.study.trial import Setup, Trial
+from lis_grasp_studies.study.trial import Setup, Trial, row_key
 
 tomllib = pytest.importorskip("tomllib")
 
@@ -107,7 +106,7 @@ def test_an_installed_package_is_found_in_every_role(contacts: Contacts) -> None
     assert "nearest_plane" in ESTIMATOR_NAMES.names
     assert "from_above" in POLICY_NAMES.names
     assert (contacts.normals[:, 2] > 0.99).sum() >= 5  # the policy touches the top
-    for find in (find_estimator, compared_estimator, studied_estimator):
+    for find in (find_estimator, compared_estimator, partial(compared_estimator, registry=TUNED)):
         assert callable(find("nearest_plane"))
     surface, _ = pipeline.estimate(pipeline.Perception(estimator="nearest_plane"), contacts)
     assert abs(surface.evaluate(contacts.points)).max() < 1e-12

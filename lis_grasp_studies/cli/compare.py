@@ -21,9 +21,9 @@ from lis_grasp.io.optional_packages import require_packages
 
 if TYPE_CHECKING:
     from lis_grasp.io.json_lines import Row
-    from lis_grasp_studies.runner import Scheduler
+    from lis_grasp_studies.harness.runner import Scheduler
+    from lis_grasp_studies.study.results import StudyResults
     from lis_grasp_studies.study.study import Study
-    from lis_grasp_studies.study.study_results import StudyResults
 
 _LOG = logging.getLogger(__name__)
 
@@ -108,10 +108,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, and write tables and report; or repeat one row."""
-    from lis_grasp_studies.runner import run_trials
+    from lis_grasp_studies.harness.runner import run_trials
+    from lis_grasp_studies.study.results import StudyResults
+    from lis_grasp_studies.study.run import run_trial
     from lis_grasp_studies.study.study import Study
-    from lis_grasp_studies.study.study_results import StudyResults
-    from lis_grasp_studies.study.study_trial import run_trial
 
     if options.schema:
         say(json.dumps(Study.schema(), indent=2))
@@ -158,17 +158,20 @@ def _describe(study: Study, output: Path, options: argparse.Namespace) -> None:
 
 
 def _report(study: Study, rows: list[Row], output: Path) -> None:
+    from lis_grasp_studies.harness.tables import rows_csv, write_tables
     from lis_grasp_studies.study.cases import draw_cases
     from lis_grasp_studies.study.comparison import compare
-    from lis_grasp_studies.study.study_figures import draw_pictures
-    from lis_grasp_studies.study.study_page import write_report
-    from lis_grasp_studies.study.study_tables import all_tables, write_tables
+    from lis_grasp_studies.study.figures import draw_pictures
+    from lis_grasp_studies.study.page import write_report
+    from lis_grasp_studies.study.run import COLUMNS
+    from lis_grasp_studies.study.tables import all_tables
 
     with Stage("Reporting") as stage:
         _LOG.info("statistics of %d rows", len(rows))
         comparisons = compare(rows, study.reference)
         tables = all_tables(rows, comparisons, study.reference)
-        write_tables(output, tables, rows)
+        write_tables(output, tables, latex=True)
+        write_text(output / "rows.csv", rows_csv(rows, COLUMNS))
         described, folder = (shlex.quote(str(path)) for path in (output / "study.yaml", output))
         command = f"lis-grasp compare --study {described} --output {folder}"
         _LOG.info("drawing figures and cases")
@@ -215,7 +218,7 @@ def _study_file(options: argparse.Namespace) -> Path | None:
 
 
 def _scheduler(options: argparse.Namespace) -> Scheduler:
-    from lis_grasp_studies.runner import DaskCluster, local_scheduler
+    from lis_grasp_studies.harness.runner import DaskCluster, local_scheduler
 
     if options.scheduler is None:
         return local_scheduler(options.jobs)
@@ -225,9 +228,9 @@ def _scheduler(options: argparse.Namespace) -> Scheduler:
 
 
 def _rerun(results: StudyResults, options: argparse.Namespace) -> None:
+    from lis_grasp_studies.study.results import job_of, without_times
+    from lis_grasp_studies.study.run import run_trial
     from lis_grasp_studies.study.study import Study
-    from lis_grasp_studies.study.study_results import job_of, without_times
-    from lis_grasp_studies.study.study_trial import run_trial
 
     recorded = results.row(options.rerun)
     study = Study.from_facts(_facts(options))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import get_args
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
@@ -50,25 +49,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _default_estimators() -> tuple[str, ...]:
-    from lis_grasp_studies.compared_estimators import OURS
+    from lis_grasp_studies.estimators import OURS
 
     return (*OURS, "hermite_rbf", "offset_rbf")
 
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, draw the figures, write the report."""
-    from lis_grasp_studies.compared_estimators import COMPARED, require_installed
-    from lis_grasp_studies.paper.paper_report import draw_pictures, write_report
-    from lis_grasp_studies.paper.paper_tables import rows_as_csv
-    from lis_grasp_studies.paper.paper_trials import (
-        Experiment,
-        key_of,
-        paper_trials,
-        run_paper_trial,
-        trial_key,
-    )
-    from lis_grasp_studies.runner import local_scheduler, run_trials
-    from lis_grasp_studies.trial_results import TrialResults, missing_jobs
+    from lis_grasp_studies.harness.rows import TrialResults
+    from lis_grasp_studies.harness.runner import local_scheduler
+    from lis_grasp_studies.paper.report import draw_pictures, write_report
+    from lis_grasp_studies.paper.tables import rows_as_csv
+    from lis_grasp_studies.paper.trials import EXPERIMENTS, PAPER, paper_trials
 
     default = _QUICK_SEEDS if options.quick else _SEEDS
     seeds = default if options.seeds is None else options.seeds
@@ -77,30 +69,14 @@ def execute(options: argparse.Namespace) -> None:
         raise InvalidOptionError.out_of_range("--seeds", seeds, "at least 1")
     output = options.output or _OUTPUT
     options.until_end.enter_context(sole_writer(output))
-    names = tuple(
-        options.estimators or (_QUICK_ESTIMATORS if options.quick else _default_estimators())
-    )
-    for name in names:
-        find_estimator(name, registry=COMPARED, option="--estimators")
-    require_installed(names)
-    for needed in ("lis", "gpis", RunConfig().estimator):
-        if needed not in names:
-            raise InvalidOptionError(
-                f"the report compares with '{needed}': add it to --estimators",
-                option="--estimators",
-                value=names,
-            )
-    results = TrialResults(output / "results.jsonl", "paper")
-    trials = paper_trials(get_args(Experiment), seeds)
-    wanted = {trial_key(trial, name) for trial in trials for name in names}
+    names = _estimators(options)
+    results = TrialResults(output / "results.jsonl", PAPER.kind)
+    trials = paper_trials(EXPERIMENTS, seeds)
     with Stage("Running the experiments") as stage:
-        known = {key_of(row) for row in results.read()}
-        jobs = missing_jobs(trials, names, known, trial_key)
-        for done, total in run_trials(jobs, len(trials), results, scheduler, run_paper_trial):
+        for done, total in PAPER.run_missing(trials, names, results, scheduler):
             stage.count(done, total)
         stage.result = f"{len(trials)} trials of {len(names)} estimators"
-    rows = [row for row in results.read() if key_of(row) in wanted]
-    rows.sort(key=lambda row: (*key_of(row)[:3], names.index(row["estimator"])))
+    rows = PAPER.rows(trials, names, results)
     command = "lis-grasp paper" + (" --quick" if options.quick else "")
     if options.seeds:
         command += f" --seeds {seeds}"
@@ -114,3 +90,21 @@ def execute(options: argparse.Namespace) -> None:
     write_text(output / "trials.csv", rows_as_csv(rows))
     say(f"wrote {report}, {output / 'trials.csv'}")
     say(f"next: open {report} in a browser")
+
+
+def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
+    from lis_grasp_studies.estimators import COMPARED, require_installed
+
+    default = _QUICK_ESTIMATORS if options.quick else _default_estimators()
+    names = tuple(options.estimators or default)
+    for name in names:
+        find_estimator(name, registry=COMPARED, option="--estimators")
+    require_installed(names)
+    for needed in ("lis", "gpis", RunConfig().estimator):
+        if needed not in names:
+            raise InvalidOptionError(
+                f"the report compares with '{needed}': add it to --estimators",
+                option="--estimators",
+                value=names,
+            )
+    return names

@@ -83,18 +83,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run the missing trials, write the tables."""
-    from lis_grasp_studies.contact_study.contact_cases import CASES
-    from lis_grasp_studies.contact_study.contact_report import write_contact_report
-    from lis_grasp_studies.contact_study.estimate_score import TRUTH
-    from lis_grasp_studies.contact_study.surface_trials import (
-        key_of,
-        run_surface_trial,
-        surface_trials,
-        trial_key,
-    )
-    from lis_grasp_studies.runner import local_scheduler, run_trials
-    from lis_grasp_studies.trial_results import TrialResults, missing_jobs
+    """Run the missing trials, and write the tables."""
+    from lis_grasp_studies.contact_study.cases import CASES
+    from lis_grasp_studies.contact_study.report import write_contact_report
+    from lis_grasp_studies.contact_study.score import TRUTH
+    from lis_grasp_studies.contact_study.trials import SURFACES, surface_trials
+    from lis_grasp_studies.harness.rows import TrialResults
+    from lis_grasp_studies.harness.runner import local_scheduler
 
     names = _estimators(options)
     shapes = _shapes(options)
@@ -105,22 +100,16 @@ def execute(options: argparse.Namespace) -> None:
     scheduler = local_scheduler(options.jobs)
     output = options.output or _OUTPUT
     options.until_end.enter_context(sole_writer(output))
-    results = TrialResults(output / "results.jsonl", "surfaces")
+    results = TrialResults(output / "results.jsonl", SURFACES.kind)
     trials = surface_trials(shapes, CASES, part=part, seeds=options.seeds, box=options.box)
     made = (*names, TRUTH)
-    wanted = {trial_key(trial, name) for trial in trials for name in made}
     with Stage("Running the trials") as stage:
-        known = {key_of(row) for row in results.read()}
-        jobs = missing_jobs(trials, made, known, trial_key)
-        for done, total in run_trials(jobs, len(trials), results, scheduler, run_surface_trial):
+        for done, total in SURFACES.run_missing(trials, made, results, scheduler):
             stage.count(done, total)
         stage.result = f"{len(trials)} contact sets, {len(names)} estimators"
-    rows = [row for row in results.read() if key_of(row) in wanted]
-    order = {key: place for place, key in enumerate(trial_key(t, n) for t in trials for n in made)}
-    rows.sort(key=lambda row: order[key_of(row)])
     write_contact_report(
         output,
-        rows,
+        SURFACES.rows(trials, made, results),
         subject=options.subject or names[0],
         reference=options.reference,
         estimators=names,
@@ -131,9 +120,8 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
-    from lis_grasp_studies.compared_estimators import require_installed
-    from lis_grasp_studies.contact_study.competitors import STUDIED, studied_estimator
-    from lis_grasp_studies.contact_study.estimate_score import Box
+    from lis_grasp_studies.contact_study.score import Box
+    from lis_grasp_studies.estimators import TUNED, require_installed
 
     if options.box not in get_args(Box):
         raise InvalidOptionError.not_one_of("--box", options.box, get_args(Box))
@@ -145,8 +133,8 @@ def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
         names = (RunConfig().estimator, *names)
     names = (*(name for name in options.estimator or () if name not in names), *names)
     for name in (*names, options.subject or names[0], options.reference):
-        find_estimator(name, registry=STUDIED, option="--estimators")
-    require_installed(names, studied_estimator)
+        find_estimator(name, registry=TUNED, option="--estimators")
+    require_installed(names, TUNED)
     for needed in (options.subject or names[0], options.reference):
         if needed not in names:
             raise InvalidOptionError(

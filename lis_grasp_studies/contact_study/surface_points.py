@@ -17,6 +17,8 @@ from lis_grasp.typing import FloatArray, IndexArray
 # Points of a surface that contacts are drawn from, even in area.
 _POINTS = 20_000
 _EDGE_POINTS = 4_000
+# A contact does not explore a surface that faces away from it: the other side of a thin wall.
+_FACES_AWAY = -0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,18 +29,24 @@ class SurfacePoints:
     points: FloatArray  # (P, 3) [m]
     normals: FloatArray  # (P, 3)
     edge_distances: FloatArray  # (P,) [m], to the nearest sharp edge; infinite without edges
-    _corners: FloatArray  # (F, 3, 3), normals of the corners of each triangle
+    corners: FloatArray  # (F, 3, 3), normals of the corners of each triangle
 
     @classmethod
     def of(cls, shape: Shape) -> SurfacePoints:
-        """Sample a shape without random numbers."""
+        """Sample a shape without random numbers, with smooth normals between sharp edges."""
         points, faces = sample_mesh(shape.mesh, _POINTS)
-        distances = np.full(len(points), np.inf)
-        if len(shape.edges):
-            distances = cKDTree(sample_segments(shape.edges, _EDGE_POINTS)).query(points)[0]
         corners = corner_normals(shape.mesh, SHARP_ANGLE if len(shape.edges) else np.pi)
         normals = _interpolated(corners, shape.mesh, points, faces)
+        distances = _edge_distances(shape, points, _EDGE_POINTS)
         return cls(shape, points, normals, distances, corners)
+
+    @classmethod
+    def with_face_normals(cls, shape: Shape) -> SurfacePoints:
+        """Sample a shape without random numbers, with the normals of its triangles."""
+        points, faces = sample_mesh(shape.mesh, _POINTS)
+        units = np.asarray(shape.mesh.face_normals)
+        corners = np.repeat(units[:, None], 3, axis=1)
+        return cls(shape, points, units[faces], _edge_distances(shape, points, _POINTS), corners)
 
     def contacts(self, chosen: IndexArray) -> Contacts:
         """Return some of the points as exact contacts."""
@@ -49,7 +57,23 @@ class SurfacePoints:
         mesh = self.shape.mesh
         _, faces = distances_to_mesh(places, mesh)
         points = trimesh.triangles.closest_point(np.asarray(mesh.triangles)[faces], places)
-        return Contacts(points, _interpolated(self._corners, mesh, points, faces))
+        return Contacts(points, _interpolated(self.corners, mesh, points, faces))
+
+    def shrink_gaps(self, gaps: FloatArray, chosen: int) -> None:
+        """Reduce the distances (P,) from each point to the nearest contact that faces its way.
+
+        The new contact is at one of the points, given by its index.
+        """
+        apart = np.linalg.norm(self.points - self.points[chosen], axis=1)
+        apart[self.normals @ self.normals[chosen] < _FACES_AWAY] = np.inf
+        np.minimum(gaps, apart, out=gaps)
+
+
+def _edge_distances(shape: Shape, points: FloatArray, samples: int) -> FloatArray:
+    """Return the distance from points (P, 3) to the sharp edges; infinite without edges."""
+    if not len(shape.edges):
+        return np.full(len(points), np.inf)
+    return np.asarray(cKDTree(sample_segments(shape.edges, samples)).query(points)[0])
 
 
 def corner_normals(mesh: trimesh.Trimesh, largest_bend: float) -> FloatArray:

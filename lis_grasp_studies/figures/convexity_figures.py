@@ -22,7 +22,7 @@ from lis_grasp_studies.figures.painter import (
     triangle_patches,
 )
 from lis_grasp_studies.figures.solids import LIFT, solid_patches
-from lis_grasp_studies.paper.paper_trials import explored
+from lis_grasp_studies.paper.trials import explored
 
 _WIDTHS = (1.0, 0.5, 0.25, 0.1, 0.03)
 _HEIGHTS = (1.0, 0.75, 0.5, 0.25)

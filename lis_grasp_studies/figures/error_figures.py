@@ -26,7 +26,7 @@ from lis_grasp_studies.figures.painter import (
     paint,
 )
 from lis_grasp_studies.figures.solids import LIFT, contact_patches, two_tone_patches
-from lis_grasp_studies.paper.paper_trials import EXPLORED_RADIUS, explored
+from lis_grasp_studies.paper.trials import EXPLORED_RADIUS, explored
 
 _TOP, _BOTTOM = 0.35, 0.62  # heights [in] above and below all rows
 _LARGEST = 0.015  # error at which colours end [m]

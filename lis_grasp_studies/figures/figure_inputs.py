@@ -8,7 +8,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import ImplicitSurface
-from lis_grasp_studies.compared_estimators import Noise, compared_estimator
+from lis_grasp_studies.estimators import Noise, compared_estimator
 from lis_grasp_studies.figures.painter import View
 
 COLUMNS = ("gpis", "lis", "blend")

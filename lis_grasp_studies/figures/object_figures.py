@@ -31,7 +31,7 @@ from lis_grasp_studies.figures.solids import (
     two_tone_patches,
 )
 from lis_grasp_studies.figures.style import NORMAL, add_panel, foot_note, new_figure
-from lis_grasp_studies.paper.paper_trials import EXPLORED_RADIUS, explored
+from lis_grasp_studies.paper.trials import EXPLORED_RADIUS, explored
 
 _COLUMNS = 4
 

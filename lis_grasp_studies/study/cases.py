@@ -18,10 +18,10 @@ from lis_grasp_studies.figures import png_of
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.figures.static_scene import draw_still
 from lis_grasp_studies.figures.style import add_panel, foot_note, head_estimator, new_figure
-from lis_grasp_studies.report_page import Picture
+from lis_grasp_studies.harness.page import Picture
 from lis_grasp_studies.study.comparison import clearest_pairs
-from lis_grasp_studies.study.study_results import job_of
-from lis_grasp_studies.study.study_trial import (
+from lis_grasp_studies.study.results import job_of
+from lis_grasp_studies.study.run import (
     estimate,
     lift,
     plan,

@@ -11,15 +11,15 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from lis_grasp.io.json_lines import Row
-from lis_grasp_studies.statistics import (
-    cluster_sums,
+from lis_grasp_studies.harness.statistics import (
+    clustered_p_value,
     clusters_of,
     holm,
     interval_over_objects,
     interval_over_seeds,
+    numbered,
     objects_of,
     rank_biserial,
-    sign_flip_p_value,
     signed_ranks,
 )
 from lis_grasp_studies.study.trial import TRIAL_COLUMNS, TRUTH
@@ -128,27 +128,29 @@ def compare_one(
 ) -> Comparison | None:
     """Return one comparison, not adjusted for others; None without pairs."""
     chosen = [row for row in rows if noise in (None, row["noise"]) and is_kind(row, kind)]
-    pairs = pairs_of(chosen, [estimator], reference)
-    known = [pair for pair in pairs if None not in (value_of(row, measure) for row in pair)]
-    if not known:
+    pairs = [
+        pair
+        for pair in pairs_of(chosen, [estimator], reference)
+        if None not in (value_of(row, measure) for row in pair)
+    ]
+    if not pairs:
         return None
-    mine = [row for row, _ in known]
-    values, others = (np.array([value_of(pair[k], measure) for pair in known]) for k in (0, 1))
-    clusters = clusters_of(mine)
+    own_rows = [row for row, _ in pairs]
+    values, others = (np.array([value_of(pair[k], measure) for pair in pairs]) for k in (0, 1))
+    clusters = clusters_of(own_rows)
     differences = values - others
     gains = -differences if measure in _LESS_IS_BETTER else differences
-    low, high = interval_over_seeds(mine, differences)
-    objects_low, objects_high = interval_over_objects(mine, differences)
+    low, high = interval_over_seeds(own_rows, differences)
+    objects_low, objects_high = interval_over_objects(own_rows, differences)
     binary = measure == "held"
     weights = np.sign(gains) if binary else signed_ranks(gains)
-    seeds = np.unique([row["seed"] for row in mine], return_inverse=True)[1]
     return Comparison(
         estimator=estimator,
         reference=reference,
         measure=measure,
         kind=kind,
         noise=noise,
-        pairs=len(known),
+        pairs=len(pairs),
         clusters=len(set(clusters)),
         wins=int((gains > 0.0).sum()),
         losses=int((gains < 0.0).sum()),
@@ -160,9 +162,9 @@ def compare_one(
         objects_low=objects_low,
         objects_high=objects_high,
         rank_biserial=None if binary else rank_biserial(gains),
-        p=sign_flip_p_value(cluster_sums(weights, clusters)),
-        p_seeds=sign_flip_p_value(cluster_sums(weights, seeds)),
-        p_objects=sign_flip_p_value(cluster_sums(weights, objects_of(mine))),
+        p=clustered_p_value(weights, clusters),
+        p_seeds=clustered_p_value(weights, numbered([row["seed"] for row in own_rows])),
+        p_objects=clustered_p_value(weights, objects_of(own_rows)),
     )
 
 
@@ -182,29 +184,29 @@ class Agreement:
 
 def agreements(rows: Sequence[Row], reference: str) -> list[Agreement]:
     """Return the agreement of each surface error with success, over all objects."""
-    split = [
-        (mine, its)
-        for mine, its in pairs_of(rows, compared(rows, reference), reference)
-        if bool(mine["held"]) != bool(its["held"])
+    differing = [
+        (row, other)
+        for row, other in pairs_of(rows, compared(rows, reference), reference)
+        if bool(row["held"]) != bool(other["held"])
     ]
-    found = []
+    result = []
     for measure in ERRORS:
-        known = [pair for pair in split if None not in (pair[0][measure], pair[1][measure])]
-        gains = [its[measure] - mine[measure] for mine, its in known]
-        signs = np.sign(gains) * [1 if mine["held"] else -1 for mine, _ in known]
+        pairs = [pair for pair in differing if None not in (pair[0][measure], pair[1][measure])]
+        gains = [other[measure] - row[measure] for row, other in pairs]
+        signs = np.sign(gains) * [1 if row["held"] else -1 for row, _ in pairs]
         if signs.any():
-            sums = cluster_sums(signs, clusters_of([mine for mine, _ in known]))
-            agree, pairs = int((signs > 0).sum()), int(np.count_nonzero(signs))
-            found.append(Agreement(measure, agree, pairs, sign_flip_p_value(sums)))
-    return found
+            p = clustered_p_value(signs, clusters_of([row for row, _ in pairs]))
+            agree, decided = int((signs > 0).sum()), int(np.count_nonzero(signs))
+            result.append(Agreement(measure, agree, decided, p))
+    return result
 
 
 def losses(rows: Sequence[Row], reference: str) -> list[tuple[Row, Row]]:
     """Return every pair in which the reference held and another estimator did not."""
     return [
-        (mine, its)
-        for mine, its in pairs_of(rows, compared(rows, reference), reference)
-        if its["held"] and not mine["held"]
+        (row, other)
+        for row, other in pairs_of(rows, compared(rows, reference), reference)
+        if other["held"] and not row["held"]
     ]
 
 
@@ -219,14 +221,14 @@ def clearest_pairs(rows: Sequence[Row], reference: str) -> list[tuple[Row, Row]]
         return []
     best = max(others, key=lambda n: np.mean([r["held"] for r in rows if r["estimator"] == n]))
     pairs = pairs_of(rows, [best], reference)
-    won = [(mine, its) for mine, its in pairs if mine["held"] and not its["held"]]
-    lost = [(its, mine) for mine, its in pairs if its["held"] and not mine["held"]]
+    won = [(row, other) for row, other in pairs if row["held"] and not other["held"]]
+    lost = [(other, row) for row, other in pairs if other["held"] and not row["held"]]
 
     def margin(pair: tuple[Row, Row]) -> tuple[float, str]:
         winner, loser = (row["epsilon_truth"] or 0.0 for row in pair)
         return winner - loser, pair[0]["key"]
 
-    return [max(found, key=margin) for found in (won, lost) if found]
+    return [max(pairs, key=margin) for pairs in (won, lost) if pairs]
 
 
 def value_of(row: Row, measure: str) -> float | None:
@@ -272,6 +274,6 @@ def pairs_of(
 ) -> list[tuple[Row, Row]]:
     """Return the rows of some estimators, each with the reference's row of the same trial."""
     trial_of = itemgetter(*TRIAL_COLUMNS)
-    theirs = {trial_of(row): row for row in rows if row["estimator"] == reference}
-    mine = [row for row in rows if row["estimator"] in estimators]
-    return [(row, theirs[trial_of(row)]) for row in mine if trial_of(row) in theirs]
+    others = {trial_of(row): row for row in rows if row["estimator"] == reference}
+    compared_rows = [row for row in rows if row["estimator"] in estimators]
+    return [(row, others[trial_of(row)]) for row in compared_rows if trial_of(row) in others]

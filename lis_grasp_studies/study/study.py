@@ -16,7 +16,7 @@ from lis_grasp.io.yaml_files import YAML_SUFFIXES, read_yaml
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, find_estimator
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import FORMATS
-from lis_grasp_studies.compared_estimators import (
+from lis_grasp_studies.estimators import (
     COMPARED,
     require_installed,
 )

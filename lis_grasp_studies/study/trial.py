@@ -1,11 +1,13 @@
-"""Trials of a study: one object, hand, number of touches, noise level and seed; their settings."""
+"""Trials of a study: one object, hand, number of touches, noise level and seed; keys of rows."""
 
 from __future__ import annotations
 
 import functools
+import hashlib
+import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,15 +15,17 @@ import numpy as np
 import pydantic
 from pydantic import ConfigDict, Field, StrictFloat, StrictInt, StrictStr
 
-from lis_grasp.exceptions import InvalidOptionError, shown
+from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.exploration import POLICIES
 from lis_grasp.pipeline.conditions import CONDITIONS
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator
 from lis_grasp.pipeline.run_config import PROBERS, RunConfig
 from lis_grasp.pipeline.scenario import place_object
+from lis_grasp.robots.shipped_models import HAND_NAMES, VENDOR_HANDS, hand_path
+from lis_grasp.robots.yaml_files import description_of
 from lis_grasp.shapes import NAMES, UNITS, Shape, find
 from lis_grasp.surfaces import ESTIMATORS
-from lis_grasp_studies.compared_estimators import Noise
+from lis_grasp_studies.estimators import COMPARED, Noise
 from lis_grasp_studies.test_objects.shape_sets import TEST_OBJECTS, graspable_shape
 
 TRUTH = "truth"
@@ -35,6 +39,9 @@ DEFAULT_CONDITIONS = "known"
 
 OWN = "own"
 """In place of an explorer: each estimator drives an exploration of its own."""
+
+KEY_LENGTH = 16
+"""Digits of keys and digests in rows."""
 
 _NOISE = re.compile(r"(\d+(?:\.\d+)?)mm/(\d+(?:\.\d+)?)deg")
 
@@ -204,3 +211,60 @@ def require_one_of(option: str, value: Any, choices: Sequence[str]) -> None:
     """Raise InvalidOptionError unless a value is one of the choices."""
     if value not in choices:
         raise InvalidOptionError.not_one_of(option, value, choices)
+
+
+def row_key(trial: Trial, estimator: str) -> str:
+    """Return the key of a row: a hash of everything that decides its content.
+
+    An object's mesh file and a hand's YAML, URDF and SDF count by name and content, not by folder;
+    plug-ins by name and source file.
+    """
+    digests = [*file_digests(trial.object, trial.hand), *_plugin_digests(trial, estimator)]
+    setup = asdict(trial.setup)
+    if setup["conditions"] == DEFAULT_CONDITIONS:  # keys of before there were others stay
+        del setup["conditions"]
+    text = json.dumps([columns_of(trial), setup, estimator, *digests], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
+
+
+def columns_of(trial: Trial) -> dict[str, Any]:
+    """Return the columns of a row that identify its trial within a study."""
+    values = {name: getattr(trial, name) for name in TRIAL_COLUMNS}
+    return values | {"object": label(trial.object), "hand": label(trial.hand)}
+
+
+def file_digests(object_name: str, hand_name: str) -> tuple[str, ...]:
+    """Return hashes of the files of an object and a hand; none of built-in ones."""
+    files = [] if object_name in OBJECT_NAMES else [Path(object_name)]
+    if hand_name in VENDOR_HANDS:
+        files += [hand_path(hand_name), description_of(hand_name)[0]]
+    elif hand_name not in HAND_NAMES:
+        hand = Path(hand_name)
+        hand = hand if hand.suffix else hand_path(hand_name)  # of an installed package
+        files += [hand, *sorted(hand.parent.glob("*.urdf")), *sorted(hand.parent.glob("*.sdf"))]
+    return tuple(map(_file_digest, files))
+
+
+def _plugin_digests(trial: Trial, estimator: str) -> list[str]:
+    """Return hashes of the sources of plugged-in estimators and policies."""
+    estimators = {estimator, trial.setup.explorer} - {TRUTH, OWN}
+    digests = [COMPARED.digest(name) for name in sorted(estimators)]
+    return [digest for digest in (*digests, POLICY_NAMES.digest(trial.setup.policy)) if digest]
+
+
+def object_digest(name: str) -> str | None:
+    """Return a hash of an object's mesh file; None for one known by name."""
+    return None if name in OBJECT_NAMES else _file_digest(Path(name))
+
+
+def _file_digest(path: Path) -> str:
+    try:
+        facts = path.stat()
+        return _digest(path, facts.st_mtime_ns, facts.st_size)
+    except OSError as error:
+        raise InvalidFileError(f"cannot read {path}: {error.strerror}", path=path) from None
+
+
+@functools.cache
+def _digest(path: Path, _changed: int, _size: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lis_grasp_studies.study.study_results import without_times
+from lis_grasp_studies.study.results import without_times
 
 COMMANDS = {
     "explore": "explore box --known --prober kinematic --touches 8 --position-noise 0.001",

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lis_grasp_studies.calibration import (
+from lis_grasp_studies.harness.calibration import (
     chance_calibration_error,
     expected_calibration_error,
 )

@@ -12,16 +12,16 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import POLICIES
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
-from lis_grasp_studies.compared_estimators import Noise, compared_estimator
-from lis_grasp_studies.contact_study.contact_cases import CASES, KINDS, ContactCase
-from lis_grasp_studies.contact_study.contact_draws import CLUSTER_RADIUS, DRAWS, EXPLORATIONS
-from lis_grasp_studies.contact_study.estimate_score import (
+from lis_grasp_studies.contact_study.cases import CASES, KINDS, ContactCase
+from lis_grasp_studies.contact_study.contact_sets import balanced, contact_set
+from lis_grasp_studies.contact_study.draws import CLUSTER_RADIUS, DRAWS, EXPLORATIONS
+from lis_grasp_studies.contact_study.score import (
     EXPLORED,
     meshing_box,
     score_estimate,
 )
-from lis_grasp_studies.contact_study.study_sets import balanced, contact_set
 from lis_grasp_studies.contact_study.surface_points import SurfacePoints
+from lis_grasp_studies.estimators import Noise, compared_estimator
 from lis_grasp_studies.test_objects.shape_sets import build_shape
 
 

@@ -12,21 +12,17 @@ import pytest
 
 from lis_grasp.cli.main import main
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
-from lis_grasp_studies.contact_study.competitors import (
-    CHOSEN,
-    SEARCHED,
-    studied_estimator,
-)
-from lis_grasp_studies.contact_study.contact_cases import ContactCase
-from lis_grasp_studies.contact_study.contact_tables import (
+from lis_grasp_studies.contact_study.cases import ContactCase
+from lis_grasp_studies.contact_study.contact_sets import contact_set
+from lis_grasp_studies.contact_study.ratios import FLOOR, error_ratios, summarise
+from lis_grasp_studies.contact_study.score import score_truth
+from lis_grasp_studies.contact_study.tables import (
     by_family_table,
     by_object_table,
     calibration_table,
     losses_table,
 )
-from lis_grasp_studies.contact_study.error_ratios import FLOOR, error_ratios, summarise
-from lis_grasp_studies.contact_study.estimate_score import score_truth
-from lis_grasp_studies.contact_study.study_sets import contact_set
+from lis_grasp_studies.estimators import COMPETITORS, TUNED, compared_estimator
 
 
 def row(name: str, estimator: str, errors: tuple[float, float], **facts: Any) -> dict[str, Any]:
@@ -105,15 +101,14 @@ def test_the_clipped_truth_has_no_errors_but_those_of_the_box() -> None:
 
 
 def test_the_chosen_settings_were_searched() -> None:
-    assert set(CHOSEN) == set(SEARCHED)
-    assert all(CHOSEN[name] in SEARCHED[name] for name in CHOSEN)
+    assert all(one.chosen in one.searched for one in COMPETITORS.values())
 
 
-@pytest.mark.parametrize("name", [n for n in CHOSEN if n != "poisson"])
+@pytest.mark.parametrize("name", [n for n in COMPETITORS if n != "poisson"])
 def test_every_competitor_takes_contacts_with_and_without_noise(name: str) -> None:
     for given in (False, True):
         data = contact_set("sphere", ContactCase("even", 40, level=1, given=given))
-        surface = studied_estimator(name)(data.contacts, data.given_noise)
+        surface = compared_estimator(name, TUNED)(data.contacts, data.given_noise)
         assert surface.evaluate(np.zeros(3)) < 0.0
         assert (surface.evaluate(np.array([[0.08, 0.0, 0.0], [0.0, 0.0, -0.08]])) > 0.0).all()
 
@@ -121,11 +116,9 @@ def test_every_competitor_takes_contacts_with_and_without_noise(name: str) -> No
 def test_the_default_gpis_is_among_the_searched_settings() -> None:
     data = contact_set("vase", ContactCase("even", 20))
     default = GaussianProcessImplicitSurface.from_contacts(data.contacts)
-    from lis_grasp_studies.contact_study.competitors import with_settings
-
     settings = {"kernel": "matern52", "length": 0.8, "misfit": (0.001, 0.1)}
-    assert settings in SEARCHED["gpis_best"]
-    same = with_settings("gpis_best", settings)(data.contacts, data.given_noise)
+    assert settings in COMPETITORS["gpis_best"].searched
+    same = COMPETITORS["gpis_best"].make(data.contacts, **settings)
     points = data.exact.points[:5] + 0.003
     np.testing.assert_allclose(same.evaluate(points), default.evaluate(points), rtol=1e-12)
 

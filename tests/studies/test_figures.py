@@ -67,7 +67,7 @@ from lis_grasp_studies.figures.planar_figures import (
     step_contacts,
 )
 from lis_grasp_studies.figures.solids import two_tone_patches
-from lis_grasp_studies.paper.paper_trials import explored
+from lis_grasp_studies.paper.trials import explored
 
 LOOK = View(np.deg2rad(25.0), np.deg2rad(30.0))
 RED, BLUE = "#ff0000", "#0000ff"

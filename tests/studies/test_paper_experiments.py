@@ -16,36 +16,29 @@ from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.json_lines import Row
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import PatchImplicitSurface
-from lis_grasp_studies.compared_estimators import OURS, Noise, compared_estimator
-from lis_grasp_studies.paper.paper_contacts import (
+from lis_grasp_studies.contact_study.draws import random_contacts
+from lis_grasp_studies.contact_study.surface_points import SurfacePoints
+from lis_grasp_studies.estimators import OURS, Noise, compared_estimator
+from lis_grasp_studies.harness.rows import Job, TrialResults
+from lis_grasp_studies.harness.runner import local_scheduler
+from lis_grasp_studies.harness.statistics import measure_table
+from lis_grasp_studies.paper.contacts import (
     NOISE_LEVELS,
-    random_contacts,
     touch_wedge,
     wedge,
 )
-from lis_grasp_studies.paper.paper_trials import (
-    PaperTrial,
-    key_of,
-    paper_trials,
-    run_paper_trial,
-    trial_key,
-)
-from lis_grasp_studies.runner import local_scheduler, run_trials
-from lis_grasp_studies.statistics import measure_table
-from lis_grasp_studies.trial_results import Job, TrialResults, missing_jobs
+from lis_grasp_studies.paper.trials import PAPER, PaperTrial, paper_trials
 
 MEANS = {"lis": 1.0, "gpis": 2.0}
 WEDGE = [PaperTrial("wedge", "0", 0), PaperTrial("wedge", "2", 0), PaperTrial("wedge", "2", 1)]
 
 
 def run_trial(trial: PaperTrial, estimators: list[str]) -> list[Row]:
-    return run_paper_trial(Job(trial, tuple(estimators)))
+    return PAPER.run(Job(trial, tuple(estimators)))
 
 
 def steps(results: TrialResults, estimators: list[str], jobs: int) -> Iterator[tuple[int, int]]:
-    known = {key_of(row) for row in results.read()}
-    missing = missing_jobs(WEDGE, estimators, known, trial_key)
-    return run_trials(missing, len(WEDGE), results, local_scheduler(jobs), run_paper_trial)
+    return PAPER.run_missing(WEDGE, estimators, results, local_scheduler(jobs))
 
 
 def as_lines(path: Path) -> list[str]:
@@ -110,7 +103,7 @@ def test_an_estimator_that_fails_leaves_its_reason(monkeypatch: pytest.MonkeyPat
         return PatchImplicitSurface.from_contacts(Contacts.empty())
 
     monkeypatch.setattr(
-        "lis_grasp_studies.paper.paper_trials.compared_estimator",
+        "lis_grasp_studies.paper.trials.compared_estimator",
         lambda name: compared_estimator(name) if name in OURS else nothing,
     )
     first, second = run_trial(WEDGE[0], ["apss", "patch"])
@@ -170,7 +163,8 @@ def test_another_file_is_an_error(tmp_path: Path, text: str) -> None:
 
 def test_random_contacts_are_uniform_in_area_and_exact() -> None:
     shape = shapes.build("box", size=0.2)
-    contacts = random_contacts(shape, 3000, rng=np.random.default_rng(0))
+    surface = SurfacePoints.with_face_normals(shape)
+    contacts = random_contacts(surface, 3000, rng=np.random.default_rng(0))
     distances, _ = distances_to_mesh(contacts.points, shape.mesh)
     np.testing.assert_allclose(distances, 0.0, atol=1e-12)
     # Fraction on each side against its area: three standard deviations of 3000 draws at most.

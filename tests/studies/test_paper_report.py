@@ -9,8 +9,10 @@ import pytest
 
 from lis_grasp import shapes
 from lis_grasp.cli.main import main
-from lis_grasp_studies.paper.paper_report import write_report
-from lis_grasp_studies.paper.paper_tables import (
+from lis_grasp_studies.harness.page import Picture
+from lis_grasp_studies.harness.tables import Table
+from lis_grasp_studies.paper.report import write_report
+from lis_grasp_studies.paper.tables import (
     changes_table,
     claims_table,
     cube_edge_error,
@@ -19,7 +21,6 @@ from lis_grasp_studies.paper.paper_tables import (
     objects_table,
     rows_as_csv,
 )
-from lis_grasp_studies.report_page import Picture, TextTable
 
 EDGE_MM = {"gpis": 6.0, "lis": 2.4, "blend": 0.6}
 FACE_MM = {"gpis": 2.0, "lis": 2.2, "blend": 1.0}
@@ -104,8 +105,8 @@ def test_equal_results_make_equal_files_whatever_their_order() -> None:
 def test_the_page_is_whole_and_loads_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    exact = TextTable("exact", "exact", ("",), (("0",),))
-    monkeypatch.setattr("lis_grasp_studies.paper.paper_tables.exactness_table", lambda: exact)
+    exact = Table("exact", "exact", ("",), (("0",),))
+    monkeypatch.setattr("lis_grasp_studies.paper.tables.exactness_table", lambda: exact)
     path = tmp_path / "report.html"
     failed = {
         "experiment": "few",

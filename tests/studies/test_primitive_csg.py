@@ -16,10 +16,10 @@ from lis_grasp_studies.baselines.oriented_primitives import (
     spheres_through,
 )
 from lis_grasp_studies.baselines.primitive_ransac import extract_primitives
-from lis_grasp_studies.compared_estimators import Noise
-from lis_grasp_studies.contact_study.contact_cases import ContactCase
-from lis_grasp_studies.contact_study.estimate_score import score_estimate
-from lis_grasp_studies.contact_study.study_sets import contact_set
+from lis_grasp_studies.contact_study.cases import ContactCase
+from lis_grasp_studies.contact_study.contact_sets import contact_set
+from lis_grasp_studies.contact_study.score import score_estimate
+from lis_grasp_studies.estimators import Noise
 
 X_AXIS = Rotation.from_euler("xyz", [0.3, -0.5, 0.2]).as_matrix()
 CENTER = np.array([0.02, -0.01, 0.03])

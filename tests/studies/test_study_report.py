@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import re
-import runpy
 from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -12,32 +11,45 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import lis_grasp
-from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.json_lines import Row
-from lis_grasp_studies.calibration import chance_calibration_error
-from lis_grasp_studies.report_page import Picture, TextTable
+from lis_grasp.version import __version__
+from lis_grasp_studies.harness.calibration import chance_calibration_error
+from lis_grasp_studies.harness.page import Picture
+from lis_grasp_studies.harness.rows import Job, TrialResults
+from lis_grasp_studies.harness.tables import Table, rows_csv, write_tables
+from lis_grasp_studies.study import tables as study_tables
 from lis_grasp_studies.study.cases import draw_cases
+from lis_grasp_studies.study.cells import printed
 from lis_grasp_studies.study.comparison import clearest_pairs, compare
-from lis_grasp_studies.study.row_keys import row_key
-from lis_grasp_studies.study.study import Study, load_study
-from lis_grasp_studies.study.study_figures import draw_pictures, held_against_touches
-from lis_grasp_studies.study.study_page import write_report
-from lis_grasp_studies.study.study_results import StudyResults
-from lis_grasp_studies.study.study_tables import (
+from lis_grasp_studies.study.figures import draw_pictures, held_against_touches
+from lis_grasp_studies.study.page import write_report
+from lis_grasp_studies.study.results import StudyResults
+from lis_grasp_studies.study.run import COLUMNS, run_trial
+from lis_grasp_studies.study.study import Study
+from lis_grasp_studies.study.tables import (
     all_tables,
     calibration_table,
     differences_table,
-    held_table,
     losses_table,
     nearer_table,
     objects_table,
-    printed,
     summary_table,
-    write_tables,
 )
-from lis_grasp_studies.study.study_trial import run_trial
-from lis_grasp_studies.trial_results import Job, TrialResults
+from lis_grasp_studies.study.trial import row_key
+from lis_grasp_studies.unknown_study.definition import (
+    SEEDS,
+    study_facts,
+    study_objects,
+    study_rows,
+)
+from lis_grasp_studies.unknown_study.parts import PARTS, parts_table
+from lis_grasp_studies.unknown_study.simulators import (
+    BOTH,
+    LIMITS,
+    difference_table,
+    disagreements_table,
+    held_table,
+)
 
 pytest.importorskip("statsmodels", reason="needs lis-grasp[study]")
 
@@ -66,7 +78,7 @@ def rows_of(study: Study = STUDY) -> list[Row]:
                     "estimator": name,
                     "edged": trial.object == "box",
                     "held": held,
-                    "version": lis_grasp.__version__,
+                    "version": __version__,
                     "reason": "held" if held else "no_grasp",
                     "failure": None if held else "<b>no</b> surface",
                     "success_probability": 0.9 if held else None,
@@ -85,7 +97,8 @@ def report(folder: Path, rows: list[Row], *, pictures: Iterable[Picture] = ()) -
     tables = all_tables(rows, compare(rows, "gpis"), "gpis")
     path = folder / "report.html"
     write_report(path, STUDY, rows, tables, pictures, command="lis-grasp compare")
-    write_tables(folder, tables, rows)
+    write_tables(folder, tables, latex=True)
+    (folder / "rows.csv").write_text(rows_csv(rows, COLUMNS))
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
@@ -102,7 +115,7 @@ def test_the_page_is_whole_and_loads_nothing(tmp_path: Path) -> None:
 
 
 def test_success_rates_have_intervals_at_each_budget() -> None:
-    table = held_table(rows_of(), "all")
+    table = study_tables.held_table(rows_of(), "all")
     assert table.head == ("estimator", "noise", "10 touches", "20 touches", "all")
     assert [row[:2] for row in table.body] == [("GPIS", "none"), ("blend", "none")]
     # All of 12: Wilson's interval of 12 of 12.
@@ -111,7 +124,7 @@ def test_success_rates_have_intervals_at_each_budget() -> None:
     differences = differences_table(rows_of(), "gpis")
     assert [row[0] for row in differences.body] == ["blend"]
     assert differences.body[0][2].startswith("+83.3 (")
-    assert held_table(rows_of(), "curved").body[1][2] == "100"  # too few clusters
+    assert study_tables.held_table(rows_of(), "curved").body[1][2] == "100"  # too few clusters
 
 
 def test_the_summary_joins_levels_of_noise_and_separates_hands() -> None:
@@ -151,7 +164,7 @@ def test_pairs_are_counted_in_which_the_smaller_error_held() -> None:
 
 
 def test_tables_become_markdown() -> None:
-    table = TextTable("t", "t", ("a", "b"), (("1", "2"),))
+    table = Table("t", "t", ("a", "b"), (("1", "2"),))
     assert table.markdown() == "| a | b |\n| --- | --- |\n| 1 | 2 |\n"
 
 
@@ -184,7 +197,7 @@ def test_tables_are_exported_as_csv_and_latex(tmp_path: Path) -> None:
 
 
 def test_text_that_latex_reads_as_commands_is_escaped() -> None:
-    table = TextTable("t", "t", ("a_b [%]",), (("1 & 2",), ("−1",), ("#3",)))
+    table = Table("t", "t", ("a_b [%]",), (("1 & 2",), ("−1",), ("#3",)))
     assert r"a\_b [\%] \\" in table.latex()
     assert "1 \\& 2 \\\\\n$-$1 \\\\\n\\#3 \\\\\n" in table.latex()
 
@@ -201,34 +214,6 @@ def test_text_that_latex_reads_as_commands_is_escaped() -> None:
 )
 def test_values_are_printed_in_their_units(measure: str, value: float, text: str) -> None:
     assert printed(measure, value) == text
-
-
-def test_the_page_of_the_published_study_is_made_of_its_rows_alone(tmp_path: Path) -> None:
-    pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
-    here = Path(__file__).parents[2] / "docs" / "study" / "first"
-    study = Study.from_facts(load_study(here / "study.yaml"))
-    some = replace(study, objects=("box", "sphere", "mallet"), touches=(5, 10))
-    rows = []
-    for row in rows_of(some):
-        scan = row["object"] == "mallet"
-        facts = {"object": "004_sugar_box.ply", "object_digest": "ab"} if scan else {}
-        rows.append(row | facts | asdict(study.setup) | {"seconds_lift": 3600.0})
-    StudyResults(tmp_path).lines.append(rows)
-    module = runpy.run_path(str(here / "make_page.py"))
-    page = module["make_page"](here / "study.yaml", tmp_path, tmp_path / "docs").read_text()
-    assert f"{len(some.trials())} of {len(study.trials())} trials, {len(rows)} rows." in page
-    assert f"add up to {len(rows)}.0 hours" in page
-    # Of each six seeds on the box, blend loses one at 10 touches, and wins all others.
-    assert "| prisms and cylinders together | 2 |" in page
-    assert "| all others together | 1 | 0 | 100 |" in page
-    assert "| box | none | 100 / 0 | 83 / 17 |" in page
-    assert not re.search(r"\$[a-z]|\bnan\b|/tmp", page)
-    pictures = re.findall(r"\]\((images/[a-z_]*\.png)\)", page)
-    assert len(pictures) == 4
-    assert all((tmp_path / "docs" / picture).is_file() for picture in pictures)
-    StudyResults(tmp_path / "other").lines.append([row | {"grasps": 7} for row in rows])
-    with pytest.raises(InvalidFileError, match="no row"):
-        module["make_page"](here / "study.yaml", tmp_path / "other", tmp_path / "docs")
 
 
 def test_calibration_compares_predicted_and_observed_rates() -> None:
@@ -343,46 +328,42 @@ def trials_of_parts() -> list[Row]:
     ]
 
 
-def test_the_page_of_unknown_objects_is_made_of_its_rows_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
-    here = Path(__file__).parents[2] / "docs" / "study"
-    stored = StudyResults(here).read(any_version=True)
-    objects = ("mallet", "pentagon", "torus", "half_cylinder", "gear", "key", "cone", "pen")
-    rows = [row | {"version": lis_grasp.__version__} for row in stored if row["object"] in objects]
-    others = [rows[0] | {"key": "ab", "seed": 77}, rows[0] | {"key": "cd", "conditions": "known"}]
-    StudyResults(tmp_path).lines.append([*rows, *others])
-    monkeypatch.syspath_prepend(here)
-    module = runpy.run_path(str(here / "make_page.py"))
-    TrialResults(tmp_path / "simulators.jsonl", "simulators").append(lifts_in_both())
-    TrialResults(tmp_path / "limits.jsonl", "limits").append(changed_lifts())
-    TrialResults(tmp_path / "parts.jsonl", "parts").append(trials_of_parts())
-    page = module["make_page"](tmp_path, tmp_path / "docs").read_text()
+def test_lifts_in_both_simulators_are_compared_where_a_grasp_was_executed() -> None:
+    rows = lifts_in_both()
+    held = {line[0]: line[1:] for line in held_table(rows).body}
     # Of two trials MuJoCo dropped one; the third had no grasp, and is no agreement.
-    assert "| blend | 3 | 67 | 33 | 1 of 2 (50 %) |" in page
-    assert "| MuJoCo | +33.3 | +33.3 |" in page
-    lifted = "3 trials with 40 touches of `wsg50` were lifted in MuJoCo too. There 1 and 0 held"
-    assert lifted in page
-    told = "held, 3 mm, 17° | dropped, 3 mm, 17° | 1 of 3 | 0 of 3 |"
-    assert f"| pen | `wsg50` | blend | {told}" in page
-    assert "| without free space | 4 | 50 | −50.0 | 1.000 |" in page
-    assert f"of the 400 planned explorations, of 8 objects; {len(rows)} rows" in page
-    assert "| all but built-in shapes and scans | 4 |" in page
-    mine = [row["held"] for row in rows if row["estimator"] == "blend"]
-    assert f"held in {100.0 * np.mean(mine):.0f} % of {len(mine)} trials" in page
-    assert not re.search(r"\$[a-z]|\bnan\b|/tmp", page)
-    assert (tmp_path / "docs" / "images" / "study.png").is_file()
-    with pytest.raises(InvalidFileError, match="no row"):
-        module["make_page"](tmp_path / "other", tmp_path / "docs")
+    assert held["blend"] == ("3", "67", "33", "1 of 2 (50 %)")
+    differences = {line[0]: line[1:] for line in difference_table(rows, "blend", "gpis").body}
+    assert differences["MuJoCo"] == ("+33.3", "+33.3")
+    (line,) = disagreements_table(rows, changed_lifts()).body
+    lifts = ("held, 3 mm, 17°", "dropped, 3 mm, 17°", "1 of 3", "0 of 3")
+    assert line == ("pen", "`wsg50`", "blend", *lifts)
 
 
-def test_the_page_of_unknown_objects_is_of_the_stored_rows(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_part_is_worth_what_its_absence_costs() -> None:
+    lines = {
+        line[0]: line[1:] for line in parts_table(trials_of_parts(), "tools and flat things").body
+    }
+    assert lines["whole pipeline"] == ("4", "100", "–", "–")
+    assert lines["without free space"] == ("4", "50", "−50.0", "1.000")
+
+
+def test_stored_rows_of_every_experiment_load() -> None:
+    folder = Path(__file__).parents[2] / "docs" / "study"
+    for experiment in (BOTH, LIMITS, PARTS):
+        path = folder / f"{experiment.kind}.jsonl"
+        rows = TrialResults(path, experiment.kind).read(any_version=True)
+        assert len(rows) > 40
+        assert experiment.variant in rows[0]
+    both = TrialResults(folder / "simulators.jsonl", "simulators").read(any_version=True)
+    assert len(held_table(both).body) == 3
+
+
+def test_the_page_of_unknown_objects_is_of_the_stored_rows() -> None:
     pytest.importorskip("pyarrow", reason="needs lis-grasp[study]")
     docs = Path(__file__).parents[2] / "docs"
-    monkeypatch.syspath_prepend(docs / "study")
-    module = runpy.run_path(str(docs / "study" / "make_page.py"))
-    rows = module["_rows"](docs / "study")
+    rows = study_rows(StudyResults(docs / "study").read(any_version=True))
     assert summary_table(rows, "gpis").markdown() in (docs / "study.md").read_text()
+    assert {row["object"] for row in rows} == set(study_objects())
+    for hand in set(SEEDS) - {"leap"}:  # whose model is its vendor's
+        assert Study.from_facts(study_facts(hand)).hands == (hand,)

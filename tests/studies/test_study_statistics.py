@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from lis_grasp.typing import FloatArray
-from lis_grasp_studies.statistics import (
+from lis_grasp_studies.harness.statistics import (
     bootstrap_interval,
     cluster_sums,
     clusters_of,
@@ -76,7 +76,7 @@ def test_many_summands_are_normal(monkeypatch: pytest.MonkeyPatch) -> None:
     ranks = signed_ranks(np.random.default_rng(2).normal(0.1, 1.0, 400))
     exact = sign_flip_p_value(ranks)
     assert 0.001 < exact < 0.2
-    monkeypatch.setattr("lis_grasp_studies.statistics._MOST_EXACT", 100)
+    monkeypatch.setattr("lis_grasp_studies.harness.statistics._MOST_EXACT", 100)
     assert sign_flip_p_value(ranks) == pytest.approx(exact, rel=0.02)
     assert sign_flip_p_value(ranks) != exact
 

@@ -1,0 +1,170 @@
+"""Score of one estimate: errors, calibration of its uncertainty, and the time of the fit."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.surface_error import surface_error
+from lis_grasp.evaluation.surface_samples import sample_mesh
+from lis_grasp.exceptions import LisGraspError
+from lis_grasp.exploration import STEP_FRACTION
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
+from lis_grasp.shapes.solids import solid_of
+from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces.contact_places import padded_bounds, spacing_of
+from lis_grasp.typing import FloatArray
+from lis_grasp_studies.contact_study.contact_sets import ContactSet
+from lis_grasp_studies.estimators import NoisyEstimator
+from lis_grasp_studies.test_objects.solid_modelling import Solid, mesh_of
+
+CELLS = 48
+"""Cells along the box."""
+
+SAMPLES = 2000
+"""Points on each surface and along all edges."""
+
+Bands = tuple[float | None, float | None, float | None, float | None]
+"""The four rates of `EstimateScore`."""
+
+EXPLORED = STEP_FRACTION
+"""Explored is what is within this fraction of the object's size of a contact: 5 cm at 20 cm."""
+
+Box = Literal["contacts", "explored", "own"]
+"""Where an estimate is meshed: in the contacts' box grown by the median distance between nearest
+contacts, which is that of `gpis`; in the contacts' box grown by the explored radius, which clips
+nothing that is measured; or within its own `bounds`. The first two are the same for all."""
+
+TRUTH = "truth"
+"""Name of the true surface among estimators, clipped by the box: the smallest possible errors."""
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateScore:
+    """Errors of one estimate over the explored part, and the calibration of its uncertainty.
+
+    Parameters
+    ----------
+    truth_to_estimate, estimate_to_truth
+        Root mean squared distance [m], see `SurfaceError`.
+    edge
+        From true edges to the estimate, root mean square [m]; None without explored edges.
+    normal_error
+        Mean angle to the true normals [rad].
+    within_68, within_95
+        Fraction of the estimate whose distance from the truth is within 1 and 1.96 standard
+        deviations, as `uncertainty` gives them there; None if the estimate failed.
+    truth_within_68, truth_within_95
+        The same from the true surface to the estimate, with the uncertainty at the true points.
+    fit_seconds
+        Time to make the surface [s].
+    failure
+        Reason of a failure, or empty. A failed estimate counts as one that misses everything: its
+        distances are the explored radius, its normals are off by 90 degrees.
+    """
+
+    truth_to_estimate: float
+    estimate_to_truth: float
+    edge: float | None
+    normal_error: float
+    within_68: float | None
+    within_95: float | None
+    truth_within_68: float | None
+    truth_within_95: float | None
+    fit_seconds: float
+    failure: str = ""
+
+
+def score_estimate(
+    estimator: NoisyEstimator, data: ContactSet, *, box: Box = "contacts"
+) -> EstimateScore:
+    """Fit an estimator to a contact set, mesh it and measure it.
+
+    Errors reward a box that by chance ends where the object does: compare estimates within the same
+    kind of box only. A library's error is a failure too.
+    """
+    start = time.process_time()
+    seconds = 0.0
+    try:
+        surface = estimator(data.contacts, data.given_noise)
+        seconds = time.process_time() - start
+        bounds = np.asarray(surface.bounds) if box == "own" else meshing_box(data, box)
+        cell = float(np.ptp(bounds, axis=0).max()) / CELLS
+        mesh = extract_mesh(surface, bounds=bounds, resolution=cell)
+        radius, truth = EXPLORED * data.shape.size, data.shape.mesh
+        on_estimate = band_rates(surface, mesh, truth, data.exact, explored_radius=radius)
+        on_truth = band_rates(surface, truth, mesh, data.exact, explored_radius=radius)
+        return _measured(mesh, data, (*on_estimate, *on_truth), seconds)
+    except (LisGraspError, ArithmeticError, ValueError, RuntimeError, MemoryError) as failure:
+        return _failed(data, seconds, f"{type(failure).__name__}: {failure}")
+
+
+def score_truth(data: ContactSet, *, box: Box = "contacts") -> EstimateScore:
+    """Measure the true surface, clipped by the box that estimates are meshed in.
+
+    No estimate has smaller errors, but for luck: where contacts leave much outside of their box,
+    the errors of all estimators are large.
+    """
+    clipped = solid_of(data.shape.mesh)
+    if box != "own":
+        low, high = meshing_box(data, box)
+        clipped ^= Solid.cube(tuple(high - low)).translate(tuple(low))
+    return _measured(mesh_of(clipped), data, (None, None, None, None), 0.0)
+
+
+def meshing_box(data: ContactSet, box: Box) -> FloatArray:
+    """Return the box that every estimate of a contact set is meshed in, shape (2, 3) [m]."""
+    margin = spacing_of(data.contacts) if box == "contacts" else EXPLORED * data.shape.size
+    return padded_bounds(data.contacts, margin)
+
+
+def _measured(
+    mesh: trimesh.Trimesh, data: ContactSet, bands: Bands, seconds: float
+) -> EstimateScore:
+    radius = EXPLORED * data.shape.size
+    error = surface_error(mesh, data.shape, data.exact, explored_radius=radius, samples=SAMPLES)
+    return EstimateScore(
+        error.rmsd_truth_to_estimate,
+        error.rmsd,
+        error.edge_rmsd,
+        error.normal_error,
+        *bands,
+        seconds,
+    )
+
+
+def band_rates(
+    surface: ImplicitSurface,
+    source: trimesh.Trimesh,
+    target: trimesh.Trimesh,
+    contacts: Contacts,
+    *,
+    explored_radius: float,
+) -> tuple[float, float]:
+    """Return the fractions of a mesh within 1 and 1.96 standard deviations of another.
+
+    Only its part within the explored radius [m] of a contact counts; `surface.uncertainty` gives
+    the standard deviation at its points.
+    """
+    points, _ = sample_mesh(source, SAMPLES)
+    points = points[cKDTree(contacts.points).query(points)[0] <= explored_radius]
+    distances, _ = distances_to_mesh(points, target)
+    deviations = surface.uncertainty(points)
+    return (
+        float(np.mean(distances <= deviations)),
+        float(np.mean(distances <= 1.96 * deviations)),
+    )
+
+
+def _failed(data: ContactSet, seconds: float, reason: str) -> EstimateScore:
+    radius = EXPLORED * data.shape.size
+    edge = radius if len(data.shape.edges) else None
+    text = " ".join(reason.split())
+    return EstimateScore(radius, radius, edge, 0.5 * np.pi, None, None, None, None, seconds, text)

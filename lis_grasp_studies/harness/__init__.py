@@ -1,0 +1,1 @@
+"""One harness for all experiments: trials, rows, runners, statistics, tables and pages."""

@@ -1,0 +1,53 @@
+"""Self-contained HTML report pages, and their pictures."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from lis_grasp.io.atomic_writing import write_text
+
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; color: #222; margin: 2rem auto; max-width: 62rem;
+  padding: 0 1rem; }
+h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 2.5rem; }
+figure { margin: 2rem 0; } img { max-width: 100%; height: auto; }
+figcaption { color: #444; font-size: .92rem; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .85rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .25rem .6rem; text-align: right; border-bottom: 1px solid #ddd; }
+td:first-child, th:first-child { text-align: left; font-weight: 500; }
+.reproduced { color: #0a6b3d; } .not { color: #b3261e; font-weight: 600; }
+code { background: #f3f3f3; padding: .1rem .3rem; }
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure of a report: its title, its caption, and the PNG."""
+
+    title: str
+    caption: str
+    png: bytes
+
+    def html(self) -> str:
+        """Return the figure with its caption as HTML."""
+        title, data = escape(self.title), base64.b64encode(self.png).decode()
+        return (
+            f'<figure><img alt="{title}" src="data:image/png;base64,{data}">'
+            f"<figcaption><b>{title}.</b> {escape(self.caption)}</figcaption></figure>"
+        )
+
+
+def write_page(path: Path, title: str, sections: Sequence[str]) -> None:
+    """Write HTML sections as one page that needs no other file."""
+    write_text(
+        path,
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
+        f"<body>{''.join(sections)}</body></html>\n",
+    )

@@ -1,0 +1,49 @@
+"""Command lines of programs such as benchmarks, from the defaults of their options."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import Any
+
+
+def read_options(
+    description: str | None, arguments: Sequence[str] | None = None, /, **defaults: Any
+) -> argparse.Namespace:
+    """Return the options of a program, each with its default.
+
+    A list takes several values of the type of its first, True or False is a flag, and a type stands
+    for a value of this type that need not be given. `objects` and `folder` are positional.
+
+    Parameters
+    ----------
+    description
+        The first line is the program's help.
+    arguments
+        Of the command line; those of this process if None.
+    defaults
+        Default values by the names of the options.
+    """
+    parser = argparse.ArgumentParser(description=(description or "").split("\n")[0])
+    for name, default in defaults.items():
+        flag = name if name in ("objects", "folder") else f"--{name.replace('_', '-')}"
+        options: dict[str, Any] = {"default": default, "help": f"(default: {default})"}
+        if isinstance(default, type):
+            options = {"default": None, "type": default}
+            if flag == name:
+                del options["default"]
+        elif isinstance(default, bool):
+            options = {"action": "store_true"}
+        elif isinstance(default, list | tuple):
+            kind = type(default[0]) if default else str
+            shown = " ".join(map(str, default))
+            options = {
+                "nargs": "*" if flag == name else "+",
+                "type": kind,
+                "default": list(default),
+            }
+            options["help"] = f"(default: {shown})"
+        else:
+            options["type"] = type(default)
+        parser.add_argument(flag, **options)
+    return parser.parse_args(arguments)

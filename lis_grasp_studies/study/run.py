@@ -1,0 +1,343 @@
+"""Trials of a study: contacts made once; a surface, a grasp and a simulated lift per estimator."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import trimesh
+
+from lis_grasp import pipeline
+from lis_grasp.contacts import Contacts
+from lis_grasp.evaluation.grasp_on_truth import epsilon_on_truth
+from lis_grasp.evaluation.surface_error import surface_error
+from lis_grasp.exceptions import EstimationError, LisGraspError
+from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
+from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.io.json_lines import Row
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Perception, Scenario
+from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes import Shape, placed
+from lis_grasp.surfaces import carved
+from lis_grasp.surfaces.carved_implicit_surface import above_table
+from lis_grasp.typing import FloatArray
+from lis_grasp.version import __version__
+from lis_grasp_studies.estimators import compared_estimator
+from lis_grasp_studies.harness.rows import Job
+from lis_grasp_studies.harness.runner import single_thread
+from lis_grasp_studies.study.trial import (
+    KEY_LENGTH,
+    SETTINGS,
+    TRUTH,
+    Trial,
+    columns_of,
+    file_digests,
+    object_digest,
+    parse_noise,
+    row_key,
+)
+
+if TYPE_CHECKING:
+    from lis_grasp.lifting.outcome import LiftOutcome
+
+NO_GRASP, FAILED = "no_grasp", "failed"
+"""Reasons of rows without a lift."""
+
+TIMES = ("seconds_touch", "seconds_estimate", "seconds_grasp", "seconds_lift")
+"""Columns that differ between equal trials."""
+
+MACHINE = "versions"
+"""Column with the versions and the machine that made a row."""
+
+
+def run_trial(job: Job) -> list[Row]:
+    """Return a row for each estimator of a job of a study's `Trial`."""
+    with single_threaded_drake():
+        return list(_rows(job))
+
+
+@contextmanager
+def single_threaded_drake() -> Iterator[None]:
+    """Limit numerical libraries to one thread, and those of Drake too; see `single_thread`."""
+    # Only libraries that are loaded can be limited.
+    import_module("lis_grasp.simulation.drake.lift")
+    with single_thread():
+        yield
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touched:
+    """Contacts of a trial."""
+
+    contacts: Contacts  #: in the frame E in which the hand is commanded
+    X_EO: FloatArray | None  #: (4, 4), true pose of the object at the end; None if it is fixed
+    seconds: float  #: of the exploration [s]
+
+
+def estimate(trial: Trial, estimator: str, contacts: Contacts) -> trimesh.Trimesh:
+    """Return the mesh that an estimator makes of a trial's contacts.
+
+    Of contacts alone, if the object is known; else the free space is removed, and the table
+    closes the estimate from below, for all estimators.
+    """
+    surface = compared_estimator(estimator)(contacts, parse_noise(trial.noise))
+    config = _with_noise(trial)
+    if config.free:
+        surface = carved(surface, contacts, margin=config.sensor().free_margin)
+        surface = above_table(surface, Perception.from_config(config, None).table)
+    return extract_mesh(surface)
+
+
+def plan(trial: Trial, mesh: trimesh.Trimesh, shape: Shape, hand: Hand) -> GraspSearch:
+    """Plan the grasps of a trial on a mesh."""
+    return pipeline.plan(scenario_at(trial.run_config(), shape, hand).known, mesh)
+
+
+def lift(
+    trial: Trial,
+    grasp: Grasp,
+    shape: Shape,
+    hand: Hand,
+    X_EO: FloatArray | None,
+    *,
+    simulator: str = "drake",
+) -> LiftOutcome:
+    """Simulate the lift of a trial: the grasp on the true object, at a pose (4, 4)."""
+    config = trial.run_config(simulator=simulator)
+    return pipeline.lift(scenario_at(config, shape, hand, X_EO), grasp)
+
+
+def scenario_at(
+    config: RunConfig, shape: Shape, hand: Hand, X_EO: FloatArray | None = None
+) -> Scenario:
+    """Return the scenario of a shape that is placed already, and was moved to a pose (4, 4)."""
+    return Scenario.from_config(config, shape, hand, recorded={"X_EO": X_EO})
+
+
+def _rows(job: Job) -> Iterator[Row]:
+    # A file that cannot be read is an error of the study, not a result of its trials.
+    trial = job.trial
+    shape, hand = trial.find_object(), Hand.load(trial.hand)
+    for estimator in job.variants:
+        watch = pipeline.Stopwatch()
+        row = blank_row(trial, estimator, shape)
+        with _failure_in(row):
+            _fill(row, trial, shape, hand, estimator, watch)
+        yield row | {name: watch.seconds.get(name.removeprefix("seconds_")) for name in TIMES}
+
+
+def _fill(
+    row: Row, trial: Trial, shape: Shape, hand: Hand, estimator: str, watch: pipeline.Stopwatch
+) -> None:
+    touched = touch(trial, trial.explorer(estimator))
+    contacts, X_EO, watch.seconds["touch"] = touched.contacts, touched.X_EO, touched.seconds
+    digest = _short_digest(contacts.points, contacts.normals)
+    row |= {"contacts": len(contacts), "contacts_digest": digest}
+    if not len(contacts):
+        raise EstimationError("a surface needs at least one contact; the exploration made none")
+    with watch.measure("estimate"):
+        truth = shape_at(shape, X_EO)
+        mesh = truth.mesh if estimator == TRUTH else estimate(trial, estimator, contacts)
+    row |= {"triangles": len(mesh.faces), "watertight": bool(mesh.is_watertight)}
+    row |= asdict(surface_error(mesh, truth, contacts, explored_radius=STEP_FRACTION * shape.size))
+    # The contacts have been used: grasps depend on the mesh, the object, the hand and the seed.
+    task = replace(trial, touches=0, noise="")
+    files = file_digests(trial.object, trial.hand)
+    place = None if X_EO is None else _short_digest(X_EO)
+    columns, seconds = grasp_and_lift(
+        GraspTask(mesh_digest(mesh), place, files, task, mesh, X_EO, shape, hand)
+    )
+    row |= columns
+    watch.seconds |= seconds
+
+
+def shape_at(shape: Shape, X_EO: FloatArray | None) -> Shape:
+    """Return the true object at its pose in E, (4, 4); None for the identity."""
+    return shape if X_EO is None else placed(shape, X_EO)
+
+
+@dataclass(frozen=True, slots=True)
+class GraspTask:
+    """A grasp to plan and to lift; equal tasks have equal results."""
+
+    mesh_digest: str
+    place_digest: str | None
+    """Hash of the true object's pose."""
+    files: tuple[str, ...]
+    """Hashes of the files of object and hand."""
+    trial: Trial
+    """The object, hand, seed and setup; without touches and noise."""
+    # Not compared: the hashes and names identify them.
+    mesh: trimesh.Trimesh = field(compare=False)
+    X_EO: FloatArray | None = field(compare=False)
+    shape: Shape = field(compare=False)
+    hand: Hand = field(compare=False)
+
+
+# Estimators may agree (blend is patch where contacts are few), and planning on the truth does not
+# depend on the contacts: a process computes each task once.
+@lru_cache(maxsize=64)
+def grasp_and_lift(task: GraspTask) -> tuple[Row, dict[str, float]]:
+    """Plan, evaluate the best grasp on the truth, lift with it; return columns, and times [s]."""
+    watch = pipeline.Stopwatch()
+    row: Row = {}
+    with _failure_in(row):
+        _fill_grasp(row, task, watch)
+    return row, watch.seconds
+
+
+def _fill_grasp(row: Row, task: GraspTask, watch: pipeline.Stopwatch) -> None:
+    trial, shape, hand = task.trial, task.shape, task.hand
+    with watch.measure("grasp"):
+        search = plan(trial, task.mesh, shape, hand)
+    row |= {
+        "grasps_found": len(search.grasps),
+        "candidates": search.candidates,
+        "rejections": json.dumps(dict(search.rejections), sort_keys=True),
+        "reason": NO_GRASP,
+    }
+    if not search.grasps:
+        return
+    best = search.grasps[0]
+    on_estimate = float(best.quality["epsilon"])
+    truth = shape_at(shape, task.X_EO).mesh
+    on_truth = float(epsilon_on_truth(best, truth, hand, friction=trial.setup.friction))
+    row |= {
+        "epsilon_estimate": on_estimate,
+        "epsilon_truth": on_truth,
+        "epsilon_gap": on_estimate - on_truth,
+        "closure_probability": float(best.quality["closure_probability"]),
+        "success_probability": float(best.quality["success_probability"]),
+    }
+    with watch.measure("lift"):
+        outcome = lift(trial, best, shape, hand, task.X_EO)
+    row |= {
+        "lifted": bool(outcome.lifted),
+        "held": bool(outcome.held),
+        "slip": float(outcome.slip),
+        "turn": float(outcome.turn),
+        "acceleration_survived": float(outcome.acceleration_survived),
+        "reason": outcome.reason,
+    }
+
+
+@dataclass(slots=True)
+class _Explored:
+    """Progress of an exploration."""
+
+    outcomes: tuple[ProbeOutcome, ...] = ()
+    touched: Touched | None = None
+    touches: int = 0
+    """Contacts requested so far."""
+    seconds: float = 0.0
+
+
+def touch(trial: Trial, explorer: str) -> Touched:
+    """Return the contacts of a trial, explored with an estimator.
+
+    Continues what this process explored for a smaller budget of the same trial: all choices depend
+    on the past only, so that the contacts of a smaller budget are the first ones of a larger.
+    """
+    files = file_digests(trial.object, trial.hand)
+    known = _explored(replace(trial, touches=1), explorer, files)
+    if known.touched is not None and known.touches == trial.touches:
+        return known.touched
+    start = time.perf_counter()
+    if known.touches > trial.touches:  # the order of a study is from small to large
+        known.outcomes, known.seconds = (), 0.0
+    config = _with_noise(trial, estimator=explorer, touches=trial.touches)
+    scenario = scenario_at(config, trial.find_object(), Hand.load(trial.hand))
+    exploration = pipeline.touch(scenario, recorded=known.outcomes)
+    known.outcomes, known.touches = exploration.outcomes, trial.touches
+    known.seconds += time.perf_counter() - start
+    known.touched = Touched(exploration.contacts, exploration.simulated_pose, known.seconds)
+    return known.touched
+
+
+def _with_noise(trial: Trial, **more: Any) -> RunConfig:
+    """Return the configuration of a trial's run, with the noise of its sensor."""
+    noise = parse_noise(trial.noise)
+    return trial.run_config(position_noise=noise.position, normal_noise=noise.normal, **more)
+
+
+@lru_cache(maxsize=4)
+def _explored(start: Trial, explorer: str, files: tuple[str, ...]) -> _Explored:
+    """Return the progress of one exploration, which `touch` continues."""
+    return _Explored()
+
+
+COLUMNS = (
+    *("key", "object", "object_digest", "edged", "hand", "touches", "noise", "seed", "estimator"),
+    *("held", "lifted", "reason", "slip", "turn", "acceleration_survived"),
+    *("epsilon_estimate", "epsilon_truth", "epsilon_gap"),
+    *("closure_probability", "success_probability"),
+    *("grasps_found", "candidates", "rejections"),
+    *("rmsd", "rmsd_truth_to_estimate", "edge_rmsd", "hausdorff_95", "chamfer"),
+    *("f_score_1mm", "f_score_2mm", "f_score_5mm", "iou", "normal_error", "coverage"),
+    *("explored_radius", "triangles", "watertight", "contacts", "contacts_digest", "failure"),
+    *SETTINGS,
+    *("version", MACHINE, *TIMES),
+)
+"""Columns of the files of results, in their order; lengths in metres, times in seconds."""
+
+
+def blank_row(trial: Trial, estimator: str, shape: Shape) -> Row:
+    """Return the row of a trial without any result: not lifted, not held."""
+    return {
+        **{name: None for name in COLUMNS if name not in TIMES},
+        "key": row_key(trial, estimator),
+        **columns_of(trial),
+        "object_digest": object_digest(trial.object),
+        "estimator": estimator,
+        **asdict(trial.setup),
+        "version": __version__,
+        MACHINE: json.dumps(_versions(), sort_keys=True),
+        "edged": bool(len(shape.edges)),
+        "lifted": False,
+        "held": False,
+    }
+
+
+def mesh_digest(mesh: trimesh.Trimesh) -> str:
+    """Return a hash of a mesh: vertices, faces and vertex attributes."""
+    attributes = [mesh.vertex_attributes[name] for name in sorted(mesh.vertex_attributes)]
+    return _short_digest(mesh.vertices, mesh.faces, *attributes)
+
+
+def _short_digest(*arrays: np.ndarray) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:KEY_LENGTH]
+
+
+@contextmanager
+def _failure_in(row: Row) -> Iterator[None]:
+    """Write an error of the block into the row."""
+    try:
+        yield
+    except LisGraspError as error:
+        row |= {"reason": FAILED, "failure": f"{type(error).__name__}: {error}"}
+
+
+@lru_cache(maxsize=1)
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for package in ("drake", "numpy", "scipy", "trimesh", "python-fcl"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "none"
+    return found

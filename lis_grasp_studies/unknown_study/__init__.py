@@ -1,0 +1,1 @@
+"""The study of objects of which nothing is known: its parts, its lifts in both simulators."""

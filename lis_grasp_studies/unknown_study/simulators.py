@@ -1,0 +1,209 @@
+"""Lifts of the study's grasps in both simulators, Drake and MuJoCo.
+
+``python -m lis_grasp_studies.unknown_study.simulators --meshes ycb`` continues where it stopped.
+
+Objects, conditions and estimators are the study's; 40 touches, the first seed of each hand. A grasp
+is planned once, and executed in both simulators. Where they disagree, it is lifted again with a
+tenth less and more mass and friction, and with the object half a millimetre aside along x and y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lis_grasp import Grasp, Hand
+from lis_grasp.exceptions import LisGraspError
+from lis_grasp.io.json_lines import Row
+from lis_grasp.pipeline.run_config import SIMULATORS
+from lis_grasp.shapes import Shape
+from lis_grasp.typing import FloatArray
+from lis_grasp_studies.figures.palette import estimator_label
+from lis_grasp_studies.harness.experiment import Experiment
+from lis_grasp_studies.harness.program import read_options
+from lis_grasp_studies.harness.tables import NONE, Column, Table, grouped_table, split, where
+from lis_grasp_studies.study.comparison import names, pairs_of
+from lis_grasp_studies.study.pairs import difference
+from lis_grasp_studies.study.run import FAILED, NO_GRASP, estimate, lift, plan, shape_at, touch
+from lis_grasp_studies.study.trial import TRUTH, Trial, columns_of
+from lis_grasp_studies.unknown_study.definition import SEEDS, study_trials
+
+TOUCHES = 40
+ESTIMATORS = ("gpis", "blend", TRUTH)
+_ASIDE = 5e-4  # displacement of an object, to see whether an outcome is at a limit [m]
+_OUTCOME = ("held", "lifted", "reason", "slip", "turn")
+_LABELS = {"drake": "Drake", "mujoco": "MuJoCo"}
+_KEY = ("object", "hand", "seed", "estimator")
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedGrasp:
+    """The best grasp of an estimator, and the true object at its pose X_EO (4, 4)."""
+
+    grasp: Grasp
+    shape: Shape
+    hand: Hand
+    X_EO: FloatArray | None
+
+    def lift(self, trial: Trial, simulator: str) -> Row:
+        """Return the outcome of the grasp in the conditions of a trial."""
+        outcome = lift(trial, self.grasp, self.shape, self.hand, self.X_EO, simulator=simulator)
+        columns = {name: getattr(outcome, name) for name in _OUTCOME}
+        return columns | {"success_probability": self.grasp.quality["success_probability"]}
+
+
+def plan_grasp(trial: Trial, estimator: str) -> PlannedGrasp | None:
+    """Touch, estimate and plan; return the best grasp, None if there is none."""
+    shape, hand = trial.find_object(), Hand.load(trial.hand)
+    touched = touch(trial, trial.explorer(estimator))
+    if estimator == TRUTH:
+        mesh = shape_at(shape, touched.X_EO).mesh
+    else:
+        mesh = estimate(trial, estimator, touched.contacts)
+    grasps = plan(trial, mesh, shape, hand).grasps
+    return PlannedGrasp(grasps[0], shape, hand, touched.X_EO) if grasps else None
+
+
+def lift_in_both(trial: Trial, estimator: str) -> list[Row]:
+    """Return the outcome of a grasp in each simulator."""
+    no_lift: Row = {"held": False, "lifted": False, "reason": NO_GRASP}
+    outcomes = dict.fromkeys(SIMULATORS, no_lift)
+    try:
+        planned = plan_grasp(trial, estimator)
+        if planned is not None:
+            outcomes = {name: planned.lift(trial, name) for name in SIMULATORS}
+    except LisGraspError as error:
+        outcomes = dict.fromkeys(SIMULATORS, no_lift | {"reason": FAILED, "failure": str(error)})
+    return [{"simulator": name} | outcome for name, outcome in outcomes.items()]
+
+
+def lift_changed(trial: Trial, estimator: str) -> list[Row]:
+    """Return the outcome of a grasp in each simulator in slightly changed conditions."""
+    planned = plan_grasp(trial, estimator)
+    if planned is None:
+        return []
+    setup = trial.setup
+    changed = {
+        f"{name} x {factor}": (
+            replace(trial, setup=replace(setup, **{name: factor * getattr(setup, name)})),
+            planned,
+        )
+        for name in ("mass", "friction")
+        for factor in (0.9, 1.1)
+    }
+    for name, axis in (("x", 0), ("y", 1)):
+        X_EO = np.eye(4) if planned.X_EO is None else planned.X_EO.copy()
+        X_EO[axis, 3] += _ASIDE
+        changed[f"{name} + {1e3 * _ASIDE} mm"] = trial, replace(planned, X_EO=X_EO)
+    return [
+        {"change": change, "simulator": name} | grasp.lift(conditions, name)
+        for change, (conditions, grasp) in changed.items()
+        for name in SIMULATORS
+    ]
+
+
+BOTH = Experiment("simulators", lift_in_both, columns_of)
+LIMITS = Experiment("limits", lift_changed, columns_of)
+"""All grasps in both simulators; and again where these disagree."""
+
+
+def held_table(rows: Sequence[Row]) -> Table:
+    """Return the rates of each estimator in both simulators, in percent, and their agreement.
+
+    Agreement is that of `held`, of grasps that were executed.
+    """
+
+    def agreement(rows: Sequence[Row]) -> str:
+        lifts = split((row for row in rows if row["reason"] not in (FAILED, NO_GRASP)), *_KEY)
+        same = sum(len({row["held"] for row in lift}) == 1 for lift in lifts.values())
+        return f"{same} of {len(lifts)} ({100.0 * same / max(len(lifts), 1):.0f} %)"
+
+    def rate(rows: Sequence[Row], simulator: str) -> str:
+        held = [row["held"] for row in where(rows, simulator=simulator)]
+        return f"{100.0 * np.mean(held):.0f}"
+
+    columns: list[Column] = [
+        ("trials", lambda rows: str(len(split(rows, *_KEY)))),
+        ("held in Drake [%]", lambda rows: rate(rows, "drake")),
+        ("held in MuJoCo [%]", lambda rows: rate(rows, "mujoco")),
+        ("agree", agreement),
+    ]
+    groups = {estimator_label(name): part for name, part in split(rows, "estimator").items()}
+    return grouped_table("simulators", "Held in both simulators", "planned on", groups, columns)
+
+
+def difference_table(rows: Sequence[Row], estimator: str, reference: str) -> Table:
+    """Return the difference of both estimators' rates in each simulator, in points, by hand."""
+
+    def cell(rows: Sequence[Row], hand: str | None = None) -> str:
+        chosen = rows if hand is None else where(rows, hand=hand)
+        return difference(pairs_of(chosen, [estimator], reference), over_objects=True)
+
+    groups = {text: where(rows, simulator=name) for name, text in _LABELS.items()}
+    columns: list[Column] = [("all", cell)]
+    for hand in reversed(names(rows, "hand")):
+        columns.insert(0, (hand, lambda rows, hand=hand: cell(rows, hand)))  # type: ignore[misc]
+    return grouped_table("by_hand", "Difference in points", "simulator", groups, columns)
+
+
+def disagreements(rows: Sequence[Row]) -> dict[tuple, list[Row]]:
+    """Return the rows of the grasps that one simulator holds only, by their keys."""
+    lifts = split(rows, *_KEY)
+    return {key: lift for key, lift in lifts.items() if len({row["held"] for row in lift}) > 1}
+
+
+def disagreements_table(rows: Sequence[Row], changed: Sequence[Row]) -> Table:
+    """Return the grasps held in one simulator only, and how often they are held when changed."""
+    again = split(changed, *_KEY)
+
+    def end(lift: Sequence[Row], simulator: str) -> str:
+        (row,) = where(lift, simulator=simulator)
+        turn = f"{np.degrees(row.get('turn', 0.0)):.0f}°"
+        return f"{row['reason']}, {1e3 * row.get('slip', 0.0):.0f} mm, {turn}"
+
+    def held_again(lift: Sequence[Row], simulator: str) -> str:
+        key = tuple(lift[0][name] for name in _KEY)
+        held = [row["held"] for row in where(again.get(key, []), simulator=simulator)]
+        return f"{sum(held)} of {len(held)}" if held else NONE
+
+    columns: list[Column] = [
+        ("Drake", lambda lift: end(lift, "drake")),
+        ("MuJoCo", lambda lift: end(lift, "mujoco")),
+        ("held when changed, Drake", lambda lift: held_again(lift, "drake")),
+        ("held when changed, MuJoCo", lambda lift: held_again(lift, "mujoco")),
+    ]
+    groups = {
+        (name, f"`{hand}`", estimator_label(estimator)): lift
+        for (name, hand, _, estimator), lift in disagreements(rows).items()
+    }
+    title = "Held in one simulator only"
+    return grouped_table("disagreements", title, "object | hand | planned on", groups, columns)
+
+
+def main() -> None:
+    """Run the trials that are missing, lift again where the simulators disagree; print tables."""
+    defaults = {"meshes": Path("ycb"), "hands": list(SEEDS), "jobs": 2}
+    options = read_options(__doc__, **defaults, output=Path("results/unknown"))
+    trials = [
+        trial
+        for hand in options.hands
+        for trial in study_trials(hand, SEEDS[hand][:1], TOUCHES, options.meshes)
+    ]
+    file = options.output / "simulators.jsonl"
+    rows = BOTH.complete(trials, ESTIMATORS, file, jobs=options.jobs)
+    print(held_table(rows).markdown(), difference_table(rows, "blend", "gpis").markdown())
+    changed: list[Row] = []
+    for estimator in ESTIMATORS:
+        places = {key[:3] for key in disagreements(rows) if key[3] == estimator}
+        facts = ((trial, columns_of(trial)) for trial in trials)
+        again = [trial for trial, row in facts if tuple(row[n] for n in _KEY[:3]) in places]
+        file = options.output / "limits.jsonl"
+        changed += LIMITS.complete(again, [estimator], file, jobs=options.jobs)
+    print(disagreements_table(rows, changed).markdown())
+
+
+if __name__ == "__main__":
+    main()
