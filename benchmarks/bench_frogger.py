@@ -27,6 +27,7 @@ from peer_process import run_peer
 from scipy.stats import binomtest, fisher_exact
 
 from lis_grasp import shapes
+from lis_grasp.geometry import make_pose, rotate
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.force_closure import min_weight, resisted_force
@@ -165,8 +166,7 @@ def their_grasp(
     FRoGGeR plans no opened posture, approach or forces: they are chosen as for our grasps. So are
     the qualities, of which the lift's grip force depends on ``load_per_grip``.
     """
-    X_PL = np.eye(4)
-    X_PL[2, 3] = _WRIST_TO_FINGERS
+    X_PL = make_pose(np.eye(3), [0.0, 0.0, _WRIST_TO_FINGERS])
     X_OH = np.array(plan["X_OP"]) @ X_PL @ hand.X_LH
     q = np.array(plan["joint_positions"])
     apart = np.abs(hand.pad_centers(X_OH, q) - np.array(plan["tips"])).max()
@@ -187,7 +187,7 @@ def their_grasp(
         joint_names=hand.joint_names,
         joint_positions=q,
         pregrasp_positions=opened,
-        approach_O=X_OH[:3, :3] @ hand.approach_H,
+        approach_O=rotate(X_OH, hand.approach_H),
         contact_points=points,
         contact_normals=normals,
         contact_fingers=hand.fingers,

@@ -17,6 +17,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import ForceClosureSampler, Hand, epsilon_quality, is_force_closure, shapes
+from lis_grasp.geometry import make_pose, unit
 from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.epsilon import epsilon_by_expanding_polytope
 from lis_grasp.robots.collision import HandCollisionChecker
@@ -36,8 +37,7 @@ def main() -> None:
 
 
 def qualities(rng: np.random.Generator) -> None:
-    normals = rng.normal(size=(1024, 4, 3))
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals = unit(rng.normal(size=(1024, 4, 3)))
     points = normals * rng.uniform(0.5, 1.5, size=(1024, 4, 1))
     for edges in (8, 4):
         model = WrenchModel(friction=0.8, edges=edges)
@@ -57,9 +57,8 @@ def poses(rng: np.random.Generator) -> None:
         start = time.process_time()
         pose_filter = HandPoseFilter(hand, mesh)
         made = time.process_time() - start
-        X = np.tile(np.eye(4), (20_000, 1, 1))
-        X[:, :3, :3] = Rotation.random(len(X), random_state=rng).as_matrix()
-        X[:, :3, 3] = rng.normal(scale=0.1, size=(len(X), 3))
+        R = Rotation.random(20_000, random_state=rng).as_matrix()
+        X = make_pose(R, rng.normal(scale=0.1, size=(len(R), 3)))
         q = next(iter(hand.pregrasps.values()))
         seconds = timed(partial(pose_filter.collides, X, q))
         rejected = pose_filter.collides(X, q)
@@ -79,10 +78,9 @@ def antipodal(rng: np.random.Generator) -> None:
     mesh.apply_scale([1.0, 0.7, 1.3])
     hand = Hand.load("wsg50")
     checker = HandCollisionChecker(hand, mesh)
-    X = np.tile(np.eye(4), (2000, 1, 1))
-    X[:, :3, :3] = Rotation.random(len(X), random_state=rng).as_matrix()
+    R = Rotation.random(2000, random_state=rng).as_matrix()
     center_H = hand.pad_centers(np.eye(4), hand.upper).mean(axis=0)
-    X[:, :3, 3] = -(X[:, :3, :3] @ center_H) + rng.normal(scale=0.02, size=(len(X), 3))
+    X = make_pose(R, rng.normal(scale=0.02, size=(len(R), 3)) - R @ center_H)
     seconds = timed(lambda: [checker.first_collision(pose, hand.upper) for pose in X])
     print(
         f"gripper poses checked by FCL, every link, {len(mesh.faces)} triangles:"

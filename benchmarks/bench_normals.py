@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from lis_grasp import shapes
 from lis_grasp.exceptions import EstimationError
+from lis_grasp.geometry import angle_between, tangent_frame, unit
 from lis_grasp.surfaces import estimate_normals
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -26,15 +27,9 @@ from reference import hoppe_normals
 METHODS = ("points only", "with approach", "planes")
 
 
-def angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return np.arccos(np.clip(np.sum(first * second, axis=1), -1.0, 1.0))
-
-
 def scores(errors: np.ndarray, estimated: np.ndarray, true: np.ndarray, noise: np.ndarray):
     """Return errors along two directions across each normal, in stated deviations."""
-    first = np.cross(estimated, np.eye(3)[np.argmin(np.abs(estimated), axis=1)])
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(estimated, first)
+    first, second = np.moveaxis(tangent_frame(estimated), 1, 0)
     across = np.stack([np.sum(true * first, axis=1), np.sum(true * second, axis=1)])
     return np.abs(across) * errors / np.maximum(np.sin(errors), 1e-9) / noise
 
@@ -62,8 +57,7 @@ def main() -> None:
                     points, faces = trimesh.sample.sample_surface(mesh, count, seed=rng)
                     normals = mesh.face_normals[faces]
                     points = points + noise * rng.normal(size=points.shape)
-                    sphere = rng.normal(size=normals.shape)
-                    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+                    sphere = unit(rng.normal(size=normals.shape))
                     approach = sphere - (1.0 + 1e-9) * normals  # cosine law about the inward normal
                     for method, evidence in zip(METHODS[:2], (None, approach), strict=True):
                         try:
@@ -71,12 +65,12 @@ def main() -> None:
                         except EstimationError:
                             refused += 1
                             continue
-                        error = angles(found.normals, normals)
+                        error = angle_between(found.normals, normals)
                         errors[method].append(np.degrees(error.mean()))
                         covered[method].append(
                             scores(error, found.normals, normals, found.normal_noise).ravel()
                         )
-                    error = angles(hoppe_normals(points), normals)
+                    error = angle_between(hoppe_normals(points), normals)
                     errors["planes"].append(np.degrees(error.mean()))
             means = "  ".join(f"{np.mean(errors[method]):5.1f}" for method in METHODS)
             pooled = [np.concatenate(covered[method]) for method in METHODS[:2]]

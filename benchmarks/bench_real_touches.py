@@ -24,6 +24,7 @@ from threadpoolctl import threadpool_limits
 
 from lis_grasp import Contacts, extract_mesh, surface_error
 from lis_grasp.exceptions import LisGraspError
+from lis_grasp.geometry import angle_between, apply_pose, make_pose
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, estimate_normals, load_contacts
 
@@ -38,12 +39,11 @@ def fit_pose(points: np.ndarray, mesh: trimesh.Trimesh) -> tuple[np.ndarray, flo
     """Return the rigid pose (4, 4) that brings points next to a mesh, and the rms left [m]."""
     best, least = np.eye(4), np.inf
     for turn in Rotation.random(STARTS, rng=np.random.default_rng(0)):
-        pose = np.eye(4)
-        pose[:3, :3] = turn.as_matrix()
-        pose[:3, 3] = mesh.centroid - pose[:3, :3] @ points.mean(axis=0)
+        R = turn.as_matrix()
+        pose = make_pose(R, mesh.centroid - R @ points.mean(axis=0))
         previous = np.inf
         for _ in range(ROUNDS):
-            moved = trimesh.transform_points(points, pose)
+            moved = apply_pose(pose, points)
             squares, _, closest = igl.point_mesh_squared_distance(moved, mesh.vertices, mesh.faces)
             rms = float(np.sqrt(squares.mean()))
             if previous - rms < 1e-7:
@@ -99,12 +99,11 @@ def main() -> None:
             options.folder / "measurements" / f"{name}.off", position_noise=NOISE
         )
         pose, rms = fit_pose(estimated.points, mesh)
-        points = trimesh.transform_points(estimated.points, pose)
+        points = apply_pose(pose, estimated.points)
         true_normals = normals_of_model(points, mesh)
         noise = np.full(len(points), NOISE)
         estimated = estimate_normals(points, position_noise=noise)
-        cosines = np.sum(estimated.normals * true_normals, axis=1)
-        angle = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+        angle = np.degrees(angle_between(estimated.normals, true_normals))
         stated = np.degrees(np.median(estimated.normal_noise))
         print(
             f"{name}: {len(points)} points, {1e3 * rms:.1f} mm rms from {model}.off; estimated"

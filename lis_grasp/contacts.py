@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from lis_grasp.exceptions import InvalidContactsError
+from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.io.contact_files import read_contact_file, write_contact_file
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
@@ -161,13 +162,12 @@ class Contacts:
 
     def in_frame(self, X_OF: npt.ArrayLike) -> Contacts:
         """Return the contacts in a frame F with pose X_OF, shape (4, 4), in this one."""
-        X_FO = np.linalg.inv(np.asarray(X_OF, dtype=np.float64))
-        R, p = X_FO[:3, :3], X_FO[:3, 3]
+        X_FO = inverse_pose(np.asarray(X_OF, dtype=np.float64))
         return replace(
             self,
-            points=self.points @ R.T + p,
-            normals=self.normals @ R.T,
-            free_points=self.free_points @ R.T + p,
+            points=apply_pose(X_FO, self.points),
+            normals=rotate(X_FO, self.normals),
+            free_points=apply_pose(X_FO, self.free_points),
         )
 
     def append(self, other: Contacts) -> Contacts:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.geometry import are_rigid
+from lis_grasp.geometry import are_rigid, inverse_pose
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.limits import read_arrays
 from lis_grasp.records import read_only, short_repr
@@ -79,7 +79,7 @@ class Motion:
         for option, name in (("body", body), ("base", base)):
             if name not in self.poses:
                 raise InvalidOptionError.not_one_of(option, name, self.poses)
-        return np.linalg.inv(self.poses[base]) @ self.poses[body]
+        return inverse_pose(self.poses[base]) @ self.poses[body]
 
     def save(self, path: Path | str, *, header: str = "") -> None:
         """Write an .npz file of plain arrays (no pickle); `header` is kept as text in it."""

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -261,3 +262,125 @@ def test_no_global_random_state() -> None:
             match node:
                 case ast.Attribute(ast.Attribute(ast.Name("np"), "random"), attribute):
                     assert attribute in {"Generator", "default_rng", "SeedSequence"}, path
+
+
+def _indexed(node: ast.AST) -> tuple[str, str]:
+    """Return what a subscript is of, and its last two indices; empty texts for other nodes."""
+    if not isinstance(node, ast.Subscript):
+        return "", ""
+    indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+    return ast.unparse(node.value), ", ".join(ast.unparse(index) for index in indices[-2:])
+
+
+def _without_turns(node: ast.AST) -> ast.AST:
+    """Return the array of an expression that transposes it, or that indexes a product of it."""
+    match node:
+        case ast.Attribute(array, "T") | ast.Call(ast.Attribute(array, "swapaxes" | "transpose")):
+            if ast.unparse(array) != "np":
+                return _without_turns(array)
+    match node:
+        case ast.Call(ast.Attribute(ast.Name("np"), "swapaxes" | "asarray"), [array, *_]):
+            return _without_turns(array)
+        case ast.Subscript(ast.BinOp() as product):
+            return product
+    return node
+
+
+def _parts_of_poses(tree: ast.AST) -> dict[str, ast.AST]:
+    """Return the values of the names that stand for a pose's rotation or translation."""
+    pairs: list[tuple[ast.AST, ast.AST]] = []
+    for node in ast.walk(tree):
+        match node:
+            case ast.Assign([ast.Tuple(names)], ast.Tuple(values)) if len(names) == len(values):
+                pairs += zip(names, values, strict=True)
+            case ast.Assign([name], value):
+                pairs.append((name, value))
+    return {
+        name.id: value
+        for name, value in pairs
+        if isinstance(name, ast.Name) and _indexed(_without_turns(value))[1] in (":3, :3", ":3, 3")
+    }
+
+
+def _written_out(tree: ast.AST) -> list[str]:
+    """Return the expressions that write out what `lis_grasp.geometry` has functions for.
+
+    They are products of a pose with points, ``X[:3, :3] @ p + X[:3, 3]`` in any order or of its
+    inverse, axes across a normal, and inverses of poses.
+    """
+    named = _parts_of_poses(tree)
+
+    def part(node: ast.AST, indices: str) -> set[str]:
+        node = _without_turns(node)
+        if isinstance(node, ast.Name):
+            node = _without_turns(named.get(node.id, node))
+        pose, last = _indexed(node)
+        return {pose} if last == indices else set()
+
+    def turned_by(node: ast.AST) -> set[str]:
+        match _without_turns(node):
+            case ast.BinOp(left, ast.MatMult(), right):
+                return part(left, ":3, :3") | part(right, ":3, :3")
+        return set()
+
+    def is_written_out(node: ast.AST) -> bool:
+        match node:
+            case ast.BinOp(left, ast.Add(), right):
+                return bool(
+                    turned_by(left) & part(right, ":3, 3") or turned_by(right) & part(left, ":3, 3")
+                )
+            case ast.BinOp(left, ast.MatMult(), ast.BinOp(_, ast.Sub(), p)):
+                return bool(part(left, ":3, :3") & part(p, ":3, 3"))
+            case ast.BinOp(ast.BinOp(_, ast.Sub(), p), ast.MatMult(), right):
+                return bool(part(right, ":3, :3") & part(p, ":3, 3"))
+            case ast.Subscript(ast.Call(ast.Attribute(ast.Name("np"), "eye")), index):
+                return "argmin" in ast.unparse(index)
+            case ast.Call(ast.Attribute(ast.Attribute(ast.Name("np"), "linalg"), "inv"), [matrix]):
+                return bool(re.search(r"\bX(_\w+)?\b|pose|frame|link", ast.unparse(matrix)))
+        return False
+
+    return [ast.unparse(node) for node in ast.walk(tree) if is_written_out(node)]
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "a = X[:3, :3] @ p + X[:3, 3]",
+        "a = p @ links[k][:3, :3].T + links[k][:3, 3]",
+        "a = p @ np.swapaxes(X[:, :3, :3], 1, 2) + X[:, None, :3, 3]",
+        "a = p @ X[:, :3, :3].transpose(0, 2, 1) + X[:, None, :3, 3]",
+        "a = (X[..., :3, :3] @ p[..., None])[..., 0] + X[..., :3, 3]",
+        "a = X[:, :3, 3] + X[:, :3, :3] @ np.asarray(p)",
+        "R, t = self.X_OH[:3, :3], self.X_OH[:3, 3]\na = p @ R.T + t",
+        "R = X[:3, :3].T\na = R @ (p - X[:3, 3])",
+        "a = (p - X[:3, 3]) @ X[:3, :3]",
+        "a = np.eye(3)[np.argmin(np.abs(n), axis=-1)]",
+        "a = np.linalg.inv(self.X_WA @ X)",
+        "a = np.linalg.inv(poses[0])",
+    ],
+)
+def test_geometry_that_is_written_out_is_seen(code: str) -> None:
+    assert len(_written_out(ast.parse(code))) == 1
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "a = X[:3, :3] @ p + Y[:3, 3]",
+        "a = X[:3, :3] @ Y[:3, :3].T",
+        "a = p + X[:3, 3]",
+        "a = np.eye(3)[0]",
+        "a = np.linalg.inv(columns.T @ columns)",
+    ],
+)
+def test_other_products_are_not_taken_for_geometry(code: str) -> None:
+    assert not _written_out(ast.parse(code))
+
+
+def test_poses_and_tangents_are_computed_in_one_file() -> None:
+    root = PACKAGE.parent
+    for folder in (PACKAGE, root / "lis_grasp_studies", root / "benchmarks"):
+        for path in sorted(folder.rglob("*.py")):
+            if path != PACKAGE / "geometry.py":
+                written = _written_out(ast.parse(path.read_text(encoding="utf-8")))
+                assert not written, f"{path}: use lis_grasp.geometry for {written}"

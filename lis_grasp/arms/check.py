@@ -182,9 +182,9 @@ def gravity_efforts(station: Station, q: FloatArray, *, load: float = 0.0) -> Fl
     X_WH = station.palm_poses(q)
     links = station.arm.forward_kinematics(station.X_WA, q)
     last = len(station.arm.joint_names)
-    bodies = [(mass, last, X_WH @ np.append(p, 1.0)) for mass, p in carried]
+    bodies = [(mass, last, apply_pose(X_WH, p)) for mass, p in carried]
     bodies += [
-        (inertial.mass, order, links[link] @ np.append(inertial.center_L, 1.0))
+        (inertial.mass, order, apply_pose(links[link], inertial.center_L))
         for link, inertial in station.arm.inertials.items()
         for order in [station.arm.joints_before[link]]
     ]
@@ -192,7 +192,7 @@ def gravity_efforts(station: Station, q: FloatArray, *, load: float = 0.0) -> Fl
     origins, axes = apply_pose(station.X_WA, origins), rotate(station.X_WA, axes)
     efforts = np.zeros(q.shape)
     for mass, order, place in bodies:
-        lever = cross(axes, place[:, None, :3] - origins)[..., 2]
+        lever = cross(axes, place[:, None] - origins)[..., 2]
         rise = np.where(turns, lever, axes[..., 2])  # (N, J)
         efforts[:, :order] += GRAVITY * mass * rise[:, :order]
     return efforts

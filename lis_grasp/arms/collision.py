@@ -119,7 +119,7 @@ class StationChecker:
             if geometry.link not in fixed:
                 X_WG = links[geometry.link] @ geometry.X_LG
                 centers = balls_around(geometry)[0]
-                points.append(centers @ np.swapaxes(X_WG[:, :3, :3], 1, 2) + X_WG[:, None, :3, 3])
+                points.append(apply_pose(X_WG, centers))
         return np.concatenate(points, axis=1).reshape(-1, 3)
 
     def _poses(self, q: FloatArray, q_hand: FloatArray) -> FloatArray:

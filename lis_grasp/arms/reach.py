@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.arms.collision import StationChecker
+from lis_grasp.geometry import rotate
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.pose_ik import ArmSolutions
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
@@ -129,7 +130,7 @@ class ReachFilter:
         """
         solutions = self._station.solve_ik(X_WH, seeds=_SEEDS, first=self._station.arm.home)
         pose, q = best_solutions(self._station, solutions, kept=_KEPT)
-        forward = X_WH[pose, :3, :3] @ self._station.hand.approach_H
+        forward = rotate(X_WH[pose], self._station.hand.approach_H)
         away = track(self._station, q, X_WH[pose], -APPROACH * forward)
         up = track(self._station, q, X_WH[pose], np.array([0.0, 0.0, LIFT]))
         motions: list[ArmGrasp | str] = [

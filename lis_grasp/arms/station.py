@@ -11,7 +11,15 @@ import trimesh
 
 from lis_grasp.arms.reach import ReachFilter
 from lis_grasp.exceptions import InvalidHandError, InvalidOptionError
-from lis_grasp.geometry import apply_pose, cross, frame_along, inverse_pose, make_pose, require_pose
+from lis_grasp.geometry import (
+    apply_pose,
+    cross,
+    frame_along,
+    inverse_pose,
+    make_pose,
+    require_pose,
+    rotate,
+)
 from lis_grasp.grasping.reach import ReachCheck
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
@@ -231,7 +239,7 @@ class Station:
         R_WA = self.X_WA[:3, :3]
         linear, angular = R_WA @ of_flange[..., :3, :], R_WA @ of_flange[..., 3:, :]
         # The palm's origin moves with the flange, and about it.
-        lever = (R_WA @ X_AF[..., :3, :3] @ self.X_FH[:3, 3])[..., None, :]  # (..., 1, 3)
+        lever = rotate(self.X_WA @ X_AF, self.X_FH[:3, 3])[..., None, :]  # (..., 1, 3)
         about = cross(np.swapaxes(angular, -1, -2), lever)
         linear = linear + np.swapaxes(about, -1, -2)
         return self.X_WA @ X_AF @ self.X_FH, np.concatenate([linear, angular], axis=-2)

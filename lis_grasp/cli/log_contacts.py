@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.cli.results_folder import result_file
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.geometry import make_pose
 from lis_grasp.io import provenance
 from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
 from lis_grasp.logs.detection import FORCES_ON, NORMAL_SOURCES, TouchDetection
@@ -171,8 +172,5 @@ def _pose(numbers: list[float] | None) -> FloatArray | None:
         raise InvalidOptionError.out_of_range(
             "object-frame", numbers, "X Y Z, or X Y Z QX QY QZ QW with a quaternion that is not 0"
         )
-    pose = np.eye(4)
-    pose[:3, 3] = numbers[:3]
-    if len(numbers) == 7:
-        pose[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
-    return pose
+    quaternion = numbers[3:] if len(numbers) == 7 else [0.0, 0.0, 0.0, 1.0]
+    return make_pose(Rotation.from_quat(quaternion).as_matrix(), numbers[:3])

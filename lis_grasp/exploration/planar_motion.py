@@ -11,6 +11,7 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.geometry import apply_pose, inverse_pose, make_pose
 from lis_grasp.records import short_repr
 from lis_grasp.typing import FloatArray
 
@@ -53,10 +54,8 @@ def push_of(contacts: Contacts, known: Contacts) -> Push:
 def planar_pose(displacement: FloatArray) -> FloatArray:
     """Return the pose, shape (4, 4), of a displacement (3,): x, y [m] and yaw [rad]."""
     x, y, yaw = displacement
-    pose = np.eye(4)
-    pose[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    pose[:2, 3] = x, y
-    return pose
+    c, s = np.cos(yaw), np.sin(yaw)
+    return make_pose([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], [x, y, 0.0])
 
 
 def displacement_rows(points: FloatArray, normals: FloatArray) -> FloatArray:
@@ -89,8 +88,8 @@ def register_motions(sets: Sequence[Contacts], mesh: trimesh.Trimesh) -> FloatAr
         for k, contacts in enumerate(sets):
             if not len(contacts):
                 continue
-            back = np.linalg.inv(planar_pose(displacements[k]))
-            points = trimesh.transform_points(contacts.points, back)
+            back = inverse_pose(planar_pose(displacements[k]))
+            points = apply_pose(back, contacts.points)
             nearest, _, triangles = trimesh.proximity.closest_point(mesh, points)
             normals = mesh.face_normals[triangles]
             distances = np.einsum("ni,ni->n", points - nearest, normals) / _CONTACT_ERROR

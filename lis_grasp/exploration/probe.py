@@ -14,7 +14,7 @@ from lis_grasp.contacts import FARTHEST, Contacts, checked_radii
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
-from lis_grasp.geometry import require_pose
+from lis_grasp.geometry import inverse_pose, require_pose
 from lis_grasp.records import read_only, short_repr
 from lis_grasp.typing import FloatArray
 
@@ -179,7 +179,7 @@ class ProbeOutcome:
 
     def in_frame(self, X_EF: FloatArray) -> ProbeOutcome:
         """Return the outcome in a frame F with pose X_EF (4, 4); the probe stays as it was."""
-        X_FE = np.asarray(np.linalg.inv(X_EF))
+        X_FE = inverse_pose(X_EF)
         hand_pose, pose = self.hand_pose, self.simulated_pose
         return replace(
             self,
@@ -202,7 +202,7 @@ class ProbeOutcome:
     def object_moved(self, X_EF: FloatArray) -> ProbeOutcome:
         """Return the outcome after a believed motion of the object that its contacts precede."""
         pose = self.simulated_pose
-        moved = None if pose is None else np.linalg.inv(X_EF) @ pose
+        moved = None if pose is None else inverse_pose(X_EF) @ pose
         return replace(self, simulated_pose=moved)
 
 
@@ -240,6 +240,7 @@ def since_loss(outcomes: Sequence[ProbeOutcome]) -> Sequence[ProbeOutcome]:
 
 def _moved(points: FloatArray, X: FloatArray) -> FloatArray:
     """Return points (N, 3) at a pose, in the memory layout of those read from a file."""
+    # trimesh keeps the bits of points that a pose moves by rounding only.
     return np.ascontiguousarray(trimesh.transform_points(points, X))
 
 

@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.geometry import cross, unit
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -86,8 +87,7 @@ def concavity_probe(
     starts = np.array([outcome.probe.start for outcome in outcomes]).reshape(-1, 3)
     probed = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
     # Perpendicular to the tip's motion, to a side drawn once for all points.
-    sideways = np.cross(directions, rng.normal(size=3))
-    sideways /= np.maximum(np.linalg.norm(sideways, axis=1, keepdims=True), 1e-12)
+    sideways = unit(cross(directions, rng.normal(size=3)), least=1e-12)
     near = np.linalg.norm(points[:, None] - starts, axis=-1) < space.step  # (K, outcomes)
     blocked = np.array([outcome.status == "blocked" for outcome in outcomes], dtype=np.bool_)
     new = ~np.any(near & (blocked | (sideways @ probed.T > SAME_DIRECTION)), axis=1)
@@ -152,21 +152,20 @@ def retreats(
     """
     if space.support_height is None:
         return directions
-    raised = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    raised = unit(directions)
     above = (points[:, 2] - space.support_height) / space.step
     level = is_low(points, space) & (np.abs(raised[:, 2]) < _LEVEL)
     if not is_flat(contacts, space):
         level[level] = _leads_outside(points[level], raised[level], space, surface)
     raised[:, 2] = np.where(level, 0.0, np.maximum(raised[:, 2], _START_ABOVE_TABLE - above))
-    return np.asarray(raised / np.linalg.norm(raised, axis=1, keepdims=True))
+    return unit(raised)
 
 
 def _leads_outside(
     points: FloatArray, directions: FloatArray, space: Workspace, surface: ImplicitSurface
 ) -> BoolArray:
     """Return which level lines from points (P, 3) do not meet the estimate again, as in a hole."""
-    level = directions * [1.0, 1.0, 0.0]
-    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    level = unit(directions * [1.0, 1.0, 0.0])
     starts = level_targets(points, level, space)
     distances = np.arange(_SPACING * space.step, space.size, _SPACING * space.step)
     lines = starts[:, None] + distances[:, None] * level[:, None]  # (P, D, 3)

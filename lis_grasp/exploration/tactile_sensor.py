@@ -9,6 +9,7 @@ import numpy as np
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.probe import ProbeOutcome
+from lis_grasp.geometry import unit
 from lis_grasp.typing import FloatArray
 
 UNKNOWN = "unknown"
@@ -76,7 +77,7 @@ class TactileSensor:
         normals = chosen.normals + self.normal_noise * _tangential(
             rng.normal(size=chosen.normals.shape), chosen.normals
         )
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = unit(normals)
         points = chosen.points + self.position_noise * rng.normal(size=chosen.points.shape)
         # The centre of the taxel is within half a pitch, along the surface.
         offset = self.taxel_pitch * rng.uniform(-0.5, 0.5, size=chosen.points.shape)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import trimesh
 
+from lis_grasp.geometry import rotate
 from lis_grasp.grasping.contact_sets import ContactSets
 from lis_grasp.grasping.inverse_kinematics import Postures, solve_ik
 from lis_grasp.grasping.pad_offsets import FingertipContacts
@@ -124,7 +125,7 @@ class CandidateFilter:
         if self._reach_check is not None:
             back = np.append(-_ARM_ERROR, back)
         paths = np.repeat(X_OH[:, None], len(back), axis=1)
-        paths[:, :, :3, 3] -= back[:, None] * (X_OH[:, :3, :3] @ self._hand.approach_H)[:, None]
+        paths[:, :, :3, 3] -= back[:, None] * rotate(X_OH, self._hand.approach_H)[:, None]
         return paths
 
     def _free(

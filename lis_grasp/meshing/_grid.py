@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lis_grasp.exceptions import EstimationError
+from lis_grasp.geometry import unit
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
@@ -102,8 +103,7 @@ class Field:
         largest = np.abs(gradients).max(axis=1)
         defined = np.isfinite(largest) & (largest > 0.0)
         normals = np.zeros_like(gradients)
-        normals[defined] = gradients[defined] / largest[defined, None]
-        normals[defined] /= np.linalg.norm(normals[defined], axis=1, keepdims=True)
+        normals[defined] = unit(gradients[defined] / largest[defined, None])
         return normals
 
     def uncertainty(self, points: FloatArray) -> FloatArray:

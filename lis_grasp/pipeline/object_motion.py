@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exploration import Exploration
-from lis_grasp.geometry import inverse_pose
+from lis_grasp.geometry import apply_pose, inverse_pose
 from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 
@@ -33,8 +33,8 @@ def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | Non
     center = shape.mesh.bounds.mean(axis=0)
     moved = trimesh.transform_points(center[None], X_WE @ X_EO)[0] - center
     points, _ = trimesh.sample.sample_surface(shape.mesh, _SAMPLES, seed=0)
-    off, _ = distances_to_mesh(trimesh.transform_points(points, X_EO), shape.mesh)
-    now = trimesh.transform_points(exploration.contacts.points, inverse_pose(X_EO))
+    off, _ = distances_to_mesh(apply_pose(X_EO, points), shape.mesh)
+    now = apply_pose(inverse_pose(X_EO), exploration.contacts.points)
     misplaced = distances_to_mesh(now, shape.mesh)[0] if len(now) else None
     losses = sum(belief.trust == "lost" for belief in beliefs)
     return {

@@ -10,7 +10,7 @@ import trimesh
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.planar_motion import planar_pose, register_motions
-from lis_grasp.geometry import inverse_pose
+from lis_grasp.geometry import inverse_pose, unit
 from lis_grasp.grasping.grasp_ranking import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
@@ -148,8 +148,7 @@ def _pushed_along_one_line(points: FloatArray, normals: FloatArray) -> FloatArra
 
     Closing pads turn the object until its faces lie on them (Brost 1988).
     """
-    axis = normals[1] - normals[0]
-    axis /= max(float(np.linalg.norm(axis)), 1e-9)
+    axis = unit(normals[1] - normals[0], least=1e-9)
     half_width = 0.5 * float((points[1] - points[0]) @ axis) * axis
     return np.asarray(points.mean(axis=0) + np.stack([-half_width, half_width]))
 

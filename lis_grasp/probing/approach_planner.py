@@ -14,6 +14,7 @@ from lis_grasp.arms.station import Station
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.geometry import apply_pose, make_pose, tangent_frame
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
@@ -131,7 +132,7 @@ class ApproachPlanner:
                 distance = float(obstacles.space.approach_distance(center, axis))
                 rolled = list(_rolled(posture, center_H, probe, axis, distance))
                 X_OH = np.array([approach.X_OH for approach in rolled])  # (R, 4, 4)
-                points = points_H @ X_OH[:, :3, :3].transpose(0, 2, 1) + X_OH[:, None, :3, 3]
+                points = apply_pose(X_OH, points_H)
                 for k in np.flatnonzero(~_collides(points, obstacles)):
                     back = np.arange(_POSE_SPACING, distance + _POSE_SPACING, _POSE_SPACING)
                     offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
@@ -152,7 +153,7 @@ class ApproachPlanner:
     def _nearness(self, approach: Approach, probe: Probe, keep_out: KeepOut) -> int:
         """Return how near the links that are no fingertips come to the estimate on the motion."""
         points = self._inner[approach.posture.finger]
-        points = points @ approach.X_OH[:3, :3].T + approach.X_OH[:3, 3]  # (P, 3)
+        points = apply_pose(approach.X_OH, points)  # (P, 3)
         length = probe.standoff + min(probe.overshoot, _FARTHER)
         ahead = np.append(np.arange(0.0, length, _POSE_SPACING), length)[:, None] * probe.direction
         back = np.arange(_POSE_SPACING, approach.distance, _POSE_SPACING)[:, None] * approach.axis
@@ -192,9 +193,8 @@ def _rolled(
     center_O = probe.start - posture.radius * probe.direction
     R_OX, R_XH = rotation_to_x(axis).T, rotation_to_x(posture.direction_H)
     for roll in _ROLLS:
-        X_OH = np.eye(4)
-        X_OH[:3, :3] = R_OX @ roll @ R_XH
-        X_OH[:3, 3] = center_O - X_OH[:3, :3] @ center_H
+        R_OH = R_OX @ roll @ R_XH
+        X_OH = make_pose(R_OH, center_O - R_OH @ center_H)
         yield Approach(posture, X_OH, axis, distance)
 
 
@@ -212,15 +212,12 @@ def _turned_down(direction: FloatArray) -> FloatArray:
 def _leading_center(hand: Hand, posture: ProbePosture) -> FloatArray:
     """Return the leading sphere's centre, (3,), in H [m]."""
     X_HL = hand.forward_kinematics(np.eye(4), posture.joint_positions)[posture.link]
-    return np.asarray(X_HL[:3, :3] @ posture.center_L + X_HL[:3, 3])
+    return apply_pose(X_HL, posture.center_L)
 
 
 def rotation_to_x(direction: FloatArray) -> FloatArray:
     """Return a rotation, shape (3, 3), that takes the unit `direction` to +x."""
-    helper = np.eye(3)[np.argmin(np.abs(direction))]
-    y = np.cross(direction, helper)
-    y /= np.linalg.norm(y)
-    return np.vstack([direction, y, np.cross(direction, y)])
+    return np.vstack([direction, tangent_frame(direction)])
 
 
 # Cells of the grid along the object's largest extent; the grid reaches beyond it by so many sizes.
@@ -284,8 +281,7 @@ class PointsOnHand:
         self._points_L: list[tuple[str, FloatArray]] = []  # (P, 3) [m] of each body, and its link
         for geometry in hand.link_geometries:
             points = np.asarray(geometry.mesh.subdivide_to_size(_SPACING).vertices)
-            R_LG, p_LG = geometry.X_LG[:3, :3], geometry.X_LG[:3, 3]
-            self._points_L.append((geometry.link, points @ R_LG.T + p_LG))
+            self._points_L.append((geometry.link, apply_pose(geometry.X_LG, points)))
 
     def on_all_links(self, posture: ProbePosture) -> FloatArray:
         """Return points on all links, (P, 3), in H [m]."""
@@ -300,7 +296,7 @@ class PointsOnHand:
         points = [np.empty((0, 3))]
         for link, points_L in self._points_L:
             if link not in left_out:
-                points.append(points_L @ links[link][:3, :3].T + links[link][:3, 3])
+                points.append(apply_pose(links[link], points_L))
         # One point in each cell of half the spacing is enough.
         every = np.concatenate(points)
         _, first = np.unique(np.round(2.0 * every / _SPACING), axis=0, return_index=True)

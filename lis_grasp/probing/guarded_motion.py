@@ -21,6 +21,7 @@ from lis_grasp.exploration.probe_motions import (
     TRANSIT_SPEED,
 )
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
+from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.probing.approach_planner import (
     NO_FREE_APPROACH,
     NO_FREE_START,
@@ -85,7 +86,7 @@ class GuardedMotion:
     def place_object(self, X_EO: FloatArray) -> None:
         """Place the true object at a pose, shape (4, 4)."""
         moved = not np.array_equal(X_EO, np.eye(4))
-        self._X_OE = np.asarray(np.linalg.inv(X_EO)) if moved else None
+        self._X_OE = inverse_pose(X_EO) if moved else None
 
     def place_station(self, station: Station) -> None:
         """Place the station of the arm in the frame E."""
@@ -171,7 +172,7 @@ class GuardedMotion:
         """Return a course's free balls, the leader's first: centres (K, 3) in O, radii (K,)."""
         balls = self._balls[course.finger]
         X_OH = course.poses()
-        centers = (balls[:, :3] @ X_OH[:, :3, :3].transpose(0, 2, 1)) + X_OH[:, None, :3, 3]
+        centers = apply_pose(X_OH, balls[:, :3])
         tip, others = centers[:, 0], centers[:, 1:].reshape(-1, 3)
         radii = np.tile(balls[1:, 3], len(X_OH))
         if obstacles is not None:
@@ -206,7 +207,7 @@ class GuardedMotion:
                 # A hand that does not cross the surface is all inside or all outside.
                 center = probe.start - radius * probe.direction
                 if self._X_OE is not None:
-                    center = self._X_OE[:3, :3] @ center + self._X_OE[:3, 3]
+                    center = apply_pose(self._X_OE, center)
                 inside[radius] = any_inside(self._mesh, center[None])
             if not inside[radius] and not self._place(approach, approach.X_OH):
                 return approach
@@ -216,7 +217,7 @@ class GuardedMotion:
         """Move the placed hand until a link touches; return the link and the distance [m]."""
         travelled = 0.0
         if self._X_OE is not None:
-            direction = self._X_OE[:3, :3] @ direction
+            direction = rotate(self._X_OE, direction)
         while True:
             nearest = self._checker.nearest(travelled * direction)
             if nearest.distance < TOUCHING:
@@ -238,12 +239,12 @@ def _with_higher_table(obstacles: ObstacleModel) -> ObstacleModel:
 def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:
     """Return balls inside the links, centres in H and radii [m], shape (S, 4); the leader first."""
     links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
-    leader = links[posture.link][:3, :3] @ posture.center_L + links[posture.link][:3, 3]
+    leader = apply_pose(links[posture.link], posture.center_L)
     balls = [np.append(leader, posture.radius)[None]]
     for geometry in hand.link_geometries:
         centers, radii = balls_inside(geometry)
         X_HG = links[geometry.link] @ geometry.X_LG
-        inside = np.column_stack([centers @ X_HG[:3, :3].T + X_HG[:3, 3], radii])
+        inside = np.column_stack([apply_pose(X_HG, centers), radii])
         balls.append(inside[np.linalg.norm(inside - balls[0], axis=1) > TOUCHING])
     return np.concatenate(balls)
 

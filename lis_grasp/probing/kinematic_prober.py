@@ -13,6 +13,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import PROBE_SPEED, TRANSIT_SPEED
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.geometry import apply_pose, unit
 from lis_grasp.probing.guarded_motion import TOUCHING, GuardedMotion
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
@@ -187,7 +188,7 @@ def _face_normals(mesh: trimesh.Trimesh) -> FloatArray:
     normals = np.array(mesh.face_normals)
     flat = np.linalg.norm(normals, axis=1) < 0.5
     around = np.asarray(mesh.vertex_normals)[mesh.faces[flat]].sum(axis=1)  # (K, 3)
-    normals[flat] = around / np.maximum(np.linalg.norm(around, axis=1, keepdims=True), 1e-12)
+    normals[flat] = unit(around, least=1e-12)
     return normals
 
 
@@ -206,7 +207,7 @@ def _radius_about(hand: Hand, moved: Joint) -> float:
     by_child = {joint.child: joint for joint in hand.joints}
     radius = 0.0
     for geometry in hand.link_geometries:
-        corners = trimesh.transform_points(geometry.mesh.vertices, geometry.X_LG)
+        corners = apply_pose(geometry.X_LG, geometry.mesh.vertices)
         length = float(np.linalg.norm(corners, axis=1).max())
         link = geometry.link
         while link in by_child and link != moved.child:

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.special import logsumexp
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.geometry import tangent_frame, unit
 from lis_grasp.surfaces._noise_evidence import least_noise
 from lis_grasp.surfaces.contact_places import resolution_of
 from lis_grasp.surfaces.queries import require_range
@@ -62,9 +63,9 @@ def noise_of(
     outside its range.
     """
     options = {"position_noise": (position_noise, "m"), "normal_noise": (normal_noise, "rad")}
-    for name, (value, unit) in options.items():
+    for name, (value, measured_in) in options.items():
         if value is not None:
-            require_range(name, value, unit=unit)
+            require_range(name, value, unit=measured_in)
     position, normal = (np.nan if value is None else value for value, _ in options.values())
     return (
         filled(contacts.position_noise, position, len(contacts)),
@@ -166,9 +167,9 @@ class _Blocks:
         rows = centers[:, None]
         near, distances, used = near[rows, first], distances[rows, first], on_patch[rows, first]
         offsets = (points[near] - points[rows]) / spacing  # (B, K, 3)
-        gradients = _gradient_rows(offsets, _tangents(normals[centers]))  # (B, K, 3, 9)
+        gradients = _gradient_rows(offsets, tangent_frame(normals[centers]))  # (B, K, 3, 9)
         mine, theirs = normals[rows], normals[near]  # (B, 1, 3), (B, K, 3)
-        frames = _tangents(theirs)  # (B, K, 2, 3)
+        frames = tangent_frame(theirs)  # (B, K, 2, 3)
         tilts = _with_side(frames @ gradients, -np.einsum("bkuc,blc->bku", frames, mine))
         lengths = _with_side(
             np.einsum("bkc,bkcq->bkq", theirs, gradients),
@@ -243,7 +244,7 @@ def _on_one_patch(
             -0.5 * (distances / _SMOOTH_POSITIONS) ** 2 - 0.5 * tilts / _SMOOTH_NORMALS**2
         )
         smooth = normals + np.einsum("nk,nkc->nc", weights, normals[near])
-        smooth = smooth / np.linalg.norm(smooth, axis=1, keepdims=True)
+        smooth = unit(smooth)
     offsets = points[near] - points[:, None]
     # 0 on planes, spheres and cylinders, whatever the curvature.
     steps = np.abs(np.einsum("nkc,nkc->nk", offsets, smooth[near] + smooth[:, None]))
@@ -257,14 +258,6 @@ def _spread(points: FloatArray, chosen: IndexArray) -> IndexArray:
     order = chosen[np.argsort(distances, kind="stable")]
     count = min(len(order), _MOST_BLOCKS)
     return order[np.round(np.linspace(0, len(order) - 1, count)).astype(np.intp)]
-
-
-def _tangents(normals: FloatArray) -> FloatArray:
-    """Return two unit tangents of each unit normal (..., 3), shape (..., 2, 3)."""
-    axes = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
-    first = np.cross(normals, axes)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(normals, first)], axis=-2)
 
 
 def _gradient_rows(offsets: FloatArray, tangents: FloatArray) -> FloatArray:

@@ -23,6 +23,7 @@ from scipy.linalg import cho_solve
 from scipy.optimize import minimize
 from scipy.special import log_ndtr
 
+from lis_grasp.geometry import tangent_frame
 from lis_grasp.surfaces._gaussian_process_regression import (
     ROWS,
     GradientRegression,
@@ -158,10 +159,10 @@ class NormalPosterior:
         flat = normals.ravel()
         half_slope = self.quadratic @ flat + self.linear
         variance = (float(flat @ (half_slope + self.linear)) + self.constant) / (2.0 * count)
-        frames = _tangent_frames(normals)  # (N, 3, 2)
+        frames = tangent_frame(normals)  # (N, 2, 3)
         blocks = self.quadratic.reshape(count, 3, count, 3)
-        hessian = np.einsum("iak,iajb->ikjb", frames, blocks, optimize=True)
-        hessian = np.einsum("ikjb,jbl->ikjl", hessian, frames, optimize=True) / variance
+        hessian = np.einsum("ika,iajb->ikjb", frames, blocks, optimize=True)
+        hessian = np.einsum("ikjb,jlb->ikjl", hessian, frames, optimize=True) / variance
         hessian = hessian.reshape(2 * count, 2 * count)
         # Curvature of the sphere of unit normals times the slope along the normal.
         slopes = half_slope.reshape(-1, 3) / variance + self.inward
@@ -177,13 +178,6 @@ class NormalPosterior:
             log_evidence=float(evidence - 0.5 * self.log_determinant),
             amplitude=float(np.sqrt(variance)),
         )
-
-
-def _tangent_frames(normals: FloatArray) -> FloatArray:
-    """Return two unit vectors across each normal, shape (N, 3, 2)."""
-    axes = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    first = _unit(np.cross(normals, axes))
-    return np.stack([first, np.cross(normals, first)], axis=2)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

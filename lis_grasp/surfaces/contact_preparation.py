@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from trimesh.graph import connected_component_labels
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.geometry import unit
 from lis_grasp.surfaces._contact_noise import (
     filled,
     likeliest_noise,
@@ -282,7 +283,7 @@ def _means(contacts: Contacts, group: IndexArray) -> Contacts:
     normals = sums(contacts.normals, precisions_of(contacts.normal_noise, len(contacts)))
     return Contacts(
         sums(contacts.points, weights) / np.bincount(group, weights)[:, None],
-        normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        unit(normals),
         position_noise=noise_of_means(contacts.position_noise, group),
         normal_noise=noise_of_means(contacts.normal_noise, group),
     )

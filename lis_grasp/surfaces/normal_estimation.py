@@ -14,6 +14,7 @@ from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
+from lis_grasp.geometry import angle_between
 from lis_grasp.surfaces._contact_noise import mean_where_unknown
 from lis_grasp.surfaces._normal_posterior import EstimatedNormals, NormalPosterior
 from lis_grasp.surfaces.contact_places import farthest_point_order, spacing_of
@@ -228,7 +229,7 @@ def _mixture(found: list[EstimatedNormals]) -> tuple[FloatArray, FloatArray]:
             continue
         distinct.append(each)
         weight = float(np.exp(each.log_evidence - best.log_evidence))
-        angles = np.arccos(np.clip(np.sum(each.normals * best.normals, axis=1), -1.0, 1.0))
+        angles = angle_between(each.normals, best.normals)
         variances += weight * (each.deviations**2 + 0.5 * angles**2)
         total += weight
     return best.normals, variances / total

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from lis_grasp.geometry import tangent_frame
 from lis_grasp.surfaces import LocalImplicitSurface
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.figures import palette, style
@@ -106,7 +107,7 @@ def _disc_patches(view: View, surface: LocalImplicitSurface) -> list[Patches]:
     patches: list[Patches] = []
     for i in np.flatnonzero(view.faces(surface.normals)):
         normal, center = surface.normals[i], surface.points[i] + _ABOVE * surface.normals[i]
-        plane = tangent_axes(normal)
+        plane = tangent_frame(normal)
         rim = center + _RADIUS * around(angles, plane)  # (W + 1, 3)
         beta, _ = surface.convexity.evaluate(int(i), around(middles, plane))
         wedges = np.stack([np.broadcast_to(center, rim[1:].shape), rim[:-1], rim[1:]], axis=1)
@@ -120,13 +121,6 @@ def _disc_patches(view: View, surface: LocalImplicitSurface) -> list[Patches]:
         ]
         patches += [replace(part, depths=np.full(len(part.depths), depth)) for part in parts]
     return patches
-
-
-def tangent_axes(normal: FloatArray) -> FloatArray:
-    """Return two unit vectors, rows of (2, 3), that are a right-handed frame with a unit normal."""
-    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(normal, first)])
 
 
 def around(angles: FloatArray, plane: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.geometry import tangent_frame
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import LocalImplicitSurface, PatchImplicitSurface
 from lis_grasp.typing import FloatArray
@@ -33,7 +34,7 @@ from lis_grasp_studies.figures import (
     curve_panels,
     png_of,
 )
-from lis_grasp_studies.figures.convexity_figures import angular_kernel, around, tangent_axes
+from lis_grasp_studies.figures.convexity_figures import angular_kernel, around
 from lis_grasp_studies.figures.error_figures import error_lines
 from lis_grasp_studies.figures.figure_inputs import view_on
 from lis_grasp_studies.figures.object_figures import _owners, patch_map
@@ -303,7 +304,7 @@ def test_two_neighbours_merge_by_the_angular_kernel_as_drawn() -> None:
     points = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, -0.01], [0.0, 0.04, 0.02]])
     normals = np.tile([0.0, 0.0, 1.0], (3, 1))
     surface = LocalImplicitSurface.from_contacts(Contacts(points, normals), sigma=sigma)
-    plane = tangent_axes(normals[0])
+    plane = tangent_frame(normals[0])
     phi = np.linspace(-3.0, 3.0, 13)
     x_axis = np.arctan2(*plane[:, 0][::-1])  # the plane's angle of +x, of neighbour 1
     y_axis = np.arctan2(*plane[:, 1][::-1])

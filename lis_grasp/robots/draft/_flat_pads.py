@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from lis_grasp.geometry import angle_between, apply_pose, rotate, unit
+from lis_grasp.geometry import angle_between, apply_inverse, apply_pose, rotate, unit
 from lis_grasp.records import read_only
 from lis_grasp.robots.draft._structure import Finger, FingerBody, link_points
 from lis_grasp.robots.kinematics import link_kinematics
@@ -171,13 +171,12 @@ def flat_pad(finger: Finger, towards_L: FloatArray, outward_L: FloatArray) -> Pa
     )
     p_L = body.points_L if found else finger.points_L
     center = center + ((p_L @ axis).max() - center @ axis) * axis
-    R = body.X_LB[:3, :3]
     return Pad(
         finger.name,
         body.link,
-        read_only(R.T @ (center - body.X_LB[:3, 3])),
+        read_only(apply_inverse(body.X_LB, center)),
         0.0,
-        read_only(R.T @ axis),
+        read_only(body.X_LB[:3, :3].T @ axis),
         _HALF_ANGLE,
     )
 
