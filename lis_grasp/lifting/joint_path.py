@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -10,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.lifting.wrist_path import WristPath
+from lis_grasp.robots.arm import Arm
 from lis_grasp.typing import FloatArray
 
 # Newton steps a sample; two suffice from the sample before.
@@ -29,35 +29,6 @@ class PalmJacobian(Protocol):
         Rows 0 to 2 are the velocity of H's origin, rows 3 to 5 the angular velocity.
         """
         ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class JointPath:
-    """Joint positions, rates and accelerations at even times, shapes (N, J)."""
-
-    step: float  # between two samples [s]
-    q: FloatArray
-    qd: FloatArray
-    qdd: FloatArray
-
-    @classmethod
-    def of(cls, trajectory: JointTrajectory, step: float) -> JointPath:
-        """Return a trajectory whose times are `step` [s] apart."""
-        return cls(step, trajectory.positions, trajectory.velocities, trajectory.accelerations)
-
-    @property
-    def duration(self) -> float:
-        """Time from the first to the last sample [s]."""
-        return (len(self.q) - 1) * self.step
-
-    def use_of(self, velocity_limits: FloatArray, acceleration_limits: FloatArray) -> FloatArray:
-        """Return the largest fractions, shape (2,), of speed and acceleration limits (J,)."""
-        return np.array(
-            [
-                np.max(np.abs(self.qd) / velocity_limits, initial=0.0),
-                np.max(np.abs(self.qdd) / acceleration_limits, initial=0.0),
-            ]
-        )
 
 
 class PalmPath:
@@ -89,34 +60,41 @@ def displaced(X_WB: FloatArray, displacement: FloatArray) -> FloatArray:
 
 
 def joint_path_along(
-    arm: PalmJacobian,
+    kinematics: PalmJacobian,
+    arm: Arm,
     q: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
     palm: PalmPath,
     *,
     duration: float,
     step: float,
     stretch: float = 1.0,
-) -> JointPath | None:
+) -> JointTrajectory | None:
     """Return the joint path along a palm path, from joint positions q (J,) at its start.
 
     Resolved-rate control (Whitney 1969) with Newton's correction at each sample. The rates are
     ``J^+ V``, the accelerations differences of the rates. With `stretch`, the path takes as many
-    times longer. Returns None where the path leaves the reach or the joint limits (J,).
+    times longer. Returns None where the path leaves the reach or the arm's joint limits.
     """
     count = max(round(stretch * duration / step), 1)
     positions, rates = np.empty((count + 1, len(q))), np.empty((count + 1, len(q)))
     guess = q
     for n in range(count + 1):
         X, V = palm.at(n * step / stretch)
-        solved = posture_near(arm, guess, X)
-        if solved is None or np.any(solved < lower) or np.any(solved > upper):
+        posture = posture_near(kinematics, guess, X)
+        if posture is None or np.any(posture < arm.lower) or np.any(posture > arm.upper):
             return None
-        positions[n], rates[n] = solved, joint_rates(arm, solved, V / stretch)
-        guess = solved + step * rates[n]
+        positions[n], rates[n] = posture, joint_rates(kinematics, posture, V / stretch)
+        guess = posture + step * rates[n]
     accelerations = np.asarray(np.gradient(rates, step, axis=0))
-    return JointPath(step, positions, rates, accelerations)
+    times: FloatArray = step * np.arange(count + 1, dtype=np.float64)
+    return JointTrajectory(arm.joint_names, times, positions, rates, accelerations)
+
+
+def use_of_limits(path: JointTrajectory, arm: Arm) -> FloatArray:
+    """Return the largest fractions, shape (2,), of the arm's speed and acceleration limits."""
+    speeds = np.abs(path.velocities) / arm.velocity_limits
+    accelerations = np.abs(path.accelerations) / arm.acceleration_limits
+    return np.array([np.max(speeds, initial=0.0), np.max(accelerations, initial=0.0)])
 
 
 def posture_near(arm: PalmJacobian, q: FloatArray, X: FloatArray) -> FloatArray | None:

@@ -6,21 +6,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.lifting.outcome import Reason
 from lis_grasp.lifting.wrist_path import WristPath, rest_at
 from lis_grasp.typing import FloatArray
 
 
-class CarrierMotion(Protocol):
-    """A motion of what carries the hand, along a path of the palm."""
+@dataclass(frozen=True, slots=True, eq=False)
+class CarrierMotion:
+    """A motion of what carries the hand."""
 
-    @property
-    def duration(self) -> float:
-        """Time of the motion [s]."""
-
-    def command(self, time: float) -> None:
-        """Command the state that belongs to a time since the motion's start [s]."""
+    duration: float  # [s]
+    command: Callable[[float], None]  # the state that belongs to a time since the start [s]
 
 
 class ArmStoppedError(Exception):
@@ -73,48 +72,30 @@ class Carrier(Protocol):
         return None
 
 
-@dataclass(frozen=True, slots=True)
-class WristMotion:
-    """Motion of a free wrist along a path, by commands of displacement (6,) and rate (6,)."""
-
-    command_wrist: Callable[[FloatArray, FloatArray], None]
-    path: WristPath
-    duration: float
-
-    def command(self, time: float) -> None:
-        """Command the state that belongs to a time since the motion's start [s]."""
-        self.command_wrist(*self.path(time))
-
-
 class FreeWrist(Carrier):
     """A wrist without an arm, under a command of displacement (6,), see `WristPath`, and rate."""
 
     def __init__(self, command: Callable[[FloatArray, FloatArray], None]) -> None:
         self._command = command
 
-    def follow(self, path: WristPath, duration: float) -> WristMotion:
+    def follow(self, path: WristPath, duration: float) -> CarrierMotion:
         """Return the motion along a path of a duration [s]."""
-        return WristMotion(self._command, path, duration)
+        return CarrierMotion(duration, lambda time: self._command(*path(time)))
 
 
-class HandContact(Protocol):
+@dataclass(frozen=True, slots=True, eq=False)
+class HandContact:
     """Contact of a link of the hand with the object, in W."""
 
-    @property
-    def link(self) -> str:
-        """Name of the link."""
-
-    @property
-    def point(self) -> FloatArray:
-        """Centre of the contact, shape (3,) [m]."""
-
-    @property
-    def normal(self) -> FloatArray:
-        """Mean normal, shape (3,), unit, out of the object."""
+    link: str
+    point: FloatArray  # (3,) [m]: centre of the contact
+    normal: FloatArray  # (3,), unit, out of the object: mean
+    force: FloatArray  # (3,) [N], of the hand on the object
 
     @property
     def strength(self) -> float:
         """Size of the force [N]."""
+        return float(np.linalg.norm(self.force))
 
 
 class LiftingScene(Protocol):

@@ -10,10 +10,10 @@ import trimesh
 
 from lis_grasp.arms.grasp_motion import plan_transit
 from lis_grasp.arms.station import Station
+from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError, require_positive
 from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.lifting.joint_path import JointPath
 from lis_grasp.lifting.outcome import LiftOptions, Reason
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
@@ -49,7 +49,7 @@ class ArmLift:
     """
 
     station: Station
-    transit: JointPath
+    transit: JointTrajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +163,7 @@ def plan_arm_lift(
     if isinstance(planned, str):
         return "no_arm_motion"
     _, transit = planned
-    return ArmLift(station, JointPath.of(transit, time_step))
+    return ArmLift(station, transit)
 
 
 def useful_efforts(hand: Hand, q: npt.ArrayLike) -> FloatArray:

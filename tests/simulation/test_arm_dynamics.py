@@ -5,7 +5,7 @@ import pytest
 
 from lis_grasp.arms.check import gravity_efforts
 from lis_grasp.arms.station import Station, Table
-from lis_grasp.lifting.joint_path import PalmPath, joint_path_along
+from lis_grasp.lifting.joint_path import PalmPath, joint_path_along, use_of_limits
 from lis_grasp.lifting.wrist_path import line, rest_at, shake_about
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
@@ -65,9 +65,7 @@ def _path(station: Station, dynamics: ArmDynamics, path: object, duration: float
     arm, hand = station.arm, station.hand
     X_WB = station.palm_poses(arm.home) @ np.linalg.inv(hand.X_LH)
     palm = PalmPath(X_WB, hand.X_LH, path)
-    made = joint_path_along(
-        dynamics, arm.home, arm.lower, arm.upper, palm, duration=duration, step=STEP, **options
-    )
+    made = joint_path_along(dynamics, arm, arm.home, palm, duration=duration, step=STEP, **options)
     return palm, made
 
 
@@ -78,15 +76,14 @@ def test_a_joint_path_keeps_the_palm_on_a_shake_with_turns(
     shake = shake_about(np.zeros(6), direction, 2.0, frequency=4.0, cycles=2)
     palm, made = _path(station, dynamics, shake, 0.5)
     assert made is not None
-    for n in range(0, len(made.q), 9):
+    for n in range(0, len(made.positions), 9):
         X_WH, velocity = palm.at(n * STEP)
-        np.testing.assert_allclose(station.palm_poses(made.q[n]), X_WH, atol=1e-5)
-        _, J = station.jacobians(made.q[n])
-        np.testing.assert_allclose(J @ made.qd[n], velocity, atol=1e-3)
+        np.testing.assert_allclose(station.palm_poses(made.positions[n]), X_WH, atol=1e-5)
+        _, J = station.jacobians(made.positions[n])
+        np.testing.assert_allclose(J @ made.velocities[n], velocity, atol=1e-3)
     # The rates are those of the positions: differences of second order in the step.
-    np.testing.assert_allclose(
-        np.gradient(made.q, STEP, axis=0)[1:-1], made.qd[1:-1], atol=0.02 * np.abs(made.qd).max()
-    )
+    differences, rates = np.gradient(made.positions, STEP, axis=0), made.velocities
+    np.testing.assert_allclose(differences[1:-1], rates[1:-1], atol=0.02 * np.abs(rates).max())
 
 
 def test_a_stretched_path_is_slower_in_proportion(station: Station, dynamics: ArmDynamics) -> None:
@@ -96,9 +93,9 @@ def test_a_stretched_path_is_slower_in_proportion(station: Station, dynamics: Ar
     assert fast is not None
     assert slow is not None
     assert slow.duration == pytest.approx(2.0 * fast.duration)
-    limits = station.arm.velocity_limits, station.arm.acceleration_limits
-    np.testing.assert_allclose(slow.use_of(*limits)[0], fast.use_of(*limits)[0] / 2.0, rtol=0.01)
-    np.testing.assert_allclose(slow.use_of(*limits)[1], fast.use_of(*limits)[1] / 4.0, rtol=0.05)
+    slow_use, fast_use = use_of_limits(slow, station.arm), use_of_limits(fast, station.arm)
+    assert slow_use[0] == pytest.approx(fast_use[0] / 2.0, rel=0.01)
+    assert slow_use[1] == pytest.approx(fast_use[1] / 4.0, rel=0.05)
 
 
 def test_a_path_beyond_the_reach_is_none(station: Station, dynamics: ArmDynamics) -> None:

@@ -8,10 +8,10 @@ import trimesh
 
 from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
+from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.arm_use import violations
-from lis_grasp.lifting.joint_path import JointPath
 from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.lifting.setup import ArmLift, LiftSetup, plan_arm_lift
 from lis_grasp.motion import arm_body
@@ -82,12 +82,13 @@ def test_a_weak_arm_stops_at_its_torque_limit(grasp: Grasp, planned: ArmLift) ->
 
 
 def test_an_arm_that_hits_the_table_stops(grasp: Grasp, planned: ArmLift) -> None:
-    home = planned.transit.q[0]
+    home = planned.transit.positions[0]
     down = home.copy()
     down[1] += 1.9  # the shoulder bends over, and the hand's mount goes into the table
     parts = np.linspace(0.0, 1.0, 401)[:, None]
     rates = np.tile((down - home) / 2.0, (401, 1))
-    path = JointPath(QUICK.time_step, home + parts * (down - home), rates, np.zeros((401, 7)))
+    times, q = QUICK.time_step * np.arange(401), home + parts * (down - home)
+    path = JointTrajectory(planned.transit.joint_names, times, q, rates, np.zeros((401, 7)))
     lift = replace(planned, transit=path)
     hand = planned.station.hand
     far = np.eye(4)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 
+from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.geometry import cross
 from lis_grasp.lifting.arm_use import ArmShake, ArmUse
-from lis_grasp.lifting.joint_path import JointPath, PalmPath, joint_path_along
-from lis_grasp.lifting.scene import ArmStoppedError, Carrier
+from lis_grasp.lifting.joint_path import PalmPath, joint_path_along, use_of_limits
+from lis_grasp.lifting.scene import ArmStoppedError, Carrier, CarrierMotion
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.lifting.wrist_path import WristPath, minimum_jerk
 from lis_grasp.motion import arm_body
@@ -24,30 +25,6 @@ from lis_grasp.typing import FloatArray
 
 # A shake uses at most this fraction of the arm's speed, acceleration and effort limits.
 _SHAKE_FRACTION, _LESS = 0.9, 0.98
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ArmMotion:
-    """Motion of an arm along a joint path, with forces on the object for what it does not make."""
-
-    carrier: ArmCarrier
-    path: JointPath
-    missing: WristPath | None = None  # the acceleration that the arm does not make
-
-    @property
-    def duration(self) -> float:
-        """Time of the motion [s]."""
-        return self.path.duration
-
-    def command(self, time: float) -> None:
-        """Command the sample at a time since the start [s]."""
-        path = self.path
-        n = min(round(time / path.step), len(path.q) - 1)
-        self.carrier.command(path.q[n], path.qd[n], path.qdd[n])
-        if self.missing is None:
-            self.carrier.release_object()
-        else:
-            self.carrier.accelerate_object(*_acceleration(self.missing, time, path.step))
 
 
 class ArmCarrier(Carrier):
@@ -63,9 +40,7 @@ class ArmCarrier(Carrier):
         assert setup.arm is not None
         self._plant, self._X_WB, self._transit = plant, setup.X_WB, setup.arm.transit
         self._arm = add_arm(plant, setup.arm.station, hand, setup.grasp.pregrasp_positions)
-        self._q = self._transit.q[0]
-        arm = self._arm.arm
-        self._limits = arm.velocity_limits, arm.acceleration_limits
+        self._q = self._transit.positions[0]
 
     def connect(self, scene: PlantScene) -> None:
         """Take the scene of the finalized plant."""
@@ -84,52 +59,55 @@ class ArmCarrier(Carrier):
         """Set the arm to its home, the start of the transit, at rest."""
         zero = np.zeros(len(self._q))
         self._arm.place(self._context, self._q, zero)
-        self.command(self._q, zero, zero)
+        self._command(self._q, zero, zero)
 
-    def wait(self, displacement: FloatArray, duration: float) -> ArmMotion:
+    def wait(self, displacement: FloatArray, duration: float) -> CarrierMotion:
         """Return the motion that stays at the posture that was commanded last."""
-        zero = np.zeros((2, len(self._q)))
-        return ArmMotion(self, JointPath(duration, np.array([self._q, self._q]), zero, zero))
+        times, rest = np.array([0.0, duration]), np.zeros((2, len(self._q)))
+        q, names = np.array([self._q, self._q]), self._arm.arm.joint_names
+        return self._motion(JointTrajectory(names, times, q, rest, rest))
 
-    def bring(self) -> ArmMotion:
+    def bring(self) -> CarrierMotion:
         """Return the transit from the home posture to where the approach begins."""
         self._watch.free = True
-        return ArmMotion(self, self._transit)
+        return self._motion(self._transit)
 
     def expect_contact(self) -> None:
         """Let fingertips and pads touch the object from now on."""
         self._watch.free = False
 
-    def go_home(self) -> ArmMotion:
+    def go_home(self) -> CarrierMotion:
         """Return the motion from where the approach begins back to the home posture."""
         self._watch.free = True
-        transit = self._transit
+        back = self._transit.reversed()
         # A redundant arm may have come back in a posture a little off: that is made up on the way.
-        left = 1.0 - np.array([minimum_jerk(part)[0] for part in np.linspace(0, 1, len(transit.q))])
-        q = transit.q[::-1] + left[:, None] * (self._q - transit.q[-1])
-        return ArmMotion(self, JointPath(transit.step, q, -transit.qd[::-1], transit.qdd[::-1]))
+        parts = np.linspace(0.0, 1.0, len(back.times))
+        left = 1.0 - np.array([minimum_jerk(part)[0] for part in parts])
+        q = back.positions + left[:, None] * (self._q - back.positions[0])
+        return self._motion(replace(back, positions=q))
 
-    def follow(self, path: WristPath, duration: float) -> ArmMotion:
+    def follow(self, path: WristPath, duration: float) -> CarrierMotion:
         """Return the motion along a path, slower where the arm's limits need it."""
         joints = self._track(path, duration)
-        speed, acceleration = joints.use_of(*self._limits) / self._arm.arm.speed_fraction
+        arm = self._arm.arm
+        speed, acceleration = use_of_limits(joints, arm) / arm.speed_fraction
         slower = max(speed, np.sqrt(acceleration))
-        return ArmMotion(self, joints if slower <= 1.0 else self._track(path, duration, slower))
+        return self._motion(joints if slower <= 1.0 else self._track(path, duration, slower))
 
     def shake(
         self, path_at: Callable[[float], WristPath], acceleration: float, duration: float, name: str
-    ) -> ArmMotion:
+    ) -> CarrierMotion:
         """Return the motion of a shake, and forces on the object for what the arm cannot make."""
         fraction = 1.0
         while True:  # nearly linear in the amplitude, so that two rounds suffice
             joints = self._track(path_at(fraction * acceleration), duration)
-            use = max(*joints.use_of(*self._limits), self._effort_of(joints))
+            use = max(*use_of_limits(joints, self._arm.arm), self._effort_of(joints))
             if use <= _SHAKE_FRACTION:
                 break
             fraction *= _LESS * _SHAKE_FRACTION / use
         self._watch.use.shakes.append(ArmShake(name, acceleration, fraction * acceleration))
         missing = None if fraction == 1.0 else path_at((1.0 - fraction) * acceleration)
-        return ArmMotion(self, joints, missing)
+        return self._motion(joints, missing)
 
     def check(self) -> None:
         """Check the step that was just taken."""
@@ -144,12 +122,27 @@ class ArmCarrier(Carrier):
         arm = self._arm
         return {arm_body(link): arm.links.X_WL(self._context, link) for link in arm.arm.links}
 
-    def command(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> None:
+    def _motion(self, path: JointTrajectory, missing: WristPath | None = None) -> CarrierMotion:
+        """Return the motion along a joint path, with forces for what the arm does not make."""
+        step = float(path.times[1])
+
+        def command(time: float) -> None:
+            n = min(round(time / step), len(path.times) - 1)
+            self._command(path.positions[n], path.velocities[n], path.accelerations[n])
+            if missing is not None:
+                self._accelerate_object(*_acceleration(missing, time, step))
+            elif self._pushing:
+                self._forces.FixValue(self._context, [])
+                self._pushing = False
+
+        return CarrierMotion(path.duration, command)
+
+    def _command(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> None:
         """Command joint positions, rates and accelerations, shapes (J,)."""
         self._q = q
         self._arm.command(self._context, q, qd, qdd)
 
-    def accelerate_object(self, acceleration: FloatArray, rate: FloatArray) -> None:
+    def _accelerate_object(self, acceleration: FloatArray, rate: FloatArray) -> None:
         """Push the object as if the palm accelerated, by inertial forces, until the next call.
 
         `acceleration` (6,) is that of the hand's base link, linear and angular, `rate` (6,) its
@@ -172,32 +165,20 @@ class ArmCarrier(Carrier):
         self._forces.FixValue(self._context, [load])
         self._pushing = True
 
-    def release_object(self) -> None:
-        """End the inertial forces on the object."""
-        if self._pushing:
-            self._forces.FixValue(self._context, [])
-            self._pushing = False
-
-    def _track(self, path: WristPath, duration: float, stretch: float = 1.0) -> JointPath:
+    def _track(self, path: WristPath, duration: float, stretch: float = 1.0) -> JointTrajectory:
         arm = self._arm.arm
         palm = PalmPath(self._X_WB, self._arm.hand.hand.X_LH, path)
+        step = self._plant.time_step()
         joints = joint_path_along(
-            self._arm.dynamics,
-            self._q,
-            arm.lower,
-            arm.upper,
-            palm,
-            duration=duration,
-            step=self._plant.time_step(),
-            stretch=stretch,
+            self._arm.dynamics, arm, self._q, palm, duration=duration, step=step, stretch=stretch
         )
         if joints is None:
             raise ArmStoppedError("out_of_arm_reach")
         return joints
 
-    def _effort_of(self, path: JointPath) -> float:
+    def _effort_of(self, path: JointTrajectory) -> float:
         """Return the largest fraction of the effort limits that a joint path needs."""
-        samples = zip(path.q, path.qd, path.qdd, strict=True)
+        samples = zip(path.positions, path.velocities, path.accelerations, strict=True)
         efforts = [self._arm.dynamics.efforts(q, qd, qdd) for q, qd, qdd in samples]
         return float(np.max(np.abs(efforts) / self._arm.arm.effort_limits))
 

@@ -16,11 +16,16 @@ from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probe_carriers import ProbeArm, ProbeRail
 from lis_grasp.simulation.drake.contact_patches import Patch
 from lis_grasp.simulation.drake.hand_plant import add_hand
-from lis_grasp.simulation.drake.object_plant import FreeObject, add_object, add_support, add_table
+from lis_grasp.simulation.drake.object_plant import (
+    FRICTION,
+    FreeObject,
+    add_object,
+    add_support,
+    add_table,
+)
 from lis_grasp.typing import FloatArray
 
 _TIME_STEP = 0.002  # [s]
-_FRICTION = 0.8
 # After a touch the hand retreats until the object is slower than this [m/s] over so many steps, for
 # this time at most [s]. Contact with the table makes it tremble by micrometres from step to step.
 _STILL, _STEPS_OF_REST, _LONGEST_SETTLING = 5e-4, 20, 2.0
@@ -53,7 +58,7 @@ class ProbingScene:
             use_sampled_output_ports=False,  # contact results right after a placement
         )
         plant = scene.plant
-        friction = _FRICTION if free is None else free.friction
+        friction = FRICTION if free is None else free.friction
         self._hand = add_hand(plant, hand, friction=friction)
         self.carrier: ProbeRail | ProbeArm = (
             ProbeRail(plant, self._hand)
@@ -72,7 +77,7 @@ class ProbingScene:
             self._resistance = _rolling_resistance(mesh, free.mass)
         # Without an arm, the planned motion avoids the table.
         if station is not None and station.table is not None:
-            table = add_table(plant, station.table.height, _FRICTION, under=mesh)
+            table = add_table(plant, station.table.height, under=mesh)
         if free is not None:
             height = free.support_height
             support = add_support(plant, height, friction, under=mesh, mass=free.mass)

@@ -8,16 +8,12 @@ import trimesh
 from lis_grasp.arms.station import Station
 from lis_grasp.arms.trajectory import TIME_STEP, JointTrajectory
 from lis_grasp.lifting.arm_use import ArmUse
-from lis_grasp.lifting.joint_path import JointPath
 from lis_grasp.simulation.drake._arm_watch import ArmWatch
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake.arm_plant import add_arm
-from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, add_hand
+from lis_grasp.simulation.drake.hand_plant import add_hand
 from lis_grasp.simulation.drake.object_plant import add_object, add_table
 from lis_grasp.typing import FloatArray
-
-# Fingers do not move on the way: their joints are locked.
-_FINGER_STIFFNESS, _FINGER_DAMPING, _FRICTION = 5.0, 0.1, 0.8
 
 # Time before and after a touch in which the fingertip is within millimetres of the object [s].
 _GRAZING = 0.2
@@ -42,15 +38,13 @@ class TransitScene:
     def __init__(self, station: Station, mesh: trimesh.Trimesh, use: ArmUse) -> None:
         self._scene = scene = PlantScene(TIME_STEP, contact_model="hydroelastic_with_fallback")
         plant, hand = scene.plant, station.hand
-        count = len(hand.joint_names)
-        gains = np.full(count, _FINGER_STIFFNESS), np.full(count, _FINGER_DAMPING)
-        self._hand = add_hand(plant, hand, gains=gains, modulus=LIFTING_SKIN)
+        self._hand = add_hand(plant, hand)
         posture = next(iter(hand.probe_postures.values())).joint_positions
         self._arm = add_arm(plant, station, self._hand, posture)
         obj = add_object(plant, mesh, mass=1.0)
         table = None
         if station.table is not None:
-            table = add_table(plant, station.table.height, _FRICTION, under=mesh)
+            table = add_table(plant, station.table.height, under=mesh)
         scene.finalize(self._hand, obj, table=table)
         self._fingers = plant.get_desired_state_input_port(self._hand.instance)
         self._finger_efforts = plant.get_actuation_input_port(self._hand.instance)
@@ -76,15 +70,14 @@ class TransitScene:
         SimulationError
             If Drake's solver fails.
         """
-        path = JointPath.of(way, TIME_STEP)
-        self._place(path, q_hand, X_WO)
-        for n in range(1, len(path.q)):
-            self._command(path, n)
+        self._place(way, q_hand, X_WO)
+        for n in range(1, len(way.times)):
+            self._command(way, n)
             self._watch.free = touch is None or abs(n * TIME_STEP - touch) > _GRAZING
             self._scene.step(of="an arm's way")
             self._watch.check()
 
-    def _place(self, path: JointPath, q_hand: FloatArray, X_WO: FloatArray) -> None:
+    def _place(self, way: JointTrajectory, q_hand: FloatArray, X_WO: FloatArray) -> None:
         """Set everything to the start of a motion, the joints of hand and object locked."""
         scene, context, links = self._scene, self._scene.context, self._hand.links
         followers = (joint for joint, _ in links.followers)
@@ -94,13 +87,14 @@ class TransitScene:
         self._hand.set_joint_positions(context, q_hand)
         scene.place_object(X_WO)
         scene.stop()
-        self._arm.place(context, path.q[0], path.qd[0])
+        self._arm.place(context, way.positions[0], way.velocities[0])
         for joint in held:
             joint.Lock(context)
         self._fingers.FixValue(context, np.concatenate([q_hand, np.zeros_like(q_hand)]))
         self._finger_efforts.FixValue(context, np.zeros(len(q_hand)))
-        self._command(path, 0)
+        self._command(way, 0)
         scene.restart()
 
-    def _command(self, path: JointPath, n: int) -> None:
-        self._arm.command(self._scene.context, path.q[n], path.qd[n], path.qdd[n])
+    def _command(self, way: JointTrajectory, n: int) -> None:
+        q, qd, qdd = way.positions[n], way.velocities[n], way.accelerations[n]
+        self._arm.command(self._scene.context, q, qd, qdd)

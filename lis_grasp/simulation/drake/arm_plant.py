@@ -25,13 +25,15 @@ from pydrake.systems.framework import Context
 from lis_grasp.arms.station import Station
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.simulation.drake.hand_plant import HandInPlant, LinksInPlant, add_links, add_skin
-from lis_grasp.simulation.drake.object_plant import spatial_inertia
+from lis_grasp.simulation.drake.hand_plant import (
+    LIFTING_SKIN,
+    HandInPlant,
+    LinksInPlant,
+    add_links,
+    add_skin,
+)
+from lis_grasp.simulation.drake.object_plant import FRICTION, spatial_inertia
 from lis_grasp.typing import FloatArray
-
-# Firm against the hand's skin [Pa]; an arm that touches anything ends the motion.
-_ARM_SKIN = 1e7
-_FRICTION = 0.5
 
 
 class ArmDynamics:
@@ -127,7 +129,7 @@ def add_arm(
         plant.GetJointActuatorByName(joint.name(), links.instance).set_controller_gains(gains)
     X_LB = RigidTransform(arm.X_LF @ station.mount.X_FB)
     plant.WeldFrames(links.bodies[arm.flange].body_frame(), hand.base.body_frame(), X_LB)
-    skin = add_skin(plant, arm, links, friction=_FRICTION, modulus=_ARM_SKIN)
+    skin = add_skin(plant, arm, links, friction=FRICTION, modulus=LIFTING_SKIN)
     plant.set_gravity_enabled(hand.instance, True)
     return ArmInPlant(arm, hand, plant, links, skin, dynamics)
 

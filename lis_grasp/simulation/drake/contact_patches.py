@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from trimesh.graph import connected_component_labels
 
 from lis_grasp.geometry import unit
+from lis_grasp.lifting.scene import HandContact
 from lis_grasp.typing import FloatArray, IntArray
 
 # Normals farther apart than this are on two sides of an edge: a 12 mm fingertip pressed 0.3 mm into
@@ -29,21 +30,12 @@ _SAME_VERTEX = 1e-7  # [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinkContact:
-    """Contact of a link of the hand with the object, in W."""
+class LinkContact(HandContact):
+    """Contact patch of a link of the hand: area-weighted centroid and mean normal, in W."""
 
-    link: str
-    point: FloatArray  # (3,) [m]: area-weighted centroid of the contact patch
-    normal: FloatArray  # (3,), unit, out of the object: area-weighted mean over the patch
-    force: FloatArray  # (3,) [N], of the hand on the object
     normal_force: float  # size of the force along the normal [N], without friction
     surface: ContactSurface  # the patch
     outward: float  # 1 if the patch's face normals point out of the object, else -1
-
-    @property
-    def strength(self) -> float:
-        """Size of the force [N]."""
-        return float(np.linalg.norm(self.force))
 
     def flat_parts(self) -> list[Patch]:
         """Return the flat parts of the patch; see `split_patch`."""

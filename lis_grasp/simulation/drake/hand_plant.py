@@ -45,7 +45,7 @@ from lis_grasp.robots.inertias import LEAST_MASS
 from lis_grasp.robots.link_bodies import load_visual
 from lis_grasp.robots.robot_model import Inertial, LinkGeometry, RobotModel, by_joint_kind
 from lis_grasp.robots.robot_model import Joint as TreeJoint
-from lis_grasp.simulation.drake.object_plant import spatial_inertia
+from lis_grasp.simulation.drake.object_plant import FRICTION, spatial_inertia
 from lis_grasp.typing import FloatArray
 
 PROBING_SKIN, LIFTING_SKIN = 1e6, 1e7
@@ -148,7 +148,7 @@ def add_hand(
     *,
     name: str = "hand",
     gains: tuple[FloatArray, FloatArray] | None = None,
-    friction: float = 0.8,
+    friction: float = FRICTION,
     modulus: float = PROBING_SKIN,
 ) -> HandInPlant:
     """Add a hand as a model instance; its base link floats until it is welded or jointed.

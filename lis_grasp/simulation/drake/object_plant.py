@@ -34,6 +34,9 @@ from lis_grasp.exceptions import require_positive
 from lis_grasp.shapes.object_mass import uniform_inertia
 from lis_grasp.typing import FloatArray
 
+FRICTION = 0.8
+"""Coulomb's coefficient where none is given."""
+
 _TABLE_SIZE, _TABLE_THICKNESS = 1.5, 0.1  # [m]
 _TABLE_MARGIN = 0.3  # [m] of table beyond the object
 # A ball of 10 cm and 0.5 kg sinks in by 0.2 mm: F = pi E R d^2 / (half the thickness).
@@ -85,7 +88,7 @@ def add_object(
     mesh: trimesh.Trimesh,
     *,
     mass: float,
-    friction: float = 0.8,
+    friction: float = FRICTION,
     name: str = "object",
 ) -> ObjectInPlant:
     """Add a model instance: one body of uniform density with the exact shape of a watertight mesh.
@@ -114,7 +117,7 @@ def spatial_inertia(mass: float, center: FloatArray, matrix: FloatArray) -> Spat
 
 
 def add_table(
-    plant: MultibodyPlant, height: float, friction: float, *, under: trimesh.Trimesh
+    plant: MultibodyPlant, height: float, friction: float = FRICTION, *, under: trimesh.Trimesh
 ) -> GeometryId:
     """Add a compliant table with its top at a height in W [m], and return its geometry.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import trimesh
@@ -12,7 +11,7 @@ from lis_grasp.exceptions import SimulationError
 from lis_grasp.geometry import apply_pose, make_pose, rotate, unit
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.lifting.outcome import LiftOutcome
-from lis_grasp.lifting.scene import FreeWrist
+from lis_grasp.lifting.scene import FreeWrist, HandContact
 from lis_grasp.lifting.setup import WRIST_DAMPING, WRIST_STIFFNESS, LiftSetup, finger_gains
 from lis_grasp.lifting.trial import AcceptGrasp, LiftTrial
 from lis_grasp.motion import OBJECT
@@ -35,21 +34,6 @@ def simulate_lift(setup: LiftSetup, accept_grasp: AcceptGrasp | None = None) -> 
     of its mesh; links of the hand do not collide with each other.
     """
     return LiftTrial(MujocoScene(setup, convex_pieces(setup.mesh)), setup, accept_grasp).run()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MergedContact:
-    """Contact of one collision body of the hand with the object, in W."""
-
-    link: str
-    point: FloatArray  # (3,) [m]: mean of the contact points, weighted with their normal forces
-    normal: FloatArray  # (3,), unit, out of the object: weighted alike
-    force: FloatArray  # (3,) [N], of the hand on the object
-
-    @property
-    def strength(self) -> float:
-        """Size of the force [N]."""
-        return float(np.linalg.norm(self.force))
 
 
 class MujocoScene:
@@ -182,7 +166,7 @@ class MujocoScene:
         """Return the pose of every hand link and the object, each (4, 4)."""
         return {**{link: self.X_WL(link) for link in self._bodies}, OBJECT: self.X_WO}
 
-    def contacts(self) -> list[MergedContact]:
+    def contacts(self) -> list[HandContact]:
         """Return the contacts of the hand with the object, in a fixed order."""
         return _merged_contacts(self._model, self._data, self._object, self._link_of_geom)
 
@@ -210,7 +194,7 @@ class MujocoScene:
 
 def _merged_contacts(
     model: mujoco.MjModel, data: mujoco.MjData, object_body: int, link_of_geom: Mapping[int, str]
-) -> list[MergedContact]:
+) -> list[HandContact]:
     """Return the contacts that exert a force, one for each body of the hand, in MuJoCo's order.
 
     Drake's contact patch is one for each pair of bodies; MuJoCo gives several points of it, and
@@ -242,6 +226,6 @@ def _merged_contacts(
             weight + wrench[0],
         )
     return [
-        MergedContact(link_of_geom[geom], point / weight, unit(normal), force)
+        HandContact(link_of_geom[geom], point / weight, unit(normal), force)
         for geom, (point, normal, force, weight) in sums.items()
     ]
