@@ -83,8 +83,12 @@ class Registry:
 
         Empty for the package's own, and where there is no source file. Errors as of `find`.
         """
-        file = None if name in self.builtin else _source_file(self.find(name))
+        file = self.source_file(name)
         return "" if file is None else digest_of(file)
+
+    def source_file(self, name: str) -> Path | None:
+        """Return the source file of a plug-in; None for the package's own, or if there is none."""
+        return None if name in self.builtin else _source_file(self.find(name))
 
     def _registered(self) -> Mapping[str, EntryPoint]:
         return _registered(_GROUPS[self.role], tuple(sys.path))

@@ -16,7 +16,6 @@ from lis_grasp.arms.placement import best_bases
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.grasp import recorded_base
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
@@ -24,7 +23,9 @@ from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
 from lis_grasp.lifting.wrist_path import minimum_jerk
+from lis_grasp.pipeline.file_stages import recorded_base
 from lis_grasp.pipeline.reasons import rejection_sentence
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import base_at
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
@@ -61,7 +62,7 @@ def execute(options: argparse.Namespace) -> None:
     """Plan the motion, and write its parts as CSV and YAML."""
     recorded = provenance.read(options.grasps_file, usual="grasps.json")
     name = options.arm or recorded.get("arm") or ARM_NAMES[0]
-    config = opt.configure(options, {**recorded, "arm": name})
+    config = RunConfig.from_facts(vars(options), {**recorded, "arm": name})
     hand = Hand.load(config.hand)
     grasps = _grasps(options.grasps_file, options.rank, hand)
     folder = options.output or options.grasps_file.parent / "motion"
@@ -133,7 +134,7 @@ def _stations(
     options: argparse.Namespace, recorded: dict[str, Any], arm: Arm, hand: Hand, height: float
 ) -> list[Station]:
     """Return the stations to try: base as given, else as recorded, else several, the best first."""
-    X_EA = recorded_base(options, recorded)
+    X_EA = recorded_base(vars(options), recorded)
     if X_EA is None and options.base is not None:
         X_EA = base_at(options.base, height)
     table = Table(height)

@@ -8,11 +8,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.grasp import load_mesh
-from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.progress import PRINTED, Stage, say
 from lis_grasp.exceptions import InvalidFileError, require_at_least
 from lis_grasp.io import provenance
+from lis_grasp.pipeline.file_stages import load_mesh
 from lis_grasp.pipeline.object_models import FORMATS, MARK, VISUAL, ObjectModel
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes.solids import convex_parts
 
 _MOST_PARTS = 32
@@ -50,8 +51,8 @@ def execute(options: argparse.Namespace) -> None:
     """Split the mesh into convex parts, and write the descriptions."""
     recorded = provenance.read(options.mesh, usual="surface.ply")
     require_at_least(1, parts=options.parts)
-    config = opt.configure(options, recorded)
-    mesh = load_mesh(options.mesh, options.units, recorded)
+    config = RunConfig.from_facts(vars(options), recorded)
+    mesh = load_mesh(options.mesh, options.units, recorded, PRINTED)
     folder = options.output or options.mesh.parent / "model"
     name = options.name or Path(recorded.get("object", options.mesh)).stem
     name = re.sub(r"[^\w.-]", "_", name)

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lis_grasp.cli.progress import Stage, say
-from lis_grasp.cli.results_folder import result_file
+from lis_grasp.cli.progress import PRINTED, Stage, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.geometry import make_pose
 from lis_grasp.io import provenance
 from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
 from lis_grasp.logs.detection import FORCES_ON, NORMAL_SOURCES, TouchDetection
 from lis_grasp.logs.readers import open_log
+from lis_grasp.pipeline.results_folder import result_file
 from lis_grasp.typing import FloatArray
 
 _DEFAULTS = TouchDetection()
@@ -144,7 +144,7 @@ def execute(options: argparse.Namespace) -> None:
         stage.result = f"{len(contacts)} contacts" + (f", {lost} without a pose" if lost else "")
     header = provenance.describe(source=options.log.name)
     if path.suffix.lower() == ".ply":
-        with result_file(path) as temporary:
+        with result_file(path, PRINTED) as temporary:
             contacts.save(temporary, header=header)
     else:
         contacts.save(path, header=header)

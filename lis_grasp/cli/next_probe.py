@@ -17,6 +17,7 @@ from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.pipeline.next_touch import NextTouch, next_touch, workspace_of
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Known
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import load_contacts
@@ -66,7 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     names = ("hand", "estimator", "policy", "position_noise", "normal_noise", "seed")
     opt.add_options(parser, *names, recorded=True)
-    opt.add_output(parser, "the folder of CONTACTS")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="PATH",
+        help="a .json file, or the folder for next.json (default: the folder of CONTACTS)",
+    )
     parser.set_defaults(execute=execute)
 
 
@@ -76,7 +82,7 @@ def execute(options: argparse.Namespace) -> None:
     space = _space(options, contacts, recorded)
     options.size = None  # in a configuration it is the size of a built-in shape
     options.region = None  # in a configuration it needs a pose of the true object
-    config = opt.configure(options, recorded)
+    config = RunConfig.from_facts(vars(options), recorded)
     hand = Hand.load(config.hand)
     known = Known.for_hand(config, hand, space, 0.0)
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
@@ -84,8 +90,9 @@ def execute(options: argparse.Namespace) -> None:
         stage.result = f"policy {config.policy}"
     for line in _lines(found):
         say(line)
-    folder = Path() if options.contacts is None else options.contacts.parent
-    path = (options.output or folder) / "next.json"
+    path = options.output or (options.contacts or Path()).parent
+    if path.suffix.lower() != ".json":
+        path /= "next.json"
     write_json(path, found.facts(hand))
     say(f"wrote {path}")
 

@@ -7,16 +7,20 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, REAL_SENSOR, UNKNOWN
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
 from lis_grasp.pipeline.run_config import FINGERS, LOADS, PROBERS, SIMULATORS, RunConfig
 from lis_grasp.plugins import Registry
-from lis_grasp.shapes import NAMES, STABLE, UNITS, Shape
+from lis_grasp.shapes import NAMES, STABLE, UNITS
 
-PLUGGED = ("estimator", "policy")
-"""Options whose values may be names of plug-ins."""
+TOUCH = (
+    *("hand", "estimator", "prober", "fingers", "mass", "friction", "policy"),
+    *("until_success", "until_coverage", "until_uncertainty", "max_seconds"),
+    *("position_noise", "normal_noise", "force_threshold", "taxel_pitch"),
+    *("cloud", "touches", "seed", "arm", "base"),
+)
+"""Options of an exploration, beside its object."""
 
 _DEFAULTS = RunConfig()
 
@@ -264,7 +268,7 @@ def configure_touch(options: argparse.Namespace) -> RunConfig:
         conditions |= IDEAL_SENSOR
     if options.region is not None:
         conditions["pose"] = conditions["pose"] or STABLE
-    return configure(options, conditions)
+    return RunConfig.from_facts(vars(options), conditions)
 
 
 def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:
@@ -294,31 +298,18 @@ def add_output(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
+def add_fresh(parser: argparse.ArgumentParser) -> None:
+    """Add the option to explore from the beginning."""
+    parser.add_argument(
+        "--fresh",
+        action="store_true",
+        help="explore from the beginning (default: an interrupted exploration is resumed, and a"
+        " finished one is used again, if nothing that it depends on has changed)",
+    )
+
+
 def add_jobs(parser: argparse.ArgumentParser) -> None:
     """Add the number of processes."""
     parser.add_argument(
         "--jobs", type=int, metavar="N", help="processes (default: the machine's cores)"
     )
-
-
-def configure(options: argparse.Namespace, recorded: dict[str, Any] | None = None) -> RunConfig:
-    """Return the configuration: given options first, then recorded facts, then the defaults."""
-    recorded = dict(recorded or {})
-    for plugged in PLUGGED:
-        if plugged not in vars(options):  # not used by this verb, and perhaps not installed here
-            recorded.pop(plugged, None)
-    if getattr(options, "object", None) not in (None, recorded.get("object")):
-        # Another object than the recorded one has another size and units.
-        recorded.pop("size", None)
-        recorded.pop("units", None)
-    facts = _DEFAULTS.facts()
-    for known in (recorded, vars(options)):
-        facts |= {name: known[name] for name in facts if known.get(name) is not None}
-    return RunConfig(**facts)
-
-
-def announced(shape: Shape) -> Shape:
-    """Print the repairs of a shape's mesh, and return the shape."""
-    for repair in shape.repairs:
-        say(f"repaired: {repair}")
-    return shape

@@ -10,8 +10,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from lis_grasp.exceptions import OutputError
+
+if TYPE_CHECKING:
+    from lis_grasp.grasping.grasps import GraspSearch
+    from lis_grasp.pipeline.progress import Progress
 
 _LOG = logging.getLogger("lis_grasp")
 _SILENCE = 10.0  # [s]
@@ -49,6 +54,10 @@ class Stage:
     def count(self, done: int, total: int) -> None:
         """Show that `done` of `total` steps are done."""
         self._show_step(f"{done}/{total}")
+
+    def note(self, text: str) -> None:
+        """Print an event on a line of its own."""
+        complain(f"{_CLEAR if self._live else ''}{self._title}: {text}")
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._ended.set()
@@ -103,6 +112,40 @@ def say(text: str) -> None:
         # What is still buffered would fail again when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         raise OutputError(f"cannot write to standard output: {error.strerror}") from None
+
+
+class _Printed:
+    """Progress of a run: stages on stderr, lines on stdout."""
+
+    def stage(self, title: str) -> Stage:
+        """Print that a stage begins, its steps and its end."""
+        return Stage(title)
+
+    def say(self, text: str) -> None:
+        """Print one line."""
+        say(text)
+
+
+PRINTED: Progress = _Printed()
+"""Progress that is printed."""
+
+
+def say_search(search: GraspSearch) -> None:
+    """Print the best grasp, or why there is none."""
+    if search.grasps:
+        best = search.grasps[0]
+        fingers = ", ".join(best.contact_fingers)
+        say(
+            f"best grasp: predicted success {best.quality['success_probability']:.2f},"
+            f" epsilon {best.quality['epsilon']:.3f}, with {fingers}"
+        )
+        return
+    from lis_grasp.pipeline.reasons import rejection_sentence
+
+    say("no grasp found; rejected candidates by reason:")
+    for reason, count in sorted(search.rejections.items(), key=lambda item: -item[1]):
+        if count:
+            say(f"  {count:6d}  {rejection_sentence(reason)} ({reason})")
 
 
 def complain(text: str, end: str = "\n") -> None:

@@ -59,8 +59,8 @@ class TouchLog:
         _, rows = self._read()
         return _ending(rows)
 
-    def differing(self) -> tuple[str, ...]:
-        """Return the names of the facts that prevent resuming an interrupted exploration.
+    def changes(self) -> dict[str, tuple[Any, Any]]:
+        """Return the facts that prevent resuming: for each, the recorded value and the present one.
 
         Raises
         ------
@@ -68,12 +68,12 @@ class TouchLog:
             If the file exists and is no touch log.
         """
         header, rows = self._read()
-        if not rows or _ending(rows) is not None:
-            return ()
-        ours = self._header()
-        return tuple(
-            name for name in sorted({*header, *ours}) if header.get(name) != ours.get(name)
-        )
+        ours = self._header() if rows else header
+        return {
+            name: (header.get(name), ours.get(name))
+            for name in sorted({*header, *ours})
+            if header.get(name) != ours.get(name)
+        }
 
     def _read(self) -> tuple[Row, list[Row]]:
         header, rows = read_lines(self.path)

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,10 @@ _MARK = "lis_grasp "
 # A PLY header is a few hundred bytes; the rest is data.
 _HEADER_BYTES = 65536
 _DIGEST_LENGTH = 16
+# The package, and its root, which names nearly all modules but imports none before they are used.
+_PACKAGE = Path(__file__).resolve().parents[1]
+_ROOT = _PACKAGE / "__init__.py"
+_IMPORT = re.compile(r"^\s*from (lis_grasp[\w.]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
 def describe(**facts: Any) -> str:
@@ -31,14 +35,50 @@ def describe(**facts: Any) -> str:
     return _MARK + json.dumps({"version": __version__, **facts}, sort_keys=True)
 
 
-@lru_cache(maxsize=1)
-def source_digest() -> str:
-    """Return a hash of the package's source, which distinguishes two states of one version."""
-    folder = Path(__file__).resolve().parents[1]
+@lru_cache
+def source_digest(module: str, skipped: tuple[str, ...] = ()) -> str:
+    """Return a hash of the source of a module and of all that it imports from this package.
+
+    It distinguishes two states of one version. Imports of `skipped` modules and folders are left
+    out where modules of the folder of `module` import them.
+    """
     digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    for name, path in sorted(_imported(module, skipped).items()):
+        digest.update(name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:_DIGEST_LENGTH]
+
+
+def _imported(module: str, skipped: tuple[str, ...]) -> dict[str, Path]:
+    """Return the files of a module and of all that it imports, by their module names."""
+    home = module.rpartition(".")[0]
+    files: dict[str, Path] = {}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        path = _module_file(name)
+        if name in files or path is None:
+            continue
+        files[name] = path
+        for imported in _imports_of(path):
+            of_home = name.rpartition(".")[0] == home
+            if not (of_home and any(f"{imported}.".startswith(f"{s}.") for s in skipped)):
+                waiting.append(imported)
+    return files
+
+
+def _imports_of(path: Path) -> Iterator[str]:
+    """Yield what a file imports from this package: modules, and names that may be modules."""
+    for match in _IMPORT.finditer(path.read_text(encoding="utf-8")):
+        module, names = match.group(1), re.findall(r"\w+", match.group(2))
+        yield module
+        yield from (f"{module}.{name}" for name in names)
+
+
+def _module_file(name: str) -> Path | None:
+    """Return the file of a module of this package; None if there is none of that name."""
+    path = _PACKAGE.joinpath(*name.split(".")[1:])
+    files = (path.with_suffix(".py"), path / "__init__.py")
+    return next((file for file in files if file != _ROOT and file.is_file()), None)
 
 
 def digest_of(path: Path) -> str:

@@ -1,7 +1,11 @@
 """The pipeline from touch to lift: each stage as one function, and its configuration."""
 
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources, load_source
+from lis_grasp.pipeline.exploring import explore_object
+from lis_grasp.pipeline.file_stages import estimate_file, grasp_file, lift_file
 from lis_grasp.pipeline.lifting_stage import lift, lift_each, require_simulator
+from lis_grasp.pipeline.progress import SILENT, Progress
+from lis_grasp.pipeline.run import Run, run
 from lis_grasp.pipeline.run_config import RunConfig, StopLimits
 from lis_grasp.pipeline.scenario import (
     Known,
@@ -17,18 +21,25 @@ from lis_grasp.pipeline.stages import Stopwatch, estimate, make_estimator, plan
 from lis_grasp.pipeline.touching import make_policy, make_prober, touch
 
 __all__ = [
+    "SILENT",
     "ContactSource",
     "Known",
     "Perception",
+    "Progress",
+    "Run",
     "RunConfig",
     "Scenario",
     "StopLimits",
     "Stopwatch",
     "Truth",
     "estimate",
+    "estimate_file",
+    "explore_object",
+    "grasp_file",
     "join_sources",
     "lift",
     "lift_each",
+    "lift_file",
     "load_source",
     "make_estimator",
     "make_policy",
@@ -37,6 +48,7 @@ __all__ = [
     "place_object",
     "plan",
     "require_simulator",
+    "run",
     "support_height",
     "touch",
     "workspace",

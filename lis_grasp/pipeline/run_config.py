@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -241,6 +243,24 @@ class RunConfig:
         return StopLimits(
             self.until_success, self.until_coverage, self.until_uncertainty, self.max_seconds
         )
+
+    @classmethod
+    def from_facts(
+        cls, given: Mapping[str, Any], recorded: Mapping[str, Any] = MappingProxyType({})
+    ) -> RunConfig:
+        """Return a configuration of values by name: given ones, else recorded, else the defaults.
+
+        None and other names count as absent. Recorded plug-ins that are not among the given names
+        are left out: they are not used, and perhaps not installed. Another object than the
+        recorded one has another size and units.
+        """
+        left_out = {name for name in ("estimator", "policy") if name not in given}
+        if given.get("object") not in (None, recorded.get("object")):
+            left_out |= {"size", "units"}
+        facts = cls().facts()
+        for values in ({k: v for k, v in recorded.items() if k not in left_out}, given):
+            facts |= {name: values[name] for name in facts if values.get(name) is not None}
+        return cls(**facts)
 
     def mass_of(self, mesh: trimesh.Trimesh) -> float:
         """Return the configured mass of an object [kg], or else `default_mass` of its mesh."""

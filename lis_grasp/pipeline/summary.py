@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import degrees
 from typing import Any
 
@@ -45,7 +46,7 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
+def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the summary of a run, from its report."""
     surface, grasps, lift = report["surface"], report["grasps"], report["lift"]
     edge = surface["edge_rmsd"]
@@ -87,7 +88,7 @@ def run_lines(report: dict[str, Any]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _arm_line(report: dict[str, Any]) -> str:
+def _arm_line(report: Mapping[str, Any]) -> str:
     """Return the sentence about what touches and lifts demanded of the arm."""
     arm, lift = report["arm"], report["lift"].get("arm")
     lifts = [attempt.get("arm") for attempt in report["attempts"][:-1]]

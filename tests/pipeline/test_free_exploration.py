@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from lis_grasp import pipeline
-from lis_grasp.cli.explore import explore_with_log
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
 from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.pipeline.exploring import explore_into
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
 
@@ -21,7 +21,7 @@ SCENARIO = pipeline.Scenario.from_config(CONFIG)
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Exploration, bytes]:
     path = tmp_path_factory.mktemp("whole") / "touches.jsonl"
-    exploration = explore_with_log(SCENARIO, path.parent)
+    exploration = explore_into(path.parent, SCENARIO)
     return exploration, path.read_bytes()
 
 
@@ -39,7 +39,7 @@ def test_an_interrupted_exploration_resumes_with_the_same_bytes(
     lines = whole[1].splitlines(keepends=True)
     path = tmp_path / "touches.jsonl"
     path.write_bytes(b"".join(lines[:5]))  # the header and four probes
-    explore_with_log(SCENARIO, path.parent)
+    explore_into(path.parent, SCENARIO)
     assert path.read_bytes() == whole[1]
 
 
@@ -67,9 +67,9 @@ def test_an_ended_exploration_is_not_continued(
 ) -> None:
     config = pipeline.RunConfig(prober="kinematic", touches=14, until_success=0.5)
     scenario = pipeline.Scenario.from_config(config)
-    first = explore_with_log(scenario, tmp_path)
+    first = explore_into(tmp_path, scenario)
     assert first.ended.startswith("with a probability")
     monkeypatch.setattr(KinematicProber, "probe", None)
-    again = explore_with_log(scenario, tmp_path)
+    again = explore_into(tmp_path, scenario)
     assert again.ended == first.ended
     np.testing.assert_array_equal(again.contacts.points, first.contacts.points)

@@ -14,13 +14,13 @@ import scenes
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lis_grasp import pipeline, shapes
-from lis_grasp.cli.explore import growth_counts
 from lis_grasp.cli.main import main
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import Exploration, load_outcomes
 from lis_grasp.io import provenance
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.exploring import growth_counts
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.visualization._story import Story
 from lis_grasp.visualization.run_scene import scene_of, write_scene_of

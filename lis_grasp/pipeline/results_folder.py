@@ -9,12 +9,12 @@ from filecmp import cmp
 from pathlib import Path
 from typing import Any
 
-from lis_grasp.cli.progress import say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.pipeline.conditions import KNOWN, UNKNOWN
+from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.run_config import RunConfig
 
 LOG = "touches.jsonl"
@@ -37,7 +37,7 @@ _NAMED = ("object", "hand", "estimator", "seed")
 _LONGEST_PART = 40
 
 
-def results_folder(config: RunConfig, named: Path | None) -> Path:
+def results_folder(config: RunConfig, named: Path | str | None) -> Path:
     """Return the folder of a run: the one that is named, or `default_output`.
 
     Raises
@@ -48,7 +48,7 @@ def results_folder(config: RunConfig, named: Path | None) -> Path:
     InvalidFileError
         If it has files of other programs that the run would replace.
     """
-    folder = default_output(config) if named is None else named
+    folder = default_output(config) if named is None else Path(named)
     facts = config.facts()
     recorded: dict[str, Any] = read_lines(folder / LOG)[0]
     distinguished = facts if named is None else ("object",)
@@ -97,7 +97,7 @@ def _is_report(path: Path) -> bool:
 
 
 @contextmanager
-def result_file(path: Path) -> Iterator[Path]:
+def result_file(path: Path, progress: Progress = SILENT) -> Iterator[Path]:
     """Yield a temporary path for a stage's file, as `whole_file` does; then remove later files.
 
     Files of later stages were made from the replaced file, and would seem to be of the new one.
@@ -108,11 +108,11 @@ def result_file(path: Path) -> Iterator[Path]:
     with whole_file(path) as temporary:
         yield temporary
         if not (path.exists() and cmp(path, temporary, shallow=False)):
-            remove_made_from(path)
+            remove_made_from(path, progress)
 
 
-def remove_made_from(path: Path, *, with_itself: bool = False) -> None:
-    """Remove the files that later stages made from a stage's file, and print their names.
+def remove_made_from(path: Path, progress: Progress = SILENT, *, with_itself: bool = False) -> None:
+    """Remove the files that later stages made from a stage's file, and report their names.
 
     `with_itself` removes the file itself too. Nothing is removed if the file is missing or was not
     written by this package.
@@ -127,7 +127,7 @@ def remove_made_from(path: Path, *, with_itself: bool = False) -> None:
         file.unlink()
     if made:
         names = ", ".join(file.name for file in made)
-        say(f"removed {names}: made from an earlier {path.name}")
+        progress.say(f"removed {names}: made from an earlier {path.name}")
 
 
 def scene_is_outdated(directory: Path, scene: Path | None = None) -> bool:

@@ -1,0 +1,107 @@
+"""Files that the stages write: surface.ply, grasps.json, motion.npz and growing contacts.ply."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.io import provenance
+from lis_grasp.io.surface_files import load_surface, save_surface
+from lis_grasp.lifting.outcome import LiftOutcome
+from lis_grasp.lifting.trial import AcceptGrasp
+from lis_grasp.pipeline.progress import Progress
+from lis_grasp.pipeline.regrasp import Stages
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Known, Perception, Scenario
+from lis_grasp.pipeline.stages import Stopwatch, estimate, plan
+
+NOISE = ("position_noise", "normal_noise")
+"""Facts of a sensor in the headers of surfaces."""
+
+_PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "seed")
+
+
+def write_surface(
+    path: Path,
+    known: Perception,
+    contacts: Contacts,
+    recorded: Mapping[str, Any],
+    progress: Progress,
+) -> trimesh.Trimesh:
+    """Estimate a surface from contacts with the recorded facts, and write and return its mesh."""
+    with progress.stage(f"Estimating the surface ({known.estimator})") as stage:
+        _, mesh = estimate(known, contacts)
+        facts = {name: getattr(known.sensor, name) for name in NOISE}
+        facts |= {"estimator": known.estimator, "free_space": known.free_space}
+        save_surface(mesh, path, header=provenance.merge(recorded, **facts))
+        stage.result = f"{len(mesh.faces)} triangles from {len(contacts)} contacts"
+    return mesh
+
+
+def write_grasps(
+    path: Path,
+    known: Known,
+    mesh: trimesh.Trimesh,
+    recorded: Mapping[str, Any],
+    progress: Progress,
+) -> GraspSearch:
+    """Plan grasps on a surface with the recorded facts, write them, and return them."""
+    with progress.stage(f"Planning grasps of {known.hand.name}") as stage:
+        search = plan(known, mesh)
+        header = provenance.merge(recorded, support_height=known.support)
+        search.save(path, header=header)
+        stage.result = f"{len(search.grasps)} grasps of {search.candidates} candidates"
+    return search
+
+
+def planning_facts(config: RunConfig) -> dict[str, Any]:
+    """Return what a plan of grasps depends on, for the header of its file."""
+    return {name: getattr(config, name) for name in _PLANNED_WITH}
+
+
+class StoredStages(Stages):
+    """The stages of an attempt, with the files of the last attempt in a folder.
+
+    Later stages read the files of earlier ones, so that each repeats exactly when run alone.
+    """
+
+    def __init__(self, folder: Path, watch: Stopwatch, progress: Progress) -> None:
+        self._folder, self._watch, self._progress = folder, watch, progress
+        self._recorded = provenance.read(folder / "contacts.ply")
+        self._stored = len(Contacts.load(folder / "contacts.ply"))
+
+    def plan(self, scenario: Scenario, contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+        """Estimate and plan, and write contacts.ply, surface.ply and grasps.json."""
+        folder, recorded, known = self._folder, self._recorded, scenario.known
+        recorded |= scenario.facts()
+        if len(contacts) > self._stored:
+            contacts.save(folder / "contacts.ply", header=provenance.merge(recorded))
+            contacts = Contacts.load(folder / "contacts.ply")
+        surface = folder / "surface.ply"
+        with self._watch.measure("estimate"):
+            write_surface(surface, known, contacts, recorded, self._progress)
+            mesh = load_surface(surface)
+        with self._watch.measure("grasp"):
+            facts = recorded | planning_facts(scenario.config)
+            path = folder / "grasps.json"
+            return mesh, write_grasps(path, known, mesh, facts, self._progress)
+
+    def lift(
+        self,
+        scenario: Scenario,
+        grasp: Grasp,
+        mesh: trimesh.Trimesh,
+        accept_grasp: AcceptGrasp | None,
+    ) -> LiftOutcome:
+        """Simulate the lift, and write motion.npz."""
+        title = f"Lifting the true {scenario.truth.shape.name}"
+        with self._progress.stage(title) as stage, self._watch.measure("lift"):
+            outcome = super().lift(scenario, grasp, mesh, accept_grasp)
+            outcome.motion.save(self._folder / "motion.npz")
+            stage.result = outcome.reason
+        return outcome

@@ -1,0 +1,268 @@
+"""Exploration with files: the touch log to resume from, contacts, and intermediate estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from lis_grasp.exceptions import EstimationError, InvalidMeshError
+from lis_grasp.exploration import (
+    Exploration,
+    ExplorationState,
+    ProbeOutcome,
+    TouchLog,
+)
+from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
+from lis_grasp.io import provenance
+from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.surface_files import remove_growth, save_growth
+from lis_grasp.lifting.arm_use import ArmUse
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.contact_sources import ContactSource, load_source
+from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
+from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
+from lis_grasp.pipeline.results_folder import LOG, remove_made_from, results_folder
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Scenario
+from lis_grasp.pipeline.touching import make_prober, touch
+from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
+from lis_grasp.surfaces.carved_implicit_surface import above_table
+
+# Intermediate estimates that are kept, and the cells along the bounds of their meshes.
+_STEPS, _CELLS = 7, 26
+# Contacts of the first of them; with fewer the surface is nearly a guess.
+_FIRST = 3
+# An exploration runs this module and those that it imports. The values of a configuration are
+# facts of their own.
+_RUNS, _CONFIGURATION = "lis_grasp.pipeline.touching", "lis_grasp.pipeline.run_config"
+
+
+def explore_into(
+    folder: Path,
+    scenario: Scenario,
+    *,
+    progress: Progress = SILENT,
+    fresh: bool = False,
+    arm_use: ArmUse | None = None,
+) -> Exploration:
+    """Explore, and write touches.jsonl, contacts.ply and some intermediate estimates (growth/).
+
+    contacts.ply has the touches, then the points of the cloud, unless the object was lost. An
+    interrupted exploration is resumed from its log, and the touches of a finished one are used
+    again. If what the exploration depends on has changed since, it starts from the beginning, and
+    the earlier results are removed.
+
+    Parameters
+    ----------
+    folder
+        The folder of results.
+    scenario
+        The scenario before the first touch.
+    progress
+        Is told why an exploration starts from the beginning, and how far it is.
+    fresh
+        Start from the beginning in any case.
+    arm_use
+        Gets what new touches demand of an arm; None for a record that nobody reads.
+    """
+    config, known = scenario.config, scenario.known
+    cloud = None if known.cloud is None else load_source(ContactSource(known.cloud))
+    header = _header(scenario)
+    log = TouchLog(folder / LOG, provenance.parse(header) | _content(config))
+    recorded, ending = _recorded(log, config, progress, fresh=fresh)
+    if not recorded:
+        remove_growth(folder)
+    if ending is not None or not recorded:
+        remove_made_from(folder / "contacts.ply", progress, with_itself=True)
+    title = f"Touching {scenario.truth.shape.name} with {known.hand.name}"
+    with progress.stage(title) as stage:
+        if ending is not None:
+            replayed = Exploration.replay(recorded, touches=known.touches)
+            exploration = replace(replayed, ended=ending)
+        else:
+            prober = make_prober(scenario, recorded, arm_use)
+            watch = _Recorder(log, scenario, header, stage)
+            exploration = touch(scenario, prober=prober, recorded=recorded, watch=watch)
+            log.end(exploration.ended)
+        stage.result = exploration.summary()
+    contacts = exploration.contacts
+    if cloud is not None and not any(outcome.lost for outcome in exploration.outcomes):
+        contacts = contacts.append(cloud)
+    facts = provenance.parse(header) | scenario.after(exploration).facts()
+    contacts.save(folder / "contacts.ply", header=provenance.describe(**facts))
+    return exploration
+
+
+def explore_object(
+    config: RunConfig,
+    folder: Path | str | None = None,
+    *,
+    progress: Progress = SILENT,
+    fresh: bool = False,
+) -> tuple[Scenario, Exploration]:
+    """Explore alone, with the files of `explore_into`; return its result and the scenario.
+
+    Arguments and errors are those of `lis_grasp.pipeline.run`.
+    """
+    folder = results_folder(config, folder)
+    scenario = Scenario.from_config(config)
+    say_object(scenario, progress)
+    with sole_writer(folder), threadpool_limits(1):
+        exploration = explore_into(folder, scenario, progress=progress, fresh=fresh)
+    return scenario.after(exploration), exploration
+
+
+def say_object(scenario: Scenario, progress: Progress) -> None:
+    """Report the repairs of the true object's mesh, and whether it is too wide for the hand."""
+    shape, hand = scenario.truth.shape, scenario.known.hand
+    for repair in shape.repairs:
+        progress.say(f"repaired: {repair}")
+    opening = largest_opening(hand)
+    if not 0.0 < opening < float(shape.mesh.extents.min()):  # the box bounds the width
+        return
+    width = narrowest_width(shape.mesh)
+    if width > opening:
+        progress.say(
+            f"warning: {shape.name} is {1e3 * width:.0f} mm wide where it is narrowest, and"
+            f" {hand.name} opens {1e3 * opening:.0f} mm: only a rim or a handle can be grasped;"
+            " check the units of the mesh (--units), or take a smaller object"
+        )
+
+
+def growth_counts(contacts: int) -> list[int]:
+    """Return the numbers of contacts whose estimates are kept, all below `contacts`.
+
+    Their ratios are about equal: the first contacts change the surface most.
+    """
+    if contacts <= 2:
+        return []
+    first = min(_FIRST, contacts - 1)
+    counts = {round(first * (contacts / first) ** (k / _STEPS)) for k in range(_STEPS)}
+    return sorted(count for count in counts if count < contacts)
+
+
+class _Recorder:
+    """Watch that writes the log and some intermediate estimates, and reports the progress."""
+
+    def __init__(
+        self, log: TouchLog, scenario: Scenario, header: str, stage: StageProgress
+    ) -> None:
+        self._log, self._known, self._header, self._stage = log, scenario.known, header, stage
+        self._counts = growth_counts(scenario.known.touches)
+        earlier = log.resume()[:-1]
+        replayed = Exploration.replay(earlier, touches=scenario.known.touches)
+        self._last, self._losses = len(replayed.contacts), sum(o.lost for o in earlier)
+
+    def record(self, outcome: ProbeOutcome) -> None:
+        """Append an outcome to the log."""
+        self._log.append(outcome)
+
+    def observe(self, state: ExplorationState) -> None:
+        """Report the progress, and keep the estimate at some numbers of contacts."""
+        known, contacts = self._known, len(state.contacts)
+        losses = sum(outcome.lost for outcome in state.outcomes)
+        if losses > self._losses:
+            self._losses = losses
+            self._stage.note("lost the object, starting again")
+        self._stage.count(contacts, known.touches)
+        if state.surface is None or not state.is_new:
+            return
+        # One touch can make several contacts and so pass a count.
+        before, self._last = self._last, contacts
+        if contacts < known.touches and any(before < count <= contacts for count in self._counts):
+            with suppress(EstimationError, InvalidMeshError):  # too few contacts for a surface
+                cell = float(np.ptp(state.surface.bounds, axis=0).max()) / _CELLS
+                mesh = extract_mesh(above_table(state.surface, known.table), resolution=cell)
+                save_growth(self._log.path.parent, contacts, mesh, self._header)
+
+
+# ---- what decides whether an exploration is resumed -----------------------------------------
+
+
+def _recorded(
+    log: TouchLog, config: RunConfig, progress: Progress, *, fresh: bool
+) -> tuple[tuple[ProbeOutcome, ...], str | None]:
+    """Return the outcomes to continue or reuse, and why they ended; say which, or why none."""
+    changes = log.changes()
+    if fresh and log.path.exists():
+        log.path.unlink()
+        progress.say("starting from the beginning, as asked")
+    elif changes:
+        progress.say(f"starting from the beginning: {_reason(changes, config)}")
+    ending = log.ending()
+    if ending is not None and config.arm is not None and not changes:
+        # What touches demand of an arm is not in the log.
+        log.path.unlink()
+        progress.say("starting from the beginning: the log lacks what touches demand of the arm")
+    recorded = log.resume()
+    if recorded and ending is not None:
+        progress.say(f"using the {len(recorded)} probes of the same exploration in {log.path}")
+    elif recorded:
+        progress.say(f"resuming after {len(recorded)} probes in {log.path}")
+    return recorded, ending if recorded else None
+
+
+def _header(scenario: Scenario) -> str:
+    """Return the facts of an exploration as the header of its files."""
+    config = scenario.config
+    loads = () if config.free or config.until_success is not None else ("mass", "friction")
+    later = ("grasps", "attempts", "simulator", *loads)
+    facts = {name: value for name, value in config.facts().items() if name not in later}
+    poses = scenario.facts()
+    return provenance.describe(**facts, support_height=poses["support_height"], X_WO=poses["X_WO"])
+
+
+def _content(config: RunConfig) -> dict[str, str]:
+    """Return hashes of the code that an exploration runs, and of its files and plug-ins."""
+    skipped = [_CONFIGURATION]
+    if config.until_success is None:  # no grasp is planned
+        skipped.append("lis_grasp.grasping")
+    if config.prober != "dynamic":
+        skipped.append("lis_grasp.simulation")
+    files = {f"{name}_digest": file for name, file in _files(config).items()}
+    digests = {name: provenance.digest_of(file) for name, file in files.items()}
+    return {"source": provenance.source_digest(_RUNS, tuple(skipped))} | digests
+
+
+def _files(config: RunConfig) -> dict[str, Path]:
+    """Return the files that an exploration depends on, by the fact that names them."""
+    named = {name: getattr(config, name) for name in ("object", "cloud", "arm")}
+    files = {name: Path(file) for name, file in named.items() if file and Path(file).is_file()}
+    files["hand"] = Path(config.hand) if Path(config.hand).is_file() else hand_path(config.hand)
+    plugged = {
+        "estimator": ESTIMATOR_NAMES.source_file(config.estimator),
+        "policy": POLICY_NAMES.source_file(config.policy),
+    }
+    if config.hand in HAND_REGISTRY.names:
+        plugged["hand_plugin"] = HAND_REGISTRY.source_file(config.hand)
+    return files | {name: file for name, file in plugged.items() if file is not None}
+
+
+def _reason(changes: Mapping[str, tuple[Any, Any]], config: RunConfig) -> str:
+    """Return in words why an exploration cannot be resumed: the first that explains others."""
+    facts = [name for name in changes if name in config.facts()]
+    if facts:
+        texts = (f"{n} is {_shown(changes[n][1])}, and was {_shown(changes[n][0])}" for n in facts)
+        return "; ".join(texts)
+    edited = [name for name in changes if name.endswith("_digest")]
+    if edited:
+        files = _files(config)
+        names = (name.removesuffix("_digest") for name in edited)
+        texts = (files[name].name if name in files else f"the file of {name}" for name in names)
+        return f"{' and '.join(texts)} was edited"
+    if "version" in changes:
+        before, now = changes["version"]
+        return f"version {before} of lis_grasp made the log, this is {now}"
+    if "source" in changes:
+        return "lis_grasp itself was edited"
+    return f"another {' and '.join(changes)}"
+
+
+def _shown(value: Any) -> str:
+    return "not given" if value is None else str(value)

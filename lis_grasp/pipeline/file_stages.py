@@ -1,0 +1,359 @@
+"""Single stages on files: the estimate of contacts, grasps on a mesh, lifts with grasps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from lis_grasp.contacts import FARTHEST, Contacts
+from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
+from lis_grasp.exploration import Workspace
+from lis_grasp.geometry import require_pose
+from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.io import provenance
+from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.io.contact_files import read_point_file
+from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.surface_files import load_surface
+from lis_grasp.pipeline._stage_files import NOISE, planning_facts, write_grasps, write_surface
+from lis_grasp.pipeline.contact_sources import ContactSource, join_sources
+from lis_grasp.pipeline.lifting_stage import lift_each, require_simulator
+from lis_grasp.pipeline.progress import SILENT, Progress
+from lis_grasp.pipeline.report_json import lift_facts
+from lis_grasp.pipeline.results_folder import LOG, require_own, result_file
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import (
+    Known,
+    Perception,
+    Scenario,
+    make_station,
+    station_facts,
+)
+from lis_grasp.pipeline.worker_pool import process_count
+from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes import Shape, load
+from lis_grasp.surfaces import load_contacts
+from lis_grasp.surfaces.contact_loading import DOUBTFUL, fraction_in_front
+from lis_grasp.typing import FloatArray
+
+# Fields that distinguish contacts.
+_COMPARED = ("points", "normals", *NOISE)
+# Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
+_FEW = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatedFile:
+    """A surface in a file, and the contacts that it was estimated from."""
+
+    path: Path
+    mesh: trimesh.Trimesh  #: in O [m]
+    contacts: Contacts
+    has_new_contacts: bool  #: whether contacts.ply was written beside it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspedFile:
+    """Grasps in a file, and what they were planned on."""
+
+    path: Path
+    search: GraspSearch
+    mesh: trimesh.Trimesh  #: in O [m]
+    known: Known
+    config: RunConfig
+    recorded: Mapping[str, Any]  #: facts of the header
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiftedFile:
+    """Outcomes of lifts in a file."""
+
+    path: Path
+    lifts: Sequence[Mapping[str, Any]]  #: of the best grasps in order, as `lift_facts`
+    mass: float  #: of the true object [kg]
+
+
+def estimate_file(
+    sources: Sequence[ContactSource],
+    options: Mapping[str, Any],
+    folder: Path | None = None,
+    progress: Progress = SILENT,
+) -> EstimatedFile:
+    """Estimate the surface from files of contacts, and write surface.ply.
+
+    Its contacts are written beside it if the folder lacks them. Files that were made from an
+    earlier surface are removed.
+
+    Parameters
+    ----------
+    sources
+        Files of contacts of one object.
+    options
+        Values of `RunConfig` by name; those that are missing or None are as recorded in the files.
+    folder
+        Folder of results; None for that of the first file.
+    progress
+        Is told what was found in the contacts.
+
+    Raises
+    ------
+    InvalidContactsError
+        If there are no contacts.
+    InvalidOptionError
+        If the folder has other contacts that must be kept.
+    """
+    paths = [Path(source.path) for source in sources]
+    contacts, recorded = _load_sources(sources)
+    if not len(contacts):
+        raise InvalidContactsError(f"{paths[0]} has no contacts: add at least one row")
+    config = RunConfig.from_facts(options, recorded)
+    known = Perception.from_config(config, recorded.get("support_height"))
+    folder = paths[0].parent if folder is None else folder
+    is_kept = _require_contacts_fit(folder, contacts, paths)
+    checked = "object" in recorded or any(source.normals for source in sources)
+    for line in _findings(contacts, paths, checked=checked):
+        progress.say(line)
+    path = folder / "surface.ply"
+    with result_file(path, progress) as temporary:
+        mesh = write_surface(temporary, known, contacts, recorded, progress)
+        if not is_kept:
+            with result_file(folder / "contacts.ply", progress) as copy:
+                contacts.save(copy, header=provenance.merge(recorded))
+    return EstimatedFile(path, mesh, contacts, not is_kept)
+
+
+def grasp_file(
+    path: Path,
+    options: Mapping[str, Any],
+    folder: Path | None = None,
+    progress: Progress = SILENT,
+) -> GraspedFile:
+    """Plan grasps on the mesh in a file, and write grasps.json.
+
+    Files that were made from earlier grasps are removed.
+
+    Parameters
+    ----------
+    path
+        A surface of this package, or any mesh file.
+    options
+        Values of `RunConfig` by name, and ``support``, the height of the plane below the object
+        [m]. Those that are missing or None are as recorded in the file; else the support is the
+        mesh's lowest point.
+    folder
+        Folder of results; None for that of the mesh.
+    progress
+        Is told what was repaired.
+
+    Raises
+    ------
+    InvalidOptionError
+        If a value is out of range.
+    InvalidFileError, InvalidMeshError
+        If the mesh cannot be used.
+    """
+    recorded = provenance.read(path, usual="surface.ply")
+    config = RunConfig.from_facts(options, recorded)
+    mesh = load_mesh(path, options.get("units"), recorded, progress)
+    hand = Hand.load(config.hand)
+    support = options.get("support")
+    if support is None:
+        support = recorded.get("support_height", float(mesh.bounds[0, 2]))
+    if not abs(support) <= FARTHEST:
+        raise InvalidOptionError.out_of_range(
+            "support", support, f"a height in metres, from {-FARTHEST:g} to {FARTHEST:g}"
+        )
+    space = Workspace(1.0, mesh.bounds.mean(axis=0), float(mesh.extents.max()))
+    station = make_station(config, hand, support, recorded_base(options, recorded))
+    known = replace(Known.for_hand(config, hand, space, support), station=station)
+    facts = recorded | station_facts(station) | planning_facts(config)
+    path = (path.parent if folder is None else folder) / "grasps.json"
+    with result_file(path, progress) as temporary:
+        search = write_grasps(temporary, known, mesh, facts, progress)
+    return GraspedFile(path, search, mesh, known, config, recorded)
+
+
+def lift_file(
+    path: Path,
+    options: Mapping[str, Any],
+    folder: Path | None = None,
+    progress: Progress = SILENT,
+) -> LiftedFile:
+    """Simulate the lift of the true object with the grasps in a file, and write lifts.json.
+
+    The motion of the first lift is written as motion.npz.
+
+    Parameters
+    ----------
+    path
+        A grasps.json.
+    options
+        Values of `RunConfig` by name, ``best``, the number of grasps to lift with, and ``jobs``,
+        the number of processes. Those that are missing or None are as recorded in the file; else
+        one grasp, and as many processes as the machine has cores.
+    folder
+        Folder of results; None for that of the grasps.
+    progress
+        Is told what was repaired.
+
+    Raises
+    ------
+    InvalidOptionError
+        If a value is out of range, or no object is given or recorded.
+    """
+    recorded = provenance.read(path, usual="grasps.json")
+    search = GraspSearch.load(path)
+    if options.get("object") is None and "object" not in recorded:
+        raise InvalidOptionError(
+            f"{path} records no object: name it with --object", option="object"
+        )
+    best = options.get("best", 1)
+    if best < 1:
+        raise InvalidOptionError.out_of_range("--best", best, "at least 1")
+    config = RunConfig.from_facts(options, recorded)
+    poses = {**recorded, "X_EA": recorded_base(options, recorded)}
+    scenario = Scenario.from_config(config, recorded=poses)
+    _say_repairs(scenario.truth.shape, progress)
+    require_simulator(config.simulator, scenario.truth.shape)
+    folder = path.parent if folder is None else folder
+    with sole_writer(folder):
+        grasps, surface = search.grasps[:best], path.with_name("surface.ply")
+        needs_estimate = scenario.known.station is not None and surface.exists()
+        estimate = load_surface(surface) if needs_estimate else None  # an arm avoids it
+        jobs = process_count(options.get("jobs"))
+        outcomes = lift_each(scenario, grasps, jobs=jobs, estimate=estimate)
+        lifts: list[dict[str, Any]] = []
+        for rank in range(1, len(grasps) + 1):
+            title = f"Lifting {scenario.truth.shape.name} with grasp {rank}"
+            with progress.stage(title) as stage:
+                outcome = next(outcomes)
+                stage.result = outcome.reason
+            if not lifts:
+                outcome.motion.save(folder / "motion.npz")
+            lifts.append({"rank": rank, **lift_facts(outcome, mass=scenario.truth.mass)})
+        facts = {n: v for n, v in config.facts().items() if n not in ("estimator", "policy")}
+        header = provenance.merge(recorded, **facts)
+        write_json(folder / "lifts.json", {"header": header, "lifts": lifts})
+    return LiftedFile(folder / "lifts.json", lifts, scenario.truth.mass)
+
+
+def load_mesh(
+    path: Path, units: str | None, recorded: Mapping[str, Any], progress: Progress = SILENT
+) -> trimesh.Trimesh:
+    """Return the mesh of a file [m]: an estimate with recorded facts, or repaired."""
+    # A surface of this package has an uncertainty, and is in metres already.
+    if recorded and units is None:
+        return load_surface(path)
+    shape = load(path, units=units or "m")
+    _say_repairs(shape, progress)
+    return shape.mesh
+
+
+def recorded_base(options: Mapping[str, Any], recorded: Mapping[str, Any]) -> FloatArray | None:
+    """Return the recorded pose of the arm's base (4, 4), unless another arm or base is given."""
+    if options.get("arm") is not None or options.get("base") is not None:
+        return None
+    return None if "X_EA" not in recorded else require_pose("X_EA", recorded["X_EA"])
+
+
+def _say_repairs(shape: Shape, progress: Progress) -> None:
+    """Report the repairs of an object's mesh."""
+    for repair in shape.repairs:
+        progress.say(f"repaired: {repair}")
+
+
+def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str, Any]]:
+    """Return the contacts of all files, and the facts that they record, of the first file first.
+
+    Contacts of several files carry the noise of their file.
+    """
+    if len(sources) == 1:
+        (source,) = sources
+        recorded = provenance.read(Path(source.path))
+        contacts = load_contacts(
+            source.path,
+            units=source.units,
+            # Normals that this package simulated are outward.
+            normals=source.normals or ("outward" if "object" in recorded else None),
+            fingertip_radius=source.fingertip_radius,
+            position_noise=source.position_noise,
+        )
+        return contacts, recorded
+    contacts, recorded = join_sources(sources), {}
+    for source in reversed(sources):
+        recorded |= provenance.read(Path(source.path))
+    # The contacts carry what the files record of their sensors.
+    return contacts, {k: v for k, v in recorded.items() if k not in NOISE}
+
+
+def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Path]) -> bool:
+    """Return whether a folder has the contacts of a new surface as its contacts.ply.
+
+    Raises
+    ------
+    InvalidOptionError
+        If it has others that must be kept: a source of the new ones, or those of an exploration;
+        or if its surface.ply is a source.
+    """
+    path, inputs = folder / "contacts.ply", [source.resolve() for source in sources]
+    if (folder / "surface.ply").resolve() in inputs:
+        raise InvalidOptionError(
+            f"{folder}/surface.ply would be replaced by its own estimate: estimate from contacts,"
+            " or name another folder with --output",
+            option="--output",
+            value=str(folder),
+        )
+    if not path.exists():
+        return False
+    with suppress(LisGraspError):  # points without normals, perhaps
+        present = Contacts.load(path)
+        if all(_are_equal(getattr(present, n), getattr(contacts, n)) for n in _COMPARED):
+            return True
+    require_own(path)
+    if (folder / LOG).exists() or path.resolve() in inputs:
+        raise InvalidOptionError(
+            "contacts.ply in the folder of results must have the contacts of the surface, in metres"
+            f" and with outward normals; {path} has others: name another folder with --output",
+            option="--output",
+            value=str(folder),
+        )
+    return False
+
+
+def _are_equal(first: FloatArray | None, second: FloatArray | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return np.array_equal(first, second, equal_nan=True)
+
+
+def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> Iterator[str]:
+    """Yield the extent of contacts, the certainty of estimated normals, and warnings."""
+    yield f"contacts: {len(contacts)} within {millimetres(np.ptp(contacts.bounds, axis=0))}"
+    files = [file for file in map(read_point_file, paths) if file["normals"] is None]
+    if files and contacts.normal_noise is not None:
+        degrees = np.rad2deg(np.nanmedian(contacts.normal_noise))
+        known = all(file["approach"] is not None for file in files)
+        advice = "" if known else "; directions of approach in columns ax,ay,az make it smaller"
+        yield f"normals: estimated, with a median standard deviation of {degrees:.0f} deg{advice}"
+    doubt = 0.0 if checked else fraction_in_front(contacts)
+    if doubt > DOUBTFUL:
+        yield (
+            f"warning: {100 * doubt:.0f} % of the contacts are in front of another: if the estimate"
+            " is inside out, give --normals inward"
+        )
+    if len(contacts) < _FEW:
+        yield (
+            f"warning: fewer than {_FEW} contacts show little more than position and size of an"
+            " object, and the standard deviation is too small"
+        )
+
+
+def millimetres(extents: FloatArray) -> str:
+    """Return extents (3,) [m] as text."""
+    return " x ".join(f"{1e3 * extent:.3g}" for extent in extents) + " mm"

@@ -1,0 +1,152 @@
+"""What decides whether an exploration is resumed: its code, its files, its plug-ins."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from lis_grasp.cli.main import main
+from lis_grasp.exploration import load_outcomes
+from lis_grasp.io import provenance
+from lis_grasp.pipeline import RunConfig, Scenario
+from lis_grasp.pipeline.exploring import explore_into
+
+MODULE = "lis_grasp.pipeline.touching"
+POLICY = """
+from lis_grasp.exploration import Probe
+
+
+class RoundRobin:
+    def __init__(self, space):
+        self.space = space
+
+    def next_probe(self, contacts, surface, *, outcomes, rng):
+        half = 0.5 * self.space.size
+        side = [(1, 0), (-1, 0), (0, 1), (0, -1)][len(outcomes) % 4]
+        target = self.space.center + [0.0, 0.0, 0.1 * half * (len(outcomes) % 7)]
+        return Probe(target, direction=[*side, 0.0], standoff=3.0 * half, overshoot=half)
+"""
+
+
+class Lines:
+    """Progress that keeps the lines."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def stage(self, title: str):
+        from lis_grasp.pipeline.progress import SILENT
+
+        return SILENT.stage(title)
+
+    def say(self, text: str) -> None:
+        self.lines.append(text)
+
+
+def explored(folder: Path, *, fresh: bool = False, **options: object) -> list[str]:
+    """Explore in a folder; return what was said."""
+    config = RunConfig(**{"prober": "kinematic", "hand": "wsg50", "touches": 3, **options})
+    progress = Lines()
+    explore_into(folder, Scenario.from_config(config), progress=progress, fresh=fresh)
+    return progress.lines
+
+
+@pytest.fixture
+def policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "mypol.py"
+    path.write_text(POLICY, encoding="utf-8")
+    yield path
+    sys.modules.pop("mypol", None)
+
+
+def _modules(*skipped: str) -> set[str]:
+    return set(provenance._imported(MODULE, skipped))
+
+
+def test_an_exploration_depends_on_the_code_that_it_runs_alone() -> None:
+    modules = _modules("lis_grasp.grasping", "lis_grasp.simulation")
+    for name in ("exploration.loop", "surfaces", "meshing", "probing.kinematic_prober"):
+        assert f"lis_grasp.{name}" in modules
+    rooms = {name.split(".")[1] for name in modules if "." in name}
+    assert not rooms & {"cli", "visualization", "evaluation", "grasping", "simulation", "logs"}
+    assert "lis_grasp.pipeline.report_json" not in modules
+    assert "lis_grasp.simulation.drake.dynamic_prober" in _modules("lis_grasp.grasping")
+    assert "lis_grasp.grasping.sampler" in _modules()  # for a rule that waits for a grasp
+
+
+def test_an_edited_module_changes_the_digest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "lis_grasp"
+    for name, text in (
+        ("__init__", ""),
+        ("work/__init__", ""),
+        (
+            "work/loop",
+            "from lis_grasp.work import step\nfrom lis_grasp.other.part import (\n x,\n)",
+        ),
+        ("work/step", "from lis_grasp.work import loop  # a circle\n"),
+        ("other/part", "x = 1\n"),
+        ("other/figure", "colour = 'red'\n"),
+    ):
+        path = (package / name).with_suffix(".py")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    monkeypatch.setattr(provenance, "_PACKAGE", package)
+    monkeypatch.setattr(provenance, "_ROOT", package / "__init__.py")
+
+    def digest(*skipped: str) -> str:
+        provenance.source_digest.cache_clear()
+        return provenance.source_digest("lis_grasp.work.loop", skipped)
+
+    before, without = digest(), digest("lis_grasp.other")
+    assert len(before) == 16
+    (package / "other" / "figure.py").write_text("colour = 'blue'\n", encoding="utf-8")
+    assert digest() == before
+    (package / "other" / "part.py").write_text("x = 2\n", encoding="utf-8")
+    assert digest() != before
+    assert digest("lis_grasp.other") == without
+    provenance.source_digest.cache_clear()
+
+
+def test_a_finished_exploration_of_an_edited_policy_starts_from_the_beginning(
+    policy: Path, tmp_path: Path
+) -> None:
+    results = tmp_path / "results"
+    assert explored(results, policy="mypol:RoundRobin") == []
+    (used,) = explored(results, policy="mypol:RoundRobin")
+    assert used.startswith("using the")
+    policy.write_text(POLICY + "# edited\n", encoding="utf-8")
+    (line,) = explored(results, policy="mypol:RoundRobin")
+    assert line == "starting from the beginning: mypol.py was edited"
+
+
+def test_another_value_is_named_with_the_earlier_one(tmp_path: Path) -> None:
+    explored(tmp_path)
+    (line,) = explored(tmp_path, touches=4)
+    assert line == "starting from the beginning: touches is 4, and was 3"
+
+
+def test_a_fresh_exploration_is_asked_for(tmp_path: Path) -> None:
+    explored(tmp_path)
+    made = (tmp_path / "touches.jsonl").stat().st_mtime_ns
+    (line,) = explored(tmp_path, fresh=True)
+    assert line == "starting from the beginning, as asked"
+    assert (tmp_path / "touches.jsonl").stat().st_mtime_ns > made
+    assert explored(tmp_path / "new", fresh=True) == []
+
+
+def test_the_option_fresh_explores_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["explore", "box", "--known", "--prober", "kinematic", "--hand", "wsg50"]
+    arguments += ["--touches", "3", "--output", str(tmp_path)]
+    assert main(arguments) == 0
+    before = load_outcomes(tmp_path / "touches.jsonl")
+    capsys.readouterr()
+    assert main([*arguments, "--fresh"]) == 0
+    assert "starting from the beginning, as asked" in capsys.readouterr().out
+    assert len(load_outcomes(tmp_path / "touches.jsonl")) == len(before)

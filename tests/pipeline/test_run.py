@@ -1,0 +1,102 @@
+"""A whole run in Python, and its results read back, all in one frame."""
+
+from __future__ import annotations
+
+import pytest
+from numpy.testing import assert_array_equal
+
+from lis_grasp import pipeline, shapes
+from lis_grasp.exceptions import EstimationError, InvalidFileError
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline import Run, RunConfig
+from lis_grasp.pipeline.conditions import UNKNOWN
+from lis_grasp.shapes.mesh_distance import distances_to_mesh
+
+
+class Titles:
+    """Progress that keeps the titles of stages."""
+
+    def __init__(self) -> None:
+        self.titles: list[str] = []
+
+    def stage(self, title: str):
+        self.titles.append(title)
+        return pipeline.SILENT.stage(title)
+
+    def say(self, text: str) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[str]]:
+    config = RunConfig(
+        **{**UNKNOWN, "region": tuple(UNKNOWN["region"]), "free": False},
+        object="mallet",
+        hand="wsg50",
+        prober="kinematic",
+        touches=12,
+        grasps=2,
+        attempts=1,
+        seed=1,
+    )
+    progress = Titles()
+    folder = tmp_path_factory.mktemp("run")
+    return pipeline.run(config, folder, progress=progress), progress.titles
+
+
+def test_a_run_reports_its_stages(results: tuple[Run, list[str]]) -> None:
+    run, titles = results
+    assert [title.split()[0] for title in titles][:3] == ["Touching", "Estimating", "Planning"]
+    assert titles[-1] == "Reporting"
+    assert run.report is not None
+    assert run.report["touches"] == 12
+    assert (run.folder / "scene.html").exists()
+
+
+def test_contacts_estimate_and_true_object_are_in_one_frame(
+    results: tuple[Run, list[str]],
+) -> None:
+    run, _ = results
+    assert run.contacts is not None
+    assert run.truth is not None
+    assert run.mesh is not None
+    assert run.surface is not None
+    gaps = distances_to_mesh(run.contacts.points, run.truth.mesh)[0]
+    assert gaps.max() < 0.004  # noise of 0.5 mm, and half a taxel of 2 mm
+    own = distances_to_mesh(run.contacts.points, shapes.build("mallet").mesh)[0]
+    assert own.mean() > 0.02  # the object's own frame is another
+    assert_array_equal(extract_mesh(run.surface).vertices, run.mesh.vertices)
+
+
+def test_results_read_back_are_those_of_the_run(results: tuple[Run, list[str]]) -> None:
+    run, _ = results
+    again = Run.load(str(run.folder))
+    assert again.config == run.config
+    assert again.report == run.report
+    assert again.lift == run.report["lift"]
+    assert run.contacts is not None
+    assert again.contacts is not None
+    assert_array_equal(again.contacts.points, run.contacts.points)
+    assert again.grasps is not None
+    assert run.grasps is not None
+    assert len(again.grasps.grasps) == len(run.grasps.grasps)
+    assert (again.motion is None) == (not run.grasps.grasps)
+    assert again.hand.name == "wsg50"
+
+
+def test_a_folder_without_results_is_refused(tmp_path) -> None:
+    with pytest.raises(InvalidFileError, match="no results"):
+        Run.load(tmp_path)
+
+
+def test_a_run_without_a_contact_is_an_error(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lis_grasp.pipeline.exploring.touch", lambda *_, **__: nothing())
+    with pytest.raises(EstimationError, match="no contact"):
+        pipeline.run(RunConfig(prober="kinematic", touches=2), tmp_path)
+
+
+def nothing():
+    from lis_grasp import Contacts
+    from lis_grasp.exploration import Exploration
+
+    return Exploration(Contacts.empty(), (), "nothing to touch")
