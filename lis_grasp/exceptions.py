@@ -112,10 +112,10 @@ class InvalidOptionError(InvalidInputError):
         cls, option: str, value: object, choices: Iterable[object]
     ) -> InvalidOptionError:
         """Return the error of a value that is not in a set of choices; it names the nearest."""
-        known = [str(choice) for choice in choices]
+        names = [str(choice) for choice in choices]
         return cls(
-            f"{option} must be one of {', '.join(known)}; it is"
-            f" {shown(value)}{nearest_of(value, known)}",
+            f"{option} must be one of {', '.join(names)}; it is"
+            f" {shown(value)}{nearest_of(value, names)}",
             option=option,
             value=value,
         )

@@ -100,10 +100,10 @@ def _registered(group: str, _path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=group)}
 
 
-def _source_file(found: Any) -> Path | None:
+def _source_file(plug_in: Any) -> Path | None:
     """Return the file that defines an object, None if there is none."""
     try:
-        file = inspect.getsourcefile(inspect.unwrap(found))
+        file = inspect.getsourcefile(inspect.unwrap(plug_in))
     except TypeError:
         return None
     return Path(file) if file and Path(file).is_file() else None

@@ -48,13 +48,13 @@ def _short(value: Any) -> str:
         case np.ndarray() if value.size > _SHOWN or value.ndim > 1:
             return f"array{value.shape}"
         case np.ndarray():
-            return f"[{', '.join(_short(each) for each in value.tolist())}]"
+            return f"[{', '.join(_short(item) for item in value.tolist())}]"
         case float():
             return f"{value:.4g}"
         case None | bool() | int() | str():
             return repr(value)
         case Mapping():
-            return f"{{{', '.join(f'{key}: {_short(each)}' for key, each in value.items())}}}"
+            return f"{{{', '.join(f'{key}: {_short(item)}' for key, item in value.items())}}}"
         case tuple() | list():
             return f"{len(value)} {type(value[0]).__name__}s" if value else "()"
         case _:

@@ -261,8 +261,8 @@ def _require_columns(path: Path, present: Sequence[str], wanted: Sequence[str]) 
 def _load_points(path: Path) -> FloatArray:
     """Return the points of an .off or .xyz file, in the file's order."""
     with reading(path, "points", advice="write columns x,y,z as .csv"):
-        found = _vertices_of_off(path) if path.suffix.lower() == ".off" else _rows_of_xyz(path)
-    points = np.asarray(found, dtype=np.float64)
+        rows = _vertices_of_off(path) if path.suffix.lower() == ".off" else _rows_of_xyz(path)
+    points = np.asarray(rows, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise InvalidFileError(f"{path} has no points", path=path)
     return points

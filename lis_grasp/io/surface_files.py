@@ -128,8 +128,8 @@ def remove_growth(results: Path) -> None:
 
 
 def _growth_files(results: Path) -> dict[int, Path]:
-    found = (results / "growth").glob("*.ply")
-    return {int(path.stem): path for path in found if path.stem.isdecimal()}
+    paths = (results / "growth").glob("*.ply")
+    return {int(path.stem): path for path in paths if path.stem.isdecimal()}
 
 
 def _require_ply(path: Path) -> None:
@@ -160,8 +160,8 @@ def _vertex_columns(mesh: trimesh.Trimesh) -> dict[str, npt.NDArray[Any]]:
 
 def _colours(uncertainty: FloatArray) -> ByteArray:
     """Return a colour for each uncertainty, shape (V, 3)."""
-    known = uncertainty[np.isfinite(uncertainty)]
-    end = float(np.quantile(known, _SHOWN)) if len(known) else 0.0
+    finite = uncertainty[np.isfinite(uncertainty)]
+    end = float(np.quantile(finite, _SHOWN)) if len(finite) else 0.0
     scaled = np.where(uncertainty <= end, np.clip(uncertainty, 0.0, end) / (end or 1.0), 1.0)
     return np.rint(_LOW + scaled[:, None] * (_HIGH - _LOW)).astype(np.uint8)
 

@@ -145,10 +145,10 @@ class FrameTree:
         graph = nx.Graph()
         graph.add_edges_from(self.transforms)
         if base not in graph or frame not in graph or not nx.has_path(graph, base, frame):
-            known = ", ".join(self.frames) or "none"
+            names = ", ".join(self.frames) or "none"
             raise InvalidInputError(
                 f"no chain of transforms connects the frames '{base}' and '{frame}'; the log has"
-                f" transforms of {known}"
+                f" transforms of {names}"
             )
         path = nx.shortest_path(graph, base, frame)
         for before, after in pairwise(path):

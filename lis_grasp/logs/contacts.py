@@ -95,8 +95,8 @@ def contacts_from_log(
         If a topic is missing, ambiguous or unrelated to the others, or there is no touch.
     """
     touches = [_touches(log, finger, frames, detection) for finger in fingers]
-    if not any(len(each.times) for each in touches):
-        unposed = sum(each.unposed for each in touches)
+    if not any(len(touch.times) for touch in touches):
+        unposed = sum(touch.unposed for touch in touches)
         raise InvalidInputError(
             f"all {unposed} touches are at times without a pose of tip and object: check that the"
             " topics overlap in time"

@@ -119,13 +119,13 @@ def detect_touches(
     magnitudes = np.linalg.norm(forces, axis=1)
     off = detection.release * detection.threshold
     intervals = _intervals(magnitudes, detection.threshold, off)
-    known = np.all(np.isfinite(tips), axis=1)
+    posed = np.all(np.isfinite(tips), axis=1)
     rows: list[int] = []
     approach: list[FloatArray] = []
     unposed = 0
     released = 0
     for begin, end in intervals:
-        if not known[begin]:
+        if not posed[begin]:
             unposed += 1
         else:
             rows.append(begin)
@@ -147,7 +147,7 @@ def detect_touches(
         forces=magnitudes[rows],
         approach=np.array(approach).reshape(-1, 3),
         directions=directions,
-        free=_free(tips[(magnitudes < off) & known], centers),
+        free=_free(tips[(magnitudes < off) & posed], centers),
         unposed=unposed,
     )
 
@@ -162,9 +162,9 @@ def contacts_of_touches(fingers: list[Touches], detection: TouchDetection) -> Co
     InvalidContactsError, EstimationError
         If normals cannot be estimated, see `estimate_normals`.
     """
-    order = np.argsort(np.concatenate([each.times for each in fingers]), kind="stable")
+    order = np.argsort(np.concatenate([touch.times for touch in fingers]), kind="stable")
     joined = {
-        name: np.concatenate([getattr(each, name) for each in fingers])[order]
+        name: np.concatenate([getattr(touch, name) for touch in fingers])[order]
         for name in ("centers", "times", "forces", "approach", "directions")
     }
     inward = detection.force_on == "object"
@@ -172,7 +172,7 @@ def contacts_of_touches(fingers: list[Touches], detection: TouchDetection) -> Co
         inward = bool(np.sum(joined["directions"] * joined["approach"]) > 0.0)
     outward = -joined["directions"] if inward else joined["directions"]
     radius = detection.tip_radius
-    free = np.vstack([each.free for each in fingers])
+    free = np.vstack([touch.free for touch in fingers])
     has_force = np.any(outward, axis=1)
     if detection.normals == "force" and not np.any(has_force):
         raise InvalidOptionError(
@@ -192,17 +192,17 @@ def contacts_of_touches(fingers: list[Touches], detection: TouchDetection) -> Co
         )
         kept: BoolArray = np.ones(len(order), dtype=np.bool_)
     else:
-        chosen = outward if detection.normals == "force" else -joined["approach"]
-        kept = np.any(chosen, axis=1)
+        normals = outward if detection.normals == "force" else -joined["approach"]
+        kept = np.any(normals, axis=1)
         noise = _FORCE_NOISE if detection.normals == "force" else _APPROACH_NOISE
         contacts = Contacts(
-            joined["centers"] - radius * chosen,
-            np.where(kept[:, None], chosen, [0.0, 0.0, 1.0]),
+            joined["centers"] - radius * normals,
+            np.where(kept[:, None], normals, [0.0, 0.0, 1.0]),
             free_points=free,
             free_radii=np.full(len(free), radius),
             normal_noise=np.full(len(order), noise),
         )
-    names = [each.finger for each in fingers for _ in each.times]
+    names = [touch.finger for touch in fingers for _ in touch.times]
     return replace(
         contacts,
         forces=joined["forces"],

@@ -170,9 +170,9 @@ class BagLog:
         for topic in self.topics:
             if topic.content == "transforms":
                 for time, message in self._messages(topic.name, "transforms"):
-                    for each in message.transforms:
-                        pair = _frame(each), each.child_frame_id.lstrip("/")
-                        sample = [_stamp(each) or time, *_pose(each)]
+                    for transform in message.transforms:
+                        pair = _frame(transform), transform.child_frame_id.lstrip("/")
+                        sample = [_stamp(transform) or time, *_pose(transform)]
                         if topic.name.endswith("tf_static"):  # the last one is valid at all times
                             samples[pair] = [sample]
                         else:
@@ -188,13 +188,13 @@ class BagLog:
     def _messages(self, topic: str, content: Content) -> Iterator[tuple[float, Any]]:
         """Yield the time [s] and message of each message of a topic."""
         with self._reader() as reader:
-            chosen = [
-                each
-                for each in reader.connections
-                if each.topic == topic and _CONTENT.get(_short(each.msgtype)) == content
+            connections = [
+                connection
+                for connection in reader.connections
+                if connection.topic == topic and _CONTENT.get(_short(connection.msgtype)) == content
             ]
             try:
-                for connection, nanoseconds, raw in reader.messages(chosen):
+                for connection, nanoseconds, raw in reader.messages(connections):
                     message = reader.deserialize(raw, connection.msgtype)
                     yield _stamp(message) or 1e-9 * nanoseconds, message
             except Exception as error:  # noqa: BLE001 - a damaged bag raises anything

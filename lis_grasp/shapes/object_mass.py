@@ -46,9 +46,9 @@ def default_mass(mesh: trimesh.Trimesh, name: str = "") -> float:
 def published_mass(name: str) -> float | None:
     """Return the published mass of the scan at a path [kg]; None if it is not of the YCB set."""
     for part in (Path(name).stem, *reversed(Path(name).parent.parts)):
-        found = _YCB_NAME.match(part)
-        if found and found.group() in ycb_masses():
-            return ycb_masses()[found.group()]
+        match = _YCB_NAME.match(part)
+        if match and match.group() in ycb_masses():
+            return ycb_masses()[match.group()]
     return None
 
 

@@ -93,11 +93,11 @@ def convex_parts(
     # The search has absolute tolerances: it gets the mesh at unit size.
     size, center = float(mesh.extents.max()), mesh.bounds.mean(axis=0)
     unit = trimesh.Trimesh((mesh.vertices - center) / size, mesh.faces, process=False)
-    found = trimesh.decomposition.convex_decomposition(
+    hulls = trimesh.decomposition.convex_decomposition(
         unit,
         maxConvexHulls=most,
         resolution=voxels,
         minimumVolumePercentErrorAllowed=_ADDED_VOLUME,
     )
-    parts = [trimesh.convex.convex_hull(center + size * np.array(p["vertices"])) for p in found]
+    parts = [trimesh.convex.convex_hull(center + size * np.array(p["vertices"])) for p in hulls]
     return tuple(part for part in parts if part.volume > 0.0)

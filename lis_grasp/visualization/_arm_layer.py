@@ -104,10 +104,10 @@ def arm_approach(
     for place in np.linspace(0.0, _APPROACH, _FRAMES)[1:]:
         X = X_OH.copy()
         X[:3, 3] -= place * direction
-        found, solved = station.follow(q[None], X[None])
+        nearest, solved = station.follow(q[None], X[None])
         if not solved[0]:
             break
-        q = found[0]
+        q = nearest[0]
         frames.append(_poses(station, q))
     return _APPROACH * (len(frames) - 1) / (_FRAMES - 1), frames
 
@@ -115,8 +115,8 @@ def arm_approach(
 def _posture(station: Station, X_OH: FloatArray) -> FloatArray:
     home: FloatArray = station.arm.home
     solutions = station.solve_ik(X_OH[None], seeds=_SEEDS, first=home)
-    found: FloatArray = solutions.q[0][solutions.solved[0]]
-    return found[np.argmin(np.linalg.norm(found - home, axis=1))] if len(found) else home
+    postures: FloatArray = solutions.q[0][solutions.solved[0]]
+    return postures[np.argmin(np.linalg.norm(postures - home, axis=1))] if len(postures) else home
 
 
 def _poses(station: Station, q: FloatArray) -> list[FloatArray]:

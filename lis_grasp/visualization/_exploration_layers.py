@@ -34,8 +34,8 @@ _LEAST = 1e-5
 
 def search_of(outcomes: Sequence[ProbeOutcome]) -> tuple[ProbeOutcome, ...]:
     """Return the outcomes up to the first with a contact; all of them if there is none."""
-    found = [len(outcome.contacts) > 0 for outcome in outcomes]
-    return tuple(outcomes[: found.index(True) + 1 if any(found) else len(found)])
+    touching = [len(outcome.contacts) > 0 for outcome in outcomes]
+    return tuple(outcomes[: touching.index(True) + 1 if any(touching) else len(touching)])
 
 
 def draw_search(canvas: Canvas, region: Region, search: Sequence[ProbeOutcome]) -> None:
@@ -95,13 +95,15 @@ def motion_paths(
     center
         Shape (3,): the point, in that frame [m].
     """
-    known = [
+    recorded = [
         o for o in since_loss(outcomes) if o.tracked is not None and o.simulated_pose is not None
     ]
-    if not known:
+    if not recorded:
         return np.empty((0, 3)), np.empty((0, 3))
-    frames = np.array([outcome.tracked.X_WE for outcome in known if outcome.tracked])  # (K, 4, 4)
-    poses = np.array([outcome.simulated_pose for outcome in known])  # (K, 4, 4)
+    frames = np.array(
+        [outcome.tracked.X_WE for outcome in recorded if outcome.tracked]
+    )  # (K, 4, 4)
+    poses = np.array([outcome.simulated_pose for outcome in recorded])  # (K, 4, 4)
     to_last = inverse_pose(frames[-1]) @ frames
     in_object = apply_pose(inverse_pose(poses[-1]), center)
     return apply_pose(to_last, center), apply_pose(to_last @ poses, in_object)

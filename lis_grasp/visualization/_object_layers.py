@@ -42,8 +42,8 @@ def draw_estimates(
         Layer("estimate", "Estimated surface", True, PLAIN_ESTIMATE_COLOUR, "from the contacts")
     )
     values = surfaces[-1][1].vertex_attributes.get("uncertainty")
-    known = values is not None and bool(np.isfinite(values).any())
-    scale = ColourScale.of_object(size, values) if known else None
+    is_scaled = values is not None and bool(np.isfinite(values).any())
+    scale = ColourScale.of_object(size, values) if is_scaled else None
     for count, mesh in surfaces:
         path = f"{OBJECT_NODE}/estimate/{count}"
         canvas.commands.append(_draw_estimate(path, mesh, scale))

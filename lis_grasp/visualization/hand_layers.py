@@ -149,7 +149,7 @@ def hand_points(hand: Hand, posture: Sequence[FloatArray]) -> FloatArray:
 def outlines(hand: Hand, postures: Sequence[Sequence[FloatArray]]) -> FloatArray:
     """Return the outermost points of the hand's bodies in O, (N, 3) [m], for several postures."""
     points_G = [outermost(surface_points(g.mesh, 150)) for g in hand.link_geometries]
-    return np.vstack([np.empty((0, 3)), *(_placed(hand, points_G, each) for each in postures)])
+    return np.vstack([np.empty((0, 3)), *(_placed(hand, points_G, links) for links in postures)])
 
 
 def _placed(

@@ -76,8 +76,8 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
     if "surface.ply" in files:
         content["estimate"] = load_surface(files["surface.ply"])
         growth = load_growth(directory, provenance.read(files["surface.ply"]))
-        known = len(content.get("contacts", ()))
-        content["growth"] = [(count, mesh) for count, mesh in growth if count < known]
+        all_contacts = len(content.get("contacts", ()))
+        content["growth"] = [(count, mesh) for count, mesh in growth if count < all_contacts]
     if "grasps.json" in files:
         content["grasps"] = GraspSearch.load(files["grasps.json"]).grasps
     if "motion.npz" in files:
