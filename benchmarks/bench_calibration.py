@@ -29,9 +29,9 @@ from scipy.stats import rankdata
 
 from lis_grasp import Grasp, Hand, pipeline
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
-from lis_grasp.grasping.grasp_ranking import GraspScorer
-from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.grasping.success_model import SUCCESS_MODEL
+from lis_grasp.grasping.grasp_batch import GraspBatch
+from lis_grasp.grasping.grasp_ranking import SUCCESS_MODEL, GraspScorer
+from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.io.json_lines import Row
 from lis_grasp.pipeline.conditions import UNKNOWN
 from lis_grasp.pipeline.run_config import RunConfig
@@ -84,7 +84,8 @@ def lifts(trial: CalibrationTrial, hand_name: str) -> list[Row]:
             )
             load = {"mass": mass, "friction": friction}
             outcome = pipeline.lift(replace(scenario, truth=replace(scenario.truth, **load)), grasp)
-            quality = dict(scorer.predict_success([grasp])[0].quality)
+            batch = scorer.predict_success(GraspBatch.of_grasps([grasp], hand))
+            quality = {name: float(values[0]) for name, values in batch.quality.items()}
             observed = {"held": outcome.held, "reason": outcome.reason, "slip": outcome.slip}
             return load | quality | observed
 

@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,14 +28,14 @@ from peer_process import run_peer
 from scipy.stats import binomtest, fisher_exact
 
 from lis_grasp import shapes
-from lis_grasp.geometry import make_pose, rotate
-from lis_grasp.grasping.contact_sets import ContactSets
+from lis_grasp.geometry import make_pose
 from lis_grasp.grasping.contact_wrenches import WrenchModel
+from lis_grasp.grasping.epsilon import epsilon_on
 from lis_grasp.grasping.force_closure import min_weight, resisted_force
-from lis_grasp.grasping.grasp_ranking import GraspScorer, epsilon_on
-from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping.grasp_batch import GraspBatch
+from lis_grasp.grasping.grasp_ranking import GraspScorer
+from lis_grasp.grasping.grasps import Grasp, LoadPrior
 from lis_grasp.grasping.inverse_kinematics import solve_ik
-from lis_grasp.grasping.load_prior import LoadPrior
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.outcome import LiftOptions
 from lis_grasp.lifting.setup import LiftSetup
@@ -179,25 +180,13 @@ def their_grasp(
     points, _, faces = trimesh.proximity.closest_point(mesh, np.array(plan["touches"]))
     normals = mesh.face_normals[faces]
     used = np.ones((1, 4), bool)
-    away = ContactSets((points + _OPENING * normals)[None], normals[None], used)
-    opened = solve_ik(hand, away, X_OH[None], q[None], palm_fixed=True).q[0]
-    grasp = Grasp(
-        hand=hand.name,
-        X_OH=X_OH,
-        joint_names=hand.joint_names,
-        joint_positions=q,
-        pregrasp_positions=opened,
-        approach_O=rotate(X_OH, hand.approach_H),
-        contact_points=points,
-        contact_normals=normals,
-        contact_fingers=hand.fingers,
-        contact_forces=np.zeros_like(points),
-        quality={"epsilon": 0.0},
-        accepted="by FRoGGeR",
-    )
+    batch = GraspBatch(points[None], normals[None], used, X_OH[None], q[None])
+    away = replace(batch, points=batch.points + _OPENING * batch.normals)
+    batch = replace(batch, opened=solve_ik(hand, away, palm_fixed=True).q)
     prior = LoadPrior(options.friction, options.mass)
     scorer = GraspScorer(hand, mesh, prior=prior, rng=np.random.default_rng(plan["seed"]))
-    return scorer.plan_forces(scorer.predict_success([grasp])[0])
+    (grasp,) = scorer.plan_forces(scorer.predict_success(batch))
+    return replace(grasp, accepted="by FRoGGeR")
 
 
 def evaluate(

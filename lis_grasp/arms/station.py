@@ -20,7 +20,7 @@ from lis_grasp.geometry import (
     require_pose,
     rotate,
 )
-from lis_grasp.grasping.reach import ReachCheck
+from lis_grasp.grasping.grasps import ReachCheck
 from lis_grasp.records import read_only
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.body_pairs import BodyPairs

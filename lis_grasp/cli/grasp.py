@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, Stage, say, say_search
-from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
+from lis_grasp.grasping.export import save_isaac_grasps
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench

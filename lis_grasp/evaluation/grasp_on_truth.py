@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from lis_grasp.grasping.grasp_ranking import epsilon_on
+from lis_grasp.grasping.epsilon import epsilon_on
 from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.robots.hand import Hand
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
 
 from lis_grasp.exceptions import (
     InvalidContactsError,
@@ -15,12 +16,19 @@ from lis_grasp.exceptions import (
     require_positive,
 )
 from lis_grasp.geometry import cross, tangent_frame
+from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray
 
 ContactModel = Literal["frictionless", "coulomb", "soft_finger"]
 
 CONE_EDGES = 8
 """Edges of a friction pyramid."""
+
+# Torsional lever of a flat pad [m]: 2/3 of a contact radius of 9 mm (Howe and Cutkosky 1996).
+_FLAT_PAD_LEVER = 0.006
+# A rotation counts as the acceleration at the first distance [m] from its axis, as in a lift's
+# shake; radii of gyration are at least the second.
+_TURN_ARM, _LEAST_GYRATION = 0.65, 0.017
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +121,28 @@ class WrenchModel:
                 f"contacts must be of shape (C, 3); it is {np.shape(points)}", field="points"
             )
         return wrenches.reshape(-1, 6)
+
+
+def wrench_model(mesh: trimesh.Trimesh, hand: Hand, friction: float) -> WrenchModel:
+    """Return the wrench model of a hand's contacts on an object; see `WrenchModel`."""
+    center = np.asarray(mesh.center_mass)
+    length = float(np.linalg.norm(mesh.vertices - center, axis=1).max())
+    model = WrenchModel(friction, origin=center, length_scale=length)
+    if hand.kind == "parallel_jaw":
+        model = replace(model, contact_model="soft_finger", torsion=friction * _FLAT_PAD_LEVER)
+    return model
+
+
+def inertial_metric(mesh: trimesh.Trimesh) -> FloatArray:
+    """Return the matrix (3, 3) [1/m] that makes accelerations of wrenches, of unit mass.
+
+    A wrench accelerates an object of uniform density and mass m by ``f / m`` and turns it by
+    ``I^-1 tau``. The latter counts as the acceleration at 0.65 m from the axis, so the epsilon in
+    this metric is a largest acceleration of the unit mass, per unit of the fingers' forces.
+    """
+    by_mass, axes = np.linalg.eigh(np.asarray(mesh.moment_inertia) / mesh.volume)  # [m^2]
+    inverse = 1.0 / np.maximum(by_mass, _LEAST_GYRATION**2)
+    return np.asarray(_TURN_ARM * (axes * inverse) @ axes.T)
 
 
 def cone_edges(normals: npt.ArrayLike, friction: float, *, edges: int = CONE_EDGES) -> FloatArray:

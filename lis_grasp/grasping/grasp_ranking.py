@@ -2,45 +2,45 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from lis_grasp.geometry import rotate
-from lis_grasp.grasping.candidate_filter import GraspCandidates
-from lis_grasp.grasping.contact_sets import ContactSets, contacts_of, fill_unused
-from lis_grasp.grasping.contact_wrenches import WrenchModel
+from lis_grasp.grasping.contact_wrenches import WrenchModel, inertial_metric, wrench_model
 from lis_grasp.grasping.epsilon import (
-    epsilon_by_convex_hull,
+    ROBUST_FRACTION,
     epsilon_by_expanding_polytope,
     epsilon_of_wrenches,
 )
 from lis_grasp.grasping.force_closure import resisted_forces
-from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.grip_capacity import grip_fraction
-from lis_grasp.grasping.grip_forces import balanced_grip
-from lis_grasp.grasping.load_capacity import largest_wrenches, spare_accelerations
-from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.grasping.success_model import load_probability, shape_probability
+from lis_grasp.grasping.grasp_batch import GraspBatch, fill_unused
+from lis_grasp.grasping.grasps import Grasp, LoadPrior
+from lis_grasp.grasping.hand_capacity import (
+    balanced_grip,
+    grip_fraction,
+    largest_wrenches,
+    spare_accelerations,
+)
 from lis_grasp.grasping.surface_uncertainty import UncertainSurface
-from lis_grasp.records import subset_of
 from lis_grasp.robots.hand import Hand
-from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+from lis_grasp.typing import FloatArray, IndexArray
 
-# Normals are known to a few degrees only: robust qualities use this fraction of the friction.
-_ROBUST_FRACTION = 0.5
 # On sampled surfaces, epsilon may be too small by this fraction.
 _COARSE = 0.05
-# Loads are carried at this fraction of the friction. A rotation counts as the acceleration at the
-# first distance [m] from its axis, as in a lift's shake; radii of gyration are at least the second.
+# Loads are carried at this fraction of the friction.
 _LOADED_FRACTION = 0.75
-_TURN_ARM, _LEAST_GYRATION = 0.65, 0.017
-# Torsional lever of a flat pad [m]: 2/3 of a contact radius of 9 mm (Howe and Cutkosky 1996).
-_FLAT_PAD_LEVER = 0.006
+
+
+SUCCESS_MODEL = json.loads(Path(__file__).with_name("success_model.json").read_text("utf-8"))
+"""Constants of the model, and what they were fitted to."""
 
 
 class _Precision(NamedTuple):
@@ -73,7 +73,7 @@ class GraspScorer:
       [m/s^2]. Both are in the metric of `inertial_metric`.
     - ``success_probability``: the predicted probability that the hand lifts and holds the object,
       a logistic function of ``epsilon_expected``, times another one of ``acceleration`` and mass
-      (`success_model`). The acceleration is part of it because heavy objects have more weight,
+      (`SUCCESS_MODEL`). The acceleration is part of it because heavy objects have more weight,
       and long ones more inertia, than the motors or the friction of fingers close together carry.
     - ``shape_probability``: the first of these two factors, which knowing the surface raises.
     - ``clearance``: the distance of the links that are no fingertips from the surface [m].
@@ -82,7 +82,8 @@ class GraspScorer:
     `score` computes those that ranking depends on, at the median friction of the prior and roughly:
     epsilon may be too small by 5 %, and four surfaces are sampled. Its ``epsilon`` is only a lower
     bound, above zero. `predict_success` computes all but ``grip`` precisely, and averages the
-    success probability over the distributions of mass and friction. `plan_forces` adds ``grip``.
+    success probability over the distributions of mass and friction. `plan_forces` makes grasps, and
+    adds ``grip``.
 
     Torques are taken about the centre of mass at uniform density, and divided by the largest
     distance of a vertex from it.
@@ -108,14 +109,13 @@ class GraspScorer:
         self.rejected: Counter[str] = Counter()
 
     def score(
-        self, candidates: GraspCandidates, least_success: FloatArray | None = None
-    ) -> dict[int, Grasp]:
-        """Return the grasps in force closure among candidates, by their index; see the class.
+        self, batch: GraspBatch, least_success: FloatArray | None = None
+    ) -> tuple[IndexArray, GraspBatch]:
+        """Return the indices of the candidates in force closure, and these with their qualities.
 
-        With `least_success` (B,), those of a smaller success probability may be rejected. Contact
-        forces are zero until `plan_forces`.
+        With `least_success` (B,), those of a smaller success probability may be rejected.
         """
-        batch, median = _Batch.of_candidates(candidates), self._median
+        median = self._median
         (robust,) = self._epsilons(batch, (median.robust,), _RANKED.epsilon)
         plain, rest = robust.copy(), np.flatnonzero(robust == 0.0)
         (plain[rest],) = self._epsilons(batch.subset(rest), (median.plain,), _RANKED.epsilon)
@@ -127,64 +127,29 @@ class GraspScorer:
             self.rejected["outranked"] += len(kept) - int(likely.sum())
             kept, accelerations, carried = kept[likely], accelerations[likely], carried[likely]
         batch, robust = batch.subset(kept), robust[kept]
+        assert batch.clearance is not None
+        assert batch.position_error is not None
         expected, _ = self._over_surfaces(batch, robust, _RANKED.surfaces)
         shape = shape_probability(expected, median.plain)
-        values = {
-            "epsilon": plain[kept],
-            "epsilon_robust": robust,
-            "epsilon_expected": expected,
-            "acceleration": accelerations,
-            "shape_probability": shape,
-            "success_probability": shape * carried,
-            "clearance": candidates.clearance[kept],
-            "pad_error": candidates.postures.position_error[kept],
-        }
-        return {
-            b: self._grasp(batch, k, candidates.opened[b], _each(values, k))
-            for k, b in enumerate(kept.tolist())
-        }
-
-    def _grasp(self, batch: _Batch, k: int, opened: FloatArray, quality: dict[str, float]) -> Grasp:
-        """Return a grasp of a batch, without contact forces."""
-        X_OH, pads = batch.X_OH[k], np.flatnonzero(batch.used[k])
-        return Grasp(
-            hand=self._hand.name,
-            X_OH=X_OH,
-            joint_names=self._hand.joint_names,
-            joint_positions=batch.q[k],
-            pregrasp_positions=opened,
-            approach_O=rotate(X_OH, self._hand.approach_H),
-            contact_points=batch.points[k, pads],
-            contact_normals=batch.normals[k, pads],
-            contact_fingers=tuple(self._hand.fingers[pad] for pad in pads),
-            contact_forces=np.zeros((len(pads), 3)),
-            quality=quality,
-            accepted=f"force closure at friction {self._prior.friction:g}, reached, free of"
-            " collision",
+        return kept, batch.with_quality(
+            epsilon=plain[kept],
+            epsilon_robust=robust,
+            epsilon_expected=expected,
+            acceleration=accelerations,
+            shape_probability=shape,
+            success_probability=shape * carried,
+            clearance=batch.clearance,
+            pad_error=batch.position_error,
         )
 
-    def plan_forces(self, grasp: Grasp) -> Grasp:
-        """Return a grasp with the largest contact forces in balance, and ``grip``."""
-        forces = balanced_grip(
-            grasp.contact_points,
-            grasp.contact_normals,
-            friction=self._prior.friction,
-            total=2.0 * self._hand.max_contact_force,
-        )
-        forces = forces * grip_fraction(
-            self._hand, grasp.X_OH, grasp.joint_positions, grasp.contact_fingers, forces
-        )
-        grip = -float(np.sum(forces * grasp.contact_normals))
-        return replace(grasp, contact_forces=forces, quality={**grasp.quality, "grip": grip})
-
-    def predict_success(self, grasps: Sequence[Grasp]) -> list[Grasp]:
+    def predict_success(self, batch: GraspBatch) -> GraspBatch:
         """Return grasps with precise qualities and the success probability over the whole prior.
 
         Qualities other than the success probability are those at the medians.
         """
-        if not grasps:
-            return []
-        batch, median = _Batch.of(grasps, self._hand), self._median
+        if not len(batch):
+            return batch
+        median = self._median
         robust, plain, loaded = self._epsilons(
             batch, (median.robust, median.plain, median.loaded), _REPORTED.epsilon
         )
@@ -195,40 +160,66 @@ class GraspScorer:
         success = weight * shape * carried
         for models, weight in others:
             success = success + weight * self._success(batch, models)
-        values = {
-            "epsilon_robust": robust,
-            "closure_probability": closure,
-            "epsilon_expected": expected,
-            "acceleration": accelerations,
-            "shape_probability": shape,
-            "success_probability": success,
-            "epsilon": plain,
-            "load_per_grip": loaded,
-            "weight_robust": resisted_forces(
-                batch.points, batch.normals, (0.0, 0.0, 1.0), median.robust
-            ),
-        }
-        return [
-            replace(grasp, quality={**grasp.quality, **_each(values, k)})
-            for k, grasp in enumerate(grasps)
-        ]
+        return batch.with_quality(
+            epsilon_robust=robust,
+            closure_probability=closure,
+            epsilon_expected=expected,
+            acceleration=accelerations,
+            shape_probability=shape,
+            success_probability=success,
+            epsilon=plain,
+            load_per_grip=loaded,
+            weight_robust=resisted_forces(*batch.contacts(), (0.0, 0.0, 1.0), median.robust),
+        )
 
-    def loads_per_grip(self, sets: ContactSets) -> FloatArray:
+    def plan_forces(self, batch: GraspBatch) -> list[Grasp]:
+        """Return grasps with the largest contact forces in balance, and ``grip``."""
+        return [self._grasp(batch, k) for k in range(len(batch))]
+
+    def _grasp(self, batch: GraspBatch, k: int) -> Grasp:
+        hand, pads = self._hand, np.flatnonzero(batch.used[k])
+        points, normals = batch.points[k, pads], batch.normals[k, pads]
+        fingers = tuple(hand.fingers[pad] for pad in pads)
+        forces = balanced_grip(
+            points,
+            normals,
+            friction=self._prior.friction,
+            total=2.0 * hand.max_contact_force,
+        )
+        forces = forces * grip_fraction(hand, batch.X_OH[k], batch.q[k], fingers, forces)
+        quality = {name: float(values[k]) for name, values in batch.quality.items()}
+        assert batch.opened is not None
+        return Grasp(
+            hand=hand.name,
+            X_OH=batch.X_OH[k],
+            joint_names=hand.joint_names,
+            joint_positions=batch.q[k],
+            pregrasp_positions=batch.opened[k],
+            approach_O=rotate(batch.X_OH[k], hand.approach_H),
+            contact_points=points,
+            contact_normals=normals,
+            contact_fingers=fingers,
+            contact_forces=forces,
+            quality=quality | {"grip": -float(np.sum(forces * normals))},
+            accepted=f"force closure at friction {self._prior.friction:g}, reached, free of"
+            " collision",
+        )
+
+    def loads_per_grip(self, batch: GraspBatch) -> FloatArray:
         """Return ``load_per_grip`` of B contact sets, shape (B,)."""
-        points, normals = sets.filled()
         return epsilon_by_expanding_polytope(
-            points, normals, self._median.loaded, tolerance=_COARSE
+            *batch.contacts(), self._median.loaded, tolerance=_COARSE
         )
 
     def _epsilons(
-        self, batch: _Batch, models: Sequence[WrenchModel], tolerance: float
+        self, batch: GraspBatch, models: Sequence[WrenchModel], tolerance: float
     ) -> FloatArray:
         """Return epsilon of each grasp by each of M models, shape (M, B)."""
-        wrenches = [model.wrenches(batch.points, batch.normals) for model in models]
-        found = epsilon_of_wrenches(np.concatenate(wrenches), tolerance=tolerance)
-        return found.reshape(len(models), -1)
+        wrenches = [model.wrenches(*batch.contacts()) for model in models]
+        epsilons = epsilon_of_wrenches(np.concatenate(wrenches), tolerance=tolerance)
+        return epsilons.reshape(len(models), -1)
 
-    def _success(self, batch: _Batch, models: _FrictionModels) -> FloatArray:
+    def _success(self, batch: GraspBatch, models: _FrictionModels) -> FloatArray:
         """Return the success probability (B,) at the friction of `models`, over masses, roughly."""
         (robust,) = self._epsilons(batch, (models.robust,), _RANKED.epsilon)
         expected, _ = self._over_surfaces(batch, robust, _RANKED.surfaces, models)
@@ -236,7 +227,7 @@ class GraspScorer:
         return shape_probability(expected, models.plain) * carried
 
     def _carry(
-        self, batch: _Batch, models: _FrictionModels, tolerance: float
+        self, batch: GraspBatch, models: _FrictionModels, tolerance: float
     ) -> tuple[FloatArray, FloatArray]:
         """Return ``acceleration`` at the median mass, and the probability to carry the object."""
         wrenches = largest_wrenches(
@@ -245,8 +236,7 @@ class GraspScorer:
             batch.X_OH,
             batch.q,
             batch.used,
-            batch.points,
-            batch.normals,
+            *batch.contacts(),
         )
         masses, weights = np.array(list(self._prior.masses())).T
         accelerations = spare_accelerations(
@@ -258,7 +248,7 @@ class GraspScorer:
 
     def _over_surfaces(
         self,
-        batch: _Batch,
+        batch: GraspBatch,
         robust: FloatArray,
         samples: int,
         models: _FrictionModels | None = None,
@@ -269,13 +259,13 @@ class GraspScorer:
             return robust, np.ones(0)
         if self._surface.deviations.any():
             sampled = self._surface.sample_contacts(
-                batch.points, batch.normals, samples=samples, rng=np.random.default_rng(self._seed)
+                *batch.contacts(), samples=samples, rng=np.random.default_rng(self._seed)
             )
             used = np.repeat(batch.used, samples, axis=0)
             p, n = (fill_unused(a.reshape(*used.shape, 3), used) for a in sampled)
             robust = epsilon_by_expanding_polytope(p, n, models.robust, tolerance=_COARSE)
         else:
-            samples, p, n = 1, batch.points, batch.normals
+            samples, (p, n) = 1, batch.contacts()
         closes = robust > 0.0  # which implies closure at the whole friction
         rest = np.flatnonzero(~closes)
         if len(rest):
@@ -283,45 +273,6 @@ class GraspScorer:
             closes[rest] = plain > 0.0
         by_grasp = (count, samples)
         return robust.reshape(by_grasp).mean(axis=1), closes.reshape(by_grasp).mean(axis=1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Batch:
-    """B grasps by a hand of F pads. Pads without contact have another pad's contact, twice."""
-
-    points: FloatArray  # (B, F, 3) [m], in O
-    normals: FloatArray  # (B, F, 3), unit, outward
-    used: BoolArray  # (B, F): which pads have a contact
-    X_OH: FloatArray  # (B, 4, 4)
-    q: FloatArray  # (B, J) [rad or m]
-
-    @classmethod
-    def of_candidates(cls, candidates: GraspCandidates) -> _Batch:
-        """Return candidates as a batch."""
-        contacts, postures = candidates.contacts, candidates.postures
-        return cls(*contacts.filled(), contacts.used, postures.X_OH, postures.q)
-
-    @classmethod
-    def of(cls, grasps: Sequence[Grasp], hand: Hand) -> _Batch:
-        """Return grasps as a batch."""
-        sets = contacts_of(grasps, hand)
-        return cls(
-            *sets.filled(),
-            sets.used,
-            np.array([grasp.X_OH for grasp in grasps]),
-            np.array([grasp.joint_positions for grasp in grasps]),
-        )
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def subset(self, index: IndexArray) -> _Batch:
-        """Return some of the grasps."""
-        return subset_of(self, index)
-
-
-def _each(values: dict[str, FloatArray], k: int) -> dict[str, float]:
-    return {name: float(value[k]) for name, value in values.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -340,47 +291,35 @@ class _FrictionModels:
         loaded = wrench_model(mesh, hand, _LOADED_FRACTION * friction)
         return cls(
             plain,
-            wrench_model(mesh, hand, _ROBUST_FRACTION * friction),
+            wrench_model(mesh, hand, ROBUST_FRACTION * friction),
             replace(loaded, torque_metric=metric),
             replace(plain, torque_metric=metric),
         )
 
 
-def epsilon_on(
-    mesh: trimesh.Trimesh, hand: Hand, points: FloatArray, normals: FloatArray, *, friction: float
-) -> float:
-    """Return epsilon of a hand's contacts (C, 3) on an object, defined as in `GraspScorer`."""
-    return epsilon_by_convex_hull(points, normals, wrench_model(mesh, hand, friction))
+def load_probability(
+    acceleration: npt.ArrayLike, mass: npt.ArrayLike, model: WrenchModel
+) -> FloatArray:
+    """Return the predicted probability that grasps of some ``acceleration`` carry a mass [kg].
 
-
-def robust_epsilon_on(
-    mesh: trimesh.Trimesh, hand: Hand, points: FloatArray, normals: FloatArray, *, friction: float
-) -> float:
-    """Return ``epsilon_robust`` of a hand's contacts (C, 3) on an object.
-
-    It predicts a lift from measured contacts: of 186 lifts, planned on 5 to 15 touches, 137 of the
-    147 with more than zero of it held, and 10 of the 39 others.
+    It is a logistic function of two logarithms: of ``acceleration``, plus an offset, because true
+    contacts may carry what those on an estimate do not; and of the mass, because fingers yield
+    under a load. The shapes of both arguments are broadcast. The success probability is the product
+    with `shape_probability`.
     """
-    return epsilon_on(mesh, hand, points, normals, friction=_ROBUST_FRACTION * friction)
+    load, offset = SUCCESS_MODEL["load"][model.contact_model], SUCCESS_MODEL["offsets"]
+    spare = (np.asarray(acceleration) + offset["acceleration"]) / load["acceleration"]
+    burden = np.asarray(mass) / SUCCESS_MODEL["mass"]["usual"]
+    odds = spare ** load["slope"] / burden ** SUCCESS_MODEL["mass"]["slope"]
+    return np.asarray(odds / (1.0 + odds))
 
 
-def wrench_model(mesh: trimesh.Trimesh, hand: Hand, friction: float) -> WrenchModel:
-    """Return the wrench model of a hand's contacts on an object; see `GraspScorer`."""
-    center = np.asarray(mesh.center_mass)
-    length = float(np.linalg.norm(mesh.vertices - center, axis=1).max())
-    model = WrenchModel(friction, origin=center, length_scale=length)
-    if hand.kind == "parallel_jaw":
-        model = replace(model, contact_model="soft_finger", torsion=friction * _FLAT_PAD_LEVER)
-    return model
+def shape_probability(epsilon_expected: npt.ArrayLike, model: WrenchModel) -> FloatArray:
+    """Return the predicted probability that a grasp holds an object of hardly any weight.
 
-
-def inertial_metric(mesh: trimesh.Trimesh) -> FloatArray:
-    """Return the matrix (3, 3) [1/m] that makes accelerations of wrenches, of unit mass.
-
-    A wrench accelerates an object of uniform density and mass m by ``f / m`` and turns it by
-    ``I^-1 tau``. The latter counts as the acceleration at 0.65 m from the axis, so the epsilon in
-    this metric is a largest acceleration of the unit mass, per unit of the fingers' forces.
+    It depends on the surface and what is known of it: the qualities ``epsilon_expected``.
     """
-    by_mass, axes = np.linalg.eigh(np.asarray(mesh.moment_inertia) / mesh.volume)  # [m^2]
-    inverse = 1.0 / np.maximum(by_mass, _LEAST_GYRATION**2)
-    return np.asarray(_TURN_ARM * (axes * inverse) @ axes.T)
+    slope, offset = (SUCCESS_MODEL[name]["epsilon_expected"] for name in ("slopes", "offsets"))
+    logit = SUCCESS_MODEL["intercepts"][model.contact_model]
+    logit = logit + slope * np.log(np.asarray(epsilon_expected) + offset)
+    return np.asarray(1.0 / (1.0 + np.exp(-logit)))

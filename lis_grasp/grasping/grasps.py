@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
 from lis_grasp.records import fields_of, read_only, reduce_record, short_repr
 from lis_grasp.typing import FloatArray
@@ -132,3 +133,75 @@ class GraspSearch:
     def save(self, path: Path | str, *, header: str = "") -> None:
         """Write a grasps.json file, the best grasp first; `header` says what made it."""
         write_grasp_file(fields_of(self), Path(path), header=header)
+
+
+# Nodes and weights of the Gauss-Hermite rule with three nodes, for a standard normal variable.
+_NODES, _WEIGHTS = (0.0, -np.sqrt(3.0), np.sqrt(3.0)), (2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0)
+
+
+@dataclass(frozen=True, slots=True)
+class LoadPrior:
+    """Mass of an object and its friction on the hand, each log-normal.
+
+    Parameters
+    ----------
+    friction, mass
+        Medians: Coulomb coefficient, and mass [kg].
+    friction_spread, mass_spread
+        Standard deviations of the natural logarithms; 0 if the value is known.
+
+    Raises
+    ------
+    InvalidOptionError
+        If a median is not positive, or a spread is negative.
+    """
+
+    friction: float = 0.8
+    mass: float = 0.2
+    friction_spread: float = 0.0
+    mass_spread: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(friction=self.friction, mass=self.mass)
+        for name in ("friction_spread", "mass_spread"):
+            if not getattr(self, name) >= 0.0:
+                raise InvalidOptionError.out_of_range(name, getattr(self, name), "at least 0")
+
+    @property
+    def is_known(self) -> bool:
+        """Whether both values are known exactly."""
+        return self.friction_spread == self.mass_spread == 0.0
+
+    def frictions(self) -> Iterator[tuple[float, float]]:
+        """Return coefficients and their weights, which add up to 1; the median comes first."""
+        return _nodes(self.friction, self.friction_spread)
+
+    def masses(self) -> Iterator[tuple[float, float]]:
+        """Return masses [kg] and their weights, which add up to 1; the median comes first."""
+        return _nodes(self.mass, self.mass_spread)
+
+
+def _nodes(median: float, spread: float) -> Iterator[tuple[float, float]]:
+    if spread == 0.0:
+        yield median, 1.0
+        return
+    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+        yield float(median * np.exp(spread * node)), weight
+
+
+ReachCheck = Callable[[FloatArray, FloatArray, FloatArray], list[str | None]]
+"""Palm poses (N, 4, 4), opened and closed joint positions (N, J) -> N reasons, None in reach."""
+
+
+class Reach(Protocol):
+    """The reach of what carries a hand."""
+
+    def reach_check(self, mesh: trimesh.Trimesh) -> ReachCheck:
+        """Return a function that finds the grasps that cannot be carried out, and why.
+
+        Parameters
+        ----------
+        mesh
+            Closed mesh of the object in O [m], which is not to be hit on the way.
+        """
+        ...

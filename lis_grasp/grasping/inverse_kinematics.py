@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.geometry import angle_between
-from lis_grasp.grasping.contact_sets import ContactSets
-from lis_grasp.records import subset_of
+from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
 from lis_grasp.typing import FloatArray, IndexArray
@@ -31,36 +30,20 @@ _IDLE_FACTOR = 0.05
 _PAD_FRACTION = 0.8
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Postures:
-    """Postures of a hand for B candidates."""
-
-    X_OH: FloatArray  # (B, 4, 4)
-    q: FloatArray  # (B, J), within the joint limits
-    position_error: FloatArray  # (B,) [m]: largest distance of a used pad from its target
-    axis_error: FloatArray  # (B,) [rad]: largest angle of a used contact outside its pad
-
-    def subset(self, index: IndexArray) -> Postures:
-        """Return the postures of some of the candidates."""
-        return subset_of(self, index)
-
-
-def solve_ik(
-    hand: Hand, contacts: ContactSets, X_OH: FloatArray, q: FloatArray, *, palm_fixed: bool = False
-) -> Postures:
-    """Solve for the palm poses and joint positions whose pads touch given contacts.
+def solve_ik(hand: Hand, batch: GraspBatch, *, palm_fixed: bool = False) -> GraspBatch:
+    """Return grasps with the palm poses and joint positions whose pads touch the contacts.
 
     Minimises for each candidate the sum of squares of four residuals: pad centres, or other points
-    of the pads (`ContactSets.offsets`), off ``p + radius n``; contacts beyond the pad's half angle;
+    of the pads (`GraspBatch.offsets`), off ``p + radius n``; contacts beyond the pad's half angle;
     joints off their start; the palm turned from its start. Levenberg-Marquardt with projection on
     the joint limits: a step that does not improve a candidate is undone and its damping raised
     (Marquardt 1963).
 
-    Palm poses `X_OH` (B, 4, 4) and joint positions `q` (B, J) are the initial guess, which is also
-    the preferred posture. With `palm_fixed` only the joints may move.
+    The postures of the batch are the initial guess, which is also the preferred posture. With
+    `palm_fixed` only the joints may move.
     """
-    problem = _Problem(hand, contacts, X_OH, q, palm_fixed)
-    X, joints = X_OH.copy(), np.clip(q, hand.lower, hand.upper)
+    problem = _Problem(hand, batch, palm_fixed)
+    X, joints = batch.X_OH.copy(), np.clip(batch.q, hand.lower, hand.upper)
     residual, jacobian = problem.linearise(X, joints)
     cost = (residual**2).sum(axis=-1)
     damping = np.full(len(X), _DAMPING)
@@ -86,7 +69,8 @@ def solve_ik(
         factor = np.where(better, 1.0 / 3.0, 5.0)
         damping[moving] = np.maximum(damping[moving] * factor, 1e-7)
         moving = moving[~settled & (damping[moving] < _STUCK)]
-    return Postures(X, joints, *problem.errors(X, joints))
+    position, axis = problem.errors(X, joints)
+    return replace(batch, X_OH=X, q=joints, position_error=position, axis_error=axis)
 
 
 class _Problem:
@@ -97,17 +81,15 @@ class _Problem:
         *("_start_X", "_start_q", "_joint_units"),
     )
 
-    def __init__(
-        self, hand: Hand, contacts: ContactSets, X_OH: FloatArray, q: FloatArray, palm_fixed: bool
-    ) -> None:
+    def __init__(self, hand: Hand, batch: GraspBatch, palm_fixed: bool) -> None:
         self._hand = hand
         radii = np.array([pad.radius for pad in hand.pads])
-        self._centers = contacts.points + radii[:, None] * contacts.normals  # (B, F, 3)
-        self._normals = contacts.normals
-        self._used, self._offsets = contacts.used, contacts.offsets
+        self._centers = batch.points + radii[:, None] * batch.normals  # (B, F, 3)
+        self._normals = batch.normals
+        self._used, self._offsets = batch.used, batch.offsets
         self._half_angles = np.array([pad.half_angle for pad in hand.pads])
         self._least_cosine = np.cos(_PAD_FRACTION * self._half_angles)  # (F,)
-        self._start_X, self._start_q = X_OH, q
+        self._start_X, self._start_q = batch.X_OH, batch.q
         units = by_joint_kind(hand, revolute=_REVOLUTE_UNIT, prismatic=_PRISMATIC_UNIT)
         serving = np.zeros((len(hand.pads), len(units)), dtype=bool)
         for f, finger in enumerate(hand.fingers):

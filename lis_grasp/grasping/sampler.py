@@ -14,23 +14,23 @@ from scipy.special import ndtr
 
 from lis_grasp.exceptions import InvalidMeshError, require_at_least
 from lis_grasp.geometry import rotate
-from lis_grasp.grasping.antipodal_sampling import (
+from lis_grasp.grasping._antipodal_sampling import (
     NARROW_SPREADS,
     SPREADS,
-    initial_postures,
     sample_contact_sets,
 )
-from lis_grasp.grasping.candidate_filter import CandidateFilter
-from lis_grasp.grasping.contact_samples import SurfaceSamples
-from lis_grasp.grasping.contact_sets import ContactSets, contacts_of
+from lis_grasp.grasping._candidate_filter import CandidateFilter
+from lis_grasp.grasping._contact_samples import SurfaceSamples
+from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_ranking import GraspScorer
-from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.grasping.reach import Reach
+from lis_grasp.grasping.grasps import GraspSearch, LoadPrior, Reach
 from lis_grasp.robots.hand import Hand
 from lis_grasp.typing import FloatArray, IndexArray
 
 _LOG = logging.getLogger(__name__)
+
+CANDIDATES = 4000
+"""Largest number of sampled contact sets."""
 
 # Sampling ends after this many times `count` robust grasps; ranking gains little from more.
 _ENOUGH = 3
@@ -47,7 +47,6 @@ _STEPS = (0.01, 0.01, 0.005, 0.005, 0.0025)
 _PERTURBATIONS, _TRIED = 8, 2
 
 
-@dataclass(frozen=True, slots=True)
 class ForceClosureSampler:
     """Plans grasps in force closure that the hand can reach without collision.
 
@@ -64,36 +63,30 @@ class ForceClosureSampler:
     ----------
     hand
         The hand.
-    friction
-        Coulomb coefficient between pads and object.
-    mass
-        Mass of the object [kg].
-    friction_spread, mass_spread
-        Standard deviations of the logarithms of friction and mass, whose medians are then the
-        values above; 0 where they are known. See `LoadPrior`.
+    prior
+        What is known of the object's mass and friction; None for `load`.
     candidates
         Largest number of sampled contact sets, as many again with bends, and with closer fingers.
         Sampling ends early when enough grasps are robust. Refinement tries up to ten more sets for
         each grasp.
     station
         The `Station` of an arm, in whose reach grasps have to be; None for a free hand.
+    load
+        Fields of a `LoadPrior`: ``friction``, ``mass``, ``friction_spread``, ``mass_spread``.
     """
 
-    hand: Hand
-    friction: float = 0.8
-    mass: float = 0.2
-    friction_spread: float = 0.0
-    mass_spread: float = 0.0
-    candidates: int = 4000
-    station: Reach | None = None
-
-    def __post_init__(self) -> None:
-        self.load_prior()
-        require_at_least(1, candidates=self.candidates)
-
-    def load_prior(self) -> LoadPrior:
-        """Return what is known of the object's mass and friction."""
-        return LoadPrior(self.friction, self.mass, self.friction_spread, self.mass_spread)
+    def __init__(
+        self,
+        hand: Hand,
+        prior: LoadPrior | None = None,
+        *,
+        candidates: int = CANDIDATES,
+        station: Reach | None = None,
+        **load: float,
+    ) -> None:
+        require_at_least(1, candidates=candidates)
+        self.hand, self.candidates, self.station = hand, candidates, station
+        self.prior = LoadPrior(**load) if prior is None else prior
 
     def sample(
         self,
@@ -137,10 +130,10 @@ class ForceClosureSampler:
         candidate_filter = CandidateFilter(
             self.hand, mesh, support_height=support_height, reach=self.station
         )
-        scorer = GraspScorer(self.hand, mesh, prior=self.load_prior(), rng=rng)
+        scorer = GraspScorer(self.hand, mesh, prior=self.prior, rng=rng)
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)
         search.draw_enough(self.candidates, count)
-        if len(search.grasps) < count or search.likeliest() < _LIKELY:
+        if len(search) < count or search.likeliest() < _LIKELY:
             search.samples = SurfaceSamples(
                 mesh, lowest=lowest, rng=rng, bends=True, pad_radius=radius
             )
@@ -149,8 +142,8 @@ class ForceClosureSampler:
             search.spreads = NARROW_SPREADS
             search.draw_enough(3 * self.candidates, count)
         search.refine(count)
-        search.predict_success(count)
-        return search.result(count)
+        search.predict_success()
+        return search.result()
 
 
 @dataclass(slots=True)
@@ -162,22 +155,27 @@ class _Search:
     candidate_filter: CandidateFilter
     scorer: GraspScorer
     rng: np.random.Generator
-    grasps: list[Grasp] = field(default_factory=list)
+    grasps: GraspBatch | None = None
     rejected: Counter[str] = field(default_factory=Counter)
     drawn: int = 0
     spreads: Sequence[float] = SPREADS
 
+    def __len__(self) -> int:
+        return 0 if self.grasps is None else len(self.grasps)
+
     def draw_enough(self, candidates: int, count: int) -> None:
         """Sample until `candidates` are sampled, or enough more close at half the friction."""
-        known = len(self.grasps)
+        before = len(self)
         while self.drawn < candidates:
-            robust = sum(grasp.quality["epsilon_robust"] > 0.0 for grasp in self.grasps[known:])
+            robust = 0
+            if self.grasps is not None:
+                robust = int((self.grasps.quality["epsilon_robust"][before:] > 0.0).sum())
             missing = _ENOUGH * count - robust
             if missing <= 0:
                 break
-            _LOG.info("%d candidates, %d grasps so far", self.drawn, len(self.grasps))
-            each = max(self.drawn / max(robust, 1), _SETS_PER_GRASP)
-            batch = int(np.clip(each * missing, _SMALLEST_BATCH, _LARGEST_BATCH))
+            _LOG.info("%d candidates, %d grasps so far", self.drawn, len(self))
+            per_grasp = max(self.drawn / max(robust, 1), _SETS_PER_GRASP)
+            batch = int(np.clip(per_grasp * missing, _SMALLEST_BATCH, _LARGEST_BATCH))
             self._draw(min(batch, candidates - self.drawn))
 
     def _draw(self, count: int) -> None:
@@ -185,80 +183,84 @@ class _Search:
         if not len(self.samples):
             self.rejected["no_flat_supported_surface"] += count
             return
-        sets, R_OH, failed = sample_contact_sets(
+        sets, failed = sample_contact_sets(
             self.hand, self.samples, count=count, spreads=self.spreads, rng=self.rng
         )
         self.rejected.update(failed)
-        found = self._grasps_at(sets, *initial_postures(self.hand, sets, R_OH))
-        self.grasps += found.values()
+        _, scored = self._scored(sets)
+        self.grasps = scored if self.grasps is None else self.grasps.joined(scored)
 
     def fingers_are_too_far_apart(self) -> bool:
         """Return whether no grasp was found, mostly as a finger had no surface beside another's."""
         rejected = self.rejected + self.candidate_filter.rejected
         beside = rejected["no_surface_for_a_finger"]
-        return not self.grasps and beside > 0.5 * rejected.total()
+        return not len(self) and beside > 0.5 * rejected.total()
 
     def likeliest(self) -> float:
         """Return the largest success probability of the grasps found so far, 0 without any."""
-        return max(map(_success, self.grasps), default=0.0)
+        if self.grasps is None:
+            return 0.0
+        return float(self.grasps.quality["success_probability"].max(initial=0.0))
 
     def refine(self, count: int) -> None:
-        """Replace the best `count` grasps by better ones near them, if there are any."""
-        self.grasps.sort(key=_rank, reverse=True)
-        best = self.grasps[:count]
-        for distance in _STEPS if best else ():
+        """Keep the best `count` grasps, or better ones near them, if there are any."""
+        if self.grasps is None:
+            return
+        self.rejected["outranked"] += max(len(self) - count, 0)
+        best = _sorted(self.grasps).subset(np.arange(min(count, len(self))))
+        for distance in _STEPS if len(best) else ():
             _LOG.info("improving %d grasps by steps of %.2g mm", len(best), 1e3 * distance)
-            parents, sets, X_OH, q = perturb_grasps(
+            parents, sets = perturb_grasps(
                 self.hand, best, self.samples, each=_PERTURBATIONS, distance=distance, rng=self.rng
             )
             chosen = _best_of_each(parents, self.scorer.loads_per_grip(sets))
             self.drawn += len(chosen)
-            ranks = np.array([_rank(grasp) for grasp in best])[parents[chosen]]
-            found = self._grasps_at(sets.subset(chosen), X_OH[chosen], q[chosen], ranks)
-            for i, grasp in found.items():
-                parent = parents[chosen[i]]
-                if _rank(grasp) > _rank(best[parent]):
-                    best[parent] = grasp
-            self.rejected["outranked"] += len(found)
-        self.grasps[:count] = best
-        self.grasps.sort(key=_rank, reverse=True)
+            kept, scored = self._scored(sets.subset(chosen), _ranks(best)[parents[chosen]])
+            self.rejected["outranked"] += len(kept)
+            both = best.joined(scored)
+            ranks, winners = _ranks(both), np.arange(len(best))
+            for i, parent in enumerate(parents[chosen[kept]], start=len(best)):
+                if ranks[i] > ranks[winners[parent]]:
+                    winners[parent] = i
+            best = both.subset(winners)
+        self.grasps = _sorted(best)
 
-    def predict_success(self, count: int) -> None:
-        """Rank the best `count` grasps by precise qualities, over the prior of the load."""
-        best = self.scorer.predict_success(self.grasps[:count])
-        best = [self.scorer.plan_forces(grasp) for grasp in best]
-        self.grasps[:count] = sorted(best, key=_rank, reverse=True)
+    def predict_success(self) -> None:
+        """Rank the grasps by precise qualities, over the prior of the load."""
+        if self.grasps is not None:
+            self.grasps = _sorted(self.scorer.predict_success(self.grasps))
 
-    def result(self, count: int) -> GraspSearch:
-        """Return the best `count` grasps."""
-        self.rejected["outranked"] += max(len(self.grasps) - count, 0)
+    def result(self) -> GraspSearch:
+        """Return the grasps."""
         rejected = self.rejected + self.candidate_filter.rejected + self.scorer.rejected
         return GraspSearch(
-            tuple(self.grasps[:count]),
+            () if self.grasps is None else tuple(self.scorer.plan_forces(self.grasps)),
             {reason: n for reason, n in sorted(rejected.items()) if n},
             self.drawn,
         )
 
-    def _grasps_at(
-        self, sets: ContactSets, X_OH: FloatArray, q: FloatArray, ranks: FloatArray | None = None
-    ) -> dict[int, Grasp]:
-        """Return the grasps at contact sets, by the index of the set.
+    def _scored(
+        self, sets: GraspBatch, ranks: FloatArray | None = None
+    ) -> tuple[IndexArray, GraspBatch]:
+        """Return the indices of the contact sets with a grasp, and their grasps.
 
         Those that surely rank below given `ranks` (B,) may be left out.
         """
-        kept, candidates = self.candidate_filter.solve_and_filter(sets, X_OH, q)
+        kept, candidates = self.candidate_filter.solve_and_filter(sets)
+        assert candidates.clearance is not None
         least = None if ranks is None else ranks[kept] / _apart(candidates.clearance)
-        found = self.scorer.score(candidates, least)
-        return {int(kept[i]): grasp for i, grasp in found.items()}
+        closed, scored = self.scorer.score(candidates, least)
+        return kept[closed], scored
 
 
-def _success(grasp: Grasp) -> float:
-    return grasp.quality["success_probability"]
+def _ranks(grasps: GraspBatch) -> FloatArray:
+    """Return the predicted success, times the probability that only fingertips touch, (B,)."""
+    quality = grasps.quality
+    return np.asarray(quality["success_probability"] * _apart(quality["clearance"]))
 
 
-def _rank(grasp: Grasp) -> float:
-    """Return the predicted success, times the probability that only fingertips touch."""
-    return _success(grasp) * float(_apart(grasp.quality["clearance"]))
+def _sorted(grasps: GraspBatch) -> GraspBatch:
+    return grasps.subset(np.argsort(-_ranks(grasps), kind="stable"))
 
 
 def _apart(clearance: npt.ArrayLike) -> FloatArray:
@@ -275,13 +277,13 @@ def _best_of_each(parents: IndexArray, loads: FloatArray) -> IndexArray:
 
 def perturb_grasps(
     hand: Hand,
-    grasps: Sequence[Grasp],
+    grasps: GraspBatch,
     samples: SurfaceSamples,
     *,
     each: int,
     distance: float,
     rng: np.random.Generator,
-) -> tuple[IndexArray, ContactSets, FloatArray, FloatArray]:
+) -> tuple[IndexArray, GraspBatch]:
     """Perturb the contacts of grasps, and project them on the surface.
 
     All contacts of a set move by one common random step, blended with a step of each contact by a
@@ -289,28 +291,21 @@ def perturb_grasps(
     with a contact that finds no usable surface are left out.
 
     Each grasp gets `each` draws, with steps of the standard deviation `distance` [m] in each
-    coordinate. Returned are, of B sets: the index (B,) of the perturbed grasp, the sets, and an
-    initial guess of inverse kinematics: palm poses (B, 4, 4) and joint positions (B, J).
+    coordinate. Returned are, of B sets: the index (B,) of the perturbed grasp; and the sets, whose
+    palms move with the middle of the contacts.
     """
     parents = np.repeat(np.arange(len(grasps)), each)
-    contacts = contacts_of(grasps, hand).subset(parents)
-    points, used = contacts.points, contacts.used
+    parent = grasps.subset(parents)
     alone = rng.random((len(parents), 1, 1))
-    poses = np.array([grasp.X_OH for grasp in grasps])
-    steps_H = rng.normal(scale=distance, size=(len(parents), 1 + len(hand.pads), 3))
-    steps = rotate(poses[parents], steps_H)
-    moved = points + (1.0 - alone) * steps[:, :1] + alone * steps[:, 1:]
-    on_surface, normals, usable = samples.nearest(moved, contacts.normals)
-    kept = (usable | ~used).all(axis=1)
-    X_OH = poses[parents[kept]]
-    q = np.array([grasp.joint_positions for grasp in grasps])[parents[kept]]
-    mask = used[kept][..., None]
-    sets = ContactSets(
-        np.where(mask, on_surface[kept], 0.0),
-        np.where(mask, normals[kept], 0.0),
-        used[kept],
+    steps = rotate(
+        parent.X_OH, rng.normal(scale=distance, size=(len(parents), 1 + len(hand.pads), 3))
     )
-    # The palm moves with the middle of the contacts.
-    shift = ((on_surface - points) * used[..., None]).sum(axis=1) / used.sum(axis=1)[:, None]
-    X_OH[:, :3, 3] += shift[kept]
-    return parents[kept], sets, X_OH, q
+    moved = parent.points + (1.0 - alone) * steps[:, :1] + alone * steps[:, 1:]
+    on_surface, normals, usable = samples.nearest(moved, parent.normals)
+    used, X_OH = parent.used[..., None], parent.X_OH
+    shift = ((on_surface - parent.points) * used).sum(axis=1) / used.sum(axis=1)
+    X_OH[:, :3, 3] += shift
+    kept = np.flatnonzero((usable | ~parent.used).all(axis=1))
+    on_surface, normals = np.where(used, on_surface, 0.0), np.where(used, normals, 0.0)
+    sets = GraspBatch(on_surface, normals, parent.used, X_OH, parent.q)
+    return parents[kept], sets.subset(kept)

@@ -10,8 +10,7 @@ from scipy.optimize import lsq_linear
 from lis_grasp.contacts import Contacts
 from lis_grasp.geometry import apply_inverse, apply_pose, unit
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
-from lis_grasp.grasping.grip_forces import balanced_grip
+from lis_grasp.grasping.hand_capacity import EFFORT_FRACTION, balanced_grip
 from lis_grasp.lifting.scene import HandContact, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
 from lis_grasp.robots.hand import Hand

@@ -13,8 +13,8 @@ import numpy as np
 import trimesh
 import yaml
 
+from lis_grasp.grasping.export import servo_postures
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.servo_postures import servo_postures
 from lis_grasp.io.atomic_writing import whole_file, write_text
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.mjcf import servo_hand

@@ -18,7 +18,7 @@ from lis_grasp.exploration import (
     ProbeOutcome,
     TouchLog,
 )
-from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
+from lis_grasp.grasping.hand_capacity import largest_opening, narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth

@@ -11,7 +11,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.planar_motion import planar_pose, register_motions
 from lis_grasp.geometry import inverse_pose, unit
-from lis_grasp.grasping.grasp_ranking import robust_epsilon_on
+from lis_grasp.grasping.epsilon import robust_epsilon_on
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.trial import AcceptGrasp

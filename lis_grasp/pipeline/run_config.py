@@ -20,7 +20,7 @@ from lis_grasp.exploration import (
     stop_when_certain,
     stop_when_covered,
 )
-from lis_grasp.grasping.load_prior import LoadPrior
+from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator
 from lis_grasp.shapes import default_mass
 

@@ -23,7 +23,7 @@ from lis_grasp.exploration import (
     Workspace,
 )
 from lis_grasp.geometry import inverse_pose, make_pose, require_pose
-from lis_grasp.grasping.load_prior import LoadPrior
+from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.pipeline.run_config import UNKNOWN_LOAD, RunConfig, StopLimits
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand

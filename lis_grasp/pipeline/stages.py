@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ import trimesh
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import TactileSensor
 from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.grasping.sampler import ForceClosureSampler
+from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.pipeline.scenario import Known, Perception
@@ -66,14 +66,12 @@ def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, tr
     return surface, extract_mesh(surface)
 
 
-def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int | None = None) -> GraspSearch:
+def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES) -> GraspSearch:
     """Plan the ranked grasps of the known hand, and its arm if it has one, on a mesh.
 
-    At most `candidates` contact sets are sampled; None for the sampler's default.
+    At most `candidates` contact sets are sampled.
     """
-    load = asdict(known.load_prior(mesh))
-    sampler = ForceClosureSampler(known.hand, **load, station=known.station)
-    if candidates is not None:
-        sampler = replace(sampler, candidates=candidates)
+    load, station = known.load_prior(mesh), known.station
+    sampler = ForceClosureSampler(known.hand, load, candidates=candidates, station=station)
     rng = np.random.default_rng([known.seed, _GRASP_STREAM])
     return sampler.sample(mesh, rng=rng, support_height=known.support, count=known.grasps)

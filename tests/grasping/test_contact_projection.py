@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from lis_grasp import Hand
-from lis_grasp.grasping.antipodal_sampling import sample_contact_sets
-from lis_grasp.grasping.contact_samples import SurfaceSamples
+from lis_grasp.grasping._antipodal_sampling import sample_contact_sets
+from lis_grasp.grasping._contact_samples import SurfaceSamples
 
 RADIUS = 0.02
 
@@ -19,7 +19,7 @@ def test_contacts_on_a_tube_are_on_it_and_normal_to_it() -> None:
     tube = trimesh.creation.cylinder(RADIUS, 0.2, sections=256)
     samples = _samples(tube)
     hand = Hand.load("allegro")
-    sets, _, _ = sample_contact_sets(hand, samples, count=60, rng=np.random.default_rng(1))
+    sets, _ = sample_contact_sets(hand, samples, count=60, rng=np.random.default_rng(1))
     points, normals = sets.points[sets.used], sets.normals[sets.used]
     assert len(points) >= 20
     radial = points[:, :2] / np.linalg.norm(points[:, :2], axis=1, keepdims=True)

@@ -7,16 +7,16 @@ from scipy.spatial import ConvexHull
 
 from lis_grasp import epsilon_quality, is_force_closure
 from lis_grasp.exceptions import InvalidContactsError
-from lis_grasp.grasping.contact_sets import ContactSets
-from lis_grasp.grasping.contact_wrenches import WrenchModel
-from lis_grasp.grasping.epsilon import epsilon_by_convex_hull, epsilon_by_expanding_polytope
-from lis_grasp.grasping.expanding_polytope import (
+from lis_grasp.grasping._expanding_polytope import (
     LEAST_RADIUS,
     _Facets,
     _simplex,
     inscribed_ball_radii,
 )
+from lis_grasp.grasping.contact_wrenches import WrenchModel
+from lis_grasp.grasping.epsilon import epsilon_by_convex_hull, epsilon_by_expanding_polytope
 from lis_grasp.grasping.force_closure import min_weight
+from lis_grasp.grasping.grasp_batch import fill_unused
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 
@@ -93,13 +93,12 @@ def test_contacts_that_occur_twice_do_not_change_epsilon() -> None:
     points, normals = _grasps(73, 20, 3)
     used = np.zeros((20, 5), dtype=bool)
     used[:, [0, 2, 3]] = True
-    sets = ContactSets(np.zeros((20, 5, 3)), np.zeros((20, 5, 3)), used)
-    sets.points[used], sets.normals[used] = points.reshape(-1, 3), normals.reshape(-1, 3)
+    contacts = np.zeros((2, 20, 5, 3))
+    contacts[:, used] = points.reshape(-1, 3), normals.reshape(-1, 3)
     model = WrenchModel(0.7, origin=np.zeros(3), length_scale=1.0)
     alone = epsilon_by_expanding_polytope(points, normals, model)
-    np.testing.assert_allclose(
-        epsilon_by_expanding_polytope(*sets.filled(), model), alone, atol=1e-5
-    )
+    twice = (fill_unused(values, used) for values in contacts)
+    np.testing.assert_allclose(epsilon_by_expanding_polytope(*twice, model), alone, atol=1e-5)
 
 
 def test_a_tolerance_makes_epsilon_smaller_by_that_fraction_at_most() -> None:

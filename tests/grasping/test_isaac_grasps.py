@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp import GraspSearch, Hand, shapes
 from lis_grasp.cli.main import main
-from lis_grasp.grasping.isaac_grasps import save_isaac_grasps
+from lis_grasp.grasping.export import save_isaac_grasps
 
 
 def test_another_program_finds_the_links_where_the_grasp_has_them(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ from scipy.spatial import ConvexHull
 
 from lis_grasp import Hand
 from lis_grasp.grasping.contact_wrenches import WrenchModel
-from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION
-from lis_grasp.grasping.load_capacity import (
+from lis_grasp.grasping.hand_capacity import (
+    EFFORT_FRACTION,
     largest_forces,
     largest_wrenches,
     spare_accelerations,

@@ -6,8 +6,8 @@ import trimesh
 
 from lis_grasp import ForceClosureSampler, Hand
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.grasping.grip_capacity import EFFORT_FRACTION, grip_fraction
-from lis_grasp.grasping.load_prior import LoadPrior
+from lis_grasp.grasping.grasps import LoadPrior
+from lis_grasp.grasping.hand_capacity import EFFORT_FRACTION, grip_fraction
 
 JAW = Hand.load("wsg50")
 

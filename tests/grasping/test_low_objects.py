@@ -7,17 +7,13 @@ import pytest
 import trimesh
 
 from lis_grasp import ForceClosureSampler, GraspSearch, Hand
-from lis_grasp.grasping.contact_samples import SurfaceSamples
-from lis_grasp.grasping.contact_sets import ContactSets
-from lis_grasp.grasping.grasp_ranking import (
-    GraspScorer,
-    inertial_metric,
-    wrench_model,
-)
-from lis_grasp.grasping.grasps import Grasp
+from lis_grasp.grasping._candidate_filter import fingertip_offsets
+from lis_grasp.grasping._contact_samples import SurfaceSamples
+from lis_grasp.grasping.contact_wrenches import inertial_metric, wrench_model
+from lis_grasp.grasping.grasp_batch import GraspBatch
+from lis_grasp.grasping.grasp_ranking import GraspScorer
+from lis_grasp.grasping.grasps import Grasp, LoadPrior
 from lis_grasp.grasping.inverse_kinematics import solve_ik
-from lis_grasp.grasping.load_prior import LoadPrior
-from lis_grasp.grasping.pad_offsets import fingertip_offsets
 from lis_grasp.robots.collision import HandCollisionChecker
 
 ALLEGRO, JAW = Hand.load("allegro"), Hand.load("wsg50")
@@ -104,11 +100,11 @@ def test_a_flat_pad_ends_at_the_fingertip_and_a_rounded_one_has_no_other_points(
 def test_inverse_kinematics_brings_other_points_of_the_pads_to_the_contacts() -> None:
     posture = JAW.pregrasps["medium"]
     normals = -JAW.pad_axes(np.eye(4), posture)[None]
-    start = np.eye(4)[None], posture[None]
-    middle = ContactSets(0.02 * normals, normals, np.ones((1, 2), dtype=bool))
+    used = np.ones((1, 2), dtype=bool)
+    middle = GraspBatch(0.02 * normals, normals, used, np.eye(4)[None], posture[None])
     offsets = np.array([[[0.0, 0.0, 0.009]] * 2])
     at_tips = replace(middle, offsets=offsets)
-    first, second = solve_ik(JAW, middle, *start), solve_ik(JAW, at_tips, *start)
+    first, second = solve_ik(JAW, middle), solve_ik(JAW, at_tips)
     assert max(first.position_error[0], second.position_error[0]) < 1e-4
     back = first.X_OH[0, :3, 3] - second.X_OH[0, :3, 3]
     np.testing.assert_allclose(back, [0.0, 0.0, 0.009], atol=1e-4)
@@ -142,7 +138,8 @@ def _load_at(x: float, bar: trimesh.Trimesh) -> float:
     scorer = GraspScorer(JAW, bar, prior=LoadPrior(0.8), rng=np.random.default_rng(0))
     points = np.array([[[x, -0.0125, 0.0125], [x, 0.0125, 0.0125]]])
     normals = np.array([[[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]])
-    sets = ContactSets(points, normals, np.ones((1, 2), dtype=bool))
+    used, q = np.ones((1, 2), dtype=bool), JAW.pregrasps["medium"][None]
+    sets = GraspBatch(points, normals, used, np.eye(4)[None], q)
     return float(scorer.loads_per_grip(sets)[0])
 
 

@@ -13,7 +13,7 @@ from lis_grasp import epsilon_quality, is_force_closure
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.grasping.contact_wrenches import WrenchModel, cone_edges
 from lis_grasp.grasping.force_closure import min_weight, resisted_force, resisted_forces
-from lis_grasp.grasping.grip_forces import balanced_grip
+from lis_grasp.grasping.hand_capacity import balanced_grip
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 

@@ -12,11 +12,12 @@ from lis_grasp import ForceClosureSampler, GraspSearch, Hand, is_force_closure, 
 from lis_grasp.evaluation.surface_samples import sample_segments
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping import sampler as sampler_module
-from lis_grasp.grasping.antipodal_sampling import initial_postures, sample_contact_sets
-from lis_grasp.grasping.candidate_filter import CandidateFilter
-from lis_grasp.grasping.contact_samples import SurfaceSamples
+from lis_grasp.grasping._antipodal_sampling import sample_contact_sets
+from lis_grasp.grasping._candidate_filter import CandidateFilter
+from lis_grasp.grasping._contact_samples import SurfaceSamples
+from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_ranking import GraspScorer
-from lis_grasp.grasping.load_prior import LoadPrior
+from lis_grasp.grasping.grasps import LoadPrior
 from lis_grasp.grasping.sampler import perturb_grasps
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
@@ -129,19 +130,20 @@ def test_grasps_are_ranked_by_predicted_success(box_search: GraspSearch) -> None
 def test_grasps_that_cannot_succeed_as_required_are_rejected_early() -> None:
     mesh, rng = shapes.build("box").mesh, np.random.default_rng(3)
     samples = SurfaceSamples(mesh, lowest=-np.inf, rng=rng)
-    sets, R_OH, _ = sample_contact_sets(ALLEGRO, samples, count=80, rng=rng)
+    sets, _ = sample_contact_sets(ALLEGRO, samples, count=80, rng=rng)
     candidate_filter = CandidateFilter(ALLEGRO, mesh, support_height=None)
-    start = initial_postures(ALLEGRO, sets, R_OH)
-    _, candidates = candidate_filter.solve_and_filter(sets, *start)
+    _, candidates = candidate_filter.solve_and_filter(sets)
     scorer = GraspScorer(ALLEGRO, mesh, prior=LoadPrior(), rng=rng)
-    every = scorer.score(candidates)
-    least = np.median([grasp.quality["success_probability"] for grasp in every.values()])
+    indices, every = scorer.score(candidates)
+    least = np.median(every.quality["success_probability"])
     assert scorer.rejected["outranked"] == 0
-    some = scorer.score(candidates, np.full(len(candidates), least))
+    kept, some = scorer.score(candidates, np.full(len(candidates), least))
     assert 0 < scorer.rejected["outranked"] == len(every) - len(some)
-    for index, grasp in every.items():
-        if grasp.quality["success_probability"] >= least:
-            assert some[index].quality == grasp.quality
+    likely = np.flatnonzero(every.quality["success_probability"] >= least)
+    again = np.searchsorted(kept, indices[likely])
+    np.testing.assert_array_equal(kept[again], indices[likely])
+    for name, values in every.quality.items():
+        np.testing.assert_array_equal(some.quality[name][again], values[likely])
 
 
 def test_a_grasp_that_does_not_close_on_a_true_mesh_has_no_probability_of_closure() -> None:
@@ -149,9 +151,9 @@ def test_a_grasp_that_does_not_close_on_a_true_mesh_has_no_probability_of_closur
     closed = jaw_grasp(hand, np.zeros(3), 0.04)
     skewed = replace(closed, contact_normals=np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
     scorer = GraspScorer(hand, mesh, prior=LoadPrior(), rng=np.random.default_rng(0))
-    found = [grasp.quality for grasp in scorer.predict_success([closed, skewed])]
-    assert [quality["epsilon"] > 0.0 for quality in found] == [True, False]
-    assert [quality["closure_probability"] for quality in found] == [1.0, 0.0]
+    quality = scorer.predict_success(GraspBatch.of_grasps([closed, skewed], hand)).quality
+    np.testing.assert_array_equal(quality["epsilon"] > 0.0, [True, False])
+    np.testing.assert_array_equal(quality["closure_probability"], [1.0, 0.0])
 
 
 @pytest.mark.slow
@@ -211,7 +213,8 @@ def test_refinement_raises_the_rank_of_grasps(name: str, monkeypatch: pytest.Mon
     monkeypatch.setattr(sampler_module, "_STEPS", ())
     drawn = _search(ALLEGRO, name, seed=5)
     chances = [
-        [sampler_module._rank(grasp) for grasp in search.grasps] for search in (drawn, refined)
+        sampler_module._ranks(GraspBatch.of_grasps(search.grasps, ALLEGRO))
+        for search in (drawn, refined)
     ]
     assert all(after >= before for before, after in zip(*chances, strict=True))
     assert chances[1][0] > chances[0][0]
@@ -225,10 +228,9 @@ def test_perturbed_contacts_are_on_the_surface_near_the_original_ones(
     mesh, rng = shapes.build("box").mesh, np.random.default_rng(0)
     samples = SurfaceSamples(mesh, lowest=-np.inf, rng=rng)
     grasps = box_search.grasps
-    parents, sets, X_OH, q = perturb_grasps(
-        ALLEGRO, grasps, samples, each=30, distance=0.004, rng=rng
-    )
-    assert len(parents) == len(sets) == len(X_OH) == len(q) > 15 * len(grasps)
+    batch = GraspBatch.of_grasps(grasps, ALLEGRO)
+    parents, sets = perturb_grasps(ALLEGRO, batch, samples, each=30, distance=0.004, rng=rng)
+    assert len(parents) == len(sets) > 15 * len(grasps)
     for parent, points, normals, used in zip(
         parents, sets.points, sets.normals, sets.used, strict=True
     ):
@@ -244,9 +246,8 @@ def test_perturbed_contacts_stay_on_usable_surface(box_search: GraspSearch) -> N
     mesh, rng = shapes.build("box").mesh, np.random.default_rng(0)
     lowest = float(mesh.bounds[0, 2]) + 0.03
     samples = SurfaceSamples(mesh, lowest=lowest, rng=rng)
-    _, sets, _, _ = perturb_grasps(
-        ALLEGRO, box_search.grasps, samples, each=50, distance=0.02, rng=rng
-    )
+    batch = GraspBatch.of_grasps(box_search.grasps, ALLEGRO)
+    _, sets = perturb_grasps(ALLEGRO, batch, samples, each=50, distance=0.02, rng=rng)
     assert len(sets)
     # A contact may be 5 mm beside its sample.
     assert sets.points[sets.used][:, 2].min() > lowest - 0.005

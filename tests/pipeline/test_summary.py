@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from lis_grasp import shapes
-from lis_grasp.grasping.hand_opening import largest_opening, narrowest_width
+from lis_grasp.grasping.hand_capacity import largest_opening, narrowest_width
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.outcome import Reason
 from lis_grasp.pipeline.reasons import LIFT_REASONS, REJECTIONS, lift_sentence

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lis_grasp.grasping.grip_forces import balanced_grip
+from lis_grasp.grasping.hand_capacity import balanced_grip
 from lis_grasp.lifting.finger_control import FingerControl
 
 

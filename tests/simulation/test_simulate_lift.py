@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidMeshError, InvalidOptionError
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.grip_forces import balanced_grip
+from lis_grasp.grasping.hand_capacity import balanced_grip
 from lis_grasp.grasping.sampler import ForceClosureSampler
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup

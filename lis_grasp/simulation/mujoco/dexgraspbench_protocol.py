@@ -12,8 +12,8 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation, Slerp
 
+from lis_grasp.grasping.export import ServoPostures, servo_postures
 from lis_grasp.grasping.grasps import Grasp
-from lis_grasp.grasping.servo_postures import ServoPostures, servo_postures
 from lis_grasp.motion import OBJECT
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.mjcf import mesh_asset, moving_joints, numbers, servo_hand

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lis_grasp.geometry import cross, make_pose, unit
-from lis_grasp.grasping.contact_samples import SEARCH_RADIUS, SurfaceSamples
-from lis_grasp.grasping.contact_sets import ContactSets
+from lis_grasp.grasping._contact_samples import SEARCH_RADIUS, SurfaceSamples
+from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.robots.hand import Hand, thumb_of
 from lis_grasp.typing import BoolArray, FloatArray
 
@@ -44,7 +44,7 @@ def sample_contact_sets(
     count: int,
     spreads: Sequence[float] = SPREADS,
     rng: np.random.Generator,
-) -> tuple[ContactSets, FloatArray, dict[str, int]]:
+) -> tuple[GraspBatch, dict[str, int]]:
     """Sample sets of contacts: one pad, the thumb, opposite to the other pads.
 
     1. The thumb's contact is a random sample of the surface; half of the time, the one of two that
@@ -59,10 +59,9 @@ def sample_contact_sets(
 
     Returns
     -------
-    ContactSets
-        B sets; pads that are not used have zeros.
-    FloatArray
-        Shape (B, 3, 3): the palm's orientation R_OH for each set.
+    GraspBatch
+        The sets, with initial postures for the inverse kinematics: the pregrasp with the narrowest
+        opening that clears the contacts, the middle of its pads at the middle of the contacts.
     dict
         Number of failed draws by reason. ``steep``: all normals are far from the horizontal;
         ``no_opposing_surface``: there is no opposite point with an opposed normal;
@@ -103,39 +102,41 @@ def sample_contact_sets(
         used[[opposition.thumb, *chosen]], bent[chosen] = True, of_plane
         sets.append((points, normals, used, bent, R_OH))
     if not sets:
-        empty = np.zeros((0, pads, 3))
-        return ContactSets(empty, empty, np.zeros((0, pads), bool)), np.zeros((0, 3, 3)), rejected
+        empty, unused = np.zeros((0, pads, 3)), np.zeros((0, pads), bool)
+        q = np.zeros((0, len(hand.joint_names)))
+        return GraspBatch(empty, empty, unused, np.zeros((0, 4, 4)), q), rejected
     points, normals, used, bent, R_OH = (np.array(c) for c in zip(*sets, strict=True))
     points[bent], normals[bent] = samples.project(points[bent], normals[bent])
-    return ContactSets(points, normals, used), R_OH, rejected
+    X_OH, q = _initial_postures(hand, points + _radii(hand)[:, None] * normals, used, R_OH)
+    return GraspBatch(points, normals, used, X_OH, q), rejected
 
 
-def initial_postures(
-    hand: Hand, sets: ContactSets, R_OH: FloatArray
+def _radii(hand: Hand) -> FloatArray:
+    return np.array([pad.radius for pad in hand.pads])
+
+
+def _initial_postures(
+    hand: Hand, targets: FloatArray, used: BoolArray, R_OH: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return initial guesses of inverse kinematics: palm poses (B, 4, 4), joint positions (B, J).
+    """Return palm poses (B, 4, 4) of orientations (B, 3, 3), and joint positions (B, J).
 
-    Each set starts from the pregrasp with the narrowest opening that clears the contacts, the
-    middle of the opened pads at the middle of the contacts. `R_OH` are the palm's orientations.
+    `targets` (B, F, 3) [m] are the wanted centres of the `used` pads (B, F).
     """
     pregrasps = np.array(list(hand.pregrasps.values()))  # (G, J)
     centers_H = hand.pad_centers(np.eye(4), pregrasps)  # (G, F, 3)
-    radii = np.array([pad.radius for pad in hand.pads])
-    opposition = _opposition(hand)
-    X_OH = make_pose(R_OH)
-    chosen = np.empty(len(sets), dtype=np.intp)
-    for b in range(len(sets)):
-        used = [f for f in opposition.others if sets.used[b, f]]
-        thumb = opposition.thumb
-        targets = sets.points[b] + radii[:, None] * sets.normals[b]
-        width = np.linalg.norm(targets[used].mean(axis=0) - targets[thumb])
-        gaps = np.linalg.norm(centers_H[:, used].mean(axis=1) - centers_H[:, thumb], axis=-1)
+    opposition, X_OH = _opposition(hand), make_pose(R_OH)
+    thumb, chosen = opposition.thumb, np.empty(len(R_OH), dtype=np.intp)
+    for b, places in enumerate(targets):
+        others = [f for f in opposition.others if used[b, f]]
+        width = np.linalg.norm(places[others].mean(axis=0) - places[thumb])
+        gaps = np.linalg.norm(centers_H[:, others].mean(axis=1) - centers_H[:, thumb], axis=-1)
         excess = gaps - width
         chosen[b] = np.argmin(
             np.where(excess >= 0.0, excess, np.inf if excess.max() >= 0 else -excess)
         )
-        middle_H = 0.5 * (centers_H[chosen[b], thumb] + centers_H[chosen[b]][used].mean(axis=0))
-        middle_O = 0.5 * (targets[thumb] + targets[used].mean(axis=0))
+        pads_H = centers_H[chosen[b]]
+        middle_H = 0.5 * (pads_H[thumb] + pads_H[others].mean(axis=0))
+        middle_O = 0.5 * (places[thumb] + places[others].mean(axis=0))
         X_OH[b, :3, 3] = middle_O - R_OH[b] @ middle_H
     return X_OH, pregrasps[chosen]
 

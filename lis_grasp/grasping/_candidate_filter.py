@@ -1,0 +1,200 @@
+"""Inverse kinematics and collision filtering of grasp candidates."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import trimesh
+
+from lis_grasp.geometry import apply_pose, rotate
+from lis_grasp.grasping.grasp_batch import GraspBatch
+from lis_grasp.grasping.grasps import Reach
+from lis_grasp.grasping.inverse_kinematics import solve_ik
+from lis_grasp.robots.collision import HandCollisionChecker
+from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.pose_filter import HandPoseFilter
+from lis_grasp.robots.robot_model import Pad
+from lis_grasp.typing import BoolArray, FloatArray, IndexArray
+
+_MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
+_MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
+_CLEARANCE, _SPARE = 0.0004, 0.0003  # [m] of the hand from the support; more for the initial guess
+_ARM_CLEARANCE = 0.001  # [m] the same of a hand on an arm, which sags by up to 1 mm
+# An opened hand on an arm is free to go on by this [m]: the palm keeps off the object.
+_ARM_ERROR = 0.002
+_NEARLY_CLOSED = 0.2  # fraction of the opening at which not even a pad touches the object
+_OPENING = 0.02  # [m] of each pad from its contact before the hand closes
+_STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
+
+
+class CandidateFilter:
+    """Solves the inverse kinematics of contact sets and rejects those that collide.
+
+    A fast filter and then FCL check every link at the grasp, at the opened posture and along the
+    approach. `rejected` counts the rejected contact sets by reason:
+
+    - ``out_of_reach``: a pad stays too far from its contact;
+    - ``pad_does_not_face_the_surface``: a contact is outside its pad;
+    - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp, or slightly opened;
+    - ``approach_hits_object``, ``_support``, ``_self``: a collision opened or on the approach;
+    - with a `reach`, the reasons of its check.
+
+    Arguments are as of `HandCollisionChecker`. `reach` is that of the arm that carries the hand.
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        *,
+        support_height: float | None,
+        reach: Reach | None = None,
+    ) -> None:
+        self._reach_check = None if reach is None else reach.reach_check(mesh)
+        self._hand = hand
+        clearance, spare = _CLEARANCE, _SPARE
+        if reach is not None:
+            clearance, spare = _ARM_CLEARANCE, _SPARE + _ARM_ERROR
+        self._checker = HandCollisionChecker(
+            hand, mesh, support_height=support_height, clearance=clearance
+        )
+        self._filter = HandPoseFilter(hand, mesh)
+        floor = None if support_height is None else support_height + clearance + spare
+        self._fingertips = FingertipContacts(hand, self._checker, floor=floor)
+        self.rejected: Counter[str] = Counter()
+
+    def solve_and_filter(self, batch: GraspBatch) -> tuple[IndexArray, GraspBatch]:
+        """Return the indices of the contact sets that are accepted, and their grasps.
+
+        The postures of the batch are the initial guess of the inverse kinematics.
+        """
+        batch = solve_ik(self._hand, self._fingertips.move(batch))
+        assert batch.position_error is not None
+        assert batch.axis_error is not None
+        near = batch.position_error <= _MAX_POSITION_ERROR
+        facing = batch.axis_error <= _MAX_AXIS_ERROR
+        self.rejected["out_of_reach"] += int((~near).sum())
+        self.rejected["pad_does_not_face_the_surface"] += int((near & ~facing).sum())
+        kept = np.flatnonzero(near & facing)
+        X_OH, q = batch.X_OH[kept], batch.q[kept]
+        kept = kept[self._free("grasp", X_OH, q, X_OH[:, None], pads_may_touch=True)]
+        batch = batch.subset(kept)
+        away = replace(batch, points=batch.points + _OPENING * batch.normals)
+        opened = solve_ik(self._hand, away, palm_fixed=True).q
+        # Pads may touch the object where they are planned to, not with a side or a back.
+        nearly = batch.q + _NEARLY_CLOSED * (opened - batch.q)
+        touching = self._checker.touch_object(batch.X_OH, nearly)
+        self.rejected["grasp_hits_object"] += int(touching.sum())
+        clear = np.flatnonzero(~touching)
+        kept, opened, batch = kept[clear], opened[clear], batch.subset(clear)
+        free = np.flatnonzero(
+            self._free("approach", batch.X_OH, opened, self._approaches(batch.X_OH))
+        )
+        free = free[self._within_reach(batch.subset(free), opened[free])]
+        batch = batch.subset(free)
+        clearance = self._checker.clearances(batch.X_OH, batch.q)
+        return kept[free], replace(batch, opened=opened[free], clearance=clearance)
+
+    def _within_reach(self, batch: GraspBatch, opened: FloatArray) -> BoolArray:
+        """Return which grasps are within reach, (B,)."""
+        if self._reach_check is None or not len(batch):
+            return np.ones(len(batch), dtype=bool)
+        reasons = self._reach_check(batch.X_OH, opened, batch.q)
+        self.rejected += Counter(reason for reason in reasons if reason is not None)
+        return np.array([reason is None for reason in reasons], dtype=bool)
+
+    def _approaches(self, X_OH: FloatArray) -> FloatArray:
+        """Return palm poses along the approach to each pose (B, 4, 4), shape (B, W, 4, 4)."""
+        back = np.linspace(0.0, _STANDOFF, _APPROACH_STEPS)
+        if self._reach_check is not None:
+            back = np.append(-_ARM_ERROR, back)
+        paths = np.repeat(X_OH[:, None], len(back), axis=1)
+        paths[:, :, :3, 3] -= back[:, None] * rotate(X_OH, self._hand.approach_H)[:, None]
+        return paths
+
+    def _free(
+        self,
+        stage: str,
+        X_OH: FloatArray,
+        q: FloatArray,
+        paths: FloatArray,
+        *,
+        pads_may_touch: bool = False,
+    ) -> BoolArray:
+        """Return which postures collide neither at X_OH nor on paths (B, W, 4, 4), shape (B,)."""
+        free = ~self._filter.collides(X_OH, q, pads_may_touch=pads_may_touch)
+        self.rejected[f"{stage}_hits_object"] += int((~free).sum())
+        rest = np.flatnonzero(free)
+        hits = self._checker.first_collisions(paths[rest], q[rest], pads_may_touch=pads_may_touch)
+        for b, hit in zip(rest, hits, strict=True):
+            if hit is not None:
+                self.rejected[f"{stage}_hits_{hit}"] += 1
+                free[b] = False
+        return free
+
+
+_FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
+_BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
+_STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
+
+
+def fingertip_offsets(hand: Hand) -> FloatArray:
+    """Return the way from each pad's centre to the end of its flat face, shape (F, 3) [m].
+
+    In the frame of the pad's link, along the hand's approach as far as the link's collision bodies
+    reach in the plane of the pad. Zero for rounded pads, which touch in any direction anyway.
+    """
+    posture = next(iter(hand.pregrasps.values()))
+    links = hand.forward_kinematics(np.eye(4), posture)
+    return np.array([_to_fingertip(hand, pad, links[pad.link][:3, :3]) for pad in hand.pads])
+
+
+def _to_fingertip(hand: Hand, pad: Pad, R_HL: FloatArray) -> FloatArray:
+    ahead = R_HL.T @ hand.approach_H
+    ahead = ahead - (ahead @ pad.axis_L) * pad.axis_L
+    length = float(np.linalg.norm(ahead))
+    if pad.radius > 0.0 or length < 1e-6:
+        return np.zeros(3)
+    ahead /= length
+    points = [
+        apply_pose(geometry.X_LG, geometry.mesh.vertices) - pad.center_L
+        for geometry in hand.link_geometries
+        if geometry.link == pad.link
+    ]
+    relative = np.vstack([np.zeros((1, 3)), *points])
+    on_face = np.abs(relative @ pad.axis_L) < _FACE_DEPTH
+    return max(float((relative[on_face] @ ahead).max()) - _BORDER, 0.0) * ahead
+
+
+class FingertipContacts:
+    """Moves contacts on flat pads from their centres towards the fingertips, off the support.
+
+    The pads of a hand are tall, so that with the contacts at their centres the fingertips would be
+    inside the support where an object is low. The palm goes back along its approach until the hand
+    clears the height `floor` [m], or until the contacts are at the fingertips.
+    """
+
+    def __init__(self, hand: Hand, checker: HandCollisionChecker, *, floor: float | None) -> None:
+        self._hand, self._checker, self._floor = hand, checker, floor
+        self._offsets = fingertip_offsets(hand)
+        self._reach = float(np.linalg.norm(self._offsets, axis=1).min())
+        self._radii = np.array([pad.radius for pad in hand.pads])
+
+    def move(self, batch: GraspBatch) -> GraspBatch:
+        """Return the contact sets with offsets, and their palms moved back."""
+        if self._floor is None or self._reach <= 0.0:
+            return batch
+        X_OH = batch.X_OH.copy()
+        targets = batch.points + self._radii[:, None] * batch.normals
+        used = batch.used[..., None]
+        off = np.where(used, targets - self._hand.pad_centers(X_OH, batch.q), 0.0)
+        X_OH[:, :3, 3] += off.sum(axis=1) / used.sum(axis=1)  # pads at their centres
+        approach = rotate(X_OH, self._hand.approach_H)
+        poses = X_OH[:, None] @ self._checker.poses_in_hand(batch.q)
+        low = self._floor - self._checker.lowest(poses)
+        back = np.clip(low / np.maximum(-approach[:, 2], _STEEP), 0.0, self._reach)
+        X_OH[:, :3, 3] -= back[:, None] * approach
+        offsets = (back / self._reach)[:, None, None] * self._offsets
+        return replace(batch, X_OH=X_OH, offsets=offsets)
