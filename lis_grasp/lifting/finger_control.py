@@ -21,14 +21,11 @@ from lis_grasp.typing import FloatArray
 _TOUCH_FORCE = 0.2  # [N]
 _CLOSING_SPEED = 0.05  # [m/s] of the fastest pad
 _SEARCH_SPEED = 0.03  # [m/s] of a pad beyond its planned contact
-# Squeezing forces are well inside the friction cones if possible: the lift adds a load.
-_CONE_FRACTIONS = (0.6, 0.8, 1.0)
-_ENOUGH = 0.9  # fraction of the wanted grip that a narrower cone must give
-# Fraction by which a squeeze command moves the springs' rest posture to the measured one: fingers
-# settle where the object is, not where the estimate was.
-_YIELD = 0.1
+# Squeezing forces are inside cones of this fraction of friction: the lift adds a load.
+_CONE_FRACTION = 0.8
 # Weights of a searching pad's sideways motion [1] and of joint motion [m] against its progress.
-_SIDEWAYS_WEIGHT, _STEP_WEIGHT = 0.3, 3e-3
+_SIDEWAYS_WEIGHT = 0.3
+_STEP_WEIGHT = 3e-3
 # Plans of grip forces until one is within the efforts.
 _TRIES = 6
 _ROOM = 1e-6  # least distance between the bounds of a least-squares problem
@@ -69,6 +66,7 @@ class FingerControl:
         self._grip = setup.grip_force(setup.options.assumed_mass or setup.mass)  # [N]
         self._contacts: dict[str, _FingerContact] = {}
         self._forces: dict[str, FloatArray] = {}  # on the object, in the palm's frame H
+        self._p_OC = np.asarray(setup.mesh.center_mass)
         self._weight: FloatArray | None = None  # (3,) [N], once the hand has weighed the object
         travel = hand.pad_centers(np.eye(4), np.stack([self._start, self._goal]))  # (2, F, 3)
         longest = float(np.linalg.norm(travel[1] - travel[0], axis=-1).max())
@@ -121,8 +119,6 @@ class FingerControl:
             if contact is not None:
                 self._contacts[finger] = contact
         self._plan_forces()
-        if fraction < 1.0:
-            self._posture += _YIELD * (self._scene.joint_positions - self._posture)
         self._scene.command_fingers(self._posture, fraction * self._efforts(self._forces))
 
     def carry(self, mass: float) -> None:
@@ -219,20 +215,18 @@ class FingerControl:
     def _balanced_forces(
         self, points: FloatArray, normals: FloatArray, wanted: float
     ) -> FloatArray:
-        """Return forces (C, 3) on the object, inside the narrowest cones in which they balance.
+        """Return the forces (C, 3) on the object with the best balance, by `balanced_grip`.
 
-        Their normal parts add up to `wanted` [N].
+        Their normal parts add up to `wanted` [N]; table and palm take what is not in balance.
         """
-        load = None if self._weight is None else (self._weight, self._scene.object_center)
-        cones = [fraction * self._setup.grip_friction for fraction in _CONE_FRACTIONS]
-        for friction in cones:
-            forces = balanced_grip(points, normals, friction=friction, total=wanted, load=load)
-            total = -float(np.sum(forces * normals))
-            if total >= _ENOUGH * wanted:
-                return forces
-        # Without balance: the least unbalanced full squeeze; table and palm take the rest.
+        friction = _CONE_FRACTION * self._setup.grip_friction
+        load = None
+        if self._weight is not None:
+            load = self._weight, apply_pose(self._scene.X_WO, self._p_OC)
+        forces = balanced_grip(points, normals, friction=friction, total=wanted, load=load)
+        total = -float(np.sum(forces * normals))
         if total <= 0.0:  # every push would add to the load
-            forces = balanced_grip(points, normals, friction=cones[-1], total=wanted)
+            forces = balanced_grip(points, normals, friction=friction, total=wanted)
             total = -float(np.sum(forces * normals))
         return forces * (wanted / total)
 

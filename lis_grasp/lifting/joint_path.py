@@ -15,7 +15,8 @@ from lis_grasp.typing import FloatArray
 # Newton steps a sample; two suffice from the sample before.
 _NEWTON_STEPS = 3
 # A sample this near its pose [m, and rad] is exact; one this far has none: it is out of reach.
-_EXACT, _TOLERANCE = 1e-9, 1e-5
+_EXACT = 1e-9
+_TOLERANCE = 1e-5
 # Regularisation of the pseudoinverse, as a fraction of the squared singular values [1].
 _DAMPING = 1e-6
 

@@ -130,14 +130,6 @@ class LiftingScene(Protocol):
     def X_WO(self) -> FloatArray:
         """Pose of the object, shape (4, 4)."""
 
-    @property
-    def object_center(self) -> FloatArray:
-        """The object's centre of mass, shape (3,) [m]."""
-
-    @property
-    def object_bottom(self) -> float:
-        """Height of the object's lowest point [m]."""
-
     def place_hand(self, displacement: FloatArray, q: FloatArray) -> None:
         """Set the palm to a displacement (6,) and the joints to q, at rest."""
 

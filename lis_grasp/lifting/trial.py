@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.geometry import apply_inverse
+from lis_grasp.geometry import apply_inverse, apply_pose
 from lis_grasp.lifting.finger_control import FingerControl, SlipWatch
 from lis_grasp.lifting.outcome import LiftOutcome, Reason
 from lis_grasp.lifting.scene import ArmStoppedError, CarrierMotion, LiftingScene
@@ -26,7 +26,8 @@ _LOG = logging.getLogger(__name__)
 _CONTROL_RATE = 100.0  # [Hz]
 _SETTLE_TIME = 0.1  # [s]
 # An object that settles by more than this [m] may be falling: it gets the time of a fall [s].
-_SETTLED, _FALL_TIME = 0.001, 0.5
+_SETTLED = 0.001
+_FALL_TIME = 0.5
 # Times of settling in which an object that the hand let go comes to rest.
 _FALLS = 20
 _CLOSING_LIMIT = 4.0  # [s], longer than any finger needs
@@ -34,7 +35,9 @@ _LEAST_FORCE = 0.05  # [N] of a link that counts as touching
 _LOST = 0.05  # [m] of slip that only a lost object has
 # Rise [m] until which slip over the pads raises the grip force by the factor. An object that slips
 # more until then is set down [m].
-_WATCHED_RISE, _GRIP_FACTOR, _SLIP_LIMIT = 0.01, 1.5, 0.006
+_WATCHED_RISE = 0.01
+_GRIP_FACTOR = 1.5
+_SLIP_LIMIT = 0.006
 
 # An object that moves less than this in the hand [m] in this time [s] rests.
 _AT_REST = 5e-5
@@ -42,7 +45,8 @@ _REST_TIME = 0.5
 _UNEXPECTED_FORCE = 0.5  # [N] at which an approach with a tactile check stops
 _RETREAT_TIME = 0.4  # [s]
 # A tactile check decides after a push with this fraction of the grip force for this time [s].
-_PRESS_FRACTION, _PRESS_TIME = 0.2, 0.2
+_PRESS_FRACTION = 0.2
+_PRESS_TIME = 0.2
 _DIRECTIONS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 # Time since the phase's start [s] -> whether the phase is over.
@@ -73,7 +77,9 @@ class LiftTrial:
         self._goal = np.asarray(grasp.X_OH, dtype=np.float64)[:3, 3]
         self._scene.place_hand(self._retreat, np.asarray(grasp.pregrasp_positions))
         self._closed, self._measured = False, Contacts.empty()
-        self._start = self._scene.object_center
+        self._hull = np.asarray(setup.mesh.convex_hull.vertices)  # the lowest one is a hull vertex
+        self._p_OC = np.asarray(setup.mesh.center_mass)
+        self._start = self._center()
         # Object's centre of mass (3,) and rotation (3, 3) in the palm, once the grasp has closed.
         self._grasped: tuple[FloatArray, FloatArray] | None = None
         self._set_down_after: tuple[float, float] | None = None  # slip [m] and turn [rad]
@@ -299,14 +305,18 @@ class LiftTrial:
 
     def _moved(self) -> float:
         """Return the displacement of the object's centre of mass from the start [m]."""
-        return float(np.linalg.norm(self._scene.object_center - self._start))
+        return float(np.linalg.norm(self._center() - self._start))
+
+    def _center(self) -> FloatArray:
+        """Return the object's centre of mass, shape (3,) [m]."""
+        return apply_pose(self._scene.X_WO, self._p_OC)
 
     def _pushed(self) -> bool:
         return self._moved() > self._options.largest_push
 
     def _object_in_hand(self) -> FloatArray:
         """Return the object's centre of mass in the palm frame, shape (3,) [m]."""
-        return apply_inverse(self._scene.X_WH, self._scene.object_center)
+        return apply_inverse(self._scene.X_WH, self._center())
 
     def _rotation_in_hand(self) -> FloatArray:
         """Return the object's rotation in the palm frame, shape (3, 3)."""
@@ -334,7 +344,9 @@ class LiftTrial:
 
     def _carried(self) -> bool:
         """Return whether the object is off the table and touched by the hand."""
-        clearance = self._scene.object_bottom - self._setup.support_height
+        X_WO = self._scene.X_WO
+        bottom = float((self._hull @ X_WO[2, :3]).min() + X_WO[2, 3])
+        clearance = bottom - self._setup.support_height
         return clearance >= 0.5 * self._options.lift_height and self._touching_links() >= 2
 
     def _in_hand(self) -> bool:

@@ -14,7 +14,8 @@ def test_fingers_that_can_only_add_to_the_load_still_squeeze():
     assert not balanced_grip(points, normals, friction=0.5, total=1.0, load=(weight, center)).any()
     control = SimpleNamespace(
         _weight=weight,
-        _scene=SimpleNamespace(object_center=center),
+        _scene=SimpleNamespace(X_WO=np.eye(4)),
+        _p_OC=center,
         _setup=SimpleNamespace(grip_friction=0.5),
     )
     forces = FingerControl._balanced_forces(control, points, normals, 1.0)  # type: ignore[arg-type]

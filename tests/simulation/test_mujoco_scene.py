@@ -104,7 +104,6 @@ def test_poses_are_those_of_the_hand_s_kinematics(hand: Hand, rng: np.random.Gen
     for link, X_WL in hand.forward_kinematics(X_WH, q).items():
         assert scene.X_WL(link) == pytest.approx(X_WL, abs=1e-9)
     assert pytest.approx(setup.X_WO, abs=1e-12) == scene.X_WO
-    assert scene.object_center == pytest.approx(setup.X_WO[:3, :3] @ BOX.center_mass, abs=1e-12)
 
 
 def test_jacobians_are_those_of_the_hand_s_kinematics(hand: Hand, rng: np.random.Generator) -> None:

@@ -24,7 +24,8 @@ from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
 
 # A shake uses at most this fraction of the arm's speed, acceleration and effort limits.
-_SHAKE_FRACTION, _LESS = 0.9, 0.98
+_SHAKE_FRACTION = 0.9
+_LESS = 0.98
 
 
 class ArmCarrier(Carrier):

@@ -26,7 +26,9 @@ from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.typing import FloatArray
 
 # The rail that carries the hand: stiff to follow the motion, limited in force to stop at a touch.
-_STIFFNESS, _DAMPING, _FORCE = 20_000.0, 600.0, 60.0  # [N/m], [N s/m], [N]
+_STIFFNESS = 20_000.0  # [N/m]
+_DAMPING = 600.0  # [N s/m]
+_FORCE = 60.0  # [N]
 
 # A reversal at a touch accelerates the palm by this [m/s^2]; more exceeds effort limits.
 _ACCELERATION = 4.0

@@ -28,10 +28,13 @@ from lis_grasp.typing import FloatArray
 _TIME_STEP = 0.002  # [s]
 # After a touch the hand retreats until the object is slower than this [m/s] over so many steps, for
 # this time at most [s]. Contact with the table makes it tremble by micrometres from step to step.
-_STILL, _STEPS_OF_REST, _LONGEST_SETTLING = 5e-4, 20, 2.0
+_STILL = 5e-4
+_STEPS_OF_REST = 20
+_LONGEST_SETTLING = 2.0
 # Rolling resistance: its moment is that of the weight at a lever of 0.01 radii, as of wood on wood.
 # It falls to 0 below this angular speed [rad/s].
-_ROLLING_RESISTANCE, _ROLLING = 0.01, 0.05
+_ROLLING_RESISTANCE = 0.01
+_ROLLING = 0.05
 
 
 class ProbingScene:

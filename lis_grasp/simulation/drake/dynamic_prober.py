@@ -32,7 +32,8 @@ from lis_grasp.typing import FloatArray
 
 # Free flight needs no dynamics: the simulation starts this far before the first contact [m]; an arm
 # first settles under its load.
-_BEFORE, _BEFORE_WITH_ARM = 0.0005, 0.002
+_BEFORE = 0.0005
+_BEFORE_WITH_ARM = 0.002
 # A touch is detected within this distance of the first contact; later ones are grazes [m].
 _BEYOND = 0.01
 # From a free object the hand retreats this late after the detection [s]: a sensor of 100 Hz.

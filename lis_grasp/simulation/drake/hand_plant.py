@@ -48,13 +48,14 @@ from lis_grasp.robots.robot_model import Joint as TreeJoint
 from lis_grasp.simulation.drake.object_plant import FRICTION, spatial_inertia
 from lis_grasp.typing import FloatArray
 
-PROBING_SKIN, LIFTING_SKIN = 1e6, 1e7
-"""Hydroelastic moduli of the skin [Pa].
+PROBING_SKIN = 1e6
+"""Hydroelastic modulus of the skin while probing [Pa].
 
-A spherical tip pressed in by d needs F = pi E d^2. While probing, the skin is soft: 0.2 N press it
-in by 0.25 mm, more than the 0.2 mm of a simulation step. While lifting, it is as firm as rubber:
-5 N press it in by 0.4 mm.
+A spherical tip pressed in by d needs F = pi E d^2: 0.2 N press it in by 0.25 mm, more than the
+0.2 mm of a simulation step.
 """
+LIFTING_SKIN = 1e7
+"""While lifting, the skin is as firm as rubber [Pa]: 5 N press it in by 0.4 mm."""
 
 _STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
 _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]

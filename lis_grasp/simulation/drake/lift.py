@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 from pydrake.geometry import CollisionFilterDeclaration, FilterId, GeometrySet
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from lis_grasp.exceptions import SimulationError
-from lis_grasp.geometry import apply_pose, rotate
+from lis_grasp.geometry import rotate
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup, finger_gains
 from lis_grasp.lifting.trial import AcceptGrasp, LiftTrial
@@ -23,12 +22,11 @@ from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, add_hand
 from lis_grasp.simulation.drake.object_plant import add_object, add_support, add_table
 from lis_grasp.typing import FloatArray
 
-# An object farther than this from the origin gets a body frame of its own [m].
-_FAR = 0.25
 # Length and width of the object's largest triangles [m]. Drake bounds up to three triangles by one
 # box: around larger ones of several faces, it contains nearly all of a fingertip, which is then
 # clipped by each of them.
-_LONGEST, _WIDEST = 0.1, 0.03
+_LONGEST = 0.1
+_WIDEST = 0.03
 # Speed up to which Drake regularises friction, so that held objects creep [m/s]. At Drake's default
 # of 1e-4 a screwdriver between two flat pads turns by 1.2 deg/s, far below the limit of friction.
 # At 1e-5 it turns by 0.25 deg/s; below, nothing changes.
@@ -82,11 +80,11 @@ class LiftScene:
             if setup.arm is None
             else ArmCarrier(plant, self._hand, setup)
         )
-        body_mesh, self._p_OB = _near_its_frame(mesh)
-        faces = split_large_faces(merge_flat_faces(body_mesh), longest=_LONGEST, widest=_WIDEST)
+        # A time step rotates a body about its frame: with error if the body is a metre away.
+        self._p_OB: FloatArray = mesh.bounds.mean(axis=0)
+        centered = merge_flat_faces(mesh.copy().apply_translation(-self._p_OB))
+        faces = split_large_faces(centered, longest=_LONGEST, widest=_WIDEST)
         self._object = add_object(plant, faces, mass=setup.mass, friction=friction)
-        self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
-        self._center = np.asarray(mesh.center_mass)
         height = setup.support_height
         table = add_table(plant, height, friction, under=mesh)
         support = add_support(plant, height, friction, under=mesh, mass=setup.mass)
@@ -172,17 +170,6 @@ class LiftScene:
         X_WO[:3, 3] -= rotate(X_WO, self._p_OB)
         return X_WO
 
-    @property
-    def object_center(self) -> FloatArray:
-        """The object's centre of mass, shape (3,) [m]."""
-        return apply_pose(self.X_WO, self._center)
-
-    @property
-    def object_bottom(self) -> float:
-        """Height of the object's lowest point [m]."""
-        X_WO = self.X_WO
-        return float((self._vertices @ X_WO[2, :3]).min() + X_WO[2, 3])
-
     def poses(self) -> dict[str, FloatArray]:
         """Return the pose of every hand link, the object and an arm's links, each (4, 4)."""
         links = {name: self.X_WL(name) for name in self._hand.links.bodies}
@@ -211,12 +198,3 @@ class LiftScene:
     def X_WL(self, link: str) -> FloatArray:
         """Return the pose of a link, shape (4, 4)."""
         return self._hand.X_WL(self._scene.context, link)
-
-
-def _near_its_frame(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, FloatArray]:
-    """Return the mesh in its body's frame B, and p_OB: the centre of an object far from O."""
-    # A time step rotates a body about its frame: with error if that is a metre away.
-    middle: FloatArray = mesh.bounds.mean(axis=0)
-    if np.linalg.norm(middle) <= _FAR:
-        return mesh, np.zeros(3)
-    return mesh.copy().apply_translation(-middle), middle

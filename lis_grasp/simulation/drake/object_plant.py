@@ -37,7 +37,8 @@ from lis_grasp.typing import FloatArray
 FRICTION = 0.8
 """Coulomb's coefficient where none is given."""
 
-_TABLE_SIZE, _TABLE_THICKNESS = 1.5, 0.1  # [m]
+_TABLE_SIZE = 1.5  # [m]
+_TABLE_THICKNESS = 0.1  # [m]
 _TABLE_MARGIN = 0.3  # [m] of table beyond the object
 # A ball of 10 cm and 0.5 kg sinks in by 0.2 mm: F = pi E R d^2 / (half the thickness).
 _TABLE_MODULUS = 5e7  # [Pa], at most

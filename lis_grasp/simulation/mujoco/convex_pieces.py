@@ -15,7 +15,7 @@ _CONCAVITY = 0.02
 # A hull with this much more volume is the object itself, but for rounding.
 _CONVEX = 1e-3
 # Effort of the search for cuts: more gives fewer pieces, not better ones.
-_ITERATIONS, _NODES, _DEPTH, _RESOLUTION = 60, 10, 2, 1000
+_SEARCH = {"mcts_iterations": 60, "mcts_nodes": 10, "mcts_max_depth": 2, "resolution": 1000}
 
 
 def convex_pieces(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, ...]:
@@ -49,10 +49,7 @@ def _cut(vertices: bytes, faces: bytes) -> tuple[trimesh.Trimesh, ...]:
         ),
         threshold=_CONCAVITY,
         preprocess_mode="off",  # the mesh is watertight
-        mcts_iterations=_ITERATIONS,
-        mcts_nodes=_NODES,
-        mcts_max_depth=_DEPTH,
-        resolution=_RESOLUTION,
+        **_SEARCH,
         seed=0,
     )
     pieces = [trimesh.convex.convex_hull(np.asarray(vertices)) for vertices, _ in found]

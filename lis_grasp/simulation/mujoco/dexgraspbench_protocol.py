@@ -19,15 +19,20 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.mjcf import mesh_asset, moving_joints, numbers, servo_hand
 from lis_grasp.typing import FloatArray
 
-MASS, FRICTION, TORSION = 0.1, 0.6, 0.02
-"""Of the object [kg]; of all contacts: Coulomb's coefficient, and the torsional one [m]."""
+MASS = 0.1
+"""Of the object [kg]."""
+FRICTION = 0.6
+"""Coulomb's coefficient of all contacts."""
+TORSION = 0.02
+"""Torsional coefficient of all contacts [m]."""
 
 _ACCELERATION = 10.0  # of the table lift's gravity and of the six forces [m/s^2]
 _TIME_STEP = 0.004  # [s]
 _STEPS = 10  # commands from one posture to the next, and time steps for each command
 _WAIT = (10, 50)  # checks under a force, and time steps between them
 _RISE = 0.1  # [m]
-_LARGEST_MOTION, _LARGEST_TURN = 0.05, np.deg2rad(15.0)  # of the object [m, rad]
+_LARGEST_MOTION = 0.05  # of the object [m]
+_LARGEST_TURN = np.deg2rad(15.0)  # of the object
 _LARGEST_PENETRATION = 0.01  # of the opened hand [m]
 _HAND_CONTACT = {"solimp": "0.5 0.99 0.0001 0.5 2", "solref": "0.005 1"}
 _FRICTION = {"friction": numbers([FRICTION, TORSION, 0.0001]), "condim": "4"}

@@ -71,7 +71,6 @@ class MujocoScene:
         self._stiffness, _ = finger_gains(hand, setup.grasp)
         self._wrist_command = np.zeros(6)
         self._center = np.asarray(mesh.center_mass)
-        self._vertices = np.asarray(mesh.convex_hull.vertices)  # the lowest one is a hull vertex
 
     @property
     def time(self) -> float:
@@ -150,17 +149,6 @@ class MujocoScene:
         X_WO = self._pose(self._object)
         X_WO[:3, 3] -= rotate(X_WO, self._center)
         return X_WO
-
-    @property
-    def object_center(self) -> FloatArray:
-        """The object's centre of mass, shape (3,) [m]."""
-        return np.array(self._data.xpos[self._object])
-
-    @property
-    def object_bottom(self) -> float:
-        """Height of the object's lowest point [m]."""
-        X_WO = self.X_WO
-        return float((self._vertices @ X_WO[2, :3]).min() + X_WO[2, 3])
 
     def poses(self) -> dict[str, FloatArray]:
         """Return the pose of every hand link and the object, each (4, 4)."""
