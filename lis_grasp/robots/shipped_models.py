@@ -55,8 +55,8 @@ def model_path(relative: str) -> Path:
     )
 
 
-def hand_path(name: str) -> Path:
-    """Return the YAML file of a hand of the package, or of an installed package.
+def hand_path(path_or_name: str | Path) -> Path:
+    """Return the YAML file of a hand of the package or an installed one, or a file that is there.
 
     Raises
     ------
@@ -65,18 +65,25 @@ def hand_path(name: str) -> Path:
     InvalidOptionError
         If the module of an installed package's hand cannot be imported.
     """
+    name = str(path_or_name)
     if name in HAND_NAMES:
         return model_path(f"hands/{name}/{name}.yaml")
     if name in VENDOR_HANDS:
         return model_path(f"hands/vendors/{name}.yaml")
-    known = HAND_REGISTRY.names
-    if name not in known:
+    advice = f"`lis-grasp hand new {name}` writes the YAML that describes it"
+    file = find_yaml_file(
+        name, "hand", example=HAND_NAMES[0], advice=advice, error=InvalidHandError
+    )
+    if file is not None:
+        return file
+    names = HAND_REGISTRY.names
+    if name not in names:
         raise InvalidHandError(
-            f"a hand must be one of {', '.join(known)}, or a hand's YAML file; '{name}' is"
-            f" neither{nearest_of(name, known)}"
+            f"a hand must be one of {', '.join(names)}, or a hand's YAML file; '{name}' is"
+            f" neither{nearest_of(name, names)}"
         )
-    found = HAND_REGISTRY.find(name)
-    path = found() if callable(found) else found
+    registered = HAND_REGISTRY.find(name)
+    path = registered() if callable(registered) else registered
     if not isinstance(path, str | Path):
         raise InvalidHandError(
             f"hand '{name}' must be the path of a YAML file, or a function that returns it; it is"
