@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import yourdfpy
@@ -85,80 +87,133 @@ def draft_hand(
     InvalidFileError, InvalidHandError
         If the description cannot be read, has no fingers, or no posture with opposed pads exists.
     """
-    notes: list[str] = []
-    robot = parse_description(path)
-    edits = _edits(deepcopy(robot), base_link, notes)
-    model = build_model(deepcopy(robot), path, edits)
-    if base_link is None and not tips:
-        edits = _without_robot(model, edits, path.name, notes)
-        if edits.base_link is not None:
-            edits = _pruned(edits, apply_edits(deepcopy(robot), edits))
-            model = build_model(deepcopy(robot), path, edits)
-    fingers = find_fingers(model, tips)
-    wrist = shared_joints(model, fingers)
-    if wrist:
-        if len(wrist) > _WRIST:
-            edits = replace(edits, base_link=rigid_groups(model)[wrist[-1].child])
-            notes.append(f"{len(wrist)} joints before the fingers are left out, by base_link")
-        else:
-            positions = {
-                j.name: float(np.clip(0.0, model.lower[j.index], model.upper[j.index]))
-                for j in wrist
-                if j.is_actuated
-            }
-            edits = replace(edits, locked_joints=MappingProxyType(positions))
-            notes.append(f"joints of the wrist are locked: {', '.join(positions)}")
-        edits = _pruned(edits, apply_edits(deepcopy(robot), edits))
-        model = build_model(deepcopy(robot), path, edits)
-        fingers = find_fingers(model, tips)
-    if len(fingers) == 2:
-        split = _split_fingers(model, fingers, edits)
-        parts = build_model(deepcopy(robot), path, split)
-        fingers_of_parts = find_fingers(parts, tips)
-        if _hulls_hide_faces(model, fingers, parts, fingers_of_parts):
-            edits, model, fingers = split, parts, fingers_of_parts
-            notes.append("the fingers are concave and collide as several bodies, by convex_parts")
-    repaired = _repaired_links(robot, model, edits)
-    edits = replace(edits, repair=bool(repaired))
-    if repaired:
-        links = _listed(repaired)
-        notes.append(f"impossible inertias or missing masses of {links} are replaced, by repair")
-    hand, openings = _with_openings(model, name, fingers, rng)
+    described = _Described(path, tips, base_link)
+    described.leave_out_robot(base_link)
+    described.lock_wrist()
+    described.split_concave_fingers()
+    described.note_repairs()
+    hand, openings = _with_openings(described.model, name, described.fingers, rng)
     if not openings:
         raise InvalidHandError(
             f"{path.name}: no posture was found in which the pads of {', '.join(hand.fingers)} face"
             " each other: name the fingertips' links with --tips, or write the pads by hand"
         )
-    by_design = hand.self_collision_exclusions - _joined_pairs(model)
-    if by_design:
-        listed = _listed(["-".join(pair) for pair in sorted(by_design)])
-        notes.append(
-            "collisions of these links with each other are ignored, by self_collision_exclusions,"
-            f" as they occur in many postures: {listed}"
-        )
-    chosen = _chosen(openings)
-    middle = chosen[len(chosen) // 2]
-    hand = replace(
-        hand,
-        X_LH=read_only(find_palm_frame(hand, middle)),
-        pregrasps=MappingProxyType(
-            {label: read_only(o.q) for label, o in zip(_PREGRASPS, chosen, strict=False)}
-        ),
-    )
+    described.note_exclusions(hand)
+    hand = _with_palm(hand, openings)
+    edits = described.edits
     if hand.kind == "parallel_jaw":
         hand, edits = _strong_enough(hand, edits)
-    postures = find_probe_postures(hand, checker_of(hand), rng=rng)
-    silent = [finger for finger in hand.fingers if finger not in postures]
+    hand = _with_probe_postures(hand, rng)
+    silent = [finger for finger in hand.fingers if finger not in hand.probe_postures]
     if silent:
-        notes.append(f"no probe posture was found for {', '.join(silent)}")
-    held = _USED * float(forces_along_pads(hand).min())
-    force = float(np.clip(held, _LEAST_FORCE, _MOST_FORCE[hand.kind]))
-    hand = replace(
-        hand,
-        probe_postures=MappingProxyType(postures),
-        max_contact_force=float(f"{force:.2g}"),
-    )
-    return HandDraft(hand, edits, tuple(notes))
+        described.notes.append(f"no probe posture was found for {', '.join(silent)}")
+    return HandDraft(_with_force(hand), edits, tuple(described.notes))
+
+
+class _Described:
+    """A hand's description on the way to a draft: edits, the model and fingers by them, notes."""
+
+    def __init__(self, path: Path, tips: Sequence[str], base_link: str | None) -> None:
+        self._path, self._tips, self._robot = path, tips, parse_description(path)
+        self.notes: list[str] = []
+        self.edits = DescriptionEdits(base_link=base_link, repair=True)
+        self._set_missing_efforts()
+        self.model = self._built(self.edits)
+
+    @cached_property
+    def fingers(self) -> tuple[Finger, ...]:
+        return find_fingers(self.model, self._tips)
+
+    def leave_out_robot(self, base_link: str | None) -> None:
+        """Leave out all of a robot but its one hand, if the base is not given."""
+        bases = find_hand_bases(self.model) if base_link is None and not self._tips else ()
+        if len(bases) > 1:
+            raise InvalidHandError(
+                f"{self._path.name}: a description must have one hand; this robot's hands may begin"
+                f" at {', '.join(bases)}: name one with --base"
+            )
+        if bases:
+            self.notes.append(
+                f"the hand begins at {bases[0]}; all else of the robot is left out, by base_link"
+            )
+            self._edit(base_link=bases[0])
+
+    def lock_wrist(self) -> None:
+        """Lock the joints before all fingers, or leave them out if they are an arm's."""
+        wrist = shared_joints(self.model, self.fingers)
+        if len(wrist) > _WRIST:
+            self.notes.append(f"{len(wrist)} joints before the fingers are left out, by base_link")
+            self._edit(base_link=rigid_groups(self.model)[wrist[-1].child])
+        elif wrist:
+            zero = np.clip(0.0, self.model.lower, self.model.upper)
+            positions = {j.name: float(zero[j.index]) for j in wrist if j.is_actuated}
+            self.notes.append(f"joints of the wrist are locked: {', '.join(positions)}")
+            self._edit(locked_joints=MappingProxyType(positions))
+
+    def split_concave_fingers(self) -> None:
+        """Let the tips of a gripper collide as convex parts, if their hulls hide its flat faces.
+
+        An angular finger has its face behind the hull over its foot and its tip.
+        """
+        if len(self.fingers) != 2:
+            return
+        tips = {body.link for finger in self.fingers for body in finger.bodies}
+        links = tuple(link for link in self.model.links if link in tips)
+        parts = self._built(replace(self.edits, convex_parts=links))
+        hidden = np.maximum(_HIDDEN * face_areas(self.model, self.fingers), _LEAST_FACE)
+        if (face_areas(parts, find_fingers(parts, self._tips)) > hidden).all():
+            self.notes.append(
+                "the fingers are concave and collide as several bodies, by convex_parts"
+            )
+            self._edit(convex_parts=links)
+
+    def note_repairs(self) -> None:
+        """Keep `repair` if inertias of the file are not those of the model."""
+        read = {link.name: link_inertial(link).inertia_L for link in self._edited().links}
+        given = self.model.inertials
+        links = [k for k in self.model.links if not np.array_equal(read[k], given[k].inertia_L)]
+        self.edits = replace(self.edits, repair=bool(links))
+        if links:
+            self.notes.append(
+                f"impossible inertias or missing masses of {_listed(links)} are replaced, by repair"
+            )
+
+    def note_exclusions(self, hand: Hand) -> None:
+        by_design = hand.self_collision_exclusions - _joined_pairs(self.model)
+        if by_design:
+            listed = _listed(["-".join(pair) for pair in sorted(by_design)])
+            self.notes.append(
+                "collisions of these links with each other are ignored, by"
+                f" self_collision_exclusions, as they occur in many postures: {listed}"
+            )
+
+    def _set_missing_efforts(self) -> None:
+        efforts = {}
+        for joint in self._edited().joints:
+            if joint.type in _USUAL_EFFORT and joint.mimic is None:
+                effort = None if joint.limit is None else joint.limit.effort
+                if not is_plausible_effort(joint.type, effort):
+                    efforts[joint.name] = _USUAL_EFFORT[joint.type]
+        if efforts:
+            self.notes.append(
+                f"efforts are missing or absurd, so usual ones are set: {', '.join(efforts)}"
+            )
+        self.edits = replace(self.edits, effort_limits=MappingProxyType(efforts))
+
+    def _edit(self, **edits: Any) -> None:
+        """Change the edits; leave out efforts of joints that are then locked or cut off."""
+        self.edits = replace(self.edits, **edits)
+        moving = {joint.name for joint in self._edited().joints if joint.type != "fixed"}
+        efforts = {name: e for name, e in self.edits.effort_limits.items() if name in moving}
+        self.edits = replace(self.edits, effort_limits=MappingProxyType(efforts))
+        self.model = self._built(self.edits)
+        self.__dict__.pop("fingers", None)
+
+    def _edited(self) -> yourdfpy.Robot:
+        return apply_edits(deepcopy(self._robot), self.edits)
+
+    def _built(self, edits: DescriptionEdits) -> RobotModel:
+        return build_model(deepcopy(self._robot), self._path, edits)
 
 
 def _with_openings(
@@ -186,54 +241,24 @@ def _with_openings(
     return hand, []
 
 
-def _split_fingers(
-    model: RobotModel, fingers: Sequence[Finger], edits: DescriptionEdits
-) -> DescriptionEdits:
-    """Return edits by which the fingers' tips collide as several convex parts."""
-    links = {body.link for finger in fingers for body in finger.bodies}
-    return replace(edits, convex_parts=tuple(link for link in model.links if link in links))
+def _with_palm(hand: Hand, openings: Sequence[Opening]) -> Hand:
+    """Return the hand with its palm frame and at most four pregrasps."""
+    chosen = _chosen(openings)
+    pregrasps = {label: read_only(o.q) for label, o in zip(_PREGRASPS, chosen, strict=False)}
+    X_LH = read_only(find_palm_frame(hand, chosen[len(chosen) // 2]))
+    return replace(hand, X_LH=X_LH, pregrasps=MappingProxyType(pregrasps))
 
 
-def _hulls_hide_faces(
-    model: RobotModel, fingers: Sequence[Finger], parts: RobotModel, of_parts: Sequence[Finger]
-) -> bool:
-    """Return whether the flat faces of a gripper are inside the hulls of its fingers.
-
-    An angular finger has its face behind the hull over its foot and its tip.
-    """
-    hidden = np.maximum(_HIDDEN * face_areas(model, fingers), _LEAST_FACE)
-    return bool((face_areas(parts, of_parts) > hidden).all())
+def _with_probe_postures(hand: Hand, rng: np.random.Generator) -> Hand:
+    postures = find_probe_postures(hand, checker_of(hand), rng=rng)
+    return replace(hand, probe_postures=MappingProxyType(postures))
 
 
-def _edits(robot: yourdfpy.Robot, base_link: str | None, notes: list[str]) -> DescriptionEdits:
-    """Return edits that let a file be read: a base, and usual efforts for missing ones."""
-    edits = DescriptionEdits(base_link=base_link, repair=True)
-    robot = apply_edits(robot, edits)
-    efforts = {}
-    for joint in robot.joints:
-        if joint.type in ("revolute", "continuous", "prismatic") and joint.mimic is None:
-            effort = None if joint.limit is None else joint.limit.effort
-            if not is_plausible_effort(joint.type, effort):
-                efforts[joint.name] = _USUAL_EFFORT[joint.type]
-    if efforts:
-        notes.append(f"efforts are missing or absurd, so usual ones are set: {', '.join(efforts)}")
-    return replace(edits, effort_limits=MappingProxyType(efforts))
-
-
-def _without_robot(
-    model: RobotModel, edits: DescriptionEdits, file: str, notes: list[str]
-) -> DescriptionEdits:
-    """Return edits that leave out all of a robot but its hand; edits of a hand stay as they are."""
-    bases = find_hand_bases(model)
-    if len(bases) > 1:
-        raise InvalidHandError(
-            f"{file}: a description must have one hand; this robot's hands may begin at"
-            f" {', '.join(bases)}: name one with --base"
-        )
-    if not bases:
-        return edits
-    notes.append(f"the hand begins at {bases[0]}; all else of the robot is left out, by base_link")
-    return replace(edits, base_link=bases[0])
+def _with_force(hand: Hand) -> Hand:
+    """Return the hand with the contact force that its motors hold, of two digits."""
+    held = _USED * float(forces_along_pads(hand).min())
+    force = float(np.clip(held, _LEAST_FORCE, _MOST_FORCE[hand.kind]))
+    return replace(hand, max_contact_force=float(f"{force:.2g}"))
 
 
 def _strong_enough(hand: Hand, edits: DescriptionEdits) -> tuple[Hand, DescriptionEdits]:
@@ -248,23 +273,6 @@ def _strong_enough(hand: Hand, edits: DescriptionEdits) -> tuple[Hand, Descripti
             limits[j] = efforts[name] = max(efforts[name], needed)
     edits = replace(edits, effort_limits=MappingProxyType(efforts))
     return replace(hand, effort_limits=read_only(limits)), edits
-
-
-def _pruned(edits: DescriptionEdits, robot: yourdfpy.Robot) -> DescriptionEdits:
-    """Leave out efforts of joints that are locked or cut off."""
-    moving = {joint.name for joint in robot.joints if joint.type != "fixed"}
-    efforts = {name: effort for name, effort in edits.effort_limits.items() if name in moving}
-    return replace(edits, effort_limits=MappingProxyType(efforts))
-
-
-def _repaired_links(robot: yourdfpy.Robot, model: RobotModel, edits: DescriptionEdits) -> list[str]:
-    """Return the links of a repaired model whose inertia is not that of the file."""
-    own = {link.name: link_inertial(link) for link in apply_edits(deepcopy(robot), edits).links}
-    return [
-        name
-        for name in model.links
-        if not np.array_equal(own[name].inertia_L, model.inertials[name].inertia_L)
-    ]
 
 
 def _listed(names: Sequence[str]) -> str:
