@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.arms.trajectory import JointTrajectory
 from lis_grasp.lifting.wrist_path import WristPath
 from lis_grasp.robots.arm import Arm
+from lis_grasp.robots.pose_ik import damped_step, pose_error
 from lis_grasp.typing import FloatArray
 
 # Newton steps a sample; two suffice from the sample before.
@@ -102,30 +103,20 @@ def posture_near(arm: PalmJacobian, q: FloatArray, X: FloatArray) -> FloatArray 
     """Return joint positions near q (J,) with the palm at X (4, 4), by Newton's method, or None."""
     for _ in range(_NEWTON_STEPS):
         X_WH, J = arm.jacobians(q)
-        error = _motion_between(X_WH, X)
+        error = pose_error(X_WH, X)
         if np.abs(error).max() < _EXACT:
             return q
-        q = q + _solve(J, error)
-    return q if np.abs(_motion_between(arm.jacobians(q)[0], X)).max() <= _TOLERANCE else None
+        q = q + _step(J, error)
+    return q if np.abs(pose_error(arm.jacobians(q)[0], X)).max() <= _TOLERANCE else None
 
 
 def joint_rates(arm: PalmJacobian, q: FloatArray, V: FloatArray) -> FloatArray:
     """Return joint rates (J,) with which the palm moves at V (6,), linear and angular, in W."""
-    return _solve(arm.jacobians(q)[1], V)
+    return _step(arm.jacobians(q)[1], V)
 
 
-def _solve(J: FloatArray, motion: FloatArray) -> FloatArray:
-    square = J @ J.T
-    square[np.diag_indices(6)] += _DAMPING * np.trace(square) / 6.0
-    solution: FloatArray = J.T @ np.linalg.solve(square, motion)
-    return solution
-
-
-def _motion_between(X: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the small motion (6,) from a pose to a target: translation, rotation vector."""
-    R = target[:3, :3] @ X[:3, :3].T
-    turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return np.concatenate([target[:3, 3] - X[:3, 3], turn])
+def _step(J: FloatArray, motion: FloatArray) -> FloatArray:
+    return damped_step(J, motion, _DAMPING * np.trace(J @ J.T) / 6.0)
 
 
 def _angular_velocity(rpy: FloatArray, rate: FloatArray) -> FloatArray:

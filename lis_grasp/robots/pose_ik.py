@@ -225,12 +225,21 @@ class ArmIK:
             J, error = J * weights[:, None], error * weights
             # Less damping near the target, where the descent is to converge in few steps.
             damping = _DAMPING**2 * np.minimum(1.0, (error**2).sum(axis=1) / _NEAR**2) + 1e-8
-            square = J @ np.swapaxes(J, 1, 2) + damping[:, None, None] * np.eye(6)
-            step = (np.swapaxes(J, 1, 2) @ np.linalg.solve(square, error[..., None]))[..., 0]
+            step = damped_step(J, error, damping)
             largest = np.abs(step).max(axis=1, keepdims=True)
             step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-12))
             q[active] = np.clip(q[active] + step, self._lower, self._upper)
         return solved
+
+
+def damped_step(J: FloatArray, motion: FloatArray, damping: npt.ArrayLike) -> FloatArray:
+    """Return joint motions (..., J) for motions (..., 6) of a body, by damped least squares.
+
+    They are ``J' (J J' + damping)^-1 motion``, for Jacobians (..., 6, J) and dampings (...).
+    """
+    transposed = np.swapaxes(J, -1, -2)
+    square = J @ transposed + np.asarray(damping)[..., None, None] * np.eye(6)
+    return np.asarray((transposed @ np.linalg.solve(square, motion[..., None]))[..., 0])
 
 
 def pose_error(X: FloatArray, target: FloatArray) -> FloatArray:
