@@ -31,16 +31,10 @@ _SAME_VERTEX = 1e-6
 # A speck has less than this fraction of the largest part's volume; a sheet, of its own box's.
 _SPECK = 1e-5
 _SHEET = 1e-4
-# Closing a loop can, at worst, make an edge with too many faces; each round repairs the last one's.
-_ROUNDS = 5
 # A part is inside another if so many sampled places of it are.
 _PLACES = 50
 # A file with more holes is a heap of loose triangles.
 _MOST_HOLES = 2000
-
-
-# A flip can turn the neighbour into a sliver's neighbour; chains of them take some rounds.
-_FLIP_ROUNDS = 10
 
 
 def repair_mesh(vertices: FloatArray, faces: IntArray) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
@@ -158,38 +152,32 @@ def _is_closed_part(mesh: trimesh.Trimesh) -> BoolArray:
 
 def _close(mesh: trimesh.Trimesh, repairs: list[str]) -> trimesh.Trimesh:
     """Separate solids that touch, drop faces at non-manifold edges, fill holes."""
-    dropped = filled = 0
-    longest = 0.0
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    for round_ in range(_ROUNDS):
-        wanted = drop_fins(faces)
-        dropped += int((~wanted).sum())
-        faces = faces[wanted]
-        if not is_bad_edge(*edge_groups(faces)).any() and not len(boundary_loops(faces)):
-            break
-        if round_ == 0:
-            vertices, faces = split_at_shared_edges(vertices, faces)
+    kept = drop_fins(faces)
+    dropped, faces = int((~kept).sum()), faces[kept]
+    loops: list[IntArray] = []
+    longest = 0.0
+    if is_bad_edge(*edge_groups(faces)).any() or boundary_loops(faces):
+        vertices, faces = split_at_shared_edges(vertices, faces)
         edge, forward, count = edge_groups(faces)
         bad = is_bad_edge(edge, forward, count)[edge].any(axis=1)
-        dropped += int(bad.sum())
-        faces = faces[~bad]
+        dropped, faces = dropped + int(bad.sum()), faces[~bad]
         loops = boundary_loops(faces)
-        if len(loops) > _MOST_HOLES:
-            raise InvalidMeshError(
-                f"has {len(loops)} holes, as loose triangles do: merge vertices that belong"
-                " together, for example with MeshLab or Blender"
-            )
-        filled += len(loops)
-        for loop in loops:
-            closing, added = fill_loop(vertices, faces, loop)
-            ring = vertices[loop]
-            around = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()
-            longest = max(longest, float(around))
-            vertices, faces = np.concatenate([vertices, added]), np.concatenate([faces, closing])
+    if len(loops) > _MOST_HOLES:
+        raise InvalidMeshError(
+            f"has {len(loops)} holes, as loose triangles do: merge vertices that belong"
+            " together, for example with MeshLab or Blender"
+        )
+    for loop in loops:
+        closing, added = fill_loop(vertices, faces, loop)
+        ring = vertices[loop]
+        around = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum()
+        longest = max(longest, float(around))
+        vertices, faces = np.concatenate([vertices, added]), np.concatenate([faces, closing])
     if dropped:
         repairs.append(f"took away {_count(dropped, 'face')} at edges with more than two faces")
-    if filled:
-        holes = _count(filled, "hole")
+    if loops:
+        holes = _count(len(loops), "hole")
         repairs.append(f"closed {holes}, the largest {1e3 * longest:.0f} mm around")
     closed = trimesh.Trimesh(vertices, faces, process=False, validate=False)
     closed.remove_unreferenced_vertices()
@@ -259,22 +247,14 @@ def flip_slivers(vertices: FloatArray, faces: IntArray, *, height: float) -> tup
 
     Returns the faces (F, 3) in their order, and how many flips were made.
     """
-    faces, flips = np.array(faces), 0
-    for _ in range(_FLIP_ROUNDS):
-        heights = _heights(vertices, faces)
-        slivers = np.flatnonzero(heights < height)
-        if not len(slivers):
-            break
-        # The face on the left of each directed edge; an edge with two such is not manifold.
-        left = {}
-        for number, face in enumerate(faces.tolist()):
-            for k in range(3):
-                left[face[k], face[(k + 1) % 3]] = number
-        made = sum(_flip(vertices, faces, left, int(sliver)) for sliver in slivers)
-        flips += made
-        if not made:
-            break
-    return faces, flips
+    faces = np.array(faces)
+    slivers = np.flatnonzero(_heights(vertices, faces) < height)
+    # The face on the left of each directed edge; an edge with two such is not manifold.
+    left = {}
+    for number, face in enumerate(faces.tolist() if len(slivers) else []):
+        for k in range(3):
+            left[face[k], face[(k + 1) % 3]] = number
+    return faces, sum(_flip(vertices, faces, left, int(sliver)) for sliver in slivers)
 
 
 def _flip(

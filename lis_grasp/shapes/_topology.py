@@ -3,7 +3,7 @@
 Holes are filled by the triangulation of least area (G. Barequet, M. Sharir, "Filling gaps in the
 boundary of a polyhedron", Computer Aided Geometric Design 12, 1995): of all triangulations of a
 loop of vertices the one of least area, by dynamic programming. Least area does not fold over
-itself. A little weight on lengths avoids slivers where flat parts leave a choice.
+itself. Slivers count their squared edge lengths, which avoids them where flat parts leave a choice.
 """
 
 from __future__ import annotations
@@ -18,8 +18,6 @@ from lis_grasp.typing import BoolArray, FloatArray, IntArray
 _SAME_ANGLE = 1e-6
 
 
-# Squared edge lengths count this much against areas.
-_LENGTH_WEIGHT = 0.01
 # A triangle with less area than this fraction of its squared edge lengths is a sliver.
 _SLIVER = 1e-3
 # Time grows with the cube of the loop's length: half a second here, and a fan beyond it.
@@ -224,7 +222,7 @@ def _least_area(ring: FloatArray, forbidden: BoolArray) -> IntArray | None:
         area = 0.5 * np.linalg.norm(np.cross(ring[m] - ring[i], ring[j] - ring[i]), axis=-1)
         total = cost[i, m] + cost[m, j] + area
         lengths = squared[i, m] + squared[m, j] + squared[i, j]
-        total += np.where(area < _SLIVER * lengths, 1.0, _LENGTH_WEIGHT) * lengths
+        total += np.where(area < _SLIVER * lengths, lengths, 0.0)
         best = np.argmin(total, axis=1)
         rows = np.arange(n - span)
         cost[rows, rows + span] = np.where(forbidden[rows, rows + span], np.inf, total[rows, best])
