@@ -5,9 +5,6 @@
 Times are processor seconds, which depend less on other work of the machine.
 """
 
-from __future__ import annotations
-
-import argparse
 import time
 from collections.abc import Callable
 from functools import partial
@@ -22,12 +19,11 @@ from lis_grasp.grasping.contact_wrenches import WrenchModel
 from lis_grasp.grasping.epsilon import epsilon_by_expanding_polytope
 from lis_grasp.robots.collision import HandCollisionChecker
 from lis_grasp.robots.pose_filter import HandPoseFilter
+from lis_grasp_studies.harness.program import read_options
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--searches", type=int, default=10, help="of each object")
-    options = parser.parse_args()
+    options = read_options(__doc__, searches=10)  # of each object and hand
     rng = np.random.default_rng(0)
     qualities(rng)
     poses(rng)

@@ -206,7 +206,7 @@ def touches_to_mean(errors: np.ndarray) -> float:
 
 
 def print_means(errors: dict[str, np.ndarray]) -> None:
-    """Print the touches to a mean error of 2 mm, and `spread` against `uncertainty`."""
+    """Print the touches to a mean error of 2 mm."""
     rng, seeds = np.random.default_rng(0), errors["spread"].shape[1]
     drawn = rng.integers(seeds, size=(2000, seeds))
     draws = {p: np.array([touches_to_mean(e[:, d]) for d in drawn]) for p, e in errors.items()}
@@ -214,9 +214,6 @@ def print_means(errors: dict[str, np.ndarray]) -> None:
     for policy, values in errors.items():
         low, high = np.quantile(draws[policy], [0.025, 0.975], method="nearest")
         print(f"{policy:12s} {touches_to_mean(values):5.1f} ({low:.1f} to {high:.1f})")
-    reduction = 1.0 - touches_to_mean(errors["spread"]) / touches_to_mean(errors["uncertainty"])
-    low, high = np.quantile(1.0 - draws["spread"] / draws["uncertainty"], [0.025, 0.975])
-    print(f"spread below uncertainty: {reduction:.0%} ({low:.0%} to {high:.0%})\n")
 
 
 def plot(rows: Sequence[Row], path: Path) -> None:

@@ -1,6 +1,6 @@
 """Errors of estimators on contacts of a real robot's fingertips (iCub), against scanned models.
 
-    python benchmarks/bench_real_touches.py FOLDER --picture real_touches.png
+    python benchmarks/bench_real_touches.py FOLDER --picture real_touches.png [--pair SET=MODEL ...]
 
 FOLDER has measurements/*.off (points only, in the robot's root frame) and models/*.off; the page
 docs/real-touches.md says where to get it. The object's pose is unknown: the points are fitted to
@@ -8,9 +8,6 @@ the model (iterative closest points from many starts), for scoring only. Errors 
 squares within 30 mm of a contact, in millimetres: estimate to truth / truth to estimate.
 """
 
-from __future__ import annotations
-
-import argparse
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -20,13 +17,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
-from threadpoolctl import threadpool_limits
 
 from lis_grasp import Contacts, extract_mesh, surface_error
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.geometry import angle_between, apply_pose, make_pose
 from lis_grasp.shapes import Shape
 from lis_grasp.surfaces import ESTIMATORS, estimate_normals, load_contacts
+from lis_grasp_studies.harness.program import read_options
+from lis_grasp_studies.harness.runner import single_thread
+from lis_grasp_studies.harness.tables import Table
 
 MODELS = {"measCleaner_exp": "cleaner", "measRobot_exp": "robot"}
 EXPLORED = 0.03
@@ -77,22 +76,17 @@ def draw(axis: plt.Axes, mesh: trimesh.Trimesh, points: np.ndarray, title: str) 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, default=list(ESTIMATORS))
-    parser.add_argument(
-        "--pair",
-        action="append",
-        metavar="SET=MODEL",
-        help="a file of measurements/ and one of models/, without .off (default: the two known)",
+    options = read_options(
+        __doc__,
+        folder=Path,
+        estimators=list(ESTIMATORS),
+        pair=[f"{name}={model}" for name, model in MODELS.items()],
+        picture=Path,
     )
-    parser.add_argument("--picture", type=Path, metavar="PNG")
-    options = parser.parse_args()
-    pairs = dict(pair.split("=") for pair in options.pair) if options.pair else MODELS
+    pairs = dict(pair.split("=") for pair in options.pair)
+    body: list[tuple[str, ...]] = []
     rows, columns = len(pairs), len(options.estimators) + 1
     figure = plt.figure(figsize=(2.2 * columns, 2.4 * rows))
-    print("rms [mm] within 30 mm of a contact: estimate to truth / truth to estimate (seconds)")
-    print(f"{'set':18s}{'normals':24s}" + "".join(f"{name:>20s}" for name in options.estimators))
     for row, (name, model) in enumerate(pairs.items()):
         mesh = trimesh.load(options.folder / "models" / f"{model}.off")
         estimated = load_contacts(
@@ -134,7 +128,7 @@ def main() -> None:
                     found = extract_mesh(surface)
                     error = surface_error(found, truth, contacts, explored_radius=EXPLORED)
                 except LisGraspError as failure:
-                    cells.append(f"failed: {failure}"[:19])
+                    cells.append(f"failed: {failure}")
                     continue
                 both = 1e3 * error.rmsd, 1e3 * error.rmsd_truth_to_estimate
                 cells.append(f"{both[0]:.1f} / {both[1]:.1f} ({seconds:.1f})")
@@ -142,12 +136,15 @@ def main() -> None:
                     place = row * columns + column + 2
                     axis = figure.add_subplot(rows, columns, place, projection="3d")
                     draw(axis, found, points, f"{estimator}: {both[0]:.1f} / {both[1]:.1f} mm")
-            print(f"{name:18s}{kind:24s}" + "".join(f"{cell:>20s}" for cell in cells), flush=True)
+            body.append((name, kind, *cells))
+    title = "rms [mm] within 30 mm of a contact: estimate to truth / truth to estimate (seconds)"
+    head = ("set", "normals", *options.estimators)
+    print(Table("real_touches", title, head, tuple(body)).text())
     if options.picture:
         figure.savefig(options.picture, dpi=200, bbox_inches="tight")
         print(f"wrote {options.picture}")
 
 
 if __name__ == "__main__":
-    with threadpool_limits(1):
+    with single_thread():
         main()

@@ -3,7 +3,8 @@
     python benchmarks/bench_run.py box cylinder mallet --seeds 3 --run "--estimator patch"
 
 `--run` has options of `run`, such as "--known" for objects of known place and size, touched in the
-air. Objects are built-in names, mesh files, or names of test objects of the studies; `tools` stands
+air, or "--arm iiwa14 --hand allegro"; then contacts and limits that an arm violates are counted.
+Objects are built-in names, mesh files, or names of test objects of the studies; `tools` stands
 for eight tools and flat things. Each run is a process of its own, as for a user; the same command
 continues in its folder. The interval is the 95 % score interval (Wilson 1927).
 """
@@ -19,6 +20,7 @@ from tempfile import TemporaryDirectory
 
 from lis_grasp import shapes
 from lis_grasp.io.json_lines import Row
+from lis_grasp.lifting.arm_use import violations
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.program import read_options
 from lis_grasp_studies.harness.statistics import rate_with_interval
@@ -46,17 +48,28 @@ def run(trial: RunTrial, options: str) -> Row:
             return {"held": False, "reason": done.stderr.strip().splitlines()[-1]}
         report = json.loads(Path(folder, "report.json").read_text())
     lift, exploration = report["lift"], report["exploration"]
+    arm = report.get("arm") or {}
+    uses = [arm.get("touches"), *(attempt.get("arm") for attempt in report["attempts"])]
+    uses = [use for use in uses if use is not None]
     return {
         **{name: lift.get(name) for name in ("held", "reason", "slip")},
         "touches": exploration["contacts"],
         "motion": exploration["seconds"],
         "rmsd": report["surface"]["rmsd"],
         "seconds": report["timings"]["total"],
+        "violations": violations(uses),
+        "effort": max((use["effort"] for use in uses), default=None),
+        "speed": max((use["speed"] for use in uses), default=None),
     }
 
 
 def held(rows: Sequence[Row]) -> str:
     return rate_with_interval(sum(row["held"] for row in rows), len(rows))
+
+
+def held_within_limits(rows: Sequence[Row]) -> str:
+    good = [row for row in rows if row["held"] and not row["violations"]]
+    return rate_with_interval(len(good), len(rows))
 
 
 def reasons(rows: Sequence[Row]) -> str:
@@ -73,6 +86,9 @@ def main() -> None:
     rows = experiment.complete(trials, [options.run], file, jobs=options.jobs)
     columns = [
         ("held (95 %)", held),
+        ("without violation", held_within_limits),
+        ("effort", median_cell("effort", digits=2)),
+        ("speed", median_cell("speed", digits=2)),
         ("touches", median_cell("touches", digits=0)),
         ("motion [s]", median_cell("motion", digits=0)),
         ("rmsd [mm]", median_cell("rmsd", 1e3, 2)),

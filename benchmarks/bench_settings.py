@@ -13,8 +13,8 @@ from functools import partial
 import numpy as np
 
 from lis_grasp_studies.contact_study.contact_sets import ContactSet, development_sets
-from lis_grasp_studies.contact_study.ratios import FLOOR
 from lis_grasp_studies.contact_study.score import score_estimate
+from lis_grasp_studies.contact_study.tables import FLOOR
 from lis_grasp_studies.estimators import COMPETITORS, OURS, Maker, given_noise
 from lis_grasp_studies.harness.program import read_options
 from lis_grasp_studies.harness.runner import single_thread

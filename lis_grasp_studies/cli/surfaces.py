@@ -84,10 +84,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, and write the tables."""
-    from lis_grasp_studies.contact_study.cases import CASES
+    from lis_grasp_studies.contact_study.contact_sets import CASES
     from lis_grasp_studies.contact_study.report import write_contact_report
-    from lis_grasp_studies.contact_study.score import TRUTH
-    from lis_grasp_studies.contact_study.trials import SURFACES, surface_trials
+    from lis_grasp_studies.contact_study.score import SURFACES, TRUTH, surface_trials
     from lis_grasp_studies.harness.rows import TrialResults
     from lis_grasp_studies.harness.runner import local_scheduler
 
@@ -168,18 +167,14 @@ def _shapes(options: argparse.Namespace) -> list[str]:
 
 
 def _command(options: argparse.Namespace) -> str:
-    words = ["lis-grasp", "surfaces"]
-    words += ["--quick"] if options.quick else []
-    words += ["--shapes", options.shapes] if options.shapes != _SETS[0] else []
-    for name in ("families", "estimators"):
-        values = getattr(options, name)
-        words += [f"--{name}", *values] if values else []
+    """Return the command with its options that are not their defaults."""
+    defaults = {"shapes": _SETS[0], "reference": _REFERENCE, "box": "contacts", "seeds": 1}
+    names = ("shapes", "families", "estimators", "meshes", "subject", "part")
+    words = ["lis-grasp", "surfaces", *(["--quick"] if options.quick else [])]
+    for name in (*names, "reference", "box", "seeds"):
+        value = getattr(options, name)
+        if value is not None and value != defaults.get(name):
+            words += [f"--{name}", *map(str, value if isinstance(value, list) else [value])]
     for value in options.estimator or ():
         words += ["--estimator", value]
-    for name in ("meshes", "subject", "part"):
-        value = getattr(options, name)
-        words += [f"--{name}", str(value)] if value is not None else []
-    words += ["--reference", options.reference] if options.reference != _REFERENCE else []
-    words += ["--box", options.box] if options.box != "contacts" else []
-    words += ["--seeds", str(options.seeds)] if options.seeds != 1 else []
     return shlex.join(words)

@@ -7,14 +7,15 @@ from pathlib import Path
 
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.json_lines import Row
-from lis_grasp_studies.contact_study.ratios import FLOOR, error_ratios
 from lis_grasp_studies.contact_study.score import CELLS, EXPLORED, TRUTH
 from lis_grasp_studies.contact_study.tables import (
+    FLOOR,
     WORST,
     by_family_table,
     by_kind_table,
     by_object_table,
     calibration_table,
+    error_ratios,
     error_table,
     losses_table,
     with_truth,

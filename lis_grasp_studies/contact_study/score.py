@@ -1,9 +1,12 @@
-"""Score of one estimate: errors, calibration of its uncertainty, and the time of the fit."""
+"""Scores of estimates: errors, calibration, time of the fit; the experiment of contact sets."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -15,14 +18,21 @@ from lis_grasp.evaluation.surface_error import surface_error
 from lis_grasp.evaluation.surface_samples import sample_mesh
 from lis_grasp.exceptions import LisGraspError
 from lis_grasp.exploration import STEP_FRACTION
+from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.solids import solid_of
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.contact_places import padded_bounds, spacing_of
 from lis_grasp.typing import FloatArray
-from lis_grasp_studies.contact_study.contact_sets import ContactSet
-from lis_grasp_studies.estimators import NoisyEstimator
+from lis_grasp_studies.contact_study.contact_sets import (
+    ContactCase,
+    ContactSet,
+    balanced,
+    contact_set,
+)
+from lis_grasp_studies.estimators import TUNED, NoisyEstimator, compared_estimator
+from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.test_objects.solid_modelling import Solid, mesh_of
 
 CELLS = 48
@@ -168,3 +178,49 @@ def _failed(data: ContactSet, seconds: float, reason: str) -> EstimateScore:
     edge = radius if len(data.shape.edges) else None
     text = " ".join(reason.split())
     return EstimateScore(radius, radius, edge, 0.5 * np.pi, None, None, None, None, seconds, text)
+
+
+_contacts_of = lru_cache(maxsize=1)(contact_set)  # of all estimators of a trial
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceTrial:
+    """One contact set and the box that its estimates are meshed in."""
+
+    shape: str
+    """Name of a test object, or path of a mesh file."""
+    case: ContactCase
+    seed: int
+    box: Box
+
+    def facts(self) -> Row:
+        """Return the columns that identify the trial."""
+        name, case = Path(self.shape).stem, self.case.name
+        return {"object": name, "case": case, "seed": self.seed, "box": self.box}
+
+
+def surface_trials(
+    shapes: Sequence[str], cases: Sequence[ContactCase], *, part: int, seeds: int, box: Box
+) -> list[SurfaceTrial]:
+    """Return the trials of some shapes: each meets one case of `part`, the same for every seed."""
+    pairs = balanced(shapes, cases, part)
+    return [SurfaceTrial(shape, case, seed, box) for seed in range(seeds) for shape, case in pairs]
+
+
+def score_trial(trial: SurfaceTrial, estimator: str) -> Row:
+    """Return the `EstimateScore` of an estimator, and facts of its contact set."""
+    data: ContactSet = _contacts_of(trial.shape, trial.case, trial.seed)
+    if estimator == TRUTH:
+        score = score_truth(data, box=trial.box)
+    else:
+        score = score_estimate(compared_estimator(estimator, TUNED), data, box=trial.box)
+    facts = {"family": data.family, "kind": trial.case.kind}
+    return facts | {"contacts": len(data.contacts), "size": data.shape.size} | asdict(score)
+
+
+def _source(estimator: str) -> str:
+    return "" if estimator == TRUTH else TUNED.digest(estimator)
+
+
+SURFACES = Experiment("surfaces", score_trial, SurfaceTrial.facts, source=_source)
+"""The study of surfaces."""

@@ -17,7 +17,6 @@ from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.figures import palette, style
-from lis_grasp_studies.figures.figure_inputs import COLUMNS, estimated_mesh, view_of, view_on
 from lis_grasp_studies.figures.painter import (
     View,
     cut_segments,
@@ -25,7 +24,15 @@ from lis_grasp_studies.figures.painter import (
     overlay_lines,
     paint,
 )
-from lis_grasp_studies.figures.solids import LIFT, contact_patches, two_tone_patches
+from lis_grasp_studies.figures.solids import (
+    COLUMNS,
+    LIFT,
+    contact_patches,
+    estimated_mesh,
+    two_tone_patches,
+    view_of,
+    view_on,
+)
 from lis_grasp_studies.paper.trials import EXPLORED_RADIUS, explored
 
 _TOP, _BOTTOM = 0.35, 0.62  # heights [in] above and below all rows

@@ -15,7 +15,6 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import PatchImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 from lis_grasp_studies.figures import palette
-from lis_grasp_studies.figures.figure_inputs import view_of, view_on
 from lis_grasp_studies.figures.painter import (
     View,
     frame_of,
@@ -29,6 +28,8 @@ from lis_grasp_studies.figures.solids import (
     sharp_patches,
     solid_patches,
     two_tone_patches,
+    view_of,
+    view_on,
 )
 from lis_grasp_studies.figures.style import NORMAL, add_panel, foot_note, new_figure
 from lis_grasp_studies.paper.trials import EXPLORED_RADIUS, explored

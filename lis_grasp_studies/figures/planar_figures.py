@@ -22,14 +22,15 @@ from lis_grasp.surfaces import ImplicitSurface, LocalImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import Beta
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.figures import palette, style
-from lis_grasp_studies.figures.figure_inputs import (
+from lis_grasp_studies.figures.painter import View, frame_of, paint
+from lis_grasp_studies.figures.solids import (
     COLUMNS,
     KERNEL_WIDTH,
+    contact_patches,
     estimate,
     estimated_mesh,
+    solid_patches,
 )
-from lis_grasp_studies.figures.painter import View, frame_of, paint
-from lis_grasp_studies.figures.solids import contact_patches, solid_patches
 
 _NODES = 301  # of the grid along its longer side
 

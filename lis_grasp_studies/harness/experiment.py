@@ -13,11 +13,6 @@ from lis_grasp_studies.harness.rows import Job, TrialResults, missing_jobs
 from lis_grasp_studies.harness.runner import Scheduler, local_scheduler, run_trials, single_thread
 
 
-def no_source(variant: str) -> str:
-    """Return an empty digest, for variants that no plug-in makes."""
-    return ""
-
-
 @dataclass(frozen=True, slots=True)
 class Experiment:
     """A way to measure trials, each in several variants such as estimators.
@@ -35,20 +30,22 @@ class Experiment:
     """Returns the columns of a row that identify its trial: texts and numbers."""
     variant: str = "estimator"
     """Column of the variant's name."""
-    source: Callable[[str], str] = no_source
+    source: Callable[[str], str] | None = None
     """Returns a digest of a variant's source if a plug-in makes it."""
+    modules: tuple[str, ...] = ()
+    """Modules whose numerical libraries are limited to one thread too, such as Drake's."""
 
     def key(self, trial: Any, variant: str) -> tuple[Any, ...]:
         """Return the key of a row."""
-        return *self.facts(trial).values(), variant, self.source(variant)
+        return *self.facts(trial).values(), variant, self._digest(variant)
 
     def run(self, job: Job) -> list[Row]:
         """Return the rows of a job, made with one thread."""
         rows: list[Row] = []
-        with single_thread():
+        with single_thread(*self.modules):
             for name in job.variants:
                 facts = self.facts(job.trial) | {self.variant: name}
-                source = self.source(name)
+                source = self._digest(name)
                 facts |= {"source": source} if source else {}
                 measured = self.measure(job.trial, name)
                 measured = [measured] if isinstance(measured, dict) else measured
@@ -95,6 +92,9 @@ class Experiment:
             print(f"\r{self.kind}: {done} of {total} trials", end="", file=sys.stderr, flush=True)
         print(file=sys.stderr)
         return self.rows(trials, variants, results)
+
+    def _digest(self, variant: str) -> str:
+        return self.source(variant) if self.source else ""
 
     def _key_of(self, row: Row, trial: Any) -> tuple[Any, ...]:
         names = (*self.facts(trial), self.variant)

@@ -11,6 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -171,11 +172,14 @@ def local_scheduler(jobs: int | None) -> Scheduler:
 
 
 @contextmanager
-def single_thread() -> Iterator[None]:
-    """Limit numerical libraries that are loaded to one thread, and run one block at a time.
+def single_thread(*modules: str) -> Iterator[None]:
+    """Limit numerical libraries to one thread, and run one block at a time.
 
-    Sums then have the same order on every machine, also in a Dask worker with more threads.
+    Sums then have the same order on every machine, also in a Dask worker with more threads. Only
+    libraries that are loaded can be limited: those of these modules are, and are loaded first.
     """
+    for name in modules:
+        import_module(name)
     with _ALONE, threadpool_limits(1):
         yield
 

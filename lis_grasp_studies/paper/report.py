@@ -16,8 +16,8 @@ from lis_grasp_studies.figures import CHART_CAPTIONS, FIGURES, charts, png_of
 from lis_grasp_studies.harness.page import Picture, write_page
 from lis_grasp_studies.harness.statistics import MeasureTable
 from lis_grasp_studies.paper import tables
-from lis_grasp_studies.paper.contacts import NOISE_LEVELS
 from lis_grasp_studies.paper.tables import experiment_table
+from lis_grasp_studies.paper.trials import NOISE_LEVELS
 
 _EXPERIMENTS = {
     "whole": "Fully explored objects",

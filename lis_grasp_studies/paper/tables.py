@@ -18,8 +18,7 @@ from lis_grasp_studies.estimators import Noise, compared_estimator
 from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.statistics import MeasureTable, measure_table
 from lis_grasp_studies.harness.tables import Table, rows_csv
-from lis_grasp_studies.paper.contacts import NOISE_LEVELS
-from lis_grasp_studies.paper.trials import WITHIN, explored
+from lis_grasp_studies.paper.trials import NOISE_LEVELS, WITHIN, explored
 
 # Measure, heading, factor to what is printed.
 _MEASURES = (

@@ -19,15 +19,16 @@ from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.figures.static_scene import draw_still
 from lis_grasp_studies.figures.style import add_panel, foot_note, head_estimator, new_figure
 from lis_grasp_studies.harness.page import Picture
+from lis_grasp_studies.harness.runner import single_thread
 from lis_grasp_studies.study.comparison import clearest_pairs
 from lis_grasp_studies.study.results import job_of
 from lis_grasp_studies.study.run import (
+    DRAKE,
     estimate,
     lift,
     plan,
     scenario_at,
     shape_at,
-    single_threaded_drake,
     touch,
 )
 from lis_grasp_studies.study.trial import label
@@ -65,7 +66,7 @@ def _repeat(row: Row, files: Sequence[str]) -> dict[str, Any] | None:
         return None
     try:
         trial = job_of(row, files).trial
-        with single_threaded_drake():
+        with single_thread(DRAKE):
             shape, hand = trial.find_object(), Hand.load(trial.hand)
             touched = touch(trial, trial.explorer(row["estimator"]))
             mesh = estimate(trial, row["estimator"], touched.contacts)

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
@@ -55,6 +54,9 @@ if TYPE_CHECKING:
 NO_GRASP, FAILED = "no_grasp", "failed"
 """Reasons of rows without a lift."""
 
+DRAKE = "lis_grasp.simulation.drake.lift"
+"""Module that loads Drake, for `single_thread`."""
+
 TIMES = ("seconds_touch", "seconds_estimate", "seconds_grasp", "seconds_lift")
 """Columns that differ between equal trials."""
 
@@ -64,17 +66,8 @@ MACHINE = "versions"
 
 def run_trial(job: Job) -> list[Row]:
     """Return a row for each estimator of a job of a study's `Trial`."""
-    with single_threaded_drake():
+    with single_thread(DRAKE):
         return list(_rows(job))
-
-
-@contextmanager
-def single_threaded_drake() -> Iterator[None]:
-    """Limit numerical libraries to one thread, and those of Drake too; see `single_thread`."""
-    # Only libraries that are loaded can be limited.
-    import_module("lis_grasp.simulation.drake.lift")
-    with single_thread():
-        yield
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,12 +17,10 @@ import numpy as np
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.shapes import Shape
-from lis_grasp_studies.test_objects import curved_solids as curved
 from lis_grasp_studies.test_objects import mixed_solids as mixed
 from lis_grasp_studies.test_objects import organic_solids as organic
-from lis_grasp_studies.test_objects import prismatic_solids as prismatic
+from lis_grasp_studies.test_objects import simple_solids as simple
 from lis_grasp_studies.test_objects import thin_solids as thin
-from lis_grasp_studies.test_objects import tools
 from lis_grasp_studies.test_objects.solid_modelling import Solid, mesh_of
 
 Family = Literal["prismatic", "curved", "organic", "mixed", "thin", "scans"]
@@ -62,14 +60,14 @@ DEVELOPMENT: Mapping[Family, tuple[str, ...]] = MappingProxyType(
 _EVALUATION: Mapping[Family, tuple[Callable[[], Solid], ...]] = MappingProxyType(
     {
         "prismatic": (
-            *(prismatic.roof, prismatic.truncated_pyramid, prismatic.dodecahedron),
-            *(prismatic.t_profile, prismatic.u_channel, prismatic.star_prism),
-            *(prismatic.faceted_rock, prismatic.gear, prismatic.corner_cube),
+            *(simple.roof, simple.truncated_pyramid, simple.dodecahedron),
+            *(simple.t_profile, simple.u_channel, simple.star_prism),
+            *(simple.faceted_rock, simple.gear, simple.corner_cube),
         ),
         "curved": (
-            *(curved.cone, curved.capsule, curved.lens, curved.bottle, curved.hourglass),
-            *(curved.cut_ellipse, curved.dome, curved.stepped_shaft, curved.quarter_ring),
-            *(curved.goblet, curved.saddle_block),
+            *(simple.cone, simple.capsule, simple.lens, simple.bottle, simple.hourglass),
+            *(simple.cut_ellipse, simple.dome, simple.stepped_shaft, simple.quarter_ring),
+            *(simple.goblet, simple.saddle_block),
         ),
         "organic": (
             *(organic.egg, organic.pear, organic.banana, organic.potato, organic.peanut),
@@ -96,7 +94,7 @@ TOOLS = ("hammer", "screwdriver", "clamp", "plate", "ruler", "key", "spoon", "pe
 """Names of tools and flat things, for lifts of long and low objects."""
 
 _DEVELOPMENT_ONLY = (
-    *(prismatic.l_bracket, prismatic.stairs, curved.vase, curved.pinched),
+    *(simple.l_bracket, simple.stairs, simple.vase, simple.pinched),
     *(organic.lumpy, organic.bean, organic.dumbbell),
     *(mixed.rounded_box, mixed.screw, mixed.socket, thin.plate, thin.hook, thin.dish),
 )
@@ -107,7 +105,7 @@ _BUILDERS: Mapping[str, Callable[[], Solid]] = MappingProxyType(
         for build in (
             *_DEVELOPMENT_ONLY,
             *(b for some in _EVALUATION.values() for b in some),
-            *(tools.clamp, tools.ruler, tools.key, tools.pen),
+            *(thin.clamp, thin.ruler, thin.key, thin.pen),
         )
     }
 )

@@ -25,9 +25,8 @@ from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.program import read_options
 from lis_grasp_studies.harness.statistics import clustered_p_value, objects_of
 from lis_grasp_studies.harness.tables import NONE, Column, Table, grouped_table
-from lis_grasp_studies.study.cells import p_value
-from lis_grasp_studies.study.pairs import Pairs, difference, gains, rows_of
-from lis_grasp_studies.study.run import estimate, plan, scenario_at, touch
+from lis_grasp_studies.study.cells import Pairs, difference, gains, p_value, rows_of
+from lis_grasp_studies.study.run import DRAKE, estimate, plan, scenario_at, touch
 from lis_grasp_studies.study.trial import Trial, columns_of
 from lis_grasp_studies.test_objects.shape_sets import TOOLS
 from lis_grasp_studies.unknown_study.definition import SCANS, study_trials
@@ -93,7 +92,7 @@ def measure(trial: Trial, name: str) -> Row:
     }
 
 
-PARTS = Experiment("parts", measure, columns_of, variant="variant")
+PARTS = Experiment("parts", measure, columns_of, variant="variant", modules=(DRAKE,))
 """The experiment of this file."""
 
 

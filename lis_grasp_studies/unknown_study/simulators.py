@@ -25,9 +25,18 @@ from lis_grasp_studies.figures.palette import estimator_label
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.program import read_options
 from lis_grasp_studies.harness.tables import NONE, Column, Table, grouped_table, split, where
+from lis_grasp_studies.study.cells import difference
 from lis_grasp_studies.study.comparison import names, pairs_of
-from lis_grasp_studies.study.pairs import difference
-from lis_grasp_studies.study.run import FAILED, NO_GRASP, estimate, lift, plan, shape_at, touch
+from lis_grasp_studies.study.run import (
+    DRAKE,
+    FAILED,
+    NO_GRASP,
+    estimate,
+    lift,
+    plan,
+    shape_at,
+    touch,
+)
 from lis_grasp_studies.study.trial import TRUTH, Trial, columns_of
 from lis_grasp_studies.unknown_study.definition import SEEDS, study_trials
 
@@ -105,8 +114,8 @@ def lift_changed(trial: Trial, estimator: str) -> list[Row]:
     ]
 
 
-BOTH = Experiment("simulators", lift_in_both, columns_of)
-LIMITS = Experiment("limits", lift_changed, columns_of)
+BOTH = Experiment("simulators", lift_in_both, columns_of, modules=(DRAKE,))
+LIMITS = Experiment("limits", lift_changed, columns_of, modules=(DRAKE,))
 """All grasps in both simulators; and again where these disagree."""
 
 

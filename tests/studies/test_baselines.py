@@ -15,7 +15,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp_studies.baselines import BASELINES
-from lis_grasp_studies.paper.contacts import walk_surface
+from lis_grasp_studies.paper.trials import walk_surface
 
 NEEDS = {"offset_gp": "sklearn", "poisson": "pymeshlab", "rimls": "pymeshlab", "apss": "pymeshlab"}
 ALWAYS = [name for name in BASELINES if name not in NEEDS]

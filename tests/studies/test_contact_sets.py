@@ -12,8 +12,13 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.exploration import POLICIES
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
-from lis_grasp_studies.contact_study.cases import CASES, KINDS, ContactCase
-from lis_grasp_studies.contact_study.contact_sets import balanced, contact_set
+from lis_grasp_studies.contact_study.contact_sets import (
+    CASES,
+    KINDS,
+    ContactCase,
+    balanced,
+    contact_set,
+)
 from lis_grasp_studies.contact_study.draws import CLUSTER_RADIUS, DRAWS, EXPLORATIONS
 from lis_grasp_studies.contact_study.score import (
     EXPLORED,

@@ -12,15 +12,16 @@ import pytest
 
 from lis_grasp.cli.main import main
 from lis_grasp.surfaces import GaussianProcessImplicitSurface
-from lis_grasp_studies.contact_study.cases import ContactCase
-from lis_grasp_studies.contact_study.contact_sets import contact_set
-from lis_grasp_studies.contact_study.ratios import FLOOR, error_ratios, summarise
+from lis_grasp_studies.contact_study.contact_sets import ContactCase, contact_set
 from lis_grasp_studies.contact_study.score import score_truth
 from lis_grasp_studies.contact_study.tables import (
+    FLOOR,
     by_family_table,
     by_object_table,
     calibration_table,
+    error_ratios,
     losses_table,
+    summarise,
 )
 from lis_grasp_studies.estimators import COMPETITORS, TUNED, compared_estimator
 

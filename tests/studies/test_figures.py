@@ -36,7 +36,6 @@ from lis_grasp_studies.figures import (
 )
 from lis_grasp_studies.figures.convexity_figures import angular_kernel, around
 from lis_grasp_studies.figures.error_figures import error_lines
-from lis_grasp_studies.figures.figure_inputs import view_on
 from lis_grasp_studies.figures.object_figures import _owners, patch_map
 from lis_grasp_studies.figures.painter import (
     Patches,
@@ -67,7 +66,7 @@ from lis_grasp_studies.figures.planar_figures import (
     planar_contacts,
     step_contacts,
 )
-from lis_grasp_studies.figures.solids import two_tone_patches
+from lis_grasp_studies.figures.solids import two_tone_patches, view_on
 from lis_grasp_studies.paper.trials import explored
 
 LOOK = View(np.deg2rad(25.0), np.deg2rad(30.0))

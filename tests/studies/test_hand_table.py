@@ -6,8 +6,7 @@ import pytest
 import yaml
 
 from lis_grasp.robots.shipped_models import model_path
-from lis_grasp_studies import hand_table as module
-from lis_grasp_studies.hand_table import hand_table
+from lis_grasp_studies.hand_table import HandTable
 
 
 def test_a_hand_without_its_model_has_a_line_that_says_how_to_get_it(
@@ -15,7 +14,7 @@ def test_a_hand_without_its_model_has_a_line_that_says_how_to_get_it(
 ) -> None:
     for variable in ("LIS_GRASP_MODELS", "ROS_PACKAGE_PATH"):
         monkeypatch.delenv(variable, raising=False)
-    table = hand_table(["shadow"], ["box"], seeds=1, touches=5, output=tmp_path)
+    table = HandTable(["shadow"], ["box"], seeds=1, touches=5).run(tmp_path)
     document = yaml.safe_load(model_path("hands/vendors/shadow.yaml").read_text())
     assert document["model_from"] in table
     assert not list(tmp_path.iterdir())  # nothing was run
@@ -33,7 +32,7 @@ def test_the_table_counts_held_trials_of_each_hand(
             ("barrett", False, 7.0),
         ]
     ]
-    monkeypatch.setattr(module, "_rows", lambda *_: rows)
-    table = hand_table(["wsg50", "barrett"], ["box"], seeds=1, touches=5, output=tmp_path)
+    monkeypatch.setattr(HandTable, "_rows", lambda *_: rows)
+    table = HandTable(["wsg50", "barrett"], ["box"], seeds=1, touches=5).run(tmp_path)
     assert "| `wsg50` | ok | 3 s | 2 of 3 |" in table
     assert "| `barrett` | ok | 7 s | 0 of 1 |" in table

@@ -22,12 +22,14 @@ from lis_grasp_studies.estimators import OURS, Noise, compared_estimator
 from lis_grasp_studies.harness.rows import Job, TrialResults
 from lis_grasp_studies.harness.runner import local_scheduler
 from lis_grasp_studies.harness.statistics import measure_table
-from lis_grasp_studies.paper.contacts import (
+from lis_grasp_studies.paper.trials import (
     NOISE_LEVELS,
+    PAPER,
+    PaperTrial,
+    paper_trials,
     touch_wedge,
     wedge,
 )
-from lis_grasp_studies.paper.trials import PAPER, PaperTrial, paper_trials
 
 MEANS = {"lis": 1.0, "gpis": 2.0}
 WEDGE = [PaperTrial("wedge", "0", 0), PaperTrial("wedge", "2", 0), PaperTrial("wedge", "2", 1)]

@@ -15,9 +15,8 @@ from lis_grasp_studies.baselines.oriented_primitives import (
     planes_at,
     spheres_through,
 )
-from lis_grasp_studies.baselines.primitive_ransac import extract_primitives
-from lis_grasp_studies.contact_study.cases import ContactCase
-from lis_grasp_studies.contact_study.contact_sets import contact_set
+from lis_grasp_studies.baselines.primitive_csg_surface import extract_primitives
+from lis_grasp_studies.contact_study.contact_sets import ContactCase, contact_set
 from lis_grasp_studies.contact_study.score import score_estimate
 from lis_grasp_studies.estimators import Noise
 
