@@ -142,8 +142,9 @@ def test_the_simulators_do_not_use_each_other() -> None:
     assert not {(a, b) for a, b in pairs if {a, b} == folders}
 
 
-def test_a_private_file_is_imported_in_its_own_folder_only() -> None:
-    for module, target in _import_graph().edges:
+@pytest.mark.parametrize("package", [PACKAGE, STUDIES])
+def test_a_private_file_is_imported_in_its_own_folder_only(package: Path) -> None:
+    for module, target in _import_graph(package).edges:
         folder, _, name = target.rpartition(".")
         if name.startswith("_"):
             assert module == folder or module.startswith(f"{folder}."), f"{module}: {target}"

@@ -13,7 +13,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
 from lis_grasp.surfaces.queries import flat_points, map_rows
 from lis_grasp.typing import FloatArray
-from lis_grasp_studies.baselines.baseline_support import BaselineSurface, Support
+from lis_grasp_studies.baselines._support import BaselineSurface, Support
 
 # Numbers held at once by an evaluation.
 _CHUNK = 2_000_000

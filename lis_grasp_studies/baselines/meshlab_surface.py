@@ -15,7 +15,7 @@ from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
-from lis_grasp_studies.baselines.baseline_support import BaselineSurface, Support
+from lis_grasp_studies.baselines._support import BaselineSurface, Support
 
 # Cells along the box, and support of a point in MeshLab's estimate of the spacing: on the eight
 # objects 1.5 is sharper at edges (RIMLS 1.9 mm instead of 2.9) but has larger phantom sheets, 3

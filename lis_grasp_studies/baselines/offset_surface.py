@@ -17,7 +17,7 @@ from lis_grasp.exceptions import EstimationError
 from lis_grasp.io.optional_packages import needed_package
 from lis_grasp.surfaces.queries import flat_points
 from lis_grasp.typing import FloatArray
-from lis_grasp_studies.baselines.baseline_support import BaselineSurface, Support
+from lis_grasp_studies.baselines._support import BaselineSurface, Support
 
 Predict = Callable[[FloatArray], FloatArray]
 Fit = Callable[[FloatArray, FloatArray], Predict]

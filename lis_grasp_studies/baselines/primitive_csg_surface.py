@@ -13,8 +13,7 @@ from scipy.optimize import least_squares
 from lis_grasp.contacts import Contacts
 from lis_grasp.surfaces.queries import flat_points, map_rows
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
-from lis_grasp_studies.baselines.baseline_support import BaselineSurface, Support
-from lis_grasp_studies.baselines.oriented_primitives import (
+from lis_grasp_studies.baselines._oriented_primitives import (
     PARAMETERS,
     Primitives,
     cones_through,
@@ -23,6 +22,7 @@ from lis_grasp_studies.baselines.oriented_primitives import (
     planes_through,
     spheres_through,
 )
+from lis_grasp_studies.baselines._support import BaselineSurface, Support
 
 # Minimal sets drawn of two and of three points; all pairs of up to 64 points.
 _PAIRS, _TRIPLES = 2016, 1000

@@ -17,6 +17,7 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import FloatArray
 from lis_grasp.visualization.colours import ColourScale, viridis
+from lis_grasp_studies.figures._solids import VIEW, contact_patches, solid_patches
 from lis_grasp_studies.figures.painter import (
     Patches,
     View,
@@ -26,7 +27,6 @@ from lis_grasp_studies.figures.painter import (
     paint,
 )
 from lis_grasp_studies.figures.palette import EDGE, SURFACE, TRUTH, rgba
-from lis_grasp_studies.figures.solids import VIEW, contact_patches, solid_patches
 
 _PAINTED = 0.2  # extent of objects that the painter's lines and points are made for [m]
 _PALM, _LINK, _PAD = "#5c6470", "#8a929e", "#efede7"

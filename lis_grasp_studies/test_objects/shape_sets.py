@@ -17,10 +17,10 @@ import numpy as np
 from lis_grasp import shapes
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.shapes import Shape
-from lis_grasp_studies.test_objects import mixed_solids as mixed
-from lis_grasp_studies.test_objects import organic_solids as organic
-from lis_grasp_studies.test_objects import simple_solids as simple
-from lis_grasp_studies.test_objects import thin_solids as thin
+from lis_grasp_studies.test_objects import _mixed as mixed
+from lis_grasp_studies.test_objects import _organic as organic
+from lis_grasp_studies.test_objects import _simple as simple
+from lis_grasp_studies.test_objects import _thin as thin
 from lis_grasp_studies.test_objects.solid_modelling import Solid, mesh_of
 
 Family = Literal["prismatic", "curved", "organic", "mixed", "thin", "scans"]

@@ -34,9 +34,17 @@ from lis_grasp_studies.figures import (
     curve_panels,
     png_of,
 )
-from lis_grasp_studies.figures.convexity_figures import angular_kernel, around
-from lis_grasp_studies.figures.error_figures import error_lines
-from lis_grasp_studies.figures.object_figures import _owners, patch_map
+from lis_grasp_studies.figures._convexity import angular_kernel, around
+from lis_grasp_studies.figures._errors import error_lines
+from lis_grasp_studies.figures._objects import _owners, patch_map
+from lis_grasp_studies.figures._planar import (
+    OUTLINE,
+    convexity_towards,
+    draw_field,
+    planar_contacts,
+    step_contacts,
+)
+from lis_grasp_studies.figures._solids import two_tone_patches, view_on
 from lis_grasp_studies.figures.painter import (
     Patches,
     View,
@@ -59,14 +67,6 @@ from lis_grasp_studies.figures.palette import (
     estimator_label,
     rgba,
 )
-from lis_grasp_studies.figures.planar_figures import (
-    OUTLINE,
-    convexity_towards,
-    draw_field,
-    planar_contacts,
-    step_contacts,
-)
-from lis_grasp_studies.figures.solids import two_tone_patches, view_on
 from lis_grasp_studies.paper.trials import explored
 
 LOOK = View(np.deg2rad(25.0), np.deg2rad(30.0))

@@ -8,7 +8,7 @@ from random_directions import random_directions
 from scipy.spatial.transform import Rotation
 
 from lis_grasp_studies.baselines import PrimitiveCSGSurface
-from lis_grasp_studies.baselines.oriented_primitives import (
+from lis_grasp_studies.baselines._oriented_primitives import (
     Primitives,
     cones_through,
     cylinders_through,

@@ -13,6 +13,7 @@ from lis_grasp.geometry import tangent_frame
 from lis_grasp.surfaces import LocalImplicitSurface
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.figures import palette, style
+from lis_grasp_studies.figures._solids import KERNEL_WIDTH, LIFT, solid_patches, view_of
 from lis_grasp_studies.figures.painter import (
     Patches,
     View,
@@ -21,7 +22,6 @@ from lis_grasp_studies.figures.painter import (
     point_patches,
     triangle_patches,
 )
-from lis_grasp_studies.figures.solids import KERNEL_WIDTH, LIFT, solid_patches, view_of
 from lis_grasp_studies.paper.trials import explored
 
 _WIDTHS = (1.0, 0.5, 0.25, 0.1, 0.03)

@@ -17,14 +17,7 @@ from lis_grasp.shapes import Shape
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.typing import FloatArray
 from lis_grasp_studies.figures import palette, style
-from lis_grasp_studies.figures.painter import (
-    View,
-    cut_segments,
-    line_patches,
-    overlay_lines,
-    paint,
-)
-from lis_grasp_studies.figures.solids import (
+from lis_grasp_studies.figures._solids import (
     COLUMNS,
     LIFT,
     contact_patches,
@@ -32,6 +25,13 @@ from lis_grasp_studies.figures.solids import (
     two_tone_patches,
     view_of,
     view_on,
+)
+from lis_grasp_studies.figures.painter import (
+    View,
+    cut_segments,
+    line_patches,
+    overlay_lines,
+    paint,
 )
 from lis_grasp_studies.paper.trials import EXPLORED_RADIUS, explored
 

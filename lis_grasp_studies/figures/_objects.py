@@ -15,14 +15,7 @@ from lis_grasp.meshing import extract_mesh
 from lis_grasp.surfaces import PatchImplicitSurface
 from lis_grasp.typing import FloatArray, IndexArray
 from lis_grasp_studies.figures import palette
-from lis_grasp_studies.figures.painter import (
-    View,
-    frame_of,
-    mesh_patches,
-    paint,
-    point_patches,
-)
-from lis_grasp_studies.figures.solids import (
+from lis_grasp_studies.figures._solids import (
     LIFT,
     contact_patches,
     sharp_patches,
@@ -30,6 +23,13 @@ from lis_grasp_studies.figures.solids import (
     two_tone_patches,
     view_of,
     view_on,
+)
+from lis_grasp_studies.figures.painter import (
+    View,
+    frame_of,
+    mesh_patches,
+    paint,
+    point_patches,
 )
 from lis_grasp_studies.figures.style import NORMAL, add_panel, foot_note, new_figure
 from lis_grasp_studies.paper.trials import EXPLORED_RADIUS, explored
