@@ -16,6 +16,7 @@ from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.probe import HandPose, Probe, ProbeOutcome, ProbeStatus
 from lis_grasp.io.json_lines import Row, append_lines, read_lines
 from lis_grasp.io.schemas import FileRecord, Number, Pose, Vector, checked
+from lis_grasp.records import fields_of
 from lis_grasp.typing import FloatArray
 
 _END = "ended"
@@ -121,28 +122,19 @@ def _ending(rows: list[Row]) -> str | None:
 
 
 def _row(outcome: ProbeOutcome) -> Row:
-    probe, contacts, hand_pose = outcome.probe, outcome.contacts, outcome.hand_pose
-    return {
-        "target": probe.target.tolist(),
-        "direction": probe.direction.tolist(),
-        "standoff": probe.standoff,
-        "overshoot": probe.overshoot,
-        "status": outcome.status,
-        "reason": outcome.reason,
-        "duration": outcome.duration,
-        "moved": outcome.moved,
-        "points": contacts.points.tolist(),
-        "normals": contacts.normals.tolist(),
-        "forces": _list(contacts.forces),
-        "fingers": list(contacts.fingers),
-        "times": _list(contacts.times),
-        **_noise(contacts),
-        "free_points": outcome.free_points.tolist(),
-        "free_radii": outcome.free_radii.tolist(),
-        "X_OH": None if hand_pose is None else hand_pose.X_OH.tolist(),
-        "joint_positions": None if hand_pose is None else hand_pose.joint_positions.tolist(),
-        **_object_poses(outcome),
-    }
+    contacts, hand_pose, tracked = outcome.contacts, outcome.hand_pose, outcome.tracked
+    names = ("points", "normals", "forces", "fingers", "times")
+    noise = {name: getattr(contacts, name) for name in ("position_noise", "normal_noise")}
+    row = fields_of(outcome.probe)
+    row |= {name: getattr(outcome, name) for name in ("status", "reason", "duration", "moved")}
+    row |= {name: getattr(contacts, name) for name in names}
+    # None where the noise of one is unknown; nothing if that of all is.
+    row |= {name: _none_for_nan(values) for name, values in noise.items() if values is not None}
+    row |= {"free_points": outcome.free_points, "free_radii": outcome.free_radii}
+    row |= {"X_OH": None, "joint_positions": None} if hand_pose is None else fields_of(hand_pose)
+    row |= {} if tracked is None else {"tracked_pose": tracked.as_dict()}
+    row |= {} if outcome.simulated_pose is None else {"simulated_pose": outcome.simulated_pose}
+    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in row.items()}
 
 
 def _outcomes(path: Path, rows: list[Row]) -> tuple[ProbeOutcome, ...]:
@@ -184,22 +176,8 @@ def _outcome(row: TouchEntry) -> ProbeOutcome:
     )
 
 
-def _object_poses(outcome: ProbeOutcome) -> Row:
-    """Return the tracked pose, and the simulation's truth, where there are any."""
-    pose, tracked = outcome.simulated_pose, outcome.tracked
-    return ({} if tracked is None else {"tracked_pose": tracked.as_dict()}) | (
-        {} if pose is None else {"simulated_pose": pose.tolist()}
-    )
-
-
-def _noise(contacts: Contacts) -> Row:
-    """Return the noise of contacts by name, where there is any; None where one is unknown."""
-    noise = {"position_noise": contacts.position_noise, "normal_noise": contacts.normal_noise}
-    return {
-        name: [None if np.isnan(value) else float(value) for value in values]
-        for name, values in noise.items()
-        if values is not None
-    }
+def _none_for_nan(values: FloatArray) -> list[float | None]:
+    return [None if np.isnan(value) else float(value) for value in values]
 
 
 def _array(values: Sequence[Any] | None) -> FloatArray | None:
@@ -209,10 +187,6 @@ def _array(values: Sequence[Any] | None) -> FloatArray | None:
 
 def _rows(values: list[list[float]]) -> FloatArray:
     return np.array(values, dtype=np.float64).reshape(-1, 3)  # an empty list has no columns
-
-
-def _list(values: FloatArray | None) -> list[float] | None:
-    return None if values is None else values.tolist()
 
 
 class BeliefEntry(FileRecord):

@@ -1,4 +1,4 @@
-"""Writing of isaac_grasp files, the format of NVIDIA's Isaac Sim and Isaac ROS."""
+"""Grasps for other programs: isaac_grasp files, and postures of hands of position servos."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,25 +23,23 @@ from lis_grasp.typing import BoolArray, FloatArray
 _ROLLS = Rotation.from_rotvec(np.pi / 4.0 * np.arange(8)[:, None] * np.eye(3)[0]).as_matrix()
 # Spacing of the hand's poses along the approach; links are thicker [m].
 _POSE_SPACING = 0.01
-# Finger directions oblique and perpendicular to the motion, +x: 45 and 90 degrees, all around.
-_AROUND = np.pi / 3.0 * np.arange(6)
-_OBLIQUE = np.array(
-    [
-        [np.cos(off), np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)]
-        for off in (np.pi / 4.0, np.pi / 2.0)
-        for around in _AROUND
-    ]
-)
 
-# An arm often reaches a direction that is a little off the motion: tilts of the finger, all around.
-_TILTED = np.array(
-    [
-        [np.cos(off), np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)]
-        for off in (np.pi / 12.0, np.pi / 6.0)
-        for around in _AROUND
-    ]
-)
 
+def _directions(*angles: float) -> FloatArray:
+    """Return six directions (A, 3) around +x at each of some angles [rad] from it."""
+    around = np.pi / 3.0 * np.arange(6)
+    return np.array(
+        [
+            [np.cos(off), np.sin(off) * np.cos(turn), np.sin(off) * np.sin(turn)]
+            for off in angles
+            for turn in around
+        ]
+    )
+
+
+# Finger directions oblique and perpendicular to the motion, +x; and tilts that an arm often reaches
+# where it does not reach the motion's direction.
+_OBLIQUE, _TILTED = _directions(np.pi / 4.0, np.pi / 2.0), _directions(np.pi / 12.0, np.pi / 6.0)
 # Low on an object's side the hand stays above a fingertip that points obliquely down.
 _DOWN = np.deg2rad([45.0, 60.0, 75.0])
 
@@ -52,6 +50,18 @@ _FIRST = 1 + len(_TILTED)
 
 # An arm on a table does not bring the hand below a fingertip that points up more than this.
 _UPWARDS = 0.15
+
+# Spacing of points on the hand; links are thicker [m].
+_SPACING = 0.015
+# Cells of the grid along the object's largest extent; the grid reaches beyond it by so many sizes.
+_CELLS, _MARGIN = 24, 0.2
+# Fewer contacts show no surface: inner links keep out of nothing.
+_FEW = 5
+# Distance to keep from the estimate: so many standard deviations, between these bounds [m].
+_DEVIATIONS, _LEAST, _LARGEST = 2.0, 0.004, 0.012
+
+FREE, NEAR, INSIDE = range(3)
+"""Places that are off the estimate, within its uncertainty, and inside of it."""
 
 NO_FREE_START = "no finger and roll of the hand is collision-free at the start"
 NO_FREE_APPROACH = "no finger and roll of the hand has a collision-free straight approach"
@@ -98,15 +108,16 @@ class ApproachPlanner:
                 f"touching needs a probe posture; hand '{hand.name}' has none: add one to its YAML",
                 key="probe_postures",
             )
-        bodies = PointsOnHand(hand)
+        postures = hand.probe_postures.values()
+        points = _points_on_links(hand, postures)
         self._bodies = [
-            (posture, _leading_center(hand, posture), bodies.on_all_links(posture))
-            for posture in hand.probe_postures.values()
+            (posture, leading_center(hand, posture), points_H)
+            for posture, points_H in zip(postures, points, strict=True)
         ]
         self._inner: dict[str, FloatArray] = {}  # by finger: only an arm needs them
         if station is not None:
-            for posture in hand.probe_postures.values():
-                self._inner[posture.finger] = bodies.on_inner_links(posture)
+            inner = _points_on_links(hand, postures, hand.fingertip_links)
+            self._inner = {p.finger: points for p, points in zip(postures, inner, strict=True)}
 
     def place_station(self, station: Station) -> None:
         """Place the station in the frame of the probes."""
@@ -131,8 +142,7 @@ class ApproachPlanner:
                 center = probe.start - posture.radius * probe.direction
                 distance = float(obstacles.space.approach_distance(center, axis))
                 rolled = list(_rolled(posture, center_H, probe, axis, distance))
-                X_OH = np.array([approach.X_OH for approach in rolled])  # (R, 4, 4)
-                points = apply_pose(X_OH, points_H)
+                points = apply_pose(np.array([a.X_OH for a in rolled]), points_H)  # (R, P, 3)
                 for k in np.flatnonzero(~_collides(points, obstacles)):
                     back = np.arange(_POSE_SPACING, distance + _POSE_SPACING, _POSE_SPACING)
                     offsets = np.minimum(back, distance)[:, None, None] * axis  # (S, 1, 3)
@@ -152,8 +162,7 @@ class ApproachPlanner:
 
     def _nearness(self, approach: Approach, probe: Probe, keep_out: KeepOut) -> int:
         """Return how near the links that are no fingertips come to the estimate on the motion."""
-        points = self._inner[approach.posture.finger]
-        points = apply_pose(approach.X_OH, points)  # (P, 3)
+        points = apply_pose(approach.X_OH, self._inner[approach.posture.finger])  # (P, 3)
         length = probe.standoff + min(probe.overshoot, _FARTHER)
         ahead = np.append(np.arange(0.0, length, _POSE_SPACING), length)[:, None] * probe.direction
         back = np.arange(_POSE_SPACING, approach.distance, _POSE_SPACING)[:, None] * approach.axis
@@ -194,8 +203,7 @@ def _rolled(
     R_OX, R_XH = rotation_to_x(axis).T, rotation_to_x(posture.direction_H)
     for roll in _ROLLS:
         R_OH = R_OX @ roll @ R_XH
-        X_OH = make_pose(R_OH, center_O - R_OH @ center_H)
-        yield Approach(posture, X_OH, axis, distance)
+        yield Approach(posture, make_pose(R_OH, center_O - R_OH @ center_H), axis, distance)
 
 
 def _turned_down(direction: FloatArray) -> FloatArray:
@@ -209,27 +217,15 @@ def _turned_down(direction: FloatArray) -> FloatArray:
     return np.asarray(np.cos(angles) * direction + np.sin(angles) * (across / length))
 
 
-def _leading_center(hand: Hand, posture: ProbePosture) -> FloatArray:
+def leading_center(hand: Hand, posture: ProbePosture) -> FloatArray:
     """Return the leading sphere's centre, (3,), in H [m]."""
-    X_HL = hand.forward_kinematics(np.eye(4), posture.joint_positions)[posture.link]
-    return apply_pose(X_HL, posture.center_L)
+    links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
+    return apply_pose(links[posture.link], posture.center_L)
 
 
 def rotation_to_x(direction: FloatArray) -> FloatArray:
     """Return a rotation, shape (3, 3), that takes the unit `direction` to +x."""
     return np.vstack([direction, tangent_frame(direction)])
-
-
-# Cells of the grid along the object's largest extent; the grid reaches beyond it by so many sizes.
-_CELLS, _MARGIN = 24, 0.2
-# Fewer contacts show no surface: inner links keep out of nothing.
-_FEW = 5
-# Distance to keep from the estimate: so many standard deviations, between these bounds [m].
-_DEVIATIONS, _LEAST, _LARGEST = 2.0, 0.004, 0.012
-
-
-FREE, NEAR, INSIDE = range(3)
-"""Places that are off the estimate, within its uncertainty, and inside of it."""
 
 
 class KeepOut:
@@ -269,35 +265,21 @@ class KeepOut:
         return int(self._levels[i, j, k].max(initial=FREE))
 
 
-# Spacing of the points; links are thicker [m].
-_SPACING = 0.015
-
-
-class PointsOnHand:
-    """Points on the surfaces of a hand's bodies, at most 15 mm apart."""
-
-    def __init__(self, hand: Hand) -> None:
-        self._hand = hand
-        self._points_L: list[tuple[str, FloatArray]] = []  # (P, 3) [m] of each body, and its link
-        for geometry in hand.link_geometries:
-            points = np.asarray(geometry.mesh.subdivide_to_size(_SPACING).vertices)
-            self._points_L.append((geometry.link, apply_pose(geometry.X_LG, points)))
-
-    def on_all_links(self, posture: ProbePosture) -> FloatArray:
-        """Return points on all links, (P, 3), in H [m]."""
-        return self._points(posture, frozenset())
-
-    def on_inner_links(self, posture: ProbePosture) -> FloatArray:
-        """Return points on the links that are no fingertips, (P, 3), in H [m]."""
-        return self._points(posture, self._hand.fingertip_links)
-
-    def _points(self, posture: ProbePosture, left_out: frozenset[str]) -> FloatArray:
-        links = self._hand.forward_kinematics(np.eye(4), posture.joint_positions)
-        points = [np.empty((0, 3))]
-        for link, points_L in self._points_L:
-            if link not in left_out:
-                points.append(apply_pose(links[link], points_L))
+def _points_on_links(
+    hand: Hand, postures: Iterable[ProbePosture], left_out: Collection[str] = ()
+) -> list[FloatArray]:
+    """Return points on a hand's links, at most 15 mm apart, for each posture, (P, 3), in H [m]."""
+    bodies = [
+        (body.link, apply_pose(body.X_LG, body.mesh.subdivide_to_size(_SPACING).vertices))
+        for body in hand.link_geometries
+        if body.link not in left_out
+    ]
+    every = []
+    for posture in postures:
+        links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
+        points = [apply_pose(links[link], points_L) for link, points_L in bodies]
+        joined = np.concatenate([np.empty((0, 3)), *points])
         # One point in each cell of half the spacing is enough.
-        every = np.concatenate(points)
-        _, first = np.unique(np.round(2.0 * every / _SPACING), axis=0, return_index=True)
-        return every[np.sort(first)]
+        _, first = np.unique(np.round(2.0 * joined / _SPACING), axis=0, return_index=True)
+        every.append(joined[np.sort(first)])
+    return every

@@ -28,6 +28,7 @@ from lis_grasp.probing.approach_planner import (
     OUT_OF_ARM_REACH,
     Approach,
     ApproachPlanner,
+    leading_center,
 )
 from lis_grasp.probing.course import Course, Leg
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
@@ -239,12 +240,11 @@ def _with_higher_table(obstacles: ObstacleModel) -> ObstacleModel:
 def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:
     """Return balls inside the links, centres in H and radii [m], shape (S, 4); the leader first."""
     links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
-    leader = apply_pose(links[posture.link], posture.center_L)
-    balls = [np.append(leader, posture.radius)[None]]
+    balls = [np.append(leading_center(hand, posture), posture.radius)[None]]
     for geometry in hand.link_geometries:
         centers, radii = balls_inside(geometry)
-        X_HG = links[geometry.link] @ geometry.X_LG
-        inside = np.column_stack([apply_pose(X_HG, centers), radii])
+        centers_H = apply_pose(links[geometry.link] @ geometry.X_LG, centers)
+        inside = np.column_stack([centers_H, radii])
         balls.append(inside[np.linalg.norm(inside - balls[0], axis=1) > TOUCHING])
     return np.concatenate(balls)
 
