@@ -210,10 +210,10 @@ def _bridged_points(
     points, directions = _tip_path(outcomes, step)
     if not len(points):
         return points, directions
-    try:
-        sides = ConvexHull(contacts.points).equations  # (S, 4): outward normal and offset
-    except QhullError:  # fewer than four contacts, or all in a plane
+    hull = ContactHull.of(contacts)
+    if hull is None:
         return points[:0], directions[:0]
+    sides = hull.equations
     within = np.all(points @ sides[:, :3].T + sides[:, 3] < -_SPACING * step, axis=1)
     points, directions = points[within], directions[within]
     inside = surface.evaluate(points) < 0.0

@@ -1,4 +1,4 @@
-"""Region that contains an object at an unknown place, and the workspace that contacts show."""
+"""Region that contains an object at an unknown place, and the search for the object in it."""
 
 from __future__ import annotations
 
@@ -26,6 +26,23 @@ _THICKNESS = 0.03
 _BEYOND = 1.15
 # Length beyond that, divided by the number of contacts [m].
 _UNKNOWN = 0.2
+# Radius and height [m] of the upright cylinders that stand for the unknown object, and the
+# probability of each.
+_KINDS = (
+    *((0.015, 0.03, 0.2), (0.03, 0.06, 0.35), (0.05, 0.1, 0.25)),
+    *((0.03, 0.01, 0.1), (0.03, 0.004, 0.1)),
+)
+# Spacing of the places, and of the free space that is compared with them [m].
+_PLACE_SPACING, _FREE_SPACING = 0.02, 0.005
+# Heights of the fingertip in sweeps above the lowest one [m].
+_SWEEP_HEIGHTS = (0.0, 0.02, 0.04)
+# Random part of a motion's value, so that searches differ.
+_RANDOM = 0.1
+# Places overlap free space by at least this depth [m]: the free space of a link is inside it.
+_OVERLAP = 0.002
+# Directions of sweeps, along the sides of the region.
+_SWEEPS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+_DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,25 +110,6 @@ class Region:
         return Workspace(STEP_FRACTION * size, center, size, 0.0, self.tip_radius)
 
 
-# Radius and height [m] of the upright cylinders that stand for the unknown object, and the
-# probability of each.
-_KINDS = (
-    *((0.015, 0.03, 0.2), (0.03, 0.06, 0.35), (0.05, 0.1, 0.25)),
-    *((0.03, 0.01, 0.1), (0.03, 0.004, 0.1)),
-)
-# Spacing of the places, and of the free space that is compared with them [m].
-_PLACE_SPACING, _FREE_SPACING = 0.02, 0.005
-# Heights of the fingertip in sweeps above the lowest one [m].
-_SWEEP_HEIGHTS = (0.0, 0.02, 0.04)
-# Random part of a motion's value, so that searches differ.
-_RANDOM = 0.1
-# Places overlap free space by at least this depth [m]: the free space of a link is inside it.
-_OVERLAP = 0.002
-# Directions of sweeps, along the sides of the region.
-_SWEEPS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-_DOWN = np.array([0.0, 0.0, -1.0])
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceBelief:
     """Probability of each place and kind of object: a cylinder upright on the table.
@@ -127,9 +125,16 @@ class PlaceBelief:
     @classmethod
     def of(cls, region: Region, free_points: FloatArray, free_radii: FloatArray) -> PlaceBelief:
         """Return the belief after free balls, centres (F, 3) in W and radii (F,) [m]."""
-        parts = [_kind_belief(region, *kind, free_points, free_radii) for kind in _KINDS]
-        columns = zip(*parts, strict=True)
-        return cls(*(np.concatenate(column) for column in columns))
+        low, high = region.bounds
+        parts = []
+        for radius, height, probability in _KINDS:
+            axes = [_ticks(low[k] + radius, high[k] - radius) for k in range(2)]
+            centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+            kind = np.tile([radius, height, probability / len(centers)], (len(centers), 1))
+            left = ~_overlapped(centers, radius, height, free_points, free_radii)
+            parts.append(np.hstack([centers, kind])[left])
+        centers, *columns = np.split(np.concatenate(parts), [2, 3, 4], axis=1)
+        return cls(np.ascontiguousarray(centers), *(column[:, 0].copy() for column in columns))
 
     @property
     def mass(self) -> float:
@@ -156,26 +161,12 @@ def search_probe(
 
     The candidates are horizontal sweeps through the region, low above the table, and motions
     straight down. Motions that were blocked before are not repeated.
-
-    Parameters
-    ----------
-    region
-        What is known.
-    outcomes
-        Of every probe so far, without a contact.
-    rng
-        For the choice among probes of nearly the same value.
-
-    Returns
-    -------
-    Probe or None
-        None if no place is left where the object could be found.
+    `outcomes` are those of every probe so far, without a contact. None if no place is left where
+    the object could be found.
     """
-    points = [outcome.free_points for outcome in outcomes]
-    radii = [outcome.free_radii for outcome in outcomes]
-    belief = PlaceBelief.of(
-        region, np.vstack([np.empty((0, 3)), *points]), np.concatenate([np.empty(0), *radii])
-    )
+    points = np.vstack([np.empty((0, 3)), *(outcome.free_points for outcome in outcomes)])
+    radii = np.concatenate([np.empty(0), *(outcome.free_radii for outcome in outcomes)])
+    belief = PlaceBelief.of(region, points, radii)
     tried = [outcome.probe for outcome in outcomes]
     best, best_value = None, 0.0
     for probe in _candidates(region):
@@ -186,24 +177,6 @@ def search_probe(
         if value > best_value:
             best, best_value = probe, value
     return best
-
-
-def _kind_belief(
-    region: Region,
-    radius: float,
-    height: float,
-    probability: float,
-    free_points: FloatArray,
-    free_radii: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return centres (K, 2), radii, heights and weights (K,) of one kind that are left."""
-    low, high = region.bounds
-    axes = [_ticks(low[k] + radius, high[k] - radius) for k in range(2)]
-    centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    left = ~_overlapped(centers, radius, height, free_points, free_radii)
-    weights = np.full(len(centers), probability / max(len(centers), 1))[left]
-    count = int(left.sum())
-    return centers[left], np.full(count, radius), np.full(count, height), weights
 
 
 def _overlapped(
@@ -262,6 +235,5 @@ def _seconds(region: Region, probe: Probe) -> float:
 
 
 def _same(probe: Probe, other: Probe) -> bool:
-    return bool(
-        np.array_equal(probe.target, other.target) and probe.direction @ other.direction > 0.999
-    )
+    along = float(probe.direction @ other.direction)
+    return np.array_equal(probe.target, other.target) and along > 0.999

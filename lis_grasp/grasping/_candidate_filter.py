@@ -27,6 +27,9 @@ _ARM_ERROR = 0.002
 _NEARLY_CLOSED = 0.2  # fraction of the opening at which not even a pad touches the object
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
 _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
+_FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
+_BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
+_STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
 
 
 class CandidateFilter:
@@ -133,11 +136,6 @@ class CandidateFilter:
                 self.rejected[f"{stage}_hits_{hit}"] += 1
                 free[b] = False
         return free
-
-
-_FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
-_BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
-_STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
 
 
 def fingertip_offsets(hand: Hand) -> FloatArray:

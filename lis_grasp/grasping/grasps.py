@@ -1,4 +1,4 @@
-"""Grasp records: palm pose, joint positions, contacts and qualities; results of a search."""
+"""Records of grasping: grasps, results of a search, prior of the load, and a role for reach."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
 from lis_grasp.records import fields_of, read_only, reduce_record, short_repr
 from lis_grasp.typing import FloatArray
+
+# Nodes and weights of the Gauss-Hermite rule with three nodes, for a standard normal variable.
+_NODES, _WEIGHTS = (0.0, -np.sqrt(3.0), np.sqrt(3.0)), (2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,10 +136,6 @@ class GraspSearch:
     def save(self, path: Path | str, *, header: str = "") -> None:
         """Write a grasps.json file, the best grasp first; `header` says what made it."""
         write_grasp_file(fields_of(self), Path(path), header=header)
-
-
-# Nodes and weights of the Gauss-Hermite rule with three nodes, for a standard normal variable.
-_NODES, _WEIGHTS = (0.0, -np.sqrt(3.0), np.sqrt(3.0)), (2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Fraction of planned contact forces that the joint efforts of a hand can exert."""
+"""Capacity of a hand: grip forces, loads and accelerations within its efforts, and opening."""
 
 from __future__ import annotations
 
@@ -20,6 +20,15 @@ from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 EFFORT_FRACTION = 0.9
 """Fraction of the joint efforts for a squeeze: the springs need some to keep the posture."""
 
+# Postures sampled between the joints' limits; a fixed seed, as no result depends on the draw much.
+_POSTURES, _SEED = 4000, 0
+# Pads oppose each other if the cosine between their axes is below this (within 60 degrees).
+_OPPOSED = -0.5
+# Balance first, then the total, then evenness: each two orders of magnitude behind the last.
+_BALANCE_WEIGHT = 100.0
+_TOTAL_WEIGHT = 1.0
+_EVENNESS_WEIGHT = 0.03
+
 
 def grip_fraction(
     hand: Hand, X_OH: npt.ArrayLike, q: npt.ArrayLike, fingers: Sequence[str], forces: FloatArray
@@ -30,16 +39,8 @@ def grip_fraction(
     normal of a round pad passes through its centre. No effort exceeds 0.9 of its limit, and no
     normal force the hand's largest contact force if the forces are scaled so already.
 
-    Parameters
-    ----------
-    hand
-        The hand.
-    X_OH, q
-        Shapes (4, 4) and (J,): pose of the palm in O, and the joint positions [rad or m].
-    fingers
-        C names: which finger exerts each force.
-    forces
-        Shape (C, 3) [N]: forces on the object, in O.
+    The palm is at `X_OH` (4, 4) with joint positions `q` (J,) [rad or m]; `fingers` exert `forces`
+    (C, 3) [N] on the object, in O.
     """
     _, _, jacobian, _ = hand.pad_jacobians(X_OH, q)  # (F, 3, 6 + J)
     efforts = np.zeros(jacobian.shape[-1] - 6)
@@ -59,21 +60,8 @@ def largest_forces(
     those of a force at the centre of the pad; on a rounded pad, at planned contacts, this makes the
     factors up to 6 % too large or 3 % too small.
 
-    Parameters
-    ----------
-    hand
-        The hand.
-    X_OH, q
-        Shapes (B, 4, 4) and (B, J): palm poses in O, and joint positions [rad or m].
-    used
-        Shape (B, F): which pads have a contact.
-    forces
-        Shape (B, F, K, 3): forces in O, of unit normal part.
-
-    Returns
-    -------
-    factors
-        Shape (B, F, K) [N], 0 without a contact.
+    Palm poses (B, 4, 4) in O, joint positions (B, J) [rad or m], the pads `used` (B, F), and forces
+    (B, F, K, 3) in O of unit normal part give factors (B, F, K) [N], 0 without a contact.
     """
     jacobian = hand.pad_jacobians(X_OH, q)[2][..., 6:] * used[..., None, None]  # (B, F, 3, J)
     sharing = np.maximum((np.abs(jacobian).max(axis=2) > 0.0).sum(axis=1), 1)  # (B, J)
@@ -93,22 +81,10 @@ def spare_accelerations(
     distance of the weight from the border of this set, divided by the mass, and 0 where the weight
     is outside.
 
-    Parameters
-    ----------
-    wrenches
-        Shape (B, C, K, 6): largest primitive wrenches of the contacts, torques about the centre of
-        mass in the metric of `WrenchModel.torque_metric` [N]; +z points upwards.
-    masses
-        Shape (M,): masses of the object [kg].
-    scale
-        A usual force [N]; results are precise to some millionths of it.
-    tolerance
-        Fraction by which the distance may be too small.
-
-    Returns
-    -------
-    accelerations
-        Shape (M, B) [m/s^2].
+    `wrenches` (B, C, K, 6) are the largest primitive ones of the contacts, torques about the centre
+    of mass in the metric of `WrenchModel.torque_metric` [N]; +z points upwards. With M `masses` of
+    the object [kg] they give accelerations (M, B) [m/s^2]. Results are precise to some millionths
+    of a usual force `scale` [N]; the distance may be too small by the fraction `tolerance`.
     """
     scaled, masses = wrenches / scale, np.asarray(masses, dtype=np.float64)
     weights = np.zeros((len(masses), 6))
@@ -148,14 +124,6 @@ def largest_wrenches(
     return wrenches * largest_forces(hand, X_OH, q, used, wrenches[..., :3])[..., None]
 
 
-# Postures sampled between the joints' limits; a fixed seed, as no result depends on the draw much.
-_POSTURES, _SEED = 4000, 0
-# Pads oppose each other if the cosine between their axes is below this (within 60 degrees).
-_OPPOSED = -0.5
-# Directions checked at once.
-_CHUNK = 256
-
-
 def largest_opening(hand: Hand) -> float:
     """Return the largest distance between two pads that face each other [m].
 
@@ -184,17 +152,7 @@ def narrowest_width(mesh: trimesh.Trimesh) -> float:
     hull = ConvexHull(mesh.vertices)
     corners = hull.points[hull.vertices]
     normals = np.unique(np.round(hull.equations[:, :3], 6), axis=0)
-    widths: list[FloatArray] = []
-    for start in range(0, len(normals), _CHUNK):
-        heights = corners @ normals[start : start + _CHUNK].T
-        widths.append(np.ptp(heights, axis=0))
-    return float(np.concatenate(widths).min())
-
-
-# Balance first, then the total, then evenness: each two orders of magnitude behind the last.
-_BALANCE_WEIGHT = 100.0
-_TOTAL_WEIGHT = 1.0
-_EVENNESS_WEIGHT = 0.03
+    return float(min(np.ptp(corners @ normal) for normal in normals))
 
 
 def balanced_grip(
