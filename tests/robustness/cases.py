@@ -5,10 +5,12 @@ The environment variable ROBUSTNESS multiplies the number of cases, and draws ne
 
 from __future__ import annotations
 
+import atexit
 import os
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import copytree, rmtree
+from tempfile import TemporaryDirectory, mkdtemp
 
 import numpy as np
 from damage import damaged
@@ -38,15 +40,17 @@ def cases(count: int) -> settings:
 
 def damaged_file(kind: str, count: int = 4) -> Callable[[], None]:
     """Return a test of one reader: each damaged file is read, or refused in a sentence."""
-    reader = READERS[kind]
-    with TemporaryDirectory() as name:
-        whole = reader.write(Path(name)).read_bytes()
+    reader, valid = READERS[kind], Path(mkdtemp(prefix="valid-"))
+    atexit.register(rmtree, valid)
+    file = reader.write(valid)
+    whole = file.read_bytes()
 
     @cases(count)
     @given(data=st.data())
     def test(data: st.DataObject) -> None:
-        with TemporaryDirectory(prefix="case-") as folder:
-            path = reader.write(Path(folder))
+        with TemporaryDirectory(prefix="case-") as name:
+            folder = copytree(valid, Path(name) / "files")
+            path = folder / file.name
             path.write_bytes(data.draw(damaged(whole, path.suffix)))
             with refused_at_most():
                 reader.check(path)

@@ -20,8 +20,7 @@ import yaml
 from claw import SDF, YAML
 from made_grasps import jaw_grasp
 from random_directions import random_directions
-from rosbags import rosbag1, rosbag2
-from rosbags.typesys import Stores, get_typestore
+from touch_recording import record, write_bag, write_csv
 
 import lis_grasp
 from lis_grasp import Contacts, shapes
@@ -175,8 +174,8 @@ def _save_study(path: Path) -> None:
 
 
 def _save_rows(path: Path) -> None:
-    from lis_grasp_studies.study.study_results import StudyResults
-    from lis_grasp_studies.study.study_trial import COLUMNS
+    from lis_grasp_studies.study.results import StudyResults
+    from lis_grasp_studies.study.run import COLUMNS
 
     row = dict.fromkeys(COLUMNS)
     row |= {"key": "a" * 16, "object": "box", "version": lis_grasp.__version__, "seed": 0}
@@ -226,47 +225,14 @@ def _save_points(path: Path) -> None:
 
 
 def _save_log(path: Path) -> None:
-    """Write a log of three touches of a plane; the force is a number, the tip a pose."""
-    times = np.arange(60) / 20.0
-    heights = 0.02 * np.abs(np.sin(np.pi * times)) - 0.001
-    forces = np.where(heights < 0.0, 5.0, 0.0)
-    rows = list(zip(times.tolist(), forces.tolist(), heights.tolist(), strict=True))
+    recording = record(touches=3)
     if path.suffix == ".csv":
-        lines = ["time,force,x,y,z", *(f"{t},{f},{0.01 * t},0,{h}" for t, f, h in rows)]
-        path.write_text("\n".join(lines))
+        write_csv(recording, path)
         return
-    ros1, folder = path.suffix == ".bag", path.with_name("bag")
-    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    plugins = rosbag2.StoragePlugin
-    plugin = plugins.MCAP if path.suffix == ".mcap" else plugins.SQLITE3
-    writer = (
-        rosbag1.Writer(path) if ros1 else rosbag2.Writer(folder, version=8, storage_plugin=plugin)
-    )
-    serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
-    point, turn, pose, number = (
-        store.types[f"{name}"]
-        for name in (
-            *("geometry_msgs/msg/Point", "geometry_msgs/msg/Quaternion", "geometry_msgs/msg/Pose"),
-            "std_msgs/msg/Float64",
-        )
-    )
-    with writer:
-        topics = {
-            "/force": (number.__msgtype__, lambda _, force, __: number(force)),
-            "/tip": (
-                pose.__msgtype__,
-                lambda t, _, h: pose(point(0.01 * t, 0.0, h), turn(0.0, 0.0, 0.0, 1.0)),
-            ),
-        }
-        links = {
-            name: writer.add_connection(name, kind, typestore=store)
-            for name, (kind, _) in topics.items()
-        }
-        for row in rows:
-            for name, (kind, make) in topics.items():
-                writer.write(links[name], round(1e9 * (row[0] + 1.0)), serialize(make(*row), kind))
-    if not ros1:
-        next(folder.glob(f"*{path.suffix}")).rename(path)
+    kind = {".bag": "ros1", ".mcap": "mcap", ".db3": "sqlite3"}[path.suffix]
+    written = write_bag(recording, path.with_name("log.bag"), kind)
+    if kind != "ros1":
+        next(written.glob(f"*{path.suffix}")).rename(path)
 
 
 def _check_contacts(path: Path) -> None:
@@ -334,7 +300,7 @@ def _check_study(path: Path) -> None:
 
 
 def _check_rows(path: Path) -> None:
-    from lis_grasp_studies.study.study_results import StudyResults
+    from lis_grasp_studies.study.results import StudyResults
 
     (row,) = StudyResults(path.parent).read()
     assert isinstance(row, dict)
@@ -369,7 +335,8 @@ def _check_points(path: Path) -> None:
 
 def _check_log(path: Path) -> None:
     touch = TouchDetection(normals="approach")
-    contacts, _ = contacts_from_log(open_log(path), [Finger()], LogFrames(), touch)
+    frames = LogFrames(object_pose="object" if path.suffix == ".csv" else "/object")
+    contacts, _ = contacts_from_log(open_log(path), [Finger()], frames, touch)
     assert np.isfinite(contacts.points).all()
 
 
