@@ -72,19 +72,16 @@ class ProbeEntry(_Record):
     tip: TipEntry
 
 
-class HandEntry(_Record):
-    """A hand's YAML file."""
+class _RobotEntry(_Record):
+    """What the YAML files of hands and arms have in common."""
 
     name: Name
-    kind: HandKind = Field(
-        description="parallel_jaw: flat parallel pads; multi_finger: rounded pads."
-    )
     urdf: Name = Field(description="URDF or SDF file: a path from this file, or package://NAME/...")
     model_from: str = Field(
         default="", description="How to get the URDF or SDF, for the message when it is missing."
     )
     base_link: Name | None = Field(
-        default=None, description="Root of the hand: links before it, an arm's, are left out."
+        default=None, description="Root of the hand or arm: links before it are left out."
     )
     locked_joints: dict[Name, Number] = Field(
         default_factory=dict, description="Joints that do not move, at these positions [rad or m]."
@@ -95,6 +92,21 @@ class HandEntry(_Record):
     repair: bool = Field(
         default=False,
         description="Replace impossible inertias and missing masses by those of the link's bodies.",
+    )
+    self_collision_exclusions: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = (
+        Field(
+            default_factory=list,
+            description="Pairs of links that may touch, besides those that a joint joins, or"
+            " sampling finds.",
+        )
+    )
+
+
+class HandEntry(_RobotEntry):
+    """A hand's YAML file."""
+
+    kind: HandKind = Field(
+        description="parallel_jaw: flat parallel pads; multi_finger: rounded pads."
     )
     convex_parts: list[Name] = Field(
         default_factory=list,
@@ -118,12 +130,6 @@ class HandEntry(_Record):
         default=None,
         description="Pose of the base link on an arm's flange; by default the back is on it.",
     )
-    self_collision_exclusions: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = (
-        Field(
-            default_factory=list,
-            description="Pairs of links that may touch, besides those joined by a joint.",
-        )
-    )
 
 
 class FlangePose(_Record):
@@ -133,26 +139,15 @@ class FlangePose(_Record):
     rpy: Vector = Field(default=[0.0, 0.0, 0.0], description="Fixed-axis roll, pitch, yaw [rad].")
 
 
-class ArmEntry(_Record):
+class ArmEntry(_RobotEntry):
     """An arm's YAML file; what is left out comes from the URDF or SDF."""
 
-    name: Name
-    urdf: Name = Field(description="URDF or SDF file: a path from this file, or package://NAME/...")
-    model_from: str = Field(
-        default="", description="How to get the URDF or SDF, for the message when it is missing."
-    )
     flange: Name = Field(description="Link that carries the hand; links beyond it are left out.")
     flange_pose: FlangePose | None = Field(
         default=None, description="Flange frame in that link; by its bodies if left out."
     )
-    base_link: Name | None = Field(
-        default=None, description="Root of the arm, on its base: links before it are left out."
-    )
     joints: list[Name] | None = Field(
         default=None, description="Movable joints from base to flange, to check the file's."
-    )
-    locked_joints: dict[Name, Number] = Field(
-        default_factory=dict, description="Joints that do not move, at these positions [rad or m]."
     )
     home: list[Number] | None = Field(
         default=None, description="Posture above the table, one number a joint; found if left out."
@@ -166,22 +161,9 @@ class ArmEntry(_Record):
     acceleration_limits: dict[Name, Positive] = Field(
         default_factory=dict, description="Instead of the file's, by joint [rad/s^2 or m/s^2]."
     )
-    effort_limits: dict[Name, Positive] = Field(
-        default_factory=dict, description="Instead of the file's, by joint [N m or N]."
-    )
     stiffness: list[Positive] | None = Field(
         default=None, description="Of the joint control [N m/rad or N/m], one number a joint."
     )
     speed_fraction: float = Field(
         default=0.5, gt=0.0, le=1.0, description="Of the velocity and acceleration limits, used."
-    )
-    repair: bool = Field(
-        default=False,
-        description="Replace impossible inertias and missing masses by those of the link's bodies.",
-    )
-    self_collision_exclusions: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = (
-        Field(
-            default_factory=list,
-            description="Pairs of links that may touch, besides those found by sampling.",
-        )
     )
