@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.records import reduce_record
-from lis_grasp.robots.kinematics import Kinematics, link_kinematics
-from lis_grasp.robots.pose_ik import ArmIK, ArmKinematics
+from lis_grasp.robots.kinematics import ArmKinematics, Kinematics, link_kinematics
+from lis_grasp.robots.pose_ik import ArmIK
 from lis_grasp.robots.robot_model import RobotModel, joints_before, links_fixed_to
 from lis_grasp.robots.yaml_files import read_arm_file
 from lis_grasp.typing import BoolArray, FloatArray

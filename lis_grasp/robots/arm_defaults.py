@@ -8,8 +8,8 @@ import numpy as np
 
 from lis_grasp.geometry import apply_pose, axis_across, frame_along, inverse_pose, make_pose, rotate
 from lis_grasp.robots.body_pairs import BodyPairs, pairs_of_bodies
-from lis_grasp.robots.kinematics import body_poses, link_kinematics
-from lis_grasp.robots.pose_ik import ArmIK, ArmKinematics
+from lis_grasp.robots.kinematics import ArmKinematics, body_poses, link_kinematics
+from lis_grasp.robots.pose_ik import ArmIK
 from lis_grasp.robots.robot_model import RobotModel, joints_before, joints_to
 from lis_grasp.typing import BoolArray, FloatArray
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from lis_grasp.geometry import cross, cross_matrix, inverse_pose, rotate
 from lis_grasp.robots.robot_model import Joint, Pad, RobotModel, joints_to
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import BoolArray, FloatArray
 
 
 class Kinematics:
@@ -65,7 +65,11 @@ class Kinematics:
 
     def poses(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> dict[str, FloatArray]:
         """Return the pose of each link; see `Hand.forward_kinematics`."""
-        return dict(zip(self._links, self._poses(*self._broadcast(X_OH, q)), strict=True))
+        return dict(zip(self._links, self.arrays(X_OH, q), strict=True))
+
+    def arrays(self, X_OH: npt.ArrayLike, q: npt.ArrayLike) -> FloatArray:
+        """Return the poses of all links, (L, ..., 4, 4)."""
+        return self._poses(*self._broadcast(X_OH, q))
 
     def pads(
         self, X_OH: npt.ArrayLike, q: npt.ArrayLike, offsets: FloatArray | None = None
@@ -139,6 +143,69 @@ class Kinematics:
         if offsets is not None:
             centers += rotate(X_OL, np.moveaxis(offsets, -2, 0)[..., None, :])[..., 0, :]
         return centers, _rotated(X_OL, self._pad_axes)
+
+
+class ArmKinematics:
+    """The flange frame F of an arm in its base link's frame A, and how the joints move it.
+
+    Parameters
+    ----------
+    joints
+        All joints of the arm, a parent before its children.
+    flange
+        The link that carries the flange frame.
+    X_LF
+        Shape (4, 4): the flange frame in that link.
+    """
+
+    def __init__(self, joints: Sequence[Joint], flange: str, X_LF: FloatArray) -> None:
+        chain = joints_to(joints, flange)
+        links = [chain[0].parent, *(joint.child for joint in chain)]
+        moving = [n for n, joint in enumerate(chain) if joint.kind != "fixed"]
+        self._chain = Kinematics(links, chain, (), X_LH=np.eye(4), actuated=len(moving))
+        self._moved = [n + 1 for n in moving]
+        self._axes = np.array([chain[n].axis_J for n in moving])
+        self._turns = np.array([chain[n].kind == "revolute" for n in moving])  # (J,)
+        self._X_LF = X_LF
+
+    def flange_poses(self, q: npt.ArrayLike) -> FloatArray:
+        """Return the poses X_AF, shape (..., 4, 4), at joint positions q (..., J) [rad or m]."""
+        return np.asarray(self._chain.arrays(np.eye(4), q)[-1] @ self._X_LF)
+
+    def reach(self, q: FloatArray) -> tuple[FloatArray, float]:
+        """Return the middle (3,) of the flange's places in postures q (N, J), and the reach [m].
+
+        The reach is the distance from the middle that 98 % of the places are within.
+        """
+        places = self.flange_poses(q)[:, :3, 3]
+        middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+        return middle, float(np.quantile(np.linalg.norm(places - middle, axis=1), 0.98))
+
+    def jacobians(self, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the flange's poses X_AF (..., 4, 4) and its Jacobians (..., 6, J) in A.
+
+        Rows 0 to 2 are the velocity of F's origin along A's axes [m/rad or 1], rows 3 to 5 the
+        angular velocity [1 or 0], for each joint's rate.
+        """
+        links = self._chain.arrays(np.eye(4), q)
+        X_AF = links[-1] @ self._X_LF
+        moved = links[self._moved]
+        axes = _rotated(moved, self._axes)  # (J, ..., 3)
+        turns = self._turns.reshape(-1, *(1,) * (axes.ndim - 1))
+        rows = np.empty((*axes.shape[:-1], 6))  # (J, ..., 6)
+        rows[..., :3] = np.where(turns, cross(axes, X_AF[..., :3, 3] - moved[..., :3, 3]), axes)
+        rows[..., 3:] = turns * axes
+        return X_AF, rows.transpose(*range(1, rows.ndim), 0)
+
+    def axes(self, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return the joints' axes at positions q (..., J), in A.
+
+        They are points on the axes (..., J, 3) [m], directions (..., J, 3), unit, and which joints
+        turn, (J,); the others slide.
+        """
+        moved = self._chain.arrays(np.eye(4), q)[self._moved]
+        points, axes = moved[..., :3, 3], _rotated(moved, self._axes)
+        return np.moveaxis(points, 0, -2), np.moveaxis(axes, 0, -2), self._turns
 
 
 def link_kinematics(model: RobotModel) -> Kinematics:

@@ -26,8 +26,8 @@ from lis_grasp.robots._description import (
     read_joint_numbers,
 )
 from lis_grasp.robots.arm_defaults import find_arm_exclusions, find_home, flange_frame
+from lis_grasp.robots.kinematics import ArmKinematics
 from lis_grasp.robots.model_uri import resolve_model
-from lis_grasp.robots.pose_ik import ArmKinematics
 from lis_grasp.robots.robot_model import Pad, ProbePosture, RobotModel, by_joint_kind, rpy_pose
 from lis_grasp.robots.schema import ArmEntry, HandEntry
 from lis_grasp.robots.shipped_models import arm_path, hand_path
