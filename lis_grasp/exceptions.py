@@ -160,6 +160,20 @@ class EstimationError(LisGraspError):
     """A surface that could not be estimated or meshed from valid contacts."""
 
 
+class PluginError(EstimationError):
+    """An error that a plug-in raised: an estimator, a policy or a hand. The cause is chained.
+
+    Attributes
+    ----------
+    plugin
+        The name that the user gave.
+    """
+
+    def __init__(self, message: str, *, plugin: str = "") -> None:
+        super().__init__(message)
+        self.plugin = plugin
+
+
 class SimulationError(LisGraspError):
     """A simulation that diverged or could not be set up."""
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Mapping
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
@@ -18,7 +20,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
-from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exceptions import EstimationError, InvalidOptionError, PluginError
 from lis_grasp.io.provenance import digest_of
 
 Role = Literal["estimator", "policy", "hand", "verb"]
@@ -100,6 +102,34 @@ def _registered(group: str, _path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=group)}
 
 
+@contextmanager
+def errors_of(name: str, plugin: Any) -> Iterator[None]:
+    """Raise an error of a plug-in's code as `PluginError`, with its place in the plug-in's file.
+
+    An `EstimationError` passes: it is a result that estimators have.
+    """
+    try:
+        yield
+    except EstimationError:
+        raise
+    # A user's code may raise anything.
+    except Exception as error:
+        place = _place(error, _source_file(plugin))
+        reason = " ".join(str(error).split()) or "no reason given"
+        message = f"{name} raised {type(error).__name__}{place}: {reason}"
+        raise PluginError(message, plugin=name) from error
+
+
+def _place(error: Exception, file: Path | None = None) -> str:
+    """Return " at file:line" of the innermost call in a file, else of the innermost of all."""
+    calls = [c for c in traceback.extract_tb(error.__traceback__) if "<frozen" not in c.filename]
+    own = [call for call in calls if file is not None and Path(call.filename) == file]
+    innermost = (own or calls)[-1]
+    path = Path(innermost.filename)
+    shown = path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+    return f" at {shown}:{innermost.lineno}"
+
+
 def _source_file(plug_in: Any) -> Path | None:
     """Return the file that defines an object, None if there is none."""
     try:
@@ -115,11 +145,13 @@ def _loaded(point: EntryPoint, name: str, option: str) -> Any:
         found = import_module(module)
         return attrgetter(attribute)(found) if attribute else found
     # An import runs a user's code, which may raise anything.
-    except Exception as error:  # noqa: BLE001
+    except Exception as error:
         reason = " ".join(str(error).split())
+        own = isinstance(error, ImportError | AttributeError | SyntaxError)
         raise InvalidOptionError(
             f"{option} '{name}' must be an attribute of a module that can be imported;"
-            f" {type(error).__name__}: {reason or 'no reason given'}",
+            f" {type(error).__name__}{'' if own else _place(error)}:"
+            f" {reason or 'no reason given'}",
             option=option,
             value=name,
-        ) from None
+        ) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 
 from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
-from lis_grasp.exceptions import EstimationError, InvalidHandError, InvalidOptionError
+from lis_grasp.exceptions import InvalidHandError, InvalidOptionError, LisGraspError, PluginError
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
 from lis_grasp.robots.hand_check import check_hand
@@ -137,7 +138,11 @@ def test_a_class_in_the_current_folder_is_an_estimator_of_every_verb(
 @pytest.mark.parametrize(
     ("name", "error", "text"),
     [
-        ("own_surfaces:Failing", EstimationError, "IndexError in .*own_surfaces.py, line 22: no"),
+        (
+            "own_surfaces:Failing",
+            PluginError,
+            "raised IndexError at own_surfaces.py:22: no",
+        ),
         ("own_surfaces:Flatter", InvalidOptionError, r"gradient must return shape \(2, 3\)"),
         ("own_surfaces:number", InvalidOptionError, "int has no evaluate"),
         ("own_surfaces:constant", InvalidOptionError, "a class with from_contacts"),
@@ -167,3 +172,96 @@ def test_an_edited_plug_in_is_another_row(own_module: Path) -> None:
     own_module.write_text(OWN + "# edited\n", encoding="utf-8")
     assert row_key(trial, "own_surfaces:Flat") != before
     assert row_key(trial, "blend") == ours
+
+
+POLICY = """
+class RoundRobin:
+    def __init__(self, space):
+        self.space = space
+
+    def next_probe(self, contacts, surface, *, outcomes, rng):
+        return contacts.bounds.mean(axis=0)
+
+
+class Typo(RoundRobin):
+    def next_probe(self, contacts, surface, *, outcomes, rng):
+        return len(3)
+
+
+class NoProbe(RoundRobin):
+    def next_probe(self, contacts, surface, *, outcomes, rng):
+        return "a probe"
+
+
+class Early(RoundRobin):
+    def __init__(self, space):
+        raise ValueError("too early")
+
+
+class Wavy:
+    bounds = [[0.0] * 3, [0.1] * 3]
+
+    def __init__(self, contacts):
+        self.calls = 0
+
+    def evaluate(self, points):
+        self.calls += 1
+        if self.calls > 1:
+            raise ValueError("too wavy")
+        return points[..., 2]
+
+    gradient = staticmethod(lambda points: 0.0 * points)
+    uncertainty = staticmethod(lambda points: points[..., 0])
+"""
+
+
+@pytest.fixture
+def own_policies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
+    (tmp_path / "mypol.py").write_text(POLICY, encoding="utf-8")
+    yield
+    sys.modules.pop("mypol", None)
+
+
+@pytest.mark.usefixtures("own_policies")
+@pytest.mark.parametrize(
+    ("name", "text", "cause"),
+    [
+        ("RoundRobin", "raised InvalidContactsError at mypol.py:7: bounds need", LisGraspError),
+        ("Typo", "raised TypeError at mypol.py:12: object of type 'int' has", TypeError),
+        ("Early", "raised ValueError at mypol.py:22: too early", ValueError),
+    ],
+)
+def test_an_error_of_a_policy_names_its_place(name: str, text: str, cause: type[Exception]) -> None:
+    config = pipeline.RunConfig(prober="kinematic", policy=f"mypol:{name}", touches=2)
+    with pytest.raises(PluginError, match=f"^mypol:{name} {text}") as error:
+        pipeline.touch(pipeline.Scenario.from_config(config))
+    assert isinstance(error.value.__cause__, cause)
+    assert error.value.plugin == f"mypol:{name}"
+
+
+@pytest.mark.usefixtures("own_policies")
+def test_a_policy_returns_a_probe_and_a_surface_that_fails_later_is_named() -> None:
+    config = pipeline.RunConfig(prober="kinematic", policy="mypol:NoProbe", touches=2)
+    with pytest.raises(InvalidOptionError, match="must return a Probe or None; it returned str"):
+        pipeline.touch(pipeline.Scenario.from_config(config))
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    surface = find_estimator("mypol:Wavy")(Contacts(0.03 * axes, axes))
+    with pytest.raises(PluginError, match="^mypol:Wavy raised ValueError at mypol.py:34: too wavy"):
+        surface.evaluate(axes)
+
+
+def test_an_error_of_a_hand_names_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "myhand.py").write_text("def jaw():\n    raise OSError('no file')\n")
+    (tmp_path / "myhand-0.1.dist-info").mkdir()
+    info = tmp_path / "myhand-0.1.dist-info"
+    (info / "METADATA").write_text("Name: myhand\nVersion: 0.1\n")
+    (info / "entry_points.txt").write_text("[lis_grasp.hands]\nmy_jaw = myhand:jaw\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(PluginError, match="^my_jaw raised OSError at myhand.py:2: no file"):
+        Hand.load("my_jaw")
+    sys.modules.pop("myhand")

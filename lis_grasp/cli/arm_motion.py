@@ -19,12 +19,12 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
-from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.io.trajectory_files import write_joint_trajectory, write_trajectory_csv
 from lis_grasp.lifting.wrist_path import minimum_jerk
 from lis_grasp.pipeline.file_stages import recorded_base
 from lis_grasp.pipeline.reasons import rejection_sentence
+from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import base_at
 from lis_grasp.robots.arm import Arm
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Plan the motion, and write its parts as CSV and YAML."""
-    recorded = provenance.read(options.grasps_file, usual="grasps.json")
+    recorded = read_facts(options.grasps_file, usual="grasps.json")
     name = options.arm or recorded.get("arm") or ARM_NAMES[0]
     config = RunConfig.from_facts(vars(options), {**recorded, "arm": name})
     hand = Hand.load(config.hand)

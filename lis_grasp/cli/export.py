@@ -10,9 +10,9 @@ from pathlib import Path
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, Stage, say
 from lis_grasp.exceptions import InvalidFileError, require_at_least
-from lis_grasp.io import provenance
 from lis_grasp.pipeline.file_stages import load_mesh
 from lis_grasp.pipeline.object_models import FORMATS, MARK, VISUAL, ObjectModel
+from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.shapes.solids import convex_parts
 
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Split the mesh into convex parts, and write the descriptions."""
-    recorded = provenance.read(options.mesh, usual="surface.ply")
+    recorded = read_facts(options.mesh, usual="surface.ply")
     require_at_least(1, parts=options.parts)
     config = RunConfig.from_facts(vars(options), recorded)
     mesh = load_mesh(options.mesh, options.units, recorded, PRINTED)

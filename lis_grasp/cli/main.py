@@ -52,6 +52,9 @@ _VERBS = (
 )
 _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
+# Exit code of a program whose reader has ended, as of a shell: 128 and the number of SIGPIPE.
+_READER_ENDED = 141
+
 # Objects created between garbage collections, by generation. Arrays, which take the memory, are not
 # in cycles; Python's own threshold of 700 costs a twentieth of a run.
 _GARBAGE_THRESHOLDS = (50_000, 20, 20)
@@ -175,6 +178,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     except LisGraspError as error:
         complain(f"lis-grasp: {error}")
         return 2 if isinstance(error, InvalidInputError) else 1
+    except BrokenPipeError:
+        return _READER_ENDED
     except OSError as error:  # of a file that no reader or writer of the package owns
         complain(f"lis-grasp: {error.filename or 'a file'}: {error.strerror or error}")
         return 1

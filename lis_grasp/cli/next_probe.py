@@ -13,10 +13,10 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region, Workspace, load_outcomes
-from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.pipeline.next_touch import NextTouch, next_touch, workspace_of
+from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Known
 from lis_grasp.robots.hand import Hand
@@ -123,7 +123,7 @@ def _known(
     if path.suffix.lower() == ".jsonl":
         outcomes = load_outcomes(path)
         return Exploration.replay(outcomes).contacts, outcomes, read_lines(path)[0]
-    recorded = provenance.read(path)
+    recorded = read_facts(path)
     return load_contacts(path, position_noise=position_noise), (), recorded
 
 

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, REAL_SENSOR, UNKNOWN
-from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
-from lis_grasp.pipeline.run_config import FINGERS, LOADS, PROBERS, SIMULATORS, RunConfig
-from lis_grasp.plugins import Registry
-from lis_grasp.shapes import NAMES, STABLE, UNITS
+from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
+from lis_grasp.pipeline.run_config import (
+    ARM,
+    GRASPING,
+    SENSOR,
+    SURFACE,
+    TOUCHING,
+    Option,
+    RunConfig,
+    options,
+)
+from lis_grasp.shapes import STABLE
+
+_GROUPS = (TOUCHING, SENSOR, SURFACE, GRASPING, ARM)
 
 TOUCH = (
     *("hand", "estimator", "prober", "fingers", "mass", "friction", "policy"),
@@ -22,165 +30,7 @@ TOUCH = (
 )
 """Options of an exploration, beside its object."""
 
-_DEFAULTS = RunConfig()
-
-_OBJECT = f"built-in shape ({', '.join(NAMES)}) or mesh file (OBJ, STL, PLY, glTF, OFF)"
-
-
-def _number(metavar: str, text: str, *, kind: type = float) -> dict[str, Any]:
-    return {"type": kind, "metavar": metavar, "help": text}
-
-
-_ESTIMATOR_HELP = {
-    "blend": "smooth patches that meet in edges, or gpis where that predicts as well",
-    "gpis": "a Gaussian process, which rounds edges",
-    "patch": "the patches alone",
-    "lis": "the paper's tangent planes",
-}
-_POLICY_HELP = {
-    "spread": "farthest from all contacts",
-    "swift": "the same, with little motion",
-    "frontier": "next to the contacts, as in the paper",
-    "uncertainty": "where the estimate is most uncertain",
-    "random": "anywhere on the estimate",
-}
-
-
-def _names(meanings: Mapping[str, str], registry: Registry) -> str:
-    """Return the names of a registry with their meanings, and how to plug in one of your own."""
-    own = [f"{name} ({meaning})" for name, meaning in meanings.items()]
-    return ", ".join([*own, *registry.names[len(registry.builtin) :], "or my.module:Class"])
-
-
-# Options named as fields of RunConfig; the help gets the default of the field where it has one.
-_OPTIONS: dict[str, dict[str, Any]] = {
-    "size": _number("METRES", "largest extent of a built-in shape; 0.20 is the paper's"),
-    "units": {"choices": list(UNITS), "help": "length unit of a mesh file"},
-    "hand": {
-        "metavar": "HAND",
-        "help": "a hand's YAML file, or a name: allegro, wsg50, barrett; of vendors' hands"
-        " allegro_right, robotiq_2f85, panda_hand and more",
-    },
-    "estimator": {
-        "metavar": "NAME",
-        "help": f"surface estimator: {_names(_ESTIMATOR_HELP, ESTIMATOR_NAMES)}",
-    },
-    "prober": {
-        "choices": PROBERS,
-        "help": "touch in Drake's dynamics, or by geometry alone, which is faster",
-    },
-    "fingers": {
-        "choices": FINGERS,
-        "help": "fingers that touch in one approach; all needs --prober kinematic",
-    },
-    "free": {
-        "action": "store_true",
-        "help": "the object is free on a table and may be pushed; needs --prober dynamic",
-    },
-    "pose": {
-        "metavar": "POSE",
-        "help": "the object is on a table: upright (as its mesh) or stable (in any stable"
-        " pose), at a random place in the region; or a text file with its pose, four rows of four"
-        " numbers [m]",
-    },
-    "region": {
-        "type": float,
-        "nargs": 3,
-        "metavar": ("X", "Y", "Z"),
-        "help": "lengths [m] of the box on the table that contains the object: position and size of"
-        " the object are then unknown",
-    },
-    "policy": {
-        "metavar": "NAME",
-        "help": f"choice of the next touch: {_names(_POLICY_HELP, POLICY_NAMES)}",
-    },
-    "until_success": _number(
-        "PROBABILITY",
-        "stop when the surface allows a grasp that holds with this probability, such as 0.95",
-    ),
-    "until_coverage": _number(
-        "FRACTION", "stop when this fraction of the estimate is within a step of a contact"
-    ),
-    "until_uncertainty": _number(
-        "METRES", "stop when nearly all of the estimate has at most this standard deviation"
-    ),
-    "max_seconds": _number("S", "stop after this time of the robot"),
-    "free_space": {
-        "action": argparse.BooleanOptionalAction,
-        "help": "remove the space that the hand passed through from the estimate",
-    },
-    "position_noise": _number(
-        "METRES", "standard deviation of the positions of contacts that do not carry their own"
-    ),
-    "normal_noise": _number(
-        "RADIANS", "standard deviation of the normals of contacts that do not carry their own"
-    ),
-    "force_threshold": _number("N", "smallest force that the sensor detects"),
-    "taxel_pitch": _number("METRES", "distance of the sensor's taxels"),
-    "cloud": {
-        "metavar": "FILE",
-        "help": "contacts known before the first touch, in the object's frame: a point cloud with"
-        " normals, .ply or .csv; touches go where it lacks the surface",
-    },
-    "touches": _number("N", "contacts to make", kind=int),
-    "grasps": _number("N", "ranked grasps to plan", kind=int),
-    "attempts": _number(
-        "N", "grasps to try at most; another is planned after a failed tactile check", kind=int
-    ),
-    "mass": _number("KG", "mass of the object"),
-    "friction": _number("MU", "Coulomb friction between hand and object"),
-    "load": {
-        "choices": LOADS,
-        "help": "prior knowledge of the object's mass and friction in planning: their values, or"
-        " their distributions",
-    },
-    "simulator": {
-        "choices": SIMULATORS,
-        "help": "simulator of the lift; mujoco needs the extra mujoco",
-    },
-    "arm": {
-        "metavar": "ARM",
-        "help": "an arm that carries the hand: a name, such as iiwa14, or an arm's YAML file",
-    },
-    "base": {
-        "type": float,
-        "nargs": 3,
-        "metavar": ("X", "Y", "Z"),
-        "help": "place of the arm's base [m]: x and y on the table, height above it; it faces along"
-        " +x",
-    },
-    "seed": _number("N", "random seed", kind=int),
-}
-
-# Defaults in words, where a field's own does not say it; of verbs that explore, and of others.
-_IN_WORDS = {
-    "size": "graspable",
-    "free_space": "yes",
-    "mass": "of YCB scans their own, else at most 0.2",
-    "load": "unknown; known with --known",
-    "arm": "none, the hand moves freely",
-    "base": "chosen for its reach",
-    **{name: f"{value:.3g}; 0 with --known or --ideal" for name, value in REAL_SENSOR.items()},
-}
-_IN_WORDS_ELSE = {
-    **_IN_WORDS,
-    "mass": "at most 0.2",
-    "load": "known",
-    **dict.fromkeys(("position_noise", "normal_noise"), "estimated from the contacts"),
-}
-
-
-# Titles in the help, and the options below them; others are listed before all titles.
-_GROUPS = {
-    "touching": (
-        *("hand", "prober", "fingers", "policy", "touches", "cloud"),
-        *("until_success", "until_coverage", "until_uncertainty", "max_seconds"),
-    ),
-    "tactile sensor": tuple(REAL_SENSOR),
-    "surface": ("estimator", "free_space"),
-    "grasp and lift": ("mass", "friction", "grasps", "attempts", "simulator"),
-    "arm": ("arm", "base"),
-}
+_DEFAULTS, _OPTIONS = RunConfig(), options()
 
 
 def add_options(
@@ -193,33 +43,56 @@ def add_options(
 
     With `recorded` they are those of a verb that reads a file with recorded facts.
     """
-    groups = {title: [n for n in members if n in names] for title, members in _GROUPS.items()}
-    defaults = _defaults(recorded) if show_default else {}
-    if sum(map(bool, groups.values())) > 1:
-        for title, members in groups.items():
-            if members:
-                _add_to(parser.add_argument_group(title), members, defaults)
-        names = tuple(name for name in names if not any(name in g for g in groups.values()))
-    _add_to(parser, names, defaults)
+    used = {title: [n for n in names if _OPTIONS[n].group == title] for title in _GROUPS}
+    grouped = sum(map(bool, used.values())) > 1
+    for name in (n for n in names if not (grouped and _OPTIONS[n].group)):
+        _add(parser, name, show_default=show_default, recorded=recorded)
+    for title, members in used.items() if grouped else ():
+        group = parser.add_argument_group(title) if members else parser
+        for name in members:
+            _add(group, name, show_default=show_default, recorded=recorded)
 
 
-def _defaults(recorded: bool) -> dict[str, str]:
-    """Return the defaults of options in words, where there is one."""
-    values = _DEFAULTS.facts().items()
-    own = {name: f"{value}" for name, value in values if value is not None and value is not False}
-    if not recorded:
-        return own | _IN_WORDS
-    return {name: f"as recorded, else {text}" for name, text in (own | _IN_WORDS_ELSE).items()}
-
-
-def _add_to(
-    group: argparse._ActionsContainer, names: Iterable[str], defaults: Mapping[str, str]
+def _add(
+    group: argparse._ActionsContainer, name: str, *, show_default: bool, recorded: bool
 ) -> None:
-    for name in names:
-        option = dict(_OPTIONS[name])
-        if name in defaults:
-            option["help"] += f" (default: {defaults[name]})"
-        group.add_argument(f"--{name.replace('_', '-')}", default=None, **option)
+    default = _default(name, recorded) if show_default else ""
+    text = _text(_OPTIONS[name]) + (f" (default: {default})" if default else "")
+    flag = f"--{name.replace('_', '-')}"
+    group.add_argument(flag, default=None, help=text, **_kind(name))
+
+
+def _default(name: str, recorded: bool) -> str:
+    """Return the default of an option in words; empty if there is none."""
+    option, value = _OPTIONS[name], getattr(_DEFAULTS, name)
+    words = option.words or ("" if value is None or value is False else str(value))
+    if not recorded:
+        return words
+    words = option.words_else or words
+    return f"as recorded, else {words}" if words else ""
+
+
+def _text(option: Option) -> str:
+    """Return the help of an option, with the names that it may have and their meanings."""
+    if option.registry is None:
+        return option.help
+    own = [f"{name} ({meaning})" for name, meaning in option.meanings.items()]
+    added = option.registry.names[len(option.registry.builtin) :]
+    return f"{option.help}: {', '.join([*own, *added, 'or my.module:Class'])}"
+
+
+def _kind(name: str) -> dict[str, Any]:
+    """Return the arguments of the parser that say which values an option has."""
+    option, default = _OPTIONS[name], getattr(_DEFAULTS, name)
+    if option.choices:
+        return {"choices": option.choices}
+    if isinstance(default, bool):
+        return {"action": argparse.BooleanOptionalAction if default else "store_true"}
+    if isinstance(option.metavar, tuple):
+        return {"type": float, "nargs": len(option.metavar), "metavar": option.metavar}
+    kinds = get_type_hints(RunConfig)[name]
+    kind = next(k for k in (int, float, str) if k in (kinds, *get_args(kinds)))
+    return {"metavar": option.metavar} | ({} if kind is str else {"type": kind})
 
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:
@@ -273,10 +146,11 @@ def configure_touch(options: argparse.Namespace) -> RunConfig:
 
 def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -> None:
     """Add the object to touch or lift, with its size and units."""
+    text = _OPTIONS["object"].help
     if required_name:
-        parser.add_argument("object", metavar="OBJECT", help=_OBJECT)
+        parser.add_argument("object", metavar="OBJECT", help=text)
     else:
-        parser.add_argument("--object", metavar="OBJECT", help=f"{_OBJECT} (default: as recorded)")
+        parser.add_argument("--object", metavar="OBJECT", help=f"{text} (default: as recorded)")
     add_options(parser, "size", "units")
 
 

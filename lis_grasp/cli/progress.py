@@ -105,12 +105,17 @@ class _StepHandler(logging.Handler):
 
 
 def say(text: str) -> None:
-    """Print a line of the result on stdout; `OutputError` if it cannot be written."""
+    """Print a line of the result on stdout.
+
+    Raises `BrokenPipeError` if its reader has ended, `OutputError` if it cannot be written.
+    """
     try:
         print(text, flush=True)
     except OSError as error:
         # What is still buffered would fail again when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        if isinstance(error, BrokenPipeError):  # the reader has all that it wants
+            raise
         raise OutputError(f"cannot write to standard output: {error.strerror}") from None
 
 

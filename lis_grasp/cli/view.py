@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from lis_grasp.cli.progress import complain, say
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.pipeline.results_folder import scene_is_outdated
-from lis_grasp.visualization.run_scene import scene_of
+from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.visualization.scene_server import LOCALHOST, SCENE_FILE
 
 

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.recorded_facts import RecordedFacts
-from lis_grasp.io.schemas import checked
 from lis_grasp.version import __version__
 
 _MARK = "lis_grasp "
@@ -109,15 +107,13 @@ def read(path: Path, *, usual: str = "contacts.ply") -> dict[str, Any]:
     Raises
     ------
     InvalidFileError
-        If the file cannot be read, or a fact is not of its type (`RecordedFacts`).
+        If the file cannot be read.
     """
     if os.path.isdir(path):
         inside = path / usual
         advice = f"name {inside}" if os.path.isfile(inside) else "name a file in it"
         raise InvalidFileError(f"{path} must be a file; it is a folder: {advice}", path=path)
-    facts = _facts(path)
-    checked(RecordedFacts, facts, path, "header")
-    return facts
+    return _facts(path)
 
 
 def _facts(path: Path) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from lis_grasp.io.surface_files import load_surface, save_surface
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.trial import AcceptGrasp
 from lis_grasp.pipeline.progress import Progress
+from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.regrasp import Stages
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Known, Perception, Scenario
@@ -72,7 +73,7 @@ class StoredStages(Stages):
 
     def __init__(self, folder: Path, watch: Stopwatch, progress: Progress) -> None:
         self._folder, self._watch, self._progress = folder, watch, progress
-        self._recorded = provenance.read(folder / "contacts.ply")
+        self._recorded = read_facts(folder / "contacts.ply")
         self._stored = len(Contacts.load(folder / "contacts.ply"))
 
     def plan(self, scenario: Scenario, contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.io import provenance
+from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_loading import NormalSide
 from lis_grasp.surfaces.contact_preparation import thin_contacts, with_noise
@@ -45,7 +45,7 @@ def load_source(source: ContactSource) -> Contacts:
     It stays unknown where the contacts do not determine it. Normals that the file lacks are
     estimated. Errors are those of `load_contacts`.
     """
-    recorded = provenance.read(Path(source.path))
+    recorded = read_facts(Path(source.path))
     given = [
         _positive(recorded.get(name)) if value is None else value
         for name, value in (

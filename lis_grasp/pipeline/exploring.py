@@ -234,7 +234,7 @@ def _files(config: RunConfig) -> dict[str, Path]:
     """Return the files that an exploration depends on, by the fact that names them."""
     named = {name: getattr(config, name) for name in ("object", "cloud", "arm")}
     files = {name: Path(file) for name, file in named.items() if file and Path(file).is_file()}
-    files["hand"] = Path(config.hand) if Path(config.hand).is_file() else hand_path(config.hand)
+    files["hand"] = hand_path(config.hand)
     plugged = {
         "estimator": ESTIMATOR_NAMES.source_file(config.estimator),
         "policy": POLICY_NAMES.source_file(config.policy),

@@ -25,6 +25,7 @@ from lis_grasp.pipeline._stage_files import NOISE, planning_facts, write_grasps,
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources
 from lis_grasp.pipeline.lifting_stage import lift_each, require_simulator
 from lis_grasp.pipeline.progress import SILENT, Progress
+from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.results_folder import LOG, require_own, result_file
 from lis_grasp.pipeline.run_config import RunConfig
@@ -158,7 +159,7 @@ def grasp_file(
     InvalidFileError, InvalidMeshError
         If the mesh cannot be used.
     """
-    recorded = provenance.read(path, usual="surface.ply")
+    recorded = read_facts(path, usual="surface.ply")
     config = RunConfig.from_facts(options, recorded)
     mesh = load_mesh(path, options.get("units"), recorded, progress)
     hand = Hand.load(config.hand)
@@ -207,7 +208,7 @@ def lift_file(
     InvalidOptionError
         If a value is out of range, or no object is given or recorded.
     """
-    recorded = provenance.read(path, usual="grasps.json")
+    recorded = read_facts(path, usual="grasps.json")
     search = GraspSearch.load(path)
     if options.get("object") is None and "object" not in recorded:
         raise InvalidOptionError(
@@ -275,7 +276,7 @@ def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str,
     """
     if len(sources) == 1:
         (source,) = sources
-        recorded = provenance.read(Path(source.path))
+        recorded = read_facts(Path(source.path))
         contacts = load_contacts(
             source.path,
             units=source.units,
@@ -287,7 +288,7 @@ def _load_sources(sources: Sequence[ContactSource]) -> tuple[Contacts, dict[str,
         return contacts, recorded
     contacts, recorded = join_sources(sources), {}
     for source in reversed(sources):
-        recorded |= provenance.read(Path(source.path))
+        recorded |= read_facts(Path(source.path))
     # The contacts carry what the files record of their sensors.
     return contacts, {k: v for k, v in recorded.items() if k not in NOISE}
 

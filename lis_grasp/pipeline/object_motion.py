@@ -51,8 +51,8 @@ def motion_facts(shape: Shape, exploration: Exploration) -> dict[str, Any] | Non
 def motion_line(facts: dict[str, Any]) -> str:
     """Return the sentence about `motion_facts`."""
     line = (
-        f"moved     by {1e3 * facts['displacement']:.1f} mm in all, at most"
-        f" {1e3 * facts['largest_motion']:.1f} mm by a touch"
+        f"moved     ended {1e3 * facts['displacement']:.1f} mm from where it was; one touch moved"
+        f" it by {1e3 * facts['largest_motion']:.1f} mm"
     )
     if facts["tracking_error"] is not None:
         tracked = "tracked to" if facts["tracked"] else "not tracked, off by"

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import inspect
-import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError, InvalidOptionError, LisGraspError
-from lis_grasp.exploration import POLICIES, Policy, Workspace
-from lis_grasp.plugins import Registry
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration import POLICIES, Policy, Probe, ProbeOutcome, Workspace
+from lis_grasp.plugins import Registry, errors_of
 from lis_grasp.surfaces import ESTIMATORS, Estimator, ImplicitSurface
+from lis_grasp.typing import FloatArray
 
 ESTIMATOR_NAMES = Registry("estimator", ESTIMATORS)
 """Surface estimators: a class with `from_contacts`, or a function of contacts."""
@@ -46,25 +47,19 @@ class PluggedEstimator:
 
         Raises
         ------
-        EstimationError
-            If the estimator raises an error of its own.
+        PluginError
+            If the estimator or its surface raises an error of its own.
         InvalidOptionError
             If what is returned is no `ImplicitSurface`.
         """
-        try:
+        with errors_of(self.name, self.make):
             surface = self.make(contacts, **_accepted(self.make, options))
-            self._require_surface(surface, contacts)
-        except LisGraspError:
-            raise
-        except Exception as error:
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            raise EstimationError(
-                f"estimator '{self.name}' raised {type(error).__name__} in {place.filename}, line"
-                f" {place.lineno}: {error}"
-            ) from error
-        return surface  # type: ignore[no-any-return]
+        self._require_members(surface)
+        plugged = _PluggedSurface(self.name, surface)
+        self._require_shapes(plugged, contacts)
+        return plugged
 
-    def _require_surface(self, surface: Any, contacts: Contacts) -> None:
+    def _require_members(self, surface: Any) -> None:
         missing = [member for member in _MEMBERS if not hasattr(surface, member)]
         if missing:
             raise InvalidOptionError(
@@ -73,6 +68,8 @@ class PluggedEstimator:
                 option="estimator",
                 value=self.name,
             )
+
+    def _require_shapes(self, surface: ImplicitSurface, contacts: Contacts) -> None:
         points = contacts.points[:2]
         for member, wanted in (
             ("evaluate", points.shape[:1]),
@@ -87,6 +84,58 @@ class PluggedEstimator:
                     option="estimator",
                     value=self.name,
                 )
+
+
+@dataclass(frozen=True, slots=True)
+class _PluggedSurface:
+    """A plug-in's surface, whose errors name the plug-in; other members are its own."""
+
+    name: str
+    surface: Any
+
+    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
+        with errors_of(self.name, type(self.surface)):
+            return self.surface.evaluate(points)  # type: ignore[no-any-return]
+
+    def gradient(self, points: npt.ArrayLike) -> FloatArray:
+        with errors_of(self.name, type(self.surface)):
+            return self.surface.gradient(points)  # type: ignore[no-any-return]
+
+    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
+        with errors_of(self.name, type(self.surface)):
+            return self.surface.uncertainty(points)  # type: ignore[no-any-return]
+
+    @property
+    def bounds(self) -> FloatArray:
+        with errors_of(self.name, type(self.surface)):
+            return self.surface.bounds  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True, slots=True)
+class _PluggedPolicy:
+    """A plug-in's policy, whose errors name the plug-in."""
+
+    name: str
+    policy: Any
+
+    def next_probe(
+        self,
+        contacts: Contacts,
+        surface: ImplicitSurface | None,
+        *,
+        outcomes: Sequence[ProbeOutcome],
+        rng: np.random.Generator,
+    ) -> Probe | None:
+        with errors_of(self.name, type(self.policy)):
+            probe = self.policy.next_probe(contacts, surface, outcomes=outcomes, rng=rng)
+        if probe is not None and not isinstance(probe, Probe):
+            raise InvalidOptionError(
+                f"policy '{self.name}' must return a Probe or None; it returned"
+                f" {type(probe).__name__}",
+                option="policy",
+                value=self.name,
+            )
+        return probe
 
 
 def find_estimator(
@@ -120,9 +169,12 @@ def find_policy(name: str, space: Workspace) -> Policy:
     ------
     InvalidOptionError
         If there is none, or it is no policy.
+    PluginError
+        If it raises an error.
     """
     make = POLICY_NAMES.find(name)
-    policy = make(space) if callable(make) else None
+    with errors_of(name, make):
+        policy = make(space) if callable(make) else None
     if not callable(getattr(policy, "next_probe", None)):
         raise InvalidOptionError(
             f"policy '{name}' must make an object with next_probe from a Workspace; it is of type"
@@ -130,7 +182,7 @@ def find_policy(name: str, space: Workspace) -> Policy:
             option="policy",
             value=name,
         )
-    return policy  # type: ignore[return-value]
+    return _PluggedPolicy(name, policy)
 
 
 def _accepted(make: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
-from lis_grasp.io import provenance
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.pipeline.conditions import KNOWN, UNKNOWN
 from lis_grasp.pipeline.progress import SILENT, Progress
+from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 
 LOG = "touches.jsonl"
@@ -84,7 +84,7 @@ def default_output(config: RunConfig) -> Path:
 
 def require_own(path: Path) -> None:
     """Raise `InvalidFileError` if a file exists that this package did not write."""
-    if path.exists() and not (provenance.read(path) or _is_report(path)):
+    if path.exists() and not (read_facts(path) or _is_report(path)):
         raise InvalidFileError(
             f"{path} would be replaced, and is not a file of lis_grasp: name another folder with"
             " --output",
@@ -117,7 +117,7 @@ def remove_made_from(path: Path, progress: Progress = SILENT, *, with_itself: bo
     `with_itself` removes the file itself too. Nothing is removed if the file is missing or was not
     written by this package.
     """
-    if not path.exists() or not provenance.read(path):
+    if not path.exists() or not read_facts(path):
         return
     stages = (number for number, names in enumerate(_STAGES) if path.name in names)
     stage = next(stages, len(_STAGES))  # nothing is made from a file of another name

@@ -1,11 +1,11 @@
-"""Run configuration: every option of a user, with its default and its validation."""
+"""Run configuration: every option of a user, declared once with its default and its check."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import trimesh
@@ -20,9 +20,10 @@ from lis_grasp.exploration import (
     stop_when_certain,
     stop_when_covered,
 )
-from lis_grasp.grasping.grasps import LoadPrior
-from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator
-from lis_grasp.shapes import default_mass
+from lis_grasp.pipeline.conditions import REAL_SENSOR
+from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
+from lis_grasp.plugins import Registry
+from lis_grasp.shapes import NAMES, UNITS, default_mass
 
 PROBERS = ("dynamic", "kinematic")
 """Probers: Drake's dynamics, or geometry alone."""
@@ -36,8 +37,127 @@ SIMULATORS = ("drake", "mujoco")
 LOADS = ("known", "unknown")
 """Prior knowledge of mass and friction in planning."""
 
-UNKNOWN_LOAD = LoadPrior(friction=0.8, mass=0.2, friction_spread=0.25, mass_spread=float(np.log(2)))
-"""Household objects and fingertips of rubber: 0.06 to 0.7 kg, friction 0.5 to 1.2."""
+ESTIMATOR_MEANINGS: Mapping[str, str] = MappingProxyType(
+    {
+        "blend": "smooth patches that meet in edges, or gpis where that predicts as well",
+        "gpis": "a Gaussian process, which rounds edges",
+        "patch": "the patches alone",
+        "lis": "the paper's tangent planes",
+    }
+)
+"""The package's estimators in words."""
+
+POLICY_MEANINGS: Mapping[str, str] = MappingProxyType(
+    {
+        "spread": "farthest from all contacts",
+        "swift": "the same, with little motion",
+        "frontier": "next to the contacts, as in the paper",
+        "uncertainty": "where the estimate is most uncertain",
+        "random": "anywhere on the estimate",
+    }
+)
+"""The package's policies in words."""
+
+TOUCHING, SENSOR, SURFACE = "touching", "tactile sensor", "surface"
+GRASPING, ARM = "grasp and lift", "arm"
+"""Groups of options, in this order in the help; others are listed before all groups."""
+
+# A mass [kg] or a friction beyond this is damage.
+_LARGEST = 1e9
+
+_Config = TypeVar("_Config", bound=type)
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """What the command line, the documentation and the checks need of one field.
+
+    Parameters
+    ----------
+    help
+        What it means, as in the help of a verb.
+    group
+        Title in the help; empty for none.
+    metavar
+        Name of its value in the help, or of each of three values.
+    choices
+        The permitted values; empty for any.
+    words
+        The default in words, of verbs that explore; empty for the value itself.
+    words_else
+        The same of verbs that read a file; empty for `words`.
+    check
+        Called with the name and a value that is not None; returns the value to keep.
+    registry, meanings
+        Of an option that may name a plug-in: its names, and the package's own in words.
+    """
+
+    help: str
+    group: str = ""
+    metavar: str | tuple[str, ...] = ""
+    choices: tuple[str, ...] = ()
+    words: str = ""
+    words_else: str = ""
+    check: Callable[[str, Any], Any] = lambda name, value: value
+    registry: Registry | None = None
+    meanings: Mapping[str, str] = field(default_factory=dict)
+
+
+def options() -> dict[str, Option]:
+    """Return the declaration of every field of `RunConfig` by its name."""
+    return {item.name: item.metadata["option"] for item in fields(RunConfig)}
+
+
+def _option(default: Any, help: str, group: str = "", **declaration: Any) -> Any:
+    return field(default=default, metadata={"option": Option(help, group, **declaration)})
+
+
+def _at_least(least: float) -> Callable[[str, Any], Any]:
+    def check(name: str, value: Any) -> Any:
+        require_at_least(least, **{name: value})
+        return value
+
+    return check
+
+
+def _positive(name: str, value: float) -> float:
+    if not 0 < value <= _LARGEST:
+        raise InvalidOptionError.out_of_range(name, value, "positive")
+    return value
+
+
+def _probability(name: str, value: float) -> float:
+    if not 0 < value < 1:
+        raise InvalidOptionError.out_of_range(name, value, "above 0 and below 1")
+    return value
+
+
+def _place(name: str, value: Any) -> tuple[float, ...]:
+    place = tuple(float(x) for x in value)
+    if len(place) != 3 or not np.isfinite(place).all():
+        raise InvalidOptionError.out_of_range(name, value, "3 finite numbers")
+    return place
+
+
+def _named(find: Callable[[str], object]) -> Callable[[str, str], str]:
+    def check(name: str, value: str) -> str:
+        find(value)
+        return value
+
+    return check
+
+
+def _of_sensor(name: str, help: str, metavar: str, words_else: str = "") -> Any:
+    words = f"{REAL_SENSOR[name]:.3g}; 0 with --known or --ideal"
+    declared = {"metavar": metavar, "words": words, "words_else": words_else}
+    return _option(0.0, help, SENSOR, check=_at_least(0), **declared)
+
+
+def _documented(config: _Config) -> _Config:
+    """Add the options to the docstring of a configuration."""
+    lines = [f"    {item.name}\n        {item.metadata['option'].help}." for item in fields(config)]
+    config.__doc__ = f"{config.__doc__}\n    Parameters\n    ----------\n" + "\n".join(lines) + "\n"
+    return config
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,176 +193,206 @@ class StopLimits:
         return rules
 
 
+@_documented
 @dataclass(frozen=True, slots=True)
 class RunConfig:
     """Configuration of a run.
 
     The defaults are those of the command line with `--known`; `lis_grasp.pipeline.conditions` has
-    those without it.
-
-    Parameters
-    ----------
-    object
-        Name of a built-in shape, or path of a mesh file.
-    size
-        Largest extent of a built-in shape [m]; None for a size that the hand can grasp.
-    units
-        Length unit of a mesh file.
-    hand
-        Name of a shipped hand, or path of a hand's YAML file.
-    estimator
-        Name of the surface estimator, a key of `lis_grasp.surfaces.ESTIMATORS`, or a plug-in: the
-        name of one that is installed, or ``my.module:Class``.
-    prober
-        "dynamic" touches in Drake's dynamics; "kinematic" by geometry alone, which is faster.
-    fingers
-        "one": one touch per probe; "all": the other fingers then extend until they touch too
-        (kinematic prober only).
-    pose
-        "upright" or "stable": the object is placed in such a pose on a table, in the region, as
-        the seed decides; or the path of a text file with its pose. None: the object has the pose of
-        its mesh, and is touched in the air unless it is `free`.
-    region
-        Lengths along x, y and z [m] of the box on the table that contains the object: the only
-        prior knowledge. None: position and size of the object are known. Needs a pose.
-    free
-        Whether the object is free on a table and may be pushed by touches; else it is fixed.
-    policy
-        Policy of the next touch, a key of `lis_grasp.exploration.POLICIES`, or a plug-in.
-    until_success, until_coverage, until_uncertainty, max_seconds
-        Stop early: when a grasp is predicted to succeed with this probability, as far as the
-        surface decides it; when this fraction of the estimate is within a step of a contact; when
-        nearly all of the estimate has at most this standard deviation [m]; after this robot
-        time [s].
-    position_noise, normal_noise
-        Noise of the tactile sensor, given to the estimator: one standard deviation of positions
-        along each axis [m], of each component of normals [rad].
-    force_threshold, taxel_pitch
-        Smallest force that the sensor detects [N], and the distance of its taxels [m].
-    free_space
-        Whether the space that the hand passed through is removed from the estimate.
-    cloud
-        Path of a file of contacts that are known before the first touch, for example a depth
-        camera's point cloud with normals, in the object frame; None for none.
-    touches
-        Contacts to make before grasping.
-    seed
-        Seed of every random draw.
-    mass
-        Mass of the true object [kg]; None for that of `lis_grasp.shapes.default_mass`.
-    friction
-        True Coulomb friction between hand and object.
-    load
-        Prior knowledge of mass and friction: "known" their true values, "unknown" the
-        distribution `UNKNOWN_LOAD`.
-    grasps
-        Ranked grasps to plan; the first is executed.
-    attempts
-        Grasps to try at most; another is planned after a failed tactile check.
-    simulator
-        Simulator of the lift: "drake", or "mujoco", which needs the extra ``mujoco``.
-    arm
-        The arm that carries the hand: a name or the path of an arm's YAML file; None for a hand
-        that flies freely.
-    base
-        Place of the arm's base: x and y in the frame of the table, and the height above it [m]; it
-        faces along +x. None for a place that `choose_base` finds.
-
-    Raises
-    ------
-    InvalidOptionError
-        If a value is out of range, or two contradict each other.
+    those without it. None stands for the default in words, or for nothing of the kind. A value out
+    of range, and two values that contradict each other, raise `InvalidOptionError`.
     """
 
-    object: str = "box"
-    size: float | None = None
-    units: str = "m"
-    hand: str = "allegro"
-    estimator: str = "blend"
-    prober: str = "dynamic"
-    fingers: str = "one"
-    pose: str | None = None
-    region: tuple[float, ...] | None = None
-    free: bool = False
-    policy: str = "spread"
-    until_success: float | None = None
-    until_coverage: float | None = None
-    until_uncertainty: float | None = None
-    max_seconds: float | None = None
-    position_noise: float = 0.0
-    normal_noise: float = 0.0
-    force_threshold: float = 0.0
-    taxel_pitch: float = 0.0
-    free_space: bool = True
-    cloud: str | None = None
-    touches: int = 40
-    seed: int = 0
-    mass: float | None = None
-    friction: float = 0.8
-    load: str = "known"
-    grasps: int = 10
-    attempts: int = 3
-    simulator: str = "drake"
-    arm: str | None = None
-    base: tuple[float, ...] | None = None
+    object: str = _option(
+        "box", f"built-in shape ({', '.join(NAMES)}) or mesh file (OBJ, STL, PLY, glTF, OFF)"
+    )
+    size: float | None = _option(
+        None,
+        "largest extent of a built-in shape; 0.20 is the paper's",
+        metavar="METRES",
+        words="graspable",
+    )
+    units: str = _option("m", "length unit of a mesh file", choices=tuple(UNITS))
+    hand: str = _option(
+        "allegro",
+        "a hand's YAML file, or a name: allegro, wsg50, barrett; of vendors' hands allegro_right,"
+        " robotiq_2f85, panda_hand and more",
+        TOUCHING,
+        metavar="HAND",
+    )
+    estimator: str = _option(
+        "blend",
+        "surface estimator",
+        SURFACE,
+        metavar="NAME",
+        check=_named(find_estimator),
+        registry=ESTIMATOR_NAMES,
+        meanings=ESTIMATOR_MEANINGS,
+    )
+    prober: str = _option(
+        "dynamic",
+        "touch in Drake's dynamics, or by geometry alone, which is faster",
+        TOUCHING,
+        choices=PROBERS,
+    )
+    fingers: str = _option(
+        "one",
+        "fingers that touch in one approach; all needs --prober kinematic",
+        TOUCHING,
+        choices=FINGERS,
+    )
+    pose: str | None = _option(
+        None,
+        "the object is on a table: upright (as its mesh) or stable (in any stable pose), at a"
+        " random place in the region; or a text file with its pose, four rows of four numbers [m]",
+        metavar="POSE",
+    )
+    region: tuple[float, ...] | None = _option(
+        None,
+        "lengths [m] of the box on the table that contains the object: position and size of the"
+        " object are then unknown",
+        metavar=("X", "Y", "Z"),
+        check=lambda name, value: Region(value).lengths,
+    )
+    free: bool = _option(
+        False, "the object is free on a table and may be pushed; needs --prober dynamic"
+    )
+    policy: str = _option(
+        "spread",
+        "choice of the next touch",
+        TOUCHING,
+        metavar="NAME",
+        check=_named(POLICY_NAMES.find),
+        registry=POLICY_NAMES,
+        meanings=POLICY_MEANINGS,
+    )
+    until_success: float | None = _option(
+        None,
+        "stop when the surface allows a grasp that holds with this probability, such as 0.95",
+        TOUCHING,
+        metavar="PROBABILITY",
+        check=_probability,
+    )
+    until_coverage: float | None = _option(
+        None,
+        "stop when this fraction of the estimate is within a step of a contact",
+        TOUCHING,
+        metavar="FRACTION",
+    )
+    until_uncertainty: float | None = _option(
+        None,
+        "stop when nearly all of the estimate has at most this standard deviation",
+        TOUCHING,
+        metavar="METRES",
+    )
+    max_seconds: float | None = _option(
+        None, "stop after this time of the robot", TOUCHING, metavar="S"
+    )
+    position_noise: float = _of_sensor(
+        "position_noise",
+        "standard deviation of the positions of contacts that do not carry their own",
+        "METRES",
+        "estimated from the contacts",
+    )
+    normal_noise: float = _of_sensor(
+        "normal_noise",
+        "standard deviation of the normals of contacts that do not carry their own",
+        "RADIANS",
+        "estimated from the contacts",
+    )
+    force_threshold: float = _of_sensor(
+        "force_threshold", "smallest force that the sensor detects", "N"
+    )
+    taxel_pitch: float = _of_sensor("taxel_pitch", "distance of the sensor's taxels", "METRES")
+    free_space: bool = _option(
+        True,
+        "remove the space that the hand passed through from the estimate",
+        SURFACE,
+        words="yes",
+    )
+    cloud: str | None = _option(
+        None,
+        "contacts known before the first touch, in the object's frame: a point cloud with normals,"
+        " .ply or .csv; touches go where it lacks the surface",
+        TOUCHING,
+        metavar="FILE",
+    )
+    touches: int = _option(40, "contacts to make", TOUCHING, metavar="N", check=_at_least(1))
+    seed: int = _option(0, "random seed", metavar="N", check=_at_least(0))
+    mass: float | None = _option(
+        None,
+        "mass of the object",
+        GRASPING,
+        metavar="KG",
+        words="of YCB scans their own, else at most 0.2",
+        words_else="at most 0.2",
+        check=_positive,
+    )
+    friction: float = _option(
+        0.8, "Coulomb friction between hand and object", GRASPING, metavar="MU", check=_positive
+    )
+    load: str = _option(
+        "known",
+        "prior knowledge of the object's mass and friction in planning: their values, or their"
+        " distributions",
+        choices=LOADS,
+        words="unknown; known with --known",
+        words_else="known",
+    )
+    grasps: int = _option(10, "ranked grasps to plan", GRASPING, metavar="N", check=_at_least(1))
+    attempts: int = _option(
+        3,
+        "grasps to try at most; another is planned after a failed tactile check",
+        GRASPING,
+        metavar="N",
+        check=_at_least(1),
+    )
+    simulator: str = _option(
+        "drake",
+        "simulator of the lift; mujoco needs the extra mujoco",
+        GRASPING,
+        choices=SIMULATORS,
+    )
+    arm: str | None = _option(
+        None,
+        "an arm that carries the hand: a name, such as iiwa14, or an arm's YAML file",
+        ARM,
+        metavar="ARM",
+        words="none, the hand moves freely",
+    )
+    base: tuple[float, ...] | None = _option(
+        None,
+        "place of the arm's base [m]: x and y on the table, height above it; it faces along +x",
+        ARM,
+        metavar=("X", "Y", "Z"),
+        words="chosen for its reach",
+        check=_place,
+    )
 
     def __post_init__(self) -> None:
-        for name, choices in (
-            ("prober", PROBERS),
-            ("fingers", FINGERS),
-            ("simulator", SIMULATORS),
-            ("load", LOADS),
-        ):
-            if getattr(self, name) not in choices:
-                raise InvalidOptionError.not_one_of(name, getattr(self, name), choices)
-        find_estimator(self.estimator)
-        POLICY_NAMES.find(self.policy)
-        require_at_least(1, touches=self.touches, grasps=self.grasps, attempts=self.attempts)
-        require_at_least(0, seed=self.seed)
-        for name in ("mass", "friction"):
+        for name, option in options().items():
             value = getattr(self, name)
-            if value is not None and not 0 < value <= 1e9:
-                raise InvalidOptionError.out_of_range(name, value, "positive")
-        if self.free and self.prober != "dynamic":
-            raise InvalidOptionError(
-                f"a free object needs the dynamic prober; it is {self.prober}", option="free"
-            )
-        if self.fingers != "one" and self.prober != "kinematic":
-            raise InvalidOptionError(
-                f"fingers '{self.fingers}' need the kinematic prober; it is {self.prober}",
-                option="fingers",
-            )
-        if self.region is not None:
-            object.__setattr__(self, "region", Region(self.region).lengths)
-            if self.pose is None:
-                raise InvalidOptionError(
-                    "an object in a region needs a pose there, such as 'stable'; there is none",
-                    option="pose",
-                )
-        if self.until_success is not None and not 0 < self.until_success < 1:
-            raise InvalidOptionError.out_of_range(
-                "until_success", self.until_success, "above 0 and below 1"
-            )
-        if self.arm is not None and self.simulator != "drake":
-            raise InvalidOptionError(
-                f"an arm is simulated in drake; the simulator is {self.simulator}", option="arm"
-            )
-        if self.base is not None:
-            base = tuple(float(x) for x in self.base)
-            if len(base) != 3 or not np.isfinite(base).all():
-                raise InvalidOptionError.out_of_range("base", self.base, "3 finite numbers")
-            if self.arm is None:
-                raise InvalidOptionError("a base needs an arm: name it with --arm", option="base")
-            object.__setattr__(self, "base", base)
-        # Both validate the remaining fields.
-        self.sensor()
-        self.stop_limits().rules(Workspace(1.0, np.zeros(3), 1.0))
+            if option.choices and value not in option.choices:
+                raise InvalidOptionError.not_one_of(name, value, option.choices)
+            if value is not None:
+                object.__setattr__(self, name, option.check(name, value))
+        for name, message in self._contradictions():
+            raise InvalidOptionError(message, option=name)
+        self.stop_limits().rules(Workspace(1.0, np.zeros(3), 1.0))  # checks the limits
 
-    def stop_limits(self) -> StopLimits:
-        """Return the limits that end an exploration early."""
-        return StopLimits(
-            self.until_success, self.until_coverage, self.until_uncertainty, self.max_seconds
-        )
+    def _contradictions(self) -> Iterator[tuple[str, str]]:
+        if self.free and self.prober != "dynamic":
+            yield "free", f"a free object needs the dynamic prober; it is {self.prober}"
+        if self.fingers != "one" and self.prober != "kinematic":
+            needs = f"need the kinematic prober; it is {self.prober}"
+            yield "fingers", f"fingers '{self.fingers}' {needs}"
+        if self.region is not None and self.pose is None:
+            required = "a pose there, such as 'stable'; there is none"
+            yield "pose", f"an object in a region needs {required}"
+        if self.arm is not None and self.simulator != "drake":
+            yield "arm", f"an arm is simulated in drake; the simulator is {self.simulator}"
+        if self.base is not None and self.arm is None:
+            yield "base", "a base needs an arm: name it with --arm"
 
     @classmethod
     def from_facts(
@@ -275,8 +425,12 @@ class RunConfig:
             taxel_pitch=self.taxel_pitch,
         )
 
+    def stop_limits(self) -> StopLimits:
+        """Return the limits that end an exploration early."""
+        return StopLimits(
+            self.until_success, self.until_coverage, self.until_uncertainty, self.max_seconds
+        )
+
     def facts(self) -> dict[str, Any]:
         """Return the configuration as plain values, for file headers and reports."""
-        facts = asdict(self)
-        lists = {name: facts[name] for name in ("region", "base")}
-        return facts | {name: None if v is None else list(v) for name, v in lists.items()}
+        return {n: list(v) if isinstance(v, tuple) else v for n, v in asdict(self).items()}

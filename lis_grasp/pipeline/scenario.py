@@ -24,7 +24,7 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.geometry import inverse_pose, make_pose, require_pose
 from lis_grasp.grasping.grasps import LoadPrior
-from lis_grasp.pipeline.run_config import UNKNOWN_LOAD, RunConfig, StopLimits
+from lis_grasp.pipeline.run_config import RunConfig, StopLimits
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, Shape, default_mass, draw_pose, find, placed
@@ -34,6 +34,9 @@ from lis_grasp.typing import FloatArray
 
 _PLACE_STREAM = 3  # of random numbers, apart from those of the stages
 _DEFAULTS = RunConfig()
+
+UNKNOWN_LOAD = LoadPrior(friction=0.8, mass=0.2, friction_spread=0.25, mass_spread=float(np.log(2)))
+"""Household objects and fingertips of rubber: 0.06 to 0.7 kg, friction 0.5 to 1.2."""
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lis_grasp.exceptions import InvalidArmError, InvalidFileError, InvalidHandError, nearest_of
 from lis_grasp.io.yaml_files import find_yaml_file
-from lis_grasp.plugins import Registry
+from lis_grasp.plugins import Registry, errors_of
 
 HAND_NAMES = ("allegro", "wsg50", "barrett")
 """The hands that the package ships, by the name that `Hand.load` takes."""
@@ -64,6 +64,8 @@ def hand_path(path_or_name: str | Path) -> Path:
         If there is no such hand, or what is registered gives no path.
     InvalidOptionError
         If the module of an installed package's hand cannot be imported.
+    PluginError
+        If its function raises an error.
     """
     name = str(path_or_name)
     if name in HAND_NAMES:
@@ -83,7 +85,8 @@ def hand_path(path_or_name: str | Path) -> Path:
             f" neither{nearest_of(name, names)}"
         )
     registered = HAND_REGISTRY.find(name)
-    path = registered() if callable(registered) else registered
+    with errors_of(name, registered):
+        path = registered() if callable(registered) else registered
     if not isinstance(path, str | Path):
         raise InvalidHandError(
             f"hand '{name}' must be the path of a YAML file, or a function that returns it; it is"

@@ -32,12 +32,6 @@ _TRACKED_RADIUS, _TRUE_RADIUS = 0.0009, 0.0006  # [m]
 _LEAST = 1e-5
 
 
-def search_of(outcomes: Sequence[ProbeOutcome]) -> tuple[ProbeOutcome, ...]:
-    """Return the outcomes up to the first with a contact; all of them if there is none."""
-    touching = [len(outcome.contacts) > 0 for outcome in outcomes]
-    return tuple(outcomes[: touching.index(True) + 1 if any(touching) else len(touching)])
-
-
 def draw_search(canvas: Canvas, region: Region, search: Sequence[ProbeOutcome]) -> None:
     """Draw the region's edges and the path of the leading fingertip in every motion."""
     edges = [_tube(a, b, _EDGE_RADIUS) for a, b in _edges(region.bounds)]

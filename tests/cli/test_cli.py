@@ -21,10 +21,10 @@ from lis_grasp.exploration.planar_motion import planar_pose
 from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface
 from lis_grasp.motion import OBJECT, Motion
+from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.visualization._drawing import OBJECT_NODE, Canvas, animate
 from lis_grasp.visualization.hand_layers import draw_motion
-from lis_grasp.visualization.run_scene import scene_of
 
 CUBE_AXES = np.vstack([np.eye(3), -np.eye(3)])
 

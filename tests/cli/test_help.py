@@ -4,10 +4,10 @@ import shlex
 
 import pytest
 
-from lis_grasp.cli import options
 from lis_grasp.cli.examples import EXAMPLES
 from lis_grasp.cli.main import _CORE_VERBS, _verb_registry, build_parser, main
 from lis_grasp.exploration import POLICIES
+from lis_grasp.pipeline.run_config import ESTIMATOR_MEANINGS, POLICY_MEANINGS, RunConfig, options
 from lis_grasp.surfaces import ESTIMATORS
 
 ADDED = {name: _verb_registry().find(name) for name in _verb_registry().names[len(_CORE_VERBS) :]}
@@ -43,16 +43,19 @@ def test_the_core_has_its_verbs_where_no_package_adds_one(
 
 
 def test_help_explains_every_estimator_and_policy(capsys: pytest.CaptureFixture[str]) -> None:
-    assert options._ESTIMATOR_HELP.keys() == ESTIMATORS.keys()
-    assert options._POLICY_HELP.keys() == POLICIES.keys()
+    assert ESTIMATOR_MEANINGS.keys() == ESTIMATORS.keys()
+    assert POLICY_MEANINGS.keys() == POLICIES.keys()
     with pytest.raises(SystemExit):
         build_parser("run").parse_args(["run", "--help"])
     said = " ".join(capsys.readouterr().out.split())
-    for name, meaning in {**options._ESTIMATOR_HELP, **options._POLICY_HELP}.items():
+    for name, meaning in {**ESTIMATOR_MEANINGS, **POLICY_MEANINGS}.items():
         assert f"{name} ({meaning})" in said
 
 
-def test_an_option_is_in_one_group_at_most() -> None:
-    grouped = [name for members in options._GROUPS.values() for name in members]
-    assert len(grouped) == len(set(grouped))
-    assert set(grouped) <= set(options._OPTIONS)
+def test_an_option_of_the_parser_is_declared_with_its_field() -> None:
+    declared = options()
+    assert list(declared) == list(RunConfig().facts())
+    for name, option in declared.items():
+        assert option.help, name
+        assert RunConfig.__doc__ is not None
+        assert f"    {name}\n        {option.help}." in RunConfig.__doc__

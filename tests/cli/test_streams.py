@@ -37,6 +37,23 @@ def test_a_full_stdout_is_one_sentence(contacts: Path) -> None:
     ]
 
 
+def test_a_reader_that_ends_early_is_no_error(contacts: Path) -> None:
+    # `true` ends at once, so that the first line of the result has no reader.
+    cut = 'set -o pipefail; "$0" -m lis_grasp.cli.main estimate "$1" --output "$2" | true'
+    ended = subprocess.run(
+        [
+            *("bash", "-c", cut, sys.executable),
+            *(str(contacts), str(contacts.parent / "out")),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ended.returncode == 141
+    assert "cannot write" not in ended.stderr
+
+
 @pytest.mark.parametrize("redirections", ["2>&-", "2>/dev/full", ">&-", "<&- >&- 2>&-"])
 def test_work_goes_on_without_the_other_streams(contacts: Path, redirections: str) -> None:
     code, out, complaint = _estimate(contacts, redirections)

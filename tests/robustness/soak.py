@@ -32,10 +32,10 @@ from pathlib import Path
 import numpy as np
 
 from lis_grasp.cli.main import main as run_verb
+from lis_grasp.pipeline.run_scene import write_scene_of
 from lis_grasp.robots.shipped_models import HAND_NAMES
 from lis_grasp.shapes import NAMES
 from lis_grasp.surfaces import ESTIMATORS
-from lis_grasp.visualization.run_scene import write_scene_of
 
 _THOROUGH = 20  # one cycle in so many touches in Drake, lifts, and writes a scene
 _WARM_UP = 0.1  # fraction of the cycles

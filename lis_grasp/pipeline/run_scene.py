@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,13 @@ from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region, load_outcomes
-from lis_grasp.grasping.grasps import GraspSearch
-from lis_grasp.io import provenance
-from lis_grasp.io.surface_files import load_growth, load_surface
-from lis_grasp.motion import Motion
+from lis_grasp.io.surface_files import load_growth
+from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.results import Run
+from lis_grasp.pipeline.results_folder import LOG
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes import find, placed_as_recorded
-from lis_grasp.visualization._exploration_layers import search_of
 from lis_grasp.visualization.scene import Scene
-
-_SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
 
 
 def write_scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Path:
@@ -41,47 +37,32 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
     InvalidFileError
         If the folder has neither contacts nor a surface nor grasps.
     """
-    files = {
-        name: directory / name
-        for name in (*_SOURCES, "motion.npz", "touches.jsonl")
-        if (directory / name).exists()
-    }
-    source = next((files[name] for name in _SOURCES if name in files), None)
-    if source is None:
-        raise InvalidFileError(
-            f"{directory} has no results ({', '.join(_SOURCES)}): name a folder that `lis-grasp"
-            " run` or another verb wrote",
-            path=directory,
-        )
-    facts = provenance.read(source)
+    run = Run.load(directory)
+    facts, contacts = run.facts, run.contacts
+    hand = Hand.load(facts.get("hand", "allegro"))
     content: dict[str, Any] = {"support_height": facts.get("support_height"), "summary": summary}
-    content["title"] = f"lis_grasp: {directory.name}"
-    if "object" in facts:
-        with suppress(InvalidFileError):  # a mesh that is elsewhere now: the scene lacks the truth
-            truth = find(facts["object"], size=facts.get("size"), units=facts.get("units", "m"))
-            truth = placed_as_recorded(truth, facts)
-            content |= {"truth": truth.mesh, "title": f"lis_grasp: {truth.name}"}
-    content["hand"] = hand = Hand.load(facts.get("hand", "allegro"))
+    content |= {"title": f"lis_grasp: {directory.name}", "hand": hand, "motion": run.motion}
+    with suppress(InvalidFileError):  # a mesh that is elsewhere now: the scene lacks the truth
+        if run.truth is not None:
+            content |= {"truth": run.truth.mesh, "title": f"lis_grasp: {run.truth.name}"}
     if facts.get("arm") is not None and "X_EA" in facts:
         height = facts.get("support_height")
         table = None if height is None else Table(float(height))
         content["station"] = Station.make(Arm.load(facts["arm"]), hand, facts["X_EA"], table=table)
-    if "contacts.ply" in files:
-        content["contacts"] = contacts = Contacts.load(files["contacts.ply"])
-        made = provenance.read(files["contacts.ply"])
-        if "touches.jsonl" in files and made.get("hand") == facts.get("hand"):
-            outcomes = _outcomes(files["touches.jsonl"])
+    if contacts is not None:
+        content["contacts"] = contacts
+        made, log = read_facts(directory / "contacts.ply"), directory / LOG
+        if log.exists() and made.get("hand") == facts.get("hand"):
+            outcomes = _outcomes(log)
             content["touches"] = _touches(outcomes, contacts, made, hand)
             content |= _search(outcomes, made)
-    if "surface.ply" in files:
-        content["estimate"] = load_surface(files["surface.ply"])
-        growth = load_growth(directory, provenance.read(files["surface.ply"]))
-        all_contacts = len(content.get("contacts", ()))
-        content["growth"] = [(count, mesh) for count, mesh in growth if count < all_contacts]
-    if "grasps.json" in files:
-        content["grasps"] = GraspSearch.load(files["grasps.json"]).grasps
-    if "motion.npz" in files:
-        content["motion"] = Motion.load(files["motion.npz"])
+    if run.mesh is not None:
+        content["estimate"] = run.mesh
+        growth = load_growth(directory, read_facts(directory / "surface.ply"))
+        known = 0 if contacts is None else len(contacts)
+        content["growth"] = [(count, mesh) for count, mesh in growth if count < known]
+    if run.grasps is not None:
+        content["grasps"] = run.grasps.grasps
     return Scene(**content)
 
 
@@ -99,7 +80,13 @@ def _search(outcomes: tuple[ProbeOutcome, ...] | None, facts: Mapping[str, Any])
     moved = {"moved": recorded}
     if facts.get("region") is None:
         return moved
-    return {**moved, "region": Region(facts["region"]), "search": search_of(recorded)}
+    return {**moved, "region": Region(facts["region"]), "search": _search_of(recorded)}
+
+
+def _search_of(outcomes: Sequence[ProbeOutcome]) -> tuple[ProbeOutcome, ...]:
+    """Return the outcomes up to the first with a contact; all of them if there is none."""
+    found = [len(outcome.contacts) > 0 for outcome in outcomes]
+    return tuple(outcomes[: found.index(True) + 1 if any(found) else len(found)])
 
 
 def _touches(

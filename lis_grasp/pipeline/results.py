@@ -1,0 +1,113 @@
+"""Results of a run in a folder, read back: everything in the frame of the contacts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import trimesh
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.grasping.grasps import GraspSearch
+from lis_grasp.io.surface_files import load_surface
+from lis_grasp.motion import Motion
+from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Perception
+from lis_grasp.pipeline.stages import estimate
+from lis_grasp.records import short_repr
+from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes import Shape, find, placed_as_recorded
+from lis_grasp.surfaces import ImplicitSurface
+
+# Files whose headers say where the object is, the last that is written first.
+_SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
+
+
+@dataclass(frozen=True, eq=False)  # no slots: for cached_property
+class Run:
+    """Results in a folder: everything is in the frame of its contacts, the true object too.
+
+    What the folder lacks is None.
+    """
+
+    folder: Path
+    facts: Mapping[str, Any]  #: recorded in the header of the file that was made last
+    contacts: Contacts | None  #: touches, then the points of a cloud
+    mesh: trimesh.Trimesh | None  #: the estimate [m]
+    grasps: GraspSearch | None  #: planned on the estimate
+    motion: Motion | None  #: of the simulated lift
+    report: Mapping[str, Any] | None  #: report.json
+
+    __repr__ = short_repr
+
+    @classmethod
+    def load(cls, folder: Path | str) -> Run:
+        """Return the results in a folder, of a run or of single stages.
+
+        Raises
+        ------
+        InvalidFileError
+            If the folder has no results, or a file is damaged.
+        """
+        folder = Path(folder)
+        files = {path.name: path for path in folder.glob("*.*")}
+        source = next((files[name] for name in _SOURCES if name in files), None)
+        if source is None:
+            raise InvalidFileError(
+                f"{folder} has no results ({', '.join(_SOURCES)}): name a folder that `lis-grasp"
+                " run` or another verb wrote",
+                path=folder,
+            )
+        report = files.get("report.json")
+        return cls(
+            folder,
+            read_facts(source),
+            Contacts.load(files["contacts.ply"]) if "contacts.ply" in files else None,
+            load_surface(files["surface.ply"]) if "surface.ply" in files else None,
+            GraspSearch.load(files["grasps.json"]) if "grasps.json" in files else None,
+            Motion.load(files["motion.npz"]) if "motion.npz" in files else None,
+            None if report is None else json.loads(report.read_text(encoding="utf-8")),
+        )
+
+    @cached_property
+    def config(self) -> RunConfig:
+        """The configuration, as far as it is recorded; `InvalidOptionError` as of `RunConfig`."""
+        return RunConfig.from_facts(
+            {**self.facts, **({} if self.report is None else self.report["config"])}
+        )
+
+    @cached_property
+    def truth(self) -> Shape | None:
+        """The true object where it is, in the frame of the contacts; None if none is recorded.
+
+        Errors are those of `lis_grasp.shapes.find`: its file may be elsewhere now.
+        """
+        facts = self.facts
+        if "object" not in facts:
+            return None
+        shape = find(facts["object"], size=facts.get("size"), units=facts.get("units", "m"))
+        return placed_as_recorded(shape, facts)
+
+    @cached_property
+    def hand(self) -> Hand:
+        """The hand; errors as of `Hand.load`."""
+        return Hand.load(self.config.hand)
+
+    @cached_property
+    def surface(self) -> ImplicitSurface | None:
+        """The surface, estimated again from the contacts; None without contacts."""
+        if self.contacts is None:
+            return None
+        known = Perception.from_config(self.config, self.facts.get("support_height"))
+        return estimate(known, self.contacts)[0]
+
+    @property
+    def lift(self) -> Mapping[str, Any] | None:
+        """The outcome of the lift, as in the report."""
+        return None if self.report is None else self.report["lift"]
