@@ -31,7 +31,7 @@ class Experiment:
     variant: str = "estimator"
     """Column of the variant's name."""
     source: Callable[[str], str] | None = None
-    """Returns a digest of a variant's source if a plug-in makes it."""
+    """Returns a digest of a variant's source if a plug-in makes it; a function of a module too."""
     modules: tuple[str, ...] = ()
     """Modules whose numerical libraries are limited to one thread too, such as Drake's."""
 

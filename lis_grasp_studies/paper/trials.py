@@ -178,7 +178,11 @@ def score_paper_trial(trial: PaperTrial, estimator: str) -> Row:
     return row | asdict(error) | dict(zip(WITHIN, rates, strict=True))
 
 
-PAPER = Experiment("paper", score_paper_trial, source=COMPARED.digest)
+def _source(estimator: str) -> str:
+    return COMPARED.digest(estimator)  # a method of the registry cannot be pickled
+
+
+PAPER = Experiment("paper", score_paper_trial, source=_source)
 """The experiments of the paper."""
 
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import os
+import pickle
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from lis_grasp.io.json_lines import Row
+from lis_grasp_studies.contact_study.score import SURFACES
 from lis_grasp_studies.harness.experiment import Experiment
 from lis_grasp_studies.harness.program import read_options
 from lis_grasp_studies.harness.tables import grouped_table, mean_cell, split, where
+from lis_grasp_studies.paper.trials import PAPER
+from lis_grasp_studies.unknown_study.parts import PARTS
+from lis_grasp_studies.unknown_study.simulators import BOTH, LIMITS
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,11 @@ def test_a_variant_whose_source_changed_is_measured_again(tmp_path: Path) -> Non
         (row,) = experiment.complete(THROWS[:1], ["left"], file, jobs=1)
         assert row["source"] == digest
     assert len(file.read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize("experiment", [PAPER, SURFACES, PARTS, BOTH, LIMITS])
+def test_other_processes_can_run_every_experiment(experiment: Experiment) -> None:
+    assert pickle.loads(pickle.dumps(experiment.run)).__self__ == experiment  # noqa: S301
 
 
 def test_a_table_has_a_line_for_each_group_with_rows() -> None:
