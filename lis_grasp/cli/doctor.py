@@ -14,8 +14,7 @@ from pathlib import Path
 
 from lis_grasp import pipeline
 from lis_grasp.arms.check import check_arm
-from lis_grasp.cli.findings import say_findings
-from lis_grasp.cli.progress import say
+from lis_grasp.cli.progress import say, say_findings
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, LisGraspError
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.arm import Arm

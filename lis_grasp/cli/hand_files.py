@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lis_grasp.cli.findings import say_findings
-from lis_grasp.cli.progress import say
+from lis_grasp.cli.progress import say, say_findings
 from lis_grasp.exceptions import InvalidFileError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.robots.draft.pipeline import draft_hand

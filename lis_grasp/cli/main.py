@@ -5,18 +5,19 @@ from __future__ import annotations
 import argparse
 import gc
 import re
+import signal
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib import import_module
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.cli.examples import EXAMPLES, format_examples
-from lis_grasp.cli.interrupts import interrupts_after_imports
 from lis_grasp.cli.progress import complain, open_missing_streams, say
 from lis_grasp.exceptions import (
     InvalidInputError,
@@ -54,6 +55,9 @@ _CORE_VERBS = tuple(name for name, _, _ in _VERBS)
 
 # Exit code of a program whose reader has ended, as of a shell: 128 and the number of SIGPIPE.
 _READER_ENDED = 141
+
+_AGAIN = 0.02  # [s] after which an interrupt during an import is raised again
+_IMPORT = "<frozen importlib"  # begins the name of the file of importing code
 
 # Objects created between garbage collections, by generation. Arrays, which take the memory, are not
 # in cycles; Python's own threshold of 700 costs a twentieth of a run.
@@ -193,6 +197,42 @@ def _run(arguments: Sequence[str] | None) -> int:
         )
         return 130
     return 0
+
+
+@contextmanager
+def interrupts_after_imports() -> Iterator[None]:
+    """Raise KeyboardInterrupt on Ctrl-C, but not during an import, which is finished first.
+
+    Libraries swallow an interrupt in their optional imports, or stay half imported and fail later.
+    A handler that is not Python's own is left alone.
+    """
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    if _is_importing(frame):
+        main = threading.main_thread().ident
+        timer = threading.Timer(_AGAIN, signal.pthread_kill, (main, number))
+        timer.daemon = True
+        timer.start()
+        return
+    signal.default_int_handler(number, frame)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename.startswith(_IMPORT):
+            return True
+        frame = frame.f_back
+    return False
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from lis_grasp.exceptions import OutputError
@@ -17,6 +17,7 @@ from lis_grasp.exceptions import OutputError
 if TYPE_CHECKING:
     from lis_grasp.grasping.grasps import GraspSearch
     from lis_grasp.pipeline.progress import Progress
+    from lis_grasp.robots.hand_check import Finding
 
 _LOG = logging.getLogger("lis_grasp")
 _SILENCE = 10.0  # [s]
@@ -151,6 +152,12 @@ def say_search(search: GraspSearch) -> None:
     for reason, count in sorted(search.rejections.items(), key=lambda item: -item[1]):
         if count:
             say(f"  {count:6d}  {rejection_sentence(reason)} ({reason})")
+
+
+def say_findings(findings: Iterable[Finding]) -> None:
+    """Print one line for each finding, on stdout."""
+    for finding in findings:
+        say(f"{'ok  ' if finding.fine else 'FIX '}  {finding.text}")
 
 
 def complain(text: str, end: str = "\n") -> None:

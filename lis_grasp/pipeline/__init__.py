@@ -17,8 +17,15 @@ from lis_grasp.pipeline.scenario import (
     support_height,
     workspace,
 )
-from lis_grasp.pipeline.stages import Stopwatch, estimate, make_estimator, plan
-from lis_grasp.pipeline.touching import make_policy, make_prober, touch
+from lis_grasp.pipeline.stages import (
+    Stopwatch,
+    estimate,
+    make_estimator,
+    make_policy,
+    make_prober,
+    plan,
+    touch,
+)
 
 __all__ = [
     "SILENT",

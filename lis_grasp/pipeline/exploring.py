@@ -30,7 +30,7 @@ from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
 from lis_grasp.pipeline.results_folder import LOG, remove_made_from, results_folder
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Scenario
-from lis_grasp.pipeline.touching import make_prober, touch
+from lis_grasp.pipeline.stages import make_prober, touch
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 
@@ -40,7 +40,7 @@ _STEPS, _CELLS = 7, 26
 _FIRST = 3
 # An exploration runs this module and those that it imports. The values of a configuration are
 # facts of their own.
-_RUNS, _CONFIGURATION = "lis_grasp.pipeline.touching", "lis_grasp.pipeline.run_config"
+_RUNS, _CONFIGURATION = "lis_grasp.pipeline.stages", "lis_grasp.pipeline.run_config"
 
 
 def explore_into(
@@ -58,18 +58,9 @@ def explore_into(
     again. If what the exploration depends on has changed since, it starts from the beginning, and
     the earlier results are removed.
 
-    Parameters
-    ----------
-    folder
-        The folder of results.
-    scenario
-        The scenario before the first touch.
-    progress
-        Is told why an exploration starts from the beginning, and how far it is.
-    fresh
-        Start from the beginning in any case.
-    arm_use
-        Gets what new touches demand of an arm; None for a record that nobody reads.
+    `progress` is told why an exploration starts from the beginning, and how far it is. With `fresh`
+    it starts from the beginning in any case. What new touches demand of an arm is added to
+    `arm_use`.
     """
     config, known = scenario.config, scenario.known
     cloud = None if known.cloud is None else load_source(ContactSource(known.cloud))

@@ -86,28 +86,14 @@ def estimate_file(
     folder: Path | None = None,
     progress: Progress = SILENT,
 ) -> EstimatedFile:
-    """Estimate the surface from files of contacts, and write surface.ply.
+    """Estimate the surface from files of contacts of one object, and write surface.ply.
 
-    Its contacts are written beside it if the folder lacks them. Files that were made from an
-    earlier surface are removed.
+    Its contacts are written beside it if the folder lacks them, and files that were made from an
+    earlier surface are removed. `options` are values of `RunConfig` by name; those that are missing
+    or None are as recorded in the files. The folder is that of the first file for None.
 
-    Parameters
-    ----------
-    sources
-        Files of contacts of one object.
-    options
-        Values of `RunConfig` by name; those that are missing or None are as recorded in the files.
-    folder
-        Folder of results; None for that of the first file.
-    progress
-        Is told what was found in the contacts.
-
-    Raises
-    ------
-    InvalidContactsError
-        If there are no contacts.
-    InvalidOptionError
-        If the folder has other contacts that must be kept.
+    Raises `InvalidContactsError` if there are no contacts, `InvalidOptionError` if the folder has
+    others that must be kept.
     """
     paths = [Path(source.path) for source in sources]
     contacts, recorded = _load_sources(sources)
@@ -135,29 +121,15 @@ def grasp_file(
     folder: Path | None = None,
     progress: Progress = SILENT,
 ) -> GraspedFile:
-    """Plan grasps on the mesh in a file, and write grasps.json.
+    """Plan grasps on the mesh in a file, this package's or any, and write grasps.json.
 
-    Files that were made from earlier grasps are removed.
+    Files that were made from earlier grasps are removed. `options` are values of `RunConfig` by
+    name, and ``support``, the height of the plane below the object [m]. Those that are missing or
+    None are as recorded in the file; else the support is the mesh's lowest point. The folder is
+    that of the mesh for None.
 
-    Parameters
-    ----------
-    path
-        A surface of this package, or any mesh file.
-    options
-        Values of `RunConfig` by name, and ``support``, the height of the plane below the object
-        [m]. Those that are missing or None are as recorded in the file; else the support is the
-        mesh's lowest point.
-    folder
-        Folder of results; None for that of the mesh.
-    progress
-        Is told what was repaired.
-
-    Raises
-    ------
-    InvalidOptionError
-        If a value is out of range.
-    InvalidFileError, InvalidMeshError
-        If the mesh cannot be used.
+    Raises `InvalidOptionError` if a value is out of range, `InvalidFileError` or `InvalidMeshError`
+    if the mesh cannot be used.
     """
     recorded = read_facts(path, usual="surface.ply")
     config = RunConfig.from_facts(options, recorded)
@@ -188,25 +160,12 @@ def lift_file(
 ) -> LiftedFile:
     """Simulate the lift of the true object with the grasps in a file, and write lifts.json.
 
-    The motion of the first lift is written as motion.npz.
+    The motion of the first lift is written as motion.npz. `options` are values of `RunConfig` by
+    name, ``best``, the number of grasps to lift with, and ``jobs``, the number of processes. Those
+    that are missing or None are as recorded in the file; else one grasp, and as many processes as
+    the machine has cores. The folder is that of the grasps for None.
 
-    Parameters
-    ----------
-    path
-        A grasps.json.
-    options
-        Values of `RunConfig` by name, ``best``, the number of grasps to lift with, and ``jobs``,
-        the number of processes. Those that are missing or None are as recorded in the file; else
-        one grasp, and as many processes as the machine has cores.
-    folder
-        Folder of results; None for that of the grasps.
-    progress
-        Is told what was repaired.
-
-    Raises
-    ------
-    InvalidOptionError
-        If a value is out of range, or no object is given or recorded.
+    Raises `InvalidOptionError` if a value is out of range, or no object is given or recorded.
     """
     recorded = read_facts(path, usual="grasps.json")
     search = GraspSearch.load(path)

@@ -14,8 +14,7 @@ from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Workspace
 from lis_grasp.exploration.probe import since_loss
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.pipeline.scenario import Known
-from lis_grasp.pipeline.stages import make_estimator
-from lis_grasp.pipeline.touching import make_policy
+from lis_grasp.pipeline.stages import make_estimator, make_policy
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import ImplicitSurface, carved

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import POLICIES, Policy, Probe, ProbeOutcome, Workspace
+from lis_grasp.exploration import POLICIES, Policy, Probe, Workspace
 from lis_grasp.plugins import Registry, errors_of
 from lis_grasp.surfaces import ESTIMATORS, Estimator, ImplicitSurface
-from lis_grasp.typing import FloatArray
 
 ESTIMATOR_NAMES = Registry("estimator", ESTIMATORS)
 """Surface estimators: a class with `from_contacts`, or a function of contacts."""
@@ -55,9 +54,9 @@ class PluggedEstimator:
         with errors_of(self.name, self.make):
             surface = self.make(contacts, **_accepted(self.make, options))
         self._require_members(surface)
-        plugged = _PluggedSurface(self.name, surface)
+        plugged: Any = _Guarded(self.name, surface)
         self._require_shapes(plugged, contacts)
-        return plugged
+        return cast(ImplicitSurface, plugged)
 
     def _require_members(self, surface: Any) -> None:
         missing = [member for member in _MEMBERS if not hasattr(surface, member)]
@@ -87,55 +86,28 @@ class PluggedEstimator:
 
 
 @dataclass(frozen=True, slots=True)
-class _PluggedSurface:
-    """A plug-in's surface, whose errors name the plug-in; other members are its own."""
+class _Guarded:
+    """A plug-in's surface or policy with its members, whose errors name the plug-in."""
 
     name: str
-    surface: Any
+    plugin: Any
 
-    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
-        with errors_of(self.name, type(self.surface)):
-            return self.surface.evaluate(points)  # type: ignore[no-any-return]
+    def __getattr__(self, member: str) -> Any:
+        with errors_of(self.name, type(self.plugin)):
+            value = getattr(self.plugin, member)
+        return partial(self._call, value) if callable(value) else value
 
-    def gradient(self, points: npt.ArrayLike) -> FloatArray:
-        with errors_of(self.name, type(self.surface)):
-            return self.surface.gradient(points)  # type: ignore[no-any-return]
-
-    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
-        with errors_of(self.name, type(self.surface)):
-            return self.surface.uncertainty(points)  # type: ignore[no-any-return]
-
-    @property
-    def bounds(self) -> FloatArray:
-        with errors_of(self.name, type(self.surface)):
-            return self.surface.bounds  # type: ignore[no-any-return]
-
-
-@dataclass(frozen=True, slots=True)
-class _PluggedPolicy:
-    """A plug-in's policy, whose errors name the plug-in."""
-
-    name: str
-    policy: Any
-
-    def next_probe(
-        self,
-        contacts: Contacts,
-        surface: ImplicitSurface | None,
-        *,
-        outcomes: Sequence[ProbeOutcome],
-        rng: np.random.Generator,
-    ) -> Probe | None:
-        with errors_of(self.name, type(self.policy)):
-            probe = self.policy.next_probe(contacts, surface, outcomes=outcomes, rng=rng)
-        if probe is not None and not isinstance(probe, Probe):
+    def _call(self, method: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        with errors_of(self.name, type(self.plugin)):
+            made = method(*arguments, **options)
+        if getattr(method, "__name__", "") == "next_probe" and not isinstance(made, Probe | None):
             raise InvalidOptionError(
                 f"policy '{self.name}' must return a Probe or None; it returned"
-                f" {type(probe).__name__}",
+                f" {type(made).__name__}",
                 option="policy",
                 value=self.name,
             )
-        return probe
+        return made
 
 
 def find_estimator(
@@ -182,7 +154,7 @@ def find_policy(name: str, space: Workspace) -> Policy:
             option="policy",
             value=name,
         )
-    return _PluggedPolicy(name, policy)
+    return cast(Policy, _Guarded(name, policy))
 
 
 def _accepted(make: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:

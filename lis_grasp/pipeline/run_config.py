@@ -70,37 +70,17 @@ _Config = TypeVar("_Config", bound=type)
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """What the command line, the documentation and the checks need of one field.
+    """What the command line, the documentation and the checks need of one field."""
 
-    Parameters
-    ----------
-    help
-        What it means, as in the help of a verb.
-    group
-        Title in the help; empty for none.
-    metavar
-        Name of its value in the help, or of each of three values.
-    choices
-        The permitted values; empty for any.
-    words
-        The default in words, of verbs that explore; empty for the value itself.
-    words_else
-        The same of verbs that read a file; empty for `words`.
-    check
-        Called with the name and a value that is not None; returns the value to keep.
-    registry, meanings
-        Of an option that may name a plug-in: its names, and the package's own in words.
-    """
-
-    help: str
-    group: str = ""
-    metavar: str | tuple[str, ...] = ""
-    choices: tuple[str, ...] = ()
-    words: str = ""
-    words_else: str = ""
-    check: Callable[[str, Any], Any] = lambda name, value: value
-    registry: Registry | None = None
-    meanings: Mapping[str, str] = field(default_factory=dict)
+    help: str  #: what it means
+    group: str = ""  #: title in the help of a verb; empty for none
+    metavar: str | tuple[str, ...] = ""  #: name of its value in the help, or of each of three
+    choices: tuple[str, ...] = ()  #: the permitted values; empty for any
+    words: str = ""  #: the default in words, of verbs that explore; empty for the value itself
+    words_else: str = ""  #: the same of verbs that read a file; empty for `words`
+    check: Callable[[str, Any], Any] = lambda name, value: value  #: returns the value to keep
+    registry: Registry | None = None  #: names that it may have, plug-ins too
+    meanings: Mapping[str, str] = field(default_factory=dict)  #: the package's own names in words
 
 
 def options() -> dict[str, Option]:
@@ -162,24 +142,12 @@ def _documented(config: _Config) -> _Config:
 
 @dataclass(frozen=True, slots=True)
 class StopLimits:
-    """Limits that end an exploration early; None for none of a kind.
+    """Limits that end an exploration early; None for none of a kind."""
 
-    Parameters
-    ----------
-    success
-        Predicted probability of a grasp's success, as far as the surface decides it.
-    coverage
-        Fraction of the estimate that is within a step of a contact.
-    uncertainty
-        Standard deviation of nearly all of the estimate [m].
-    seconds
-        Time of the robot [s].
-    """
-
-    success: float | None = None
-    coverage: float | None = None
-    uncertainty: float | None = None
-    seconds: float | None = None
+    success: float | None = None  #: probability of a grasp's success, as far as the surface decides
+    coverage: float | None = None  #: fraction of the estimate within a step of a contact
+    uncertainty: float | None = None  #: standard deviation of nearly all of the estimate [m]
+    seconds: float | None = None  #: time of the robot [s]
 
     def rules(self, space: Workspace | Region) -> list[StopRule]:
         """Return new rules for the exploration of a space; that of success needs a planner."""

@@ -41,27 +41,13 @@ UNKNOWN_LOAD = LoadPrior(friction=0.8, mass=0.2, friction_spread=0.25, mass_spre
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Truth:
-    """The true object: what simulation and evaluation use, and the robot never.
+    """The true object: what simulation and evaluation use, and the robot never."""
 
-    Parameters
-    ----------
-    shape
-        The object where it is before the first touch, in the frame W of the table.
-    mass
-        Its mass [kg].
-    friction
-        Coulomb's coefficient between the object and hand or table.
-    X_WO
-        Shape (4, 4), the pose at which `shape` was put; the identity for that of its mesh.
-    X_EO
-        Shape (4, 4), the motion of `shape` by touches and grasps, in the frame E of the contacts;
-        the identity if it has not moved.
-    """
-
-    shape: Shape
-    mass: float
-    friction: float
-    X_WO: FloatArray
+    shape: Shape  #: where it is before the first touch, in the frame W of the table
+    mass: float  #: [kg]
+    friction: float  #: Coulomb's coefficient on hand and table
+    X_WO: FloatArray  #: (4, 4), the pose at which `shape` was put; the identity for its mesh's
+    #: (4, 4), motion of `shape` by touches and grasps, in the frame E of the contacts
     X_EO: FloatArray
 
     @cached_property
@@ -73,24 +59,12 @@ class Truth:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Perception:
-    """What an estimate from contacts depends on, beside them.
+    """What an estimate from contacts depends on, beside them."""
 
-    Parameters
-    ----------
-    estimator
-        Name of a surface estimator, or one that is called with the contacts alone.
-    sensor
-        The tactile sensor, whose noise the estimator is given.
-    free_space
-        Whether the contacts' free space is removed from the estimate.
-    table
-        Height of the table that closes the estimate from below [m]; None for an object in the air.
-    """
-
-    estimator: str | Estimator = _DEFAULTS.estimator
-    sensor: TactileSensor = field(default_factory=TactileSensor)
-    free_space: bool = True
-    table: float | None = None
+    estimator: str | Estimator = _DEFAULTS.estimator  #: a name, or called with the contacts alone
+    sensor: TactileSensor = field(default_factory=TactileSensor)  #: the estimator knows its noise
+    free_space: bool = True  #: whether the contacts' free space is removed from the estimate
+    table: float | None = None  #: height of a table that closes it from below [m]
 
     @classmethod
     def from_config(cls, config: RunConfig, support: float | None) -> Perception:
@@ -108,46 +82,21 @@ class Known(Perception):
     """What the robot knows, and how it decides; nothing of the true object is part of it.
 
     Poses and heights are in the frame E of the contacts.
-
-    Parameters
-    ----------
-    hand
-        The hand.
-    space
-        The region that contains the object, or its position and size.
-    support
-        Height of the plane under the object [m].
-    load
-        Distribution of mass and friction.
-    mass_by_volume
-        Whether the mass in `load` is replaced by `default_mass` of an estimate.
-    station
-        The arm that carries the hand; None for a free hand.
-    policy
-        Name of an exploration policy, or what makes one of a `Workspace`.
-    cloud
-        Path of the contacts that are known before the first touch; None for none.
-    touches, stop
-        Contacts to make, and the limits that end an exploration earlier.
-    grasps, attempts
-        Grasps to plan, and to try at most.
-    seed
-        Seed of every random draw.
     """
 
     hand: Hand
-    space: Workspace | Region
-    support: float
-    load: LoadPrior = field(default_factory=LoadPrior)
-    mass_by_volume: bool = False
-    station: Station | None = None
-    policy: str | Callable[[Workspace], Policy] = _DEFAULTS.policy
-    cloud: str | None = None
-    touches: int = _DEFAULTS.touches
-    stop: StopLimits = field(default_factory=StopLimits)
-    grasps: int = _DEFAULTS.grasps
-    attempts: int = _DEFAULTS.attempts
-    seed: int = _DEFAULTS.seed
+    space: Workspace | Region  #: the region that contains the object, or its position and size
+    support: float  #: height of the plane under the object [m]
+    load: LoadPrior = field(default_factory=LoadPrior)  #: distribution of mass and friction
+    mass_by_volume: bool = False  #: whether its mass is replaced by `default_mass` of an estimate
+    station: Station | None = None  #: the arm that carries the hand; None for a free hand
+    policy: str | Callable[[Workspace], Policy] = _DEFAULTS.policy  #: a name, or makes a policy
+    cloud: str | None = None  #: path of contacts that are known before the first touch
+    touches: int = _DEFAULTS.touches  #: contacts to make
+    stop: StopLimits = field(default_factory=StopLimits)  #: what ends an exploration earlier
+    grasps: int = _DEFAULTS.grasps  #: to plan
+    attempts: int = _DEFAULTS.attempts  #: grasps to try at most
+    seed: int = _DEFAULTS.seed  #: of every random draw
 
     @classmethod
     def for_hand(

@@ -1,26 +1,50 @@
-"""Stages between touch and lift: the estimate of the surface and the plan of grasps."""
+"""Stages before the lift: touch, the estimate of the surface, and the plan of grasps."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 import trimesh
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import TactileSensor
+from lis_grasp.exceptions import EstimationError
+from lis_grasp.exploration import (
+    Exploration,
+    ExplorationSetup,
+    ExplorationState,
+    MovingProber,
+    Policy,
+    PoseTracker,
+    ProbeOutcome,
+    Prober,
+    Region,
+    RegionPolicy,
+    StopRule,
+    TactileSensor,
+    TargetPolicy,
+    Workspace,
+    explore,
+    stop_when_graspable,
+)
+from lis_grasp.exploration.policy import PolicyKind
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
+from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.plugged_in import find_estimator
-from lis_grasp.pipeline.scenario import Known, Perception
+from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
+from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator, find_policy
+from lis_grasp.pipeline.scenario import Known, Perception, Scenario
 from lis_grasp.surfaces import Estimator, ImplicitSurface, carved
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 
+_TOUCH_STREAM = 1  # of random numbers: a stage run alone repeats its part of a whole run
+_FEW_SETS = 400  # contact sets sampled to predict a success during an exploration
 _GRASP_STREAM = 2  # of random numbers: a stage run alone repeats its part of a whole run
 
 
@@ -75,3 +99,137 @@ def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES) -
     sampler = ForceClosureSampler(known.hand, load, candidates=candidates, station=station)
     rng = np.random.default_rng([known.seed, _GRASP_STREAM])
     return sampler.sample(mesh, rng=rng, support_height=known.support, count=known.grasps)
+
+
+class Watch(Protocol):
+    """Observer of an exploration."""
+
+    def record(self, outcome: ProbeOutcome) -> None:
+        """Take every new outcome, before it is used."""
+
+    def observe(self, state: ExplorationState) -> None:
+        """Take every state, the first too."""
+
+
+def touch(
+    scenario: Scenario,
+    *,
+    prober: Prober | None = None,
+    recorded: Sequence[ProbeOutcome] = (),
+    watch: Watch | None = None,
+) -> Exploration:
+    """Explore the object of a scenario by touch.
+
+    The configured cloud is known before the first touch; it is no part of the result. The object is
+    fixed, or free on a table: then it stays where a touch leaves it.
+
+    Parameters
+    ----------
+    scenario
+        The prober touches its true object; everything else depends on what is known.
+    prober
+        Carries out the probes; None for the configured one.
+    recorded
+        Outcomes to resume: those of the same exploration, interrupted or for fewer touches.
+    watch
+        Observer of the exploration; None for none.
+    """
+    known = scenario.known
+    cloud = None if known.cloud is None else prior_contacts(load_source(ContactSource(known.cloud)))
+    prober = make_prober(scenario, recorded) if prober is None else prober
+    setup = ExplorationSetup(
+        make_policy(known.policy, known.space, known.sensor),
+        make_estimator(known.estimator, known.sensor),
+        known.touches,
+        space=known.space,
+        prior=cloud,
+        sensor=known.sensor,
+        stop=[*known.stop.rules(known.space), *grasp_rules(known)],
+        tracker=make_tracker(scenario, prober),
+    )
+    return explore(
+        prober,
+        setup,
+        rng=np.random.default_rng([known.seed, _TOUCH_STREAM]),
+        recorded=recorded,
+        record=None if watch is None else watch.record,
+        observe=None if watch is None else watch.observe,
+    )
+
+
+def grasp_rules(known: Known) -> list[StopRule]:
+    """Return the rule that stops once a good grasp is found on the estimate, if it is wanted.
+
+    Good is what succeeds as far as the surface decides it: touching does not show how much weight
+    a grasp must carry.
+    """
+    if known.stop.success is None:
+        return []
+    best = replace(known, grasps=1, station=None)
+
+    def predict(surface: ImplicitSurface) -> float:
+        try:
+            mesh = extract_mesh(above_table(surface, known.table))
+        except EstimationError:  # too few contacts for a closed surface
+            return 0.0
+        load = replace(known.load_prior(mesh), friction_spread=0.0, mass_spread=0.0)
+        certain = replace(best, load=load, mass_by_volume=False)
+        search = plan(certain, mesh, candidates=_FEW_SETS)
+        return search.grasps[0].quality["shape_probability"] if search.grasps else 0.0
+
+    return [stop_when_graspable(known.stop.success, predict)]
+
+
+def make_policy(
+    policy: str | Callable[[Workspace], Policy], space: Workspace | Region, sensor: TactileSensor
+) -> Policy:
+    """Return the policy of a name, the package's or a plug-in, for one workspace or a region."""
+    if isinstance(space, Region):
+        return RegionPolicy(space, partial(make_policy, policy, sensor=sensor))
+    if not isinstance(policy, str):
+        return policy(space)
+    kind = POLICY_NAMES.find(policy)
+    if not isinstance(kind, PolicyKind):
+        return find_policy(policy, space)
+    guess = make_estimator("gpis", sensor) if kind.uses_gaussian_process else None
+    return TargetPolicy(space, kind.select, guess)
+
+
+def make_prober(
+    scenario: Scenario, recorded: Sequence[ProbeOutcome] = (), arm_use: ArmUse | None = None
+) -> Prober:
+    """Return the configured prober of the true object, in the state after recorded outcomes.
+
+    Simulated touches add what they demand of an arm to `arm_use`.
+    """
+    config, truth, known = scenario.config, scenario.truth, scenario.known
+    mesh = truth.shape.mesh
+    if config.prober == "dynamic":
+        from lis_grasp.simulation.drake.dynamic_prober import DynamicProber
+        from lis_grasp.simulation.drake.object_plant import FreeObject
+
+        free = FreeObject(known.support, truth.mass, truth.friction) if config.free else None
+        prober = DynamicProber(
+            known.hand,
+            mesh,
+            free=free,
+            force_threshold=known.sensor.force_threshold or None,  # a touch must be detected to end
+            station=known.station,
+            arm_use=arm_use,
+        )
+        if recorded and recorded[-1].simulated_pose is not None:
+            prober.place_object(recorded[-1].simulated_pose)
+        if recorded and recorded[-1].tracked is not None:
+            prober.place_frame(recorded[-1].tracked.X_WE)
+        return prober
+    from lis_grasp.probing.kinematic_prober import Fingers, KinematicProber
+
+    fingers: Fingers = "all" if config.fingers == "all" else "one"
+    return KinematicProber(known.hand, mesh, fingers=fingers, station=known.station)
+
+
+def make_tracker(scenario: Scenario, prober: Prober) -> PoseTracker | None:
+    """Return the tracker of an object that is free; None for one that is fixed."""
+    if not scenario.config.free or not isinstance(prober, MovingProber):
+        return None
+    return PoseTracker(scenario.known.sensor.position_noise)

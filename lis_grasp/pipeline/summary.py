@@ -7,8 +7,8 @@ from math import degrees
 from typing import Any
 
 from lis_grasp.lifting.arm_use import violations
-from lis_grasp.pipeline.object_motion import motion_line
 from lis_grasp.pipeline.reasons import lift_sentence, no_grasp_sentence
+from lis_grasp.pipeline.report_json import motion_line
 
 # Below this intersection over union the estimate is named as poor.
 _LOW_IOU = 0.8

@@ -10,7 +10,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, Probe, ProbeOutcome
 from lis_grasp.exploration.planar_motion import PoseBelief, planar_pose
 from lis_grasp.pipeline import RunConfig, Scenario
-from lis_grasp.pipeline.object_motion import motion_facts, motion_line
+from lis_grasp.pipeline.report_json import motion_facts, motion_line
 
 BOX = shapes.build("box", 0.06)
 SCENARIO = Scenario.from_config(RunConfig(), BOX)

@@ -13,7 +13,7 @@ from lis_grasp.io import provenance
 from lis_grasp.pipeline import RunConfig, Scenario
 from lis_grasp.pipeline.exploring import explore_into
 
-MODULE = "lis_grasp.pipeline.touching"
+MODULE = "lis_grasp.pipeline.stages"
 POLICY = """
 from lis_grasp.exploration import Probe
 
