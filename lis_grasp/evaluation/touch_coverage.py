@@ -111,5 +111,5 @@ def _is_reachable(
 def _covered(points: FloatArray, normals: FloatArray, contacts: Contacts, radius: float) -> float:
     if not len(contacts):
         return 0.0
-    nearest, _ = gaps(points, normals, contacts)
+    nearest = gaps(points, normals, contacts)
     return float(np.mean(nearest <= radius))

@@ -26,13 +26,6 @@ from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
-# Distance of the frontier from the nearest contact, in steps.
-_FRONTIER = (0.8, 1.2)
-# Weights in a frontier target's cost: the distances to the second contact and to free space.
-_SECOND_WEIGHT, _FREE_WEIGHT = 0.25, 0.5
-# Random part of the cost, so that explorations differ, in steps.
-_RANDOM_WEIGHT = 0.1
-
 
 class Policy(Protocol):
     """Chooses the next probe from everything known; keeps no state of its own.
@@ -63,26 +56,12 @@ TargetSelector = Callable[..., "int | None"]
 
 
 def frontier(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
-    """Select a target about one step from the nearest contact.
+    """Select the target whose distance from the nearest contact is most like a step.
 
-    Without a frontier, select the target farthest from any contact. Ottenhaus et al. 2016, section
-    IV.B, give the step (50 mm on objects of 20 cm) and derive the next target from the contacts
-    and the estimated surface; the rest is ours.
+    Ottenhaus et al. 2016, section IV.B, give the step (50 mm on objects of 20 cm) and derive the
+    next target from the contacts and the estimated surface; the rest is ours.
     """
-    nearest, step = targets.nearest, targets.step
-    # Surface farther away is not connected to the contacts and seldom true, so it comes last.
-    connected = targets.eligible & (nearest <= _FRONTIER[1] * step)
-    candidates = np.flatnonzero(connected & (nearest >= _FRONTIER[0] * step))
-    if len(candidates):
-        cost = np.abs(nearest - step)
-        cost += _SECOND_WEIGHT * np.minimum(targets.second, 2.0 * step)
-        cost -= _FREE_WEIGHT * np.minimum(targets.free_distance, step)
-        cost += _RANDOM_WEIGHT * step * rng.random(len(cost))
-        return int(candidates[np.argmin(cost[candidates])])
-    if targets.eligible.any():
-        left = np.flatnonzero(connected if connected.any() else targets.eligible)
-        return int(left[np.argmax(nearest[left])])
-    return None
+    return _best(targets, -np.abs(targets.nearest - targets.step))
 
 
 def farthest(targets: Targets, surface: ImplicitSurface, *, rng: np.random.Generator) -> int | None:
@@ -132,12 +111,12 @@ class TargetPolicy:
     """Touch a point of the estimated surface, selected by a `TargetSelector`.
 
     The first six probes go along the axes to the object's centre (five above a table), unless there
-    are contacts before the first touch. Later ones approach the selected
-    target against the estimated outward normal; after a miss obliquely, from beyond the edge that
-    the missed probe must have crossed. A concavity that the estimate bridges, although a tip passed
-    through it, is touched from within. Earlier targets and free space are not targets. Without a
-    target, a random line through the workspace is probed. All this is the same for every selector,
-    so that selectors can be compared.
+    are contacts before the first touch. Later ones approach the selected target against the
+    estimated outward normal; after a miss obliquely, from beyond the edge that the missed probe
+    must have crossed. A concavity that the estimate bridges, although a tip passed through it, is
+    touched from within. Earlier targets and free space are not targets. Without a target, a random
+    line through the workspace is probed. All this is the same for every selector, so that selectors
+    can be compared.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ SAME_DIRECTION = float(np.cos(np.radians(50.0)))
 
 # Distance between the points checked along a tip's path, in steps.
 _SPACING = 0.25
-# Random offset of the first probes from the centre, in sizes of the object.
+# Random offset of the first probes from the centre, in sizes of the object, so that seeds differ.
 _AXIS_SPREAD = 0.05
 # Length of the motion beyond the target, in steps.
 _OVERSHOOT = 1.5
@@ -124,17 +124,11 @@ def surface_probe(
             retreat = away * [1.0, 1.0, 0.0]
         retreat = retreats(target[None], retreat[None], space, contacts, surface)[0]
         target = level_targets(target, retreat, space)
-    hull = ContactHull.of(contacts)
-    overshoot = _OVERSHOOT * space.step
-    if hull is not None:
-        enter, leave = hull.crossing(target, -retreat)
-        if np.isfinite(enter):
-            overshoot = max(overshoot, float(leave))
     # Start a step away, or halfway to where the line meets the estimate again.
     distances = space.step * np.arange(0.2, 1.01, 0.1)
     inside = surface.evaluate(target + distances[:, None] * retreat) < 0.0
     standoff = 0.5 * float(distances[np.argmax(inside)]) if inside.any() else space.step
-    return Probe(target, -retreat, standoff, overshoot)
+    return Probe(target, -retreat, standoff, _OVERSHOOT * space.step)
 
 
 def retreats(

@@ -62,8 +62,7 @@ def stop_when_covered(fraction: float, space: Workspace | Region) -> StopRule:
         points, normals = _touchable_samples(fitted, surface)
         if not len(points):
             return None
-        nearest, _ = gaps(points, normals, contacts)
-        covered = float(np.mean(nearest <= fitted.step))
+        covered = float(np.mean(gaps(points, normals, contacts) <= fitted.step))
         if covered < fraction:
             return None
         return f"{100.0 * covered:.0f} % of the estimate is within a step of a contact"

@@ -54,8 +54,6 @@ class Targets:
     points: FloatArray  # (P, 3) [m]: samples of the estimate
     normals: FloatArray  # (P, 3), unit, outward
     nearest: FloatArray  # (P,) [m]: distance to the nearest contact on the point's side
-    second: FloatArray  # (P,) [m]: distance to the second contact on the point's side
-    free_distance: FloatArray  # (P,) [m]: distance to the path of a tip that missed
     eligible: BoolArray  # (P,): no earlier target, not in free space, and can be approached
     step: float  # wanted distance between touches [m]
     seconds: FloatArray  # (P,) [s]: time that touching the point next would take
@@ -74,9 +72,8 @@ class Targets:
         points, normals = space.sample(surface, near=contacts, rng=rng)
         flat = is_flat(contacts, space)
         least_cosine = _FACES_ALIKE if flat else _FACES_AWAY
-        nearest, second = gaps(points, normals, contacts, least_cosine=least_cosine)
-        free_distance = _distance_to_misses(points, outcomes)
-        eligible = free_distance > _FREE_RADIUS * space.step
+        nearest = gaps(points, normals, contacts, least_cosine=least_cosine)
+        eligible = _distance_to_misses(points, outcomes) > _FREE_RADIUS * space.step
         depths = depths_in_free_space(points, surface, contacts)
         eligible &= depths < _IN_FREE_SPACE * space.step
         eligible &= space.touchable(points, normals)
@@ -89,7 +86,7 @@ class Targets:
             beside = _BESIDE_LONG if flat and _is_long(contacts) else _BESIDE
             eligible &= _meets_hull(points, normals, contacts, beside * space.step)
         seconds = seconds_to_touch(points, normals, space, outcomes)
-        return cls(points, normals, nearest, second, free_distance, eligible, space.step, seconds)
+        return cls(points, normals, nearest, eligible, space.step, seconds)
 
 
 def _is_long(contacts: Contacts) -> bool:
@@ -115,17 +112,14 @@ def gaps(
     contacts: Contacts,
     *,
     least_cosine: float = _FACES_AWAY,
-) -> tuple[FloatArray, FloatArray]:
-    """Return each point's distance to the nearest and the second contact on its side, (P,) [m].
+) -> FloatArray:
+    """Return each point's distance to the nearest contact on its side, shape (P,) [m].
 
     Contacts on its side have normals with at least this cosine to the point's.
     """
     distances = np.linalg.norm(points[:, None] - contacts.points, axis=-1)  # (P, N)
     distances[normals @ contacts.normals.T < least_cosine] = np.inf
-    if len(contacts) == 1:
-        return distances[:, 0], distances[:, 0]
-    nearest = np.partition(distances, 1, axis=1)
-    return nearest[:, 0], nearest[:, 1]
+    return np.asarray(distances.min(axis=1))
 
 
 def _tried(

@@ -13,12 +13,8 @@ from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.robots.hand import Hand, thumb_of
 from lis_grasp.typing import BoolArray, FloatArray
 
-# Largest angles [rad] between opposed normals: straight across from the thumb, and of each finger.
-_OPPOSED_ANGLE, _FINGER_ANGLE = np.deg2rad(38.0), np.deg2rad(48.0)
 # The thumb pushes sideways: its normal is at most this far from the horizontal.
 _STEEPEST = np.sin(np.deg2rad(40.0))
-# Fraction of the draws that prefer thumbs near the centre of mass: short fingers do not get there.
-_CENTRAL = 0.5
 _APPROACH_ANGLES = np.deg2rad([0.0, 0.0, -20.0, 20.0, -40.0, 40.0, -65.0, 65.0])
 # Distances of the fingers beside each other, as fractions of those in the widest pregrasp.
 SPREADS, NARROW_SPREADS = (0.55, 0.75, 1.0), (0.15, 0.25, 0.4)
@@ -47,8 +43,7 @@ def sample_contact_sets(
 ) -> tuple[GraspBatch, dict[str, int]]:
     """Sample sets of contacts: one pad, the thumb, opposite to the other pads.
 
-    1. The thumb's contact is a random sample of the surface; half of the time, the one of two that
-       is nearer to the centre of mass, where the object's weight turns it less.
+    1. The thumb's contact is a random sample of the surface.
     2. A line from it, along the inward normal or its horizontal part, leaves the object at the
        opposite point. Both contacts on a low object have normals that tilt upwards.
     3. The fingers' contacts are beside the opposite point, as far apart as the fingers are, times
@@ -74,11 +69,9 @@ def sample_contact_sets(
     level = np.flatnonzero(np.abs(samples.normals[:, 2]) <= _STEEPEST)
     if not len(level):
         rejected["steep"] = count
-    from_center = np.linalg.norm(samples.points - samples.center, axis=1)
     for _ in range(count if len(level) else 0):
-        pair = level[rng.integers(len(level), size=2 if rng.random() < _CENTRAL else 1)]
-        i = int(pair[np.argmin(from_center[pair])])
-        angle = float(rng.choice(_APPROACH_ANGLES)) + float(rng.normal(0.0, 0.05))
+        i = int(rng.choice(level))
+        angle = float(rng.choice(_APPROACH_ANGLES))
         chosen = _choose_fingers(opposition, rng)
         spread = float(rng.choice(spreads))
         lean = 0.0 if hand.kind == "parallel_jaw" else float(rng.choice(_LEANS))
@@ -195,14 +188,10 @@ def _opposing_point(
     relative = samples.points - p
     depth = relative @ closing  # (S,)
     beside = np.linalg.norm(relative - depth[:, None] * closing, axis=1)
-    cosines = samples.normals @ closing
-    opposed = (cosines > np.cos(_OPPOSED_ANGLE)) & (beside < SEARCH_RADIUS) & (depth > 0.0)
+    opposed = (samples.normals @ closing > 0.0) & (beside < SEARCH_RADIUS) & (depth > 0.0)
     if not opposed.any():
         return None
-    index = np.flatnonzero(opposed)
-    outermost = index[depth[index] > depth[index].max() - 0.003]
-    j = int(outermost[np.argmin(beside[outermost] - SEARCH_RADIUS * cosines[outermost])])
-    return samples.intersect(p, closing, j)
+    return samples.intersect(p, closing, int(np.argmax(np.where(opposed, depth, 0.0))))
 
 
 def _finger_contacts(
@@ -215,9 +204,7 @@ def _finger_contacts(
     """
     nearest = samples.query(points, np.broadcast_to(closing, points.shape))
     normals = samples.normals[nearest]
-    if np.linalg.norm(samples.points[nearest] - points, axis=1).max() > 2.5 * SEARCH_RADIUS:
-        return None
-    if (normals @ closing < np.cos(_FINGER_ANGLE)).any():
+    if (normals @ closing <= 0.0).any():
         return None
     met = np.array([samples.intersect(p, closing, j) for p, j in zip(points, nearest, strict=True)])
     if np.linalg.norm(met - samples.points[nearest], axis=1).max() > SEARCH_RADIUS:

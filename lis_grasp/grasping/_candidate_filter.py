@@ -24,7 +24,6 @@ _CLEARANCE, _SPARE = 0.0004, 0.0003  # [m] of the hand from the support; more fo
 _ARM_CLEARANCE = 0.001  # [m] the same of a hand on an arm, which sags by up to 1 mm
 # An opened hand on an arm is free to go on by this [m]: the palm keeps off the object.
 _ARM_ERROR = 0.002
-_NEARLY_CLOSED = 0.2  # fraction of the opening at which not even a pad touches the object
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
 _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
@@ -40,7 +39,7 @@ class CandidateFilter:
 
     - ``out_of_reach``: a pad stays too far from its contact;
     - ``pad_does_not_face_the_surface``: a contact is outside its pad;
-    - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp, or slightly opened;
+    - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp;
     - ``approach_hits_object``, ``_support``, ``_self``: a collision opened or on the approach;
     - with a `reach`, the reasons of its check.
 
@@ -86,12 +85,6 @@ class CandidateFilter:
         batch = batch.subset(kept)
         away = replace(batch, points=batch.points + _OPENING * batch.normals)
         opened = solve_ik(self._hand, away, palm_fixed=True).q
-        # Pads may touch the object where they are planned to, not with a side or a back.
-        nearly = batch.q + _NEARLY_CLOSED * (opened - batch.q)
-        touching = self._checker.touch_object(batch.X_OH, nearly)
-        self.rejected["grasp_hits_object"] += int(touching.sum())
-        clear = np.flatnonzero(~touching)
-        kept, opened, batch = kept[clear], opened[clear], batch.subset(clear)
         free = np.flatnonzero(
             self._free("approach", batch.X_OH, opened, self._approaches(batch.X_OH))
         )

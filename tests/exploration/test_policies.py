@@ -56,9 +56,7 @@ class Ball:
 
 def targets(eligible: list[bool]) -> Targets:
     points = np.array([[0.0, 0.0, z] for z in (0.05, 0.01, 0.02, 0.04, 0.03)])
-    return Targets(
-        points, points / 0.05, NEAREST, NEAREST, NEAREST, np.array(eligible), 0.02, SECONDS
-    )
+    return Targets(points, points / 0.05, NEAREST, np.array(eligible), 0.02, SECONDS)
 
 
 def selected(select: TargetSelector, eligible: list[bool], seed: int = 0) -> int | None:
