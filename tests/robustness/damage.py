@@ -86,7 +86,7 @@ def _swap_number(draw: Draw, content: bytes) -> bytes:
 
 def _swap_line(draw: Draw, content: bytes) -> bytes:
     lines = content.splitlines(keepends=True)
-    rows = st.integers(0, min(len(lines), 40) - 1)
+    rows = st.integers(0, max(0, min(len(lines), 40) - 1))
     lines[draw(rows)] = lines[draw(rows)]
     return b"".join(lines)
 
