@@ -20,7 +20,14 @@ if TYPE_CHECKING:
     from lis_grasp.grasping.grasps import GraspSearch as GraspSearch
     from lis_grasp.grasping.sampler import ForceClosureSampler as ForceClosureSampler
     from lis_grasp.meshing import extract_mesh as extract_mesh
+    from lis_grasp.pipeline import Run as Run
+    from lis_grasp.pipeline import RunConfig as RunConfig
+    from lis_grasp.pipeline.direct import explore as explore
+    from lis_grasp.pipeline.direct import lift as lift
+    from lis_grasp.pipeline.direct import plan as plan
+    from lis_grasp.pipeline.run import run as run
     from lis_grasp.robots.hand import Hand as Hand
+    from lis_grasp.shapes import Shape as Shape
     from lis_grasp.surfaces import BlendedImplicitSurface as BlendedImplicitSurface
     from lis_grasp.surfaces import (
         GaussianProcessImplicitSurface as GaussianProcessImplicitSurface,
@@ -28,6 +35,9 @@ if TYPE_CHECKING:
     from lis_grasp.surfaces import ImplicitSurface as ImplicitSurface
     from lis_grasp.surfaces import LocalImplicitSurface as LocalImplicitSurface
     from lis_grasp.surfaces import PatchImplicitSurface as PatchImplicitSurface
+    from lis_grasp.surfaces import estimate as estimate
+    from lis_grasp.surfaces import load_contacts as load_contacts
+    from lis_grasp.visualization import Scene as Scene
 
 _HOMES = {
     "BlendedImplicitSurface": "lis_grasp.surfaces",
@@ -40,12 +50,33 @@ _HOMES = {
     "ImplicitSurface": "lis_grasp.surfaces",
     "LocalImplicitSurface": "lis_grasp.surfaces",
     "PatchImplicitSurface": "lis_grasp.surfaces",
+    "Run": "lis_grasp.pipeline",
+    "RunConfig": "lis_grasp.pipeline",
+    "Scene": "lis_grasp.visualization",
+    "Shape": "lis_grasp.shapes",
     "epsilon_quality": "lis_grasp.grasping.epsilon",
+    "estimate": "lis_grasp.surfaces",
+    "explore": "lis_grasp.pipeline.direct",
     "extract_mesh": "lis_grasp.meshing",
     "is_force_closure": "lis_grasp.grasping.force_closure",
+    "lift": "lis_grasp.pipeline.direct",
+    "load_contacts": "lis_grasp.surfaces",
     "pipeline": "lis_grasp.pipeline",
+    "plan": "lis_grasp.pipeline.direct",
+    "run": "lis_grasp.pipeline",
     "shapes": "lis_grasp.shapes",
     "surface_error": "lis_grasp.evaluation.surface_error",
+}
+
+# What guessed names stand for, in lower case.
+_CALLS = {
+    **{name: f"estimate(contacts, '{name}')" for name in ("lis", "gpis", "blend", "patch")},
+    "grasp_planner": "plan(mesh, hand)",
+    "load": "load_contacts(path), Hand.load(name) or shapes.load(path)",
+    "load_hand": "Hand.load(name)",
+    "load_mesh": "shapes.load(path)",
+    "simulate": "lift(object, hand, grasp)",
+    "touch": "explore(object, hand)",
 }
 
 __all__ = [*_HOMES, "__version__"]
@@ -54,11 +85,26 @@ __all__ = [*_HOMES, "__version__"]
 def __getattr__(name: str) -> Any:
     """Load a public name from its home on first use (PEP 562)."""
     if name not in _HOMES:
-        raise AttributeError(f"module 'lis_grasp' has no attribute '{name}'")
+        raise AttributeError(f"module 'lis_grasp' has no attribute '{name}'{_advice(name)}")
     home = import_module(_HOMES[name])
     value = home if _HOMES[name] == f"lis_grasp.{name}" else getattr(home, name)
     globals()[name] = value
     return value
+
+
+def _advice(name: str) -> str:
+    """Return what a guessed name should be, as the end of a message."""
+    if name.startswith("__"):
+        return ""
+    from importlib.util import find_spec
+
+    from lis_grasp.exceptions import nearest_of
+
+    if name.lower() in _CALLS:
+        return f": write {_CALLS[name.lower()]}"
+    if find_spec(f"lis_grasp.{name}") is not None:
+        return f": write import lis_grasp.{name}"
+    return nearest_of(name, __all__)
 
 
 def __dir__() -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from scipy.spatial import cKDTree
 from lis_grasp.exceptions import InvalidContactsError
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
 from lis_grasp.io.contact_files import read_contact_file, write_contact_file
+from lis_grasp.io.units import in_metres, require_plausible_size
 from lis_grasp.records import fields_of, read_only
 from lis_grasp.typing import FloatArray
 
@@ -58,6 +60,17 @@ class Contacts:
         If shapes disagree, a number is not finite (NaN is allowed in noise), a point is farther
         than `FARTHEST` from the origin, a normal is not of unit length, or a radius or noise is
         negative.
+
+    Examples
+    --------
+    Contacts are sliced and joined like a sequence; a single one is contacts of one, so that
+    ``for contact in contacts`` has the point ``contact.points[0]``.
+
+    >>> import numpy as np
+    >>> axes = np.vstack([np.eye(3), -np.eye(3)])
+    >>> contacts = Contacts(points=0.03 * axes, normals=axes)
+    >>> contacts[:2] + contacts[5]
+    Contacts(3 contacts, extent 0.06 m, spacing 0.04243 m)
     """
 
     points: FloatArray
@@ -141,6 +154,22 @@ class Contacts:
         distances, _ = cKDTree(distinct).query(distinct, k=2)
         return float(np.median(distances[:, 1]))
 
+    def __getitem__(self, index: int | slice | npt.ArrayLike) -> Contacts:
+        """Return the contacts at `index`, as `subset` does; an integer gives contacts of one."""
+        if isinstance(index, (int, np.integer)):
+            if not -len(self) <= index < len(self):
+                raise IndexError(f"there is no contact {index} of {len(self)}")
+            return self.subset([int(index)])
+        return self.subset(index)  # type: ignore[arg-type]
+
+    def __iter__(self) -> Iterator[Contacts]:
+        """Yield the contacts one by one, each as contacts of one, with all free points."""
+        return (self[k] for k in range(len(self)))
+
+    def __add__(self, other: Contacts) -> Contacts:
+        """Return these contacts followed by `other`, as `append` does."""
+        return self.append(other) if isinstance(other, Contacts) else NotImplemented
+
     def subset(self, index: npt.ArrayLike) -> Contacts:
         """Return the contacts at `index` (a mask, a slice or integers), with all free points."""
         rows = np.arange(len(self))
@@ -194,18 +223,32 @@ class Contacts:
         )
 
     @classmethod
-    def load(cls, path: Path | str) -> Contacts:
+    def load(cls, path: Path | str, *, units: str = "m") -> Contacts:
         """Read contacts from a .ply (oriented point cloud) or .csv file; see `io.contact_files`.
+
+        `load_contacts` also reads points without normals, and checks the side of the normals.
+
+        Parameters
+        ----------
+        path
+            The file.
+        units
+            Its length unit, a key of `shapes.UNITS`.
 
         Raises
         ------
         InvalidFileError
             If the file is missing, of another format, damaged, or lacks points or normals.
         InvalidContactsError
-            If its numbers are not valid contacts.
+            If its numbers are not valid contacts, or are too far apart for an object of a hand:
+            mistaken units, mostly.
+        InvalidOptionError
+            If there is no such unit.
         """
-        fields = read_contact_file(Path(path))
+        fields = in_metres(read_contact_file(Path(path)), units)
         try:
+            # A touch across an edge makes two contacts, as near to each other as may be.
+            require_plausible_size(fields["points"], units, 0.0)
             return cls(**fields)
         except InvalidContactsError as error:
             message = f"{path}: {error}"

@@ -174,6 +174,10 @@ class PluginError(EstimationError):
         self.plugin = plugin
 
 
+class NoGraspError(LisGraspError):
+    """A search that found no grasp."""
+
+
 class SimulationError(LisGraspError):
     """A simulation that diverged or could not be set up."""
 

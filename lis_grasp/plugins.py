@@ -10,10 +10,10 @@ from __future__ import annotations
 import inspect
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from operator import attrgetter
@@ -118,6 +118,43 @@ def errors_of(name: str, plugin: Any) -> Iterator[None]:
         reason = " ".join(str(error).split()) or "no reason given"
         message = f"{name} raised {type(error).__name__}{place}: {reason}"
         raise PluginError(message, plugin=name) from error
+
+
+@dataclass(frozen=True, slots=True)
+class Guarded:
+    """A plug-in's surface or policy with its members, whose errors name the plug-in.
+
+    Parameters
+    ----------
+    name
+        The name that the user gave.
+    plugin
+        The surface or policy.
+    kinds
+        Types of what methods return, by their names; other methods are not checked.
+    """
+
+    name: str
+    plugin: Any
+    kinds: Mapping[str, tuple[type, ...]] = field(default_factory=dict)
+
+    def __getattr__(self, member: str) -> Any:
+        with errors_of(self.name, type(self.plugin)):
+            value = getattr(self.plugin, member)
+        return partial(self._call, member, value) if callable(value) else value
+
+    def _call(self, member: str, method: Callable[..., Any], *args: Any, **options: Any) -> Any:
+        with errors_of(self.name, type(self.plugin)):
+            made = method(*args, **options)
+        kinds = self.kinds.get(member, (object,))
+        if not isinstance(made, kinds):
+            wanted = " or ".join(kind.__name__ for kind in kinds).replace("NoneType", "None")
+            raise InvalidOptionError(
+                f"{member} of plug-in '{self.name}' must return a {wanted}; it returned"
+                f" {type(made).__name__}",
+                value=self.name,
+            )
+        return made
 
 
 def _place(error: Exception, file: Path | None = None) -> str:

@@ -1,9 +1,10 @@
-"""Helpers of records: read-only arrays, subsets, short texts, and pickling of mappings."""
+"""Helpers of records: read-only arrays, subsets, texts, how one is made, and pickling."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import wraps
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -59,6 +60,31 @@ def _short(value: Any) -> str:
             return f"{len(value)} {type(value[0]).__name__}s" if value else "()"
         case _:
             return type(value).__name__
+
+
+def made_by(maker: str) -> Callable[[type[_Record]], type[_Record]]:
+    """Return a decorator of a class that its class method `maker` makes.
+
+    A call of the class with one argument or none raises `TypeError`, which names the method.
+    """
+
+    def decorate(cls: type[_Record]) -> type[_Record]:
+        make = cls.__init__
+
+        @wraps(make)
+        def checked(self: _Record, *args: Any, **fields: Any) -> None:
+            if len(args) + len(fields) <= 1:
+                given = ", ".join(map(_short, (*args, *fields.values()))) or "..."
+                raise TypeError(
+                    f"{cls.__name__} is made by a class method:"
+                    f" write {cls.__name__}.{maker}({given})"
+                )
+            make(self, *args, **fields)
+
+        cls.__init__ = checked  # type: ignore[assignment]
+        return cls
+
+    return decorate
 
 
 def reduce_record(record: Any) -> tuple[type, tuple[Any, ...]]:

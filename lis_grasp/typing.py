@@ -10,3 +10,6 @@ IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 ByteArray = npt.NDArray[np.uint8]
+
+Seed = int | np.random.Generator
+"""A seed, or a generator, which is used as it is."""

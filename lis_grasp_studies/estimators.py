@@ -15,7 +15,6 @@ from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidContactsError
-from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.plugins import Registry
 from lis_grasp.surfaces import (
     BlendedImplicitSurface,
@@ -24,6 +23,7 @@ from lis_grasp.surfaces import (
     LocalImplicitSurface,
     PatchImplicitSurface,
 )
+from lis_grasp.surfaces.estimators import find_estimator
 from lis_grasp_studies.baselines import (
     BASELINES,
     HermiteRBFSurface,

@@ -223,7 +223,7 @@ def test_saved_contacts_load_unchanged(tmp_path: Path, name: str, full: bool, co
 @settings(max_examples=30, deadline=None)
 @given(
     st.lists(
-        st.tuples(*[st.floats(-1e3, 1e3, allow_nan=False)] * 3, st.floats(0, 1e6)),
+        st.tuples(*[st.floats(-1.0, 1.0, allow_nan=False)] * 3, st.floats(0, 1e6)),
         min_size=1,
         max_size=5,
     )

@@ -14,10 +14,11 @@ import pytest
 from lis_grasp import Contacts, Hand, pipeline, shapes
 from lis_grasp.cli.main import main
 from lis_grasp.exceptions import InvalidHandError, InvalidOptionError, LisGraspError, PluginError
+from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
 from lis_grasp.robots.hand_check import check_hand
 from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES, find_estimator
 from lis_grasp_studies.estimators import TUNED, compared_estimator
 from lis_grasp_studies.study.study import Study
 from lis_grasp_studies.study.trial import Setup, Trial, row_key

@@ -69,3 +69,8 @@ __all__ = [
     "stop_when_covered",
     "stop_when_graspable",
 ]
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

@@ -29,7 +29,7 @@ from lis_grasp.exploration.workspace import ObstacleModel, Workspace
 from lis_grasp.records import short_repr
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import FloatArray, IndexArray, Seed
 
 # Contacts closer than this are duplicates [m].
 _SAME_CONTACT = 1e-3
@@ -180,7 +180,7 @@ def explore(
     prober: Prober,
     setup: ExplorationSetup,
     *,
-    rng: np.random.Generator,
+    rng: Seed = 0,
     recorded: Sequence[ProbeOutcome] = (),
     record: Callable[[ProbeOutcome], None] | None = None,
     observe: Callable[[ExplorationState], None] | None = None,
@@ -201,7 +201,7 @@ def explore(
     setup
         What is known beforehand, and how probes are chosen.
     rng
-        For every draw of policy and sensor.
+        Seed or generator, for every draw of policy and sensor.
     recorded
         Outcomes of an interrupted exploration, to resume.
     record
@@ -214,7 +214,7 @@ def explore(
             "an object is tracked with a prober that has `move_frame`; this one has none",
             option="tracker",
         )
-    state = begin(setup)
+    rng, state = np.random.default_rng(rng), begin(setup)
     for outcome in Exploration.replay(recorded, touches=setup.touches).outcomes:
         rng.spawn(1)  # the generator of the recorded probe
         state = _added(setup, state, outcome)
@@ -248,15 +248,15 @@ def step(
     state: ExplorationState,
     outcome: ProbeOutcome,
     *,
-    rng: np.random.Generator,
+    rng: Seed,
 ) -> tuple[ExplorationState, NextProbe | str]:
     """Return the state after the outcome of a probe, and the next probe or the reason to end.
 
     The step of an exploration, `advance` and then `choose`. It is a pure function apart from the
-    draws from `rng`, a generator for this step alone: nothing that is given changes.
+    draws from `rng`, a seed or generator for this step alone: nothing that is given changes.
     """
     state = advance(setup, state, outcome)
-    return state, choose(setup, state, rng=rng)
+    return state, choose(setup, state, rng=np.random.default_rng(rng))
 
 
 def advance(

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
 from lis_grasp.exploration.probe_motions import (
     AXES,
@@ -23,6 +24,7 @@ from lis_grasp.exploration.probe_motions import (
 from lis_grasp.exploration.region import Region, search_probe
 from lis_grasp.exploration.targets import Targets
 from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
 
@@ -200,6 +202,32 @@ POLICIES: Mapping[str, PolicyKind] = MappingProxyType(
     }
 )
 """Policies by name; ``frontier`` is the paper's."""
+
+POLICY_NAMES = Registry("policy", POLICIES)
+"""Exploration policies: the package's own kinds, or what makes a `Policy` of a `Workspace`."""
+
+
+def find_policy(name: str, space: Workspace) -> Policy:
+    """Return a plugged-in policy by its name for one workspace.
+
+    Raises
+    ------
+    InvalidOptionError
+        If there is none, or it is no policy.
+    PluginError
+        If it raises an error.
+    """
+    make = POLICY_NAMES.find(name)
+    with errors_of(name, make):
+        policy = make(space) if callable(make) else None
+    if not callable(getattr(policy, "next_probe", None)):
+        raise InvalidOptionError(
+            f"policy '{name}' must make an object with next_probe from a Workspace; it is of type"
+            f" {type(make).__name__}",
+            option="policy",
+            value=name,
+        )
+    return cast(Policy, Guarded(name, policy, {"next_probe": (Probe, type(None))}))
 
 
 # Directions of the probes around the first contact: all but from below the table.

@@ -10,7 +10,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.probe import ProbeOutcome
 from lis_grasp.geometry import unit
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, Seed
 
 UNKNOWN = "unknown"
 """The link of a false touch."""
@@ -67,8 +67,9 @@ class TactileSensor:
         """
         return 2.0 * self.position_noise
 
-    def sense(self, contacts: Contacts, *, rng: np.random.Generator) -> Contacts:
+    def sense(self, contacts: Contacts, *, rng: Seed = 0) -> Contacts:
         """Return the reported contacts: those detected, with noise, which they carry."""
+        rng = np.random.default_rng(rng)
         detected = np.ones(len(contacts), dtype=bool)
         if contacts.forces is not None:
             detected &= _force_on_pad(contacts) >= self.force_threshold

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Protocol, overload
 
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError, require_positive
+from lis_grasp.exceptions import InvalidOptionError, NoGraspError, require_positive
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
 from lis_grasp.records import fields_of, read_only, reduce_record, short_repr
 from lis_grasp.typing import FloatArray
@@ -101,10 +101,25 @@ class Grasp:
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         return reduce_record(self)
 
+    @property
+    def pose(self) -> FloatArray:
+        """Pose of the palm frame H in the object frame O, shape (4, 4): `X_OH`."""
+        return self.X_OH
+
+    @property
+    def epsilon(self) -> float:
+        """Radius of the largest ball of wrenches that the grasp resists (Ferrari and Canny)."""
+        return self.quality["epsilon"]
+
+    @property
+    def success_probability(self) -> float | None:
+        """Predicted probability that a lift succeeds; None for a grasp without a prediction."""
+        return self.quality.get("success_probability")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GraspSearch:
-    """The result of a search for grasps, which may have found none.
+class GraspSearch(Sequence[Grasp]):
+    """The result of a search for grasps, which may have found none: a sequence, the best first.
 
     Parameters
     ----------
@@ -121,6 +136,31 @@ class GraspSearch:
     candidates: int = 0
 
     __repr__ = short_repr
+
+    def __len__(self) -> int:
+        return len(self.grasps)
+
+    @overload
+    def __getitem__(self, index: int) -> Grasp: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Grasp, ...]: ...
+    def __getitem__(self, index: int | slice) -> Grasp | tuple[Grasp, ...]:
+        return self.grasps[index]
+
+    @property
+    def best(self) -> Grasp:
+        """The best grasp.
+
+        Raises
+        ------
+        NoGraspError
+            If there is none; the message counts the reasons of rejection.
+        """
+        if not self.grasps:
+            reasons = sorted(self.rejections.items(), key=lambda item: -item[1])
+            counts = ", ".join(f"{name} {count}" for name, count in reasons) or "none was sampled"
+            raise NoGraspError(f"no grasp was found among {self.candidates} candidates: {counts}")
+        return self.grasps[0]
 
     @classmethod
     def load(cls, path: Path | str) -> GraspSearch:

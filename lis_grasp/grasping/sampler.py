@@ -25,7 +25,7 @@ from lis_grasp.grasping.grasp_batch import GraspBatch
 from lis_grasp.grasping.grasp_ranking import GraspScorer
 from lis_grasp.grasping.grasps import GraspSearch, LoadPrior, Reach
 from lis_grasp.robots.hand import Hand
-from lis_grasp.typing import FloatArray, IndexArray
+from lis_grasp.typing import FloatArray, IndexArray, Seed
 
 _LOG = logging.getLogger(__name__)
 
@@ -92,7 +92,7 @@ class ForceClosureSampler:
         self,
         mesh: trimesh.Trimesh,
         *,
-        rng: np.random.Generator,
+        rng: Seed = 0,
         support_height: float | None = None,
         count: int = 10,
     ) -> GraspSearch:
@@ -108,7 +108,7 @@ class ForceClosureSampler:
             Closed, outward-oriented surface in O [m], true or estimated. A vertex attribute
             ``"uncertainty"`` [m] keeps contacts where touches support it.
         rng
-            For all random numbers.
+            Seed or generator of all random numbers.
         support_height
             Height of the plane that the object is on in O [m]; None where there is none.
         count
@@ -124,6 +124,7 @@ class ForceClosureSampler:
                 "grasps are planned on closed meshes; this one has open edges: repair it with"
                 " lis_grasp.shapes.load, or mesh an estimate with extract_mesh"
             )
+        rng = np.random.default_rng(rng)
         lowest = -np.inf if support_height is None else support_height + _LOWEST_PAD
         radius = min(pad.radius for pad in self.hand.pads)
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=radius)

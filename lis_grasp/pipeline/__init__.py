@@ -60,3 +60,8 @@ __all__ = [
     "touch",
     "workspace",
 ]
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

@@ -18,6 +18,7 @@ from lis_grasp.exploration import (
     ProbeOutcome,
     TouchLog,
 )
+from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.grasping.hand_capacity import largest_opening, narrowest_width
 from lis_grasp.io import provenance
 from lis_grasp.io.folder_lock import sole_writer
@@ -25,7 +26,6 @@ from lis_grasp.io.surface_files import remove_growth, save_growth
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source
-from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES
 from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
 from lis_grasp.pipeline.results_folder import LOG, remove_made_from, results_folder
 from lis_grasp.pipeline.run_config import RunConfig
@@ -33,6 +33,7 @@ from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import make_prober, touch
 from lis_grasp.robots.shipped_models import HAND_REGISTRY, hand_path
 from lis_grasp.surfaces.carved_implicit_surface import above_table
+from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES
 
 # Intermediate estimates that are kept, and the cells along the bounds of their meshes.
 _STEPS, _CELLS = 7, 26

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ import trimesh
 
 from lis_grasp.contacts import FARTHEST, Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
-from lis_grasp.exploration import Workspace
 from lis_grasp.geometry import require_pose
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.io import provenance
@@ -33,7 +32,6 @@ from lis_grasp.pipeline.scenario import (
     Known,
     Perception,
     Scenario,
-    make_station,
     station_facts,
 )
 from lis_grasp.pipeline.worker_pool import process_count
@@ -142,10 +140,8 @@ def grasp_file(
         raise InvalidOptionError.out_of_range(
             "support", support, f"a height in metres, from {-FARTHEST:g} to {FARTHEST:g}"
         )
-    space = Workspace(1.0, mesh.bounds.mean(axis=0), float(mesh.extents.max()))
-    station = make_station(config, hand, support, recorded_base(options, recorded))
-    known = replace(Known.for_hand(config, hand, space, support), station=station)
-    facts = recorded | station_facts(station) | planning_facts(config)
+    known = Known.for_mesh(config, hand, mesh, support, recorded_base(options, recorded))
+    facts = recorded | station_facts(known.station) | planning_facts(config)
     path = (path.parent if folder is None else folder) / "grasps.json"
     with result_file(path, progress) as temporary:
         search = write_grasps(temporary, known, mesh, facts, progress)

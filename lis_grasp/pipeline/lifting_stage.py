@@ -12,7 +12,7 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.outcome import LiftOptions, LiftOutcome
 from lis_grasp.lifting.setup import LiftSetup, plan_arm_lift
 from lis_grasp.lifting.trial import AcceptGrasp
-from lis_grasp.pipeline.scenario import Known, Scenario, support_height
+from lis_grasp.pipeline.scenario import Known, Scenario, require_record, support_height
 from lis_grasp.pipeline.worker_pool import worker_pool
 from lis_grasp.shapes import Shape
 
@@ -35,6 +35,8 @@ def lift(
 ) -> LiftOutcome:
     """Simulate the lift of the true object in the configured simulator.
 
+    `lis_grasp.lift` needs no record.
+
     Parameters
     ----------
     scenario
@@ -48,6 +50,7 @@ def lift(
     options
         Options of the trial; None for `lift_options`.
     """
+    require_record("lift", scenario, Scenario)
     truth, known = scenario.truth, scenario.known
     setup = LiftSetup(
         truth.shape.mesh,

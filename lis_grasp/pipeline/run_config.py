@@ -20,10 +20,11 @@ from lis_grasp.exploration import (
     stop_when_certain,
     stop_when_covered,
 )
+from lis_grasp.exploration.policy import POLICY_NAMES
 from lis_grasp.pipeline.conditions import REAL_SENSOR
-from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, POLICY_NAMES, find_estimator
 from lis_grasp.plugins import Registry
 from lis_grasp.shapes import NAMES, UNITS, default_mass
+from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES, find_estimator
 
 PROBERS = ("dynamic", "kinematic")
 """Probers: Drake's dynamics, or geometry alone."""

@@ -123,6 +123,23 @@ class Known(Perception):
             seed=config.seed,
         )
 
+    @classmethod
+    def for_mesh(
+        cls,
+        config: RunConfig,
+        hand: Hand,
+        mesh: trimesh.Trimesh,
+        support: float,
+        X_EA: FloatArray | None = None,
+    ) -> Known:
+        """Return what a configuration says for planning on a mesh [m], whose place it shows.
+
+        `X_EA` is that of `make_station`.
+        """
+        space = Workspace(1.0, mesh.bounds.mean(axis=0), float(mesh.extents.max()))
+        station = make_station(config, hand, support, X_EA)
+        return replace(Known.for_hand(config, hand, space, support), station=station)
+
     def load_prior(self, mesh: trimesh.Trimesh) -> LoadPrior:
         """Return the distribution of mass and friction of an estimated object."""
         return replace(self.load, mass=default_mass(mesh)) if self.mass_by_volume else self.load
@@ -219,6 +236,15 @@ class Scenario:
             **({"X_EO": self.truth.X_EO.tolist()} if moved else {}),
             **station_facts(self.known.station),
         }
+
+
+def require_record(stage: str, record: object, kind: type) -> None:
+    """Raise `TypeError` if a stage is called without its record, as if it were of `lis_grasp`."""
+    if not isinstance(record, kind):
+        raise TypeError(
+            f"pipeline.{stage} takes a {kind.__name__} first; it is of type"
+            f" {type(record).__name__}: lis_grasp.{stage} takes objects, hands and contacts"
+        )
 
 
 def find_object(config: RunConfig) -> Shape:

@@ -32,16 +32,17 @@ from lis_grasp.exploration import (
     explore,
     stop_when_graspable,
 )
-from lis_grasp.exploration.policy import PolicyKind
+from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
 from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
-from lis_grasp.pipeline.plugged_in import POLICY_NAMES, find_estimator, find_policy
-from lis_grasp.pipeline.scenario import Known, Perception, Scenario
-from lis_grasp.surfaces import Estimator, ImplicitSurface, carved
+from lis_grasp.pipeline.scenario import Known, Perception, Scenario, require_record
+from lis_grasp.surfaces import Estimator, ImplicitSurface
+from lis_grasp.surfaces import estimate as estimate_surface
 from lis_grasp.surfaces.carved_implicit_surface import above_table
+from lis_grasp.surfaces.estimators import find_estimator
 
 _TOUCH_STREAM = 1  # of random numbers: a stage run alone repeats its part of a whole run
 _FEW_SETS = 400  # contact sets sampled to predict a success during an exploration
@@ -81,20 +82,25 @@ def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, tr
     """Estimate the surface from contacts, and mesh it.
 
     `known` says by which estimator and sensor, whether the contacts' free space is removed, and
-    which table closes the estimate from below.
+    which table closes the estimate from below. `lis_grasp.estimate` needs no record.
     """
-    surface = make_estimator(known.estimator, known.sensor)(contacts)
-    if known.free_space:
-        surface = carved(surface, contacts, margin=known.sensor.free_margin)
-    surface = above_table(surface, known.table)
+    require_record("estimate", known, Perception)
+    surface = estimate_surface(
+        contacts,
+        make_estimator(known.estimator, known.sensor),
+        free_space=known.free_space,
+        margin=known.sensor.free_margin,
+        table=known.table,
+    )
     return surface, extract_mesh(surface)
 
 
 def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES) -> GraspSearch:
     """Plan the ranked grasps of the known hand, and its arm if it has one, on a mesh.
 
-    At most `candidates` contact sets are sampled.
+    At most `candidates` contact sets are sampled. `lis_grasp.plan` needs no record.
     """
+    require_record("plan", known, Known)
     load, station = known.load_prior(mesh), known.station
     sampler = ForceClosureSampler(known.hand, load, candidates=candidates, station=station)
     rng = np.random.default_rng([known.seed, _GRASP_STREAM])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.records import reduce_record
+from lis_grasp.records import made_by, reduce_record
 from lis_grasp.robots.kinematics import Kinematics
 from lis_grasp.robots.robot_model import (
     HandKind,
@@ -26,6 +26,7 @@ from lis_grasp.robots.yaml_files import read_hand_file
 from lis_grasp.typing import FloatArray
 
 
+@made_by("load")
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Hand(RobotModel):
     """A robot hand, read by `Hand.load` from a URDF or SDF and one YAML file.

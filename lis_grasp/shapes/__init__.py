@@ -3,6 +3,7 @@
 Every object is upright on the plane z = (lowest z of its mesh), in metres, in its frame O.
 """
 
+from lis_grasp.io.units import UNITS
 from lis_grasp.shapes.builtin import (
     BUILDERS,
     GRASPABLE_SIZES,
@@ -18,7 +19,7 @@ from lis_grasp.shapes.builtin import (
     sphere,
     torus,
 )
-from lis_grasp.shapes.loading import FORMATS, UNITS, find, load
+from lis_grasp.shapes.loading import FORMATS, find, load
 from lis_grasp.shapes.object_mass import default_mass
 from lis_grasp.shapes.placement import (
     STABLE,
@@ -59,3 +60,8 @@ __all__ = [
     "sphere",
     "torus",
 ]
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

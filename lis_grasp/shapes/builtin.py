@@ -15,7 +15,8 @@ import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError, shown
-from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape, sharp_edges
+from lis_grasp.io.units import LARGEST, SMALLEST
+from lis_grasp.shapes.shape import Shape, sharp_edges
 from lis_grasp.shapes.tessellation import (
     at_height,
     cap,

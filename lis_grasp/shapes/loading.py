@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -18,13 +16,11 @@ from lis_grasp.exceptions import (
 from lis_grasp.io.contact_files import POINT_FORMATS
 from lis_grasp.io.mesh_files import read_mesh
 from lis_grasp.io.surface_files import no_faces_error
+from lis_grasp.io.units import LARGEST, SMALLEST, UNITS
 from lis_grasp.shapes._repair import repair_mesh
 from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
-from lis_grasp.shapes.shape import LARGEST, SMALLEST, Shape, sharp_edges
+from lis_grasp.shapes.shape import Shape, sharp_edges
 from lis_grasp.typing import FloatArray, IntArray
-
-UNITS: Mapping[str, float] = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254})
-"""Length units that a mesh file may be in, in metres."""
 
 FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 """Endings of the mesh files that can be read."""

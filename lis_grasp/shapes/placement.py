@@ -16,7 +16,7 @@ from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.geometry import apply_pose, make_pose, require_pose, unit
 from lis_grasp.io.limits import MEBIBYTE, reading
 from lis_grasp.shapes.shape import Shape
-from lis_grasp.typing import FloatArray
+from lis_grasp.typing import FloatArray, Seed
 
 UPRIGHT, STABLE = "upright", "stable"
 """Poses by name: that of the mesh, and any stable one. Another name is a file."""
@@ -29,9 +29,7 @@ _SAME_FACE = 1.0 - 1e-9
 _ROTATION_ERROR = 1e-3
 
 
-def draw_pose(
-    shape: Shape, pose: str, region: Sequence[float], *, rng: np.random.Generator
-) -> FloatArray:
+def draw_pose(shape: Shape, pose: str, region: Sequence[float], *, rng: Seed = 0) -> FloatArray:
     """Draw the pose X_WO (4, 4) of an object on the table z = 0 of the world frame W.
 
     Parameters
@@ -46,7 +44,7 @@ def draw_pose(
     region
         Lengths of the region along x, y and z [m]: x and y are centred, z begins at the table.
     rng
-        For every draw.
+        Seed or generator, for every draw.
 
     Raises
     ------
@@ -55,6 +53,7 @@ def draw_pose(
     InvalidFileError
         If the file has no pose.
     """
+    rng = np.random.default_rng(rng)
     if pose not in (UPRIGHT, STABLE):
         X_WO = _load_pose(Path(pose))
         X_WO[2, 3] -= _bounds(shape, X_WO)[0, 2]
@@ -87,7 +86,7 @@ def placed(shape: Shape, X_WO: npt.ArrayLike) -> Shape:
     return replace(shape, mesh=mesh, edges=edges)
 
 
-def roll_to_rest(mesh: trimesh.Trimesh, *, rng: np.random.Generator) -> FloatArray:
+def roll_to_rest(mesh: trimesh.Trimesh, *, rng: Seed = 0) -> FloatArray:
     """Return a rotation (3, 3) in which a body of uniform density rests on a plane below it.
 
     A random orientation lands on the face of the convex hull that its centre of mass is above. The
@@ -98,7 +97,7 @@ def roll_to_rest(mesh: trimesh.Trimesh, *, rng: np.random.Generator) -> FloatArr
     hull = mesh.convex_hull
     normals = np.asarray(hull.face_normals)
     heights = np.einsum("fk,fk->f", normals, hull.triangles[:, 0] - mesh.center_mass)
-    down = unit(rng.normal(size=3))
+    down = unit(np.random.default_rng(rng).normal(size=3))
     while True:
         along = normals @ down
         ahead = np.where(along > 0.0, along, 1.0)

@@ -16,9 +16,6 @@ from lis_grasp.typing import FloatArray
 SHARP_ANGLE = float(np.radians(30.0))
 """Two faces that meet at a larger angle between their normals form a sharp edge [rad]."""
 
-SMALLEST, LARGEST = 0.005, 2.0
-"""Range of the largest extent of an object [m]; beyond it the unit is mistaken."""
-
 
 def sharp_edges(mesh: trimesh.Trimesh, *, angle: float = SHARP_ANGLE) -> FloatArray:
     """Return the edges where a mesh bends by more than `angle` [rad], convex and concave alike.

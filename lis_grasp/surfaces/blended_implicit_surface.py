@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.records import short_repr
+from lis_grasp.records import made_by, short_repr
 from lis_grasp.surfaces._gaussian_process_regression import squared_distances
 from lis_grasp.surfaces.contact_preparation import prepare_contacts
 from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
@@ -43,6 +43,7 @@ _NO_WEIGHT, _FULL_WEIGHT = 0.1, 0.4
 _NEAR, _FAR = 0.5, 1.0
 
 
+@made_by("from_contacts")
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendedImplicitSurface:
     """Blend of a patch surface and a Gaussian process, by their prediction errors.

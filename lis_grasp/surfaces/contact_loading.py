@@ -7,24 +7,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
 from lis_grasp.io.contact_files import read_point_file
-from lis_grasp.shapes import UNITS
-from lis_grasp.shapes.shape import LARGEST, SMALLEST
+from lis_grasp.io.units import in_metres, require_plausible_size
 from lis_grasp.surfaces._contact_noise import filled
 from lis_grasp.surfaces.normal_estimation import estimate_normals
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray
 
-# Smallest largest extent of contacts on an object that a hand can grasp [m].
-_LEAST_EXTENT = 1e-3
-# Largest extent of an object that a unit is proposed for [m].
-_GRASPABLE = 0.5
 # Heights below this fraction of the extent do not count: the contact is beside the other.
 _LEAST_HEIGHT = 0.01
 # Pairs are of at most so many contacts.
@@ -41,31 +36,6 @@ DOUBTFUL = 0.55
 
 NormalSide = Literal["outward", "inward"]
 """Side of the surface that a file's normals point to."""
-
-_LENGTHS = ("points", "free_points", "free_radii", "position_noise")
-
-
-def require_plausible_size(points: FloatArray, units: str) -> None:
-    """Raise `InvalidContactsError` if points (N, 3) [m], read in `units`, fit no object of a hand.
-
-    The message names the units that fit. Points that are not finite pass: `Contacts` names them.
-    """
-    extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    if extent == 0.0 or not np.isfinite(extent) or _LEAST_EXTENT <= extent <= LARGEST:
-        return
-    fitting = [
-        f"{name} (then {1e3 * extent * metres / UNITS[units]:.3g} mm)"
-        for name, metres in UNITS.items()
-        if SMALLEST <= extent * metres / UNITS[units] <= _GRASPABLE
-    ]
-    advice = (
-        f"estimate --units {' or '.join(fitting)} would fit" if fitting else "no unit would fit"
-    )
-    raise InvalidContactsError(
-        f"contacts must be within {_LEAST_EXTENT:g} to {LARGEST:g} m of each other; they are"
-        f" {extent:.3g} m apart when read in {units}: {advice}",
-        field="points",
-    )
 
 
 def fraction_in_front(contacts: Contacts) -> float:
@@ -125,7 +95,7 @@ def load_contacts(
         A contact file (`Contacts.load`), or a file of points without normals
         (`io.contact_files.read_point_file`): .ply, .csv, .off or .xyz.
     units
-        Length unit of the file, a key of `UNITS`; other arguments are in metres.
+        Length unit of the file, a key of `shapes.UNITS`; other arguments are in metres.
     normals
         Side that the file's normals point to; "inward" ones are flipped. None requires that they
         point outward as far as the contacts show it.
@@ -147,11 +117,9 @@ def load_contacts(
     EstimationError
         If the points do not say which side of the surface is outside.
     """
-    if units not in UNITS:
-        raise InvalidOptionError.not_one_of("units", units, UNITS)
     if normals not in (None, *get_args(NormalSide)):
         raise InvalidOptionError.not_one_of("normals", normals, get_args(NormalSide))
-    fields = _in_metres(read_point_file(Path(path)), UNITS[units])
+    fields = in_metres(read_point_file(Path(path)), units)
     approach, own_normals = fields.pop("approach"), fields.pop("normals")
     require_range("fingertip_radius", fingertip_radius, unit="m")
     try:
@@ -199,11 +167,3 @@ def _require_own_side(centers: FloatArray, contacts: Contacts, fingertip_radius:
             option="fingertip_radius",
             value=fingertip_radius,
         )
-
-
-def _in_metres(fields: dict[str, Any], metres: float) -> dict[str, Any]:
-    """Return the fields of a file whose unit is `metres` long, in metres."""
-    if metres == 1.0:
-        return fields
-    lengths = {name: fields[name] for name in _LENGTHS if fields.get(name) is not None}
-    return fields | {name: metres * values for name, values in lengths.items()}

@@ -12,7 +12,7 @@ from scipy.spatial.distance import pdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.records import short_repr
+from lis_grasp.records import made_by, short_repr
 from lis_grasp.surfaces._gaussian_process_regression import ROWS, GradientRegression
 from lis_grasp.surfaces._kernels import (
     Matern52,
@@ -48,6 +48,7 @@ _MISFIT = (0.001, 0.1)
 _MOST_FOR_AMPLITUDE = 150
 
 
+@made_by("from_contacts")
 @dataclass(frozen=True, eq=False)
 class GaussianProcessImplicitSurface:
     """The posterior mean of a GP conditioned on value 0 and the normal as gradient at contacts.

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError
-from lis_grasp.records import short_repr
+from lis_grasp.records import made_by, short_repr
 from lis_grasp.surfaces._kernel_mean import LEAST_WEIGHT, KernelMean, density_weights
 from lis_grasp.surfaces._patch import JoinedPatches, Patch, PatchContacts
 from lis_grasp.surfaces._patch_csg import (
@@ -35,6 +35,7 @@ _LEAST_NOISE = (0.003, 0.015)
 _MOST_PATCHES = 200
 
 
+@made_by("from_contacts")
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchImplicitSurface(BlockwiseSurface):
     """Smooth patches, each a Gaussian process, joined at sharp edges by CSG expressions.

@@ -5,3 +5,8 @@ from lis_grasp.visualization.scene import Scene
 from lis_grasp.visualization.scene_server import SceneServer, serve_scene
 
 __all__ = ["ColourScale", "Scene", "SceneServer", "serve_scene"]
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

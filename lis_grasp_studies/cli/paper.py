@@ -10,8 +10,8 @@ from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.folder_lock import sole_writer
-from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.surfaces.estimators import find_estimator
 
 HELP = "reproduce every figure and table of the paper in one report.html"
 EXAMPLES = (("--quick", "the figures and tables with few seeds"),)

@@ -12,8 +12,8 @@ from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.io.folder_lock import sole_writer
-from lis_grasp.pipeline.plugged_in import find_estimator
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.surfaces.estimators import find_estimator
 
 HELP = "compare estimates on even, random, clustered and noisy contacts of many objects"
 EXAMPLES = (("--quick --estimator my.module:Class", "your estimator beside ours"),)

@@ -13,9 +13,9 @@ from pydantic import BeforeValidator, ConfigDict, Field, StrictInt, StrictStr
 
 from lis_grasp.exceptions import InvalidFileError, InvalidOptionError, shown
 from lis_grasp.io.yaml_files import YAML_SUFFIXES, read_yaml
-from lis_grasp.pipeline.plugged_in import ESTIMATOR_NAMES, find_estimator
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import FORMATS
+from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES, find_estimator
 from lis_grasp_studies.estimators import (
     COMPARED,
     require_installed,

@@ -1,26 +1,40 @@
-"""Estimators and policies by name: the package's own and plug-ins."""
+"""Estimators by name, the package's own and plug-ins, and the estimate of contacts by one."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
-from lis_grasp.exploration import POLICIES, Policy, Probe, Workspace
-from lis_grasp.plugins import Registry, errors_of
-from lis_grasp.surfaces import ESTIMATORS, Estimator, ImplicitSurface
+from lis_grasp.plugins import Guarded, Registry, errors_of
+from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
+from lis_grasp.surfaces.carved_implicit_surface import above_table, carved
+from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
+from lis_grasp.surfaces.implicit_surface import ImplicitSurface
+from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
+from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
+
+Estimator = Callable[..., ImplicitSurface]
+"""Makes a surface from `Contacts`; keywords give the sensor's noise and options."""
+
+ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(
+    {
+        "lis": LocalImplicitSurface.from_contacts,
+        "gpis": GaussianProcessImplicitSurface.from_contacts,
+        "patch": PatchImplicitSurface.from_contacts,
+        "blend": BlendedImplicitSurface.from_contacts,
+    }
+)
+"""Every estimator by its short name, with its default options."""
 
 ESTIMATOR_NAMES = Registry("estimator", ESTIMATORS)
 """Surface estimators: a class with `from_contacts`, or a function of contacts."""
-
-POLICY_NAMES = Registry("policy", POLICIES)
-"""Exploration policies: the package's own kinds, or what makes a `Policy` of a `Workspace`."""
 
 _MEMBERS = ("evaluate", "gradient", "uncertainty", "bounds")
 
@@ -54,7 +68,7 @@ class PluggedEstimator:
         with errors_of(self.name, self.make):
             surface = self.make(contacts, **_accepted(self.make, options))
         self._require_members(surface)
-        plugged: Any = _Guarded(self.name, surface)
+        plugged: Any = Guarded(self.name, surface)
         self._require_shapes(plugged, contacts)
         return cast(ImplicitSurface, plugged)
 
@@ -85,29 +99,58 @@ class PluggedEstimator:
                 )
 
 
-@dataclass(frozen=True, slots=True)
-class _Guarded:
-    """A plug-in's surface or policy with its members, whose errors name the plug-in."""
+def estimate(
+    contacts: Contacts,
+    estimator: str | Estimator = "blend",
+    *,
+    free_space: bool = True,
+    margin: float = 0.0,
+    table: float | None = None,
+    **options: Any,
+) -> ImplicitSurface:
+    """Estimate the surface of an object from contacts.
 
-    name: str
-    plugin: Any
+    Parameters
+    ----------
+    contacts
+        Of one object, in its frame O.
+    estimator
+        "blend", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``, or what is
+        called with contacts.
+    free_space
+        Whether the contacts' free space is removed from the estimate.
+    margin
+        Distance by which the balls of free space are smaller [m], for noise of the sensor.
+    table
+        Height of the table that closes the estimate from below [m]; None for none.
+    options
+        Those of the estimator: keywords of its `from_contacts`, such as ``position_noise``.
 
-    def __getattr__(self, member: str) -> Any:
-        with errors_of(self.name, type(self.plugin)):
-            value = getattr(self.plugin, member)
-        return partial(self._call, value) if callable(value) else value
+    Raises
+    ------
+    InvalidOptionError
+        If there is no such estimator, or an option is out of range.
+    EstimationError, InvalidContactsError
+        If no surface can be estimated from the contacts.
 
-    def _call(self, method: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        with errors_of(self.name, type(self.plugin)):
-            made = method(*arguments, **options)
-        if getattr(method, "__name__", "") == "next_probe" and not isinstance(made, Probe | None):
-            raise InvalidOptionError(
-                f"policy '{self.name}' must return a Probe or None; it returned"
-                f" {type(made).__name__}",
-                option="policy",
-                value=self.name,
-            )
-        return made
+    Examples
+    --------
+    >>> import numpy as np
+    >>> axes = np.vstack([np.eye(3), -np.eye(3)])
+    >>> surface = estimate(Contacts(points=0.03 * axes, normals=axes), "gpis")
+    >>> surface.evaluate([0.0, 0.0, 0.03]).round(3)  # the surface is where this is 0
+    array(0.)
+    """
+    if not isinstance(contacts, Contacts):
+        raise TypeError(
+            f"contacts must be Contacts, such as those of load_contacts; they are of type"
+            f" {type(contacts).__name__}"
+        )
+    make = find_estimator(estimator) if isinstance(estimator, str) else estimator
+    surface = make(contacts, **options)
+    if free_space:
+        surface = carved(surface, contacts, margin=margin)
+    return above_table(surface, table)
 
 
 def find_estimator(
@@ -132,29 +175,6 @@ def find_estimator(
             value=name,
         )
     return PluggedEstimator(name, make)
-
-
-def find_policy(name: str, space: Workspace) -> Policy:
-    """Return a plugged-in policy by its name for one workspace.
-
-    Raises
-    ------
-    InvalidOptionError
-        If there is none, or it is no policy.
-    PluginError
-        If it raises an error.
-    """
-    make = POLICY_NAMES.find(name)
-    with errors_of(name, make):
-        policy = make(space) if callable(make) else None
-    if not callable(getattr(policy, "next_probe", None)):
-        raise InvalidOptionError(
-            f"policy '{name}' must make an object with next_probe from a Workspace; it is of type"
-            f" {type(make).__name__}",
-            option="policy",
-            value=name,
-        )
-    return cast(Policy, _Guarded(name, policy))
 
 
 def _accepted(make: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,179 @@
+"""What a newcomer writes with completion alone: calls work, or a sentence names the right one."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import lis_grasp
+from lis_grasp import Contacts, ForceClosureSampler, Grasp, GraspSearch, Hand, RunConfig, pipeline
+from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, NoGraspError
+from lis_grasp.pipeline import Scenario
+from lis_grasp.surfaces import BlendedImplicitSurface
+
+AXES = np.vstack([np.eye(3), -np.eye(3)])
+CONTACTS = Contacts(0.03 * AXES, AXES, fingers=tuple("abcdef"), free_points=[[0.1, 0.0, 0.0]])
+KINEMATIC = {"prober": "kinematic", "touches": 3, "estimator": "gpis"}
+
+
+@pytest.fixture(scope="module")
+def gripper() -> Hand:
+    return Hand.load("wsg50")
+
+
+@pytest.fixture(scope="module")
+def box() -> trimesh.Trimesh:
+    return trimesh.creation.box((0.04, 0.05, 0.06))
+
+
+# ---------------------------------------------------------------- contacts
+
+
+def test_contacts_are_sliced_joined_and_iterated() -> None:
+    assert CONTACTS[2:4].fingers == ("c", "d")
+    assert CONTACTS[-1].fingers == CONTACTS[np.int64(5)].fingers == ("f",)
+    assert CONTACTS[CONTACTS.points[:, 0] > 0.0].fingers == ("a",)
+    assert [one.fingers[0] for one in CONTACTS] == list("abcdef")
+    assert len(CONTACTS[3].free_points) == 1
+    assert (CONTACTS[:2] + CONTACTS[4:]).fingers == ("a", "b", "e", "f")
+    with pytest.raises(IndexError, match="no contact 6 of 6"):
+        CONTACTS[6]
+    with pytest.raises(TypeError):
+        CONTACTS + 1  # type: ignore[operator]
+
+
+def test_contacts_are_read_in_their_unit(tmp_path: Path) -> None:
+    path = tmp_path / "mug.csv"
+    Contacts(1e3 * CONTACTS.points, AXES).save(path)
+    for read in (Contacts.load, lis_grasp.load_contacts):
+        np.testing.assert_allclose(read(path, units="mm").points, CONTACTS.points)
+        with pytest.raises(InvalidContactsError, match=r"60 m apart.*mm \(then 60 mm\) would fit"):
+            read(path)
+        with pytest.raises(InvalidOptionError, match=r"must be one of m, cm, mm, inch"):
+            read(path, units="km")
+
+
+def test_two_contacts_of_one_touch_are_read(tmp_path: Path) -> None:
+    contacts = Contacts([[0.0, 0.0, 0.0], [1e-5, 0.0, 0.0]], AXES[:2])
+    contacts.save(tmp_path / "edge.ply")
+    assert len(Contacts.load(tmp_path / "edge.ply")) == 2
+
+
+# ---------------------------------------------------------------- estimates
+
+
+def test_an_estimate_is_that_of_the_pipeline() -> None:
+    surface = lis_grasp.estimate(CONTACTS, "gpis", table=-0.03)
+    known = pipeline.Perception(estimator="gpis", table=-0.03)
+    points = 0.01 * np.arange(12.0).reshape(4, 3)
+    np.testing.assert_array_equal(
+        surface.evaluate(points), pipeline.estimate(known, CONTACTS)[0].evaluate(points)
+    )
+    with pytest.raises(InvalidOptionError, match="did you mean 'blend'"):
+        lis_grasp.estimate(CONTACTS, "blendd")
+    with pytest.raises(TypeError, match="must be Contacts"):
+        lis_grasp.estimate("contacts.ply")  # type: ignore[arg-type]
+
+
+def test_a_class_that_is_called_names_the_method_that_makes_one() -> None:
+    for name in ("Blended", "GaussianProcess", "Local", "Patch"):
+        estimate = getattr(lis_grasp, f"{name}ImplicitSurface")
+        with pytest.raises(TypeError, match=rf"write {name}ImplicitSurface\.from_contacts\("):
+            estimate(CONTACTS)
+        with pytest.raises(TypeError, match=r"\.from_contacts\("):
+            estimate().fit(CONTACTS)
+    with pytest.raises(TypeError, match=r"write Hand\.load\('allegro'\)"):
+        Hand("allegro")  # type: ignore[call-arg]
+    assert isinstance(lis_grasp.estimate(CONTACTS, free_space=False), BlendedImplicitSurface)
+
+
+# ---------------------------------------------------------------- grasps
+
+
+def test_a_search_is_a_sequence_with_a_best_grasp(gripper: Hand, box: trimesh.Trimesh) -> None:
+    search = lis_grasp.plan(box, gripper, grasps=2)
+    assert [grasp.epsilon for grasp in search] == [g.quality["epsilon"] for g in search.grasps]
+    assert len(search) == 2
+    assert search[:1] == (search.best,)
+    assert isinstance(search[-1], Grasp)
+    assert search.best.pose is search.best.X_OH
+    assert 0.0 < (search.best.success_probability or 0.0) <= 1.0
+    with pytest.raises(NoGraspError, match="among 7 candidates: collision 5, reach 2"):
+        GraspSearch((), {"reach": 2, "collision": 5}, 7).best  # noqa: B018
+
+
+def test_a_seed_stands_for_a_generator(gripper: Hand, box: trimesh.Trimesh) -> None:
+    sampler = ForceClosureSampler(gripper, candidates=50)
+    first, second = sampler.sample(box, count=1), sampler.sample(box, rng=0, count=1)
+    third = sampler.sample(box, rng=np.random.default_rng(0), count=1)
+    assert first.rejections == second.rejections == third.rejections
+    np.testing.assert_array_equal(first.best.pose, third.best.pose)
+
+
+def test_a_plan_is_that_of_the_pipeline(gripper: Hand, box: trimesh.Trimesh) -> None:
+    config = RunConfig(object="object", friction=0.5, grasps=1, seed=3)
+    known = pipeline.Known.for_mesh(config, gripper, box, -0.03)
+    wanted = pipeline.plan(known, box).best
+    planned = lis_grasp.plan(box, "wsg50", rng=3, friction=0.5, grasps=1).best
+    np.testing.assert_array_equal(planned.pose, wanted.pose)
+
+
+# ---------------------------------------------------------------- stages without records
+
+
+def test_an_exploration_is_that_of_the_pipeline(gripper: Hand, box: trimesh.Trimesh) -> None:
+    shape = lis_grasp.Shape.from_mesh(box)
+    scenario = Scenario.from_config(RunConfig(object="object", seed=2, **KINEMATIC), shape, gripper)
+    wanted = pipeline.touch(scenario).contacts.points
+    for given, options in ((box, {"rng": 2}), (shape, {"seed": 2})):
+        explored = lis_grasp.explore(given, gripper, **KINEMATIC, **options)
+        np.testing.assert_array_equal(explored.contacts.points, wanted)
+
+
+def test_the_two_ways_into_a_stage_name_each_other(gripper: Hand, box: trimesh.Trimesh) -> None:
+    known = pipeline.Known.for_mesh(RunConfig(), gripper, box, 0.0)
+    for stage, first, second in (
+        ("plan", box, gripper),
+        ("lift", box, gripper),
+        ("estimate", CONTACTS, "blend"),
+    ):
+        with pytest.raises(TypeError, match=rf"lis_grasp\.{stage} takes objects"):
+            getattr(pipeline, stage)(first, second)
+    with pytest.raises(TypeError, match=r"of type Known. Records such as Known are for"):
+        lis_grasp.plan(known, gripper)  # type: ignore[arg-type]
+
+
+def test_an_unknown_option_is_refused_with_the_nearest(tmp_path: Path) -> None:
+    for call in (lis_grasp.explore, lis_grasp.plan, lis_grasp.run):
+        with pytest.raises(TypeError, match="'frictoin' is none: did you mean 'friction'"):
+            call("box", frictoin=0.5)
+    with pytest.raises(TypeError, match="grasp must be a Grasp, such as search.best"):
+        lis_grasp.lift("box", "wsg50", GraspSearch(()))  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- names
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("LIS", r"write estimate\(contacts, 'lis'\)"),
+        ("gpis", r"write estimate\(contacts, 'gpis'\)"),
+        ("graspsearch", r"did you mean 'GraspSearch'"),
+        ("Contact", r"did you mean 'Contacts'"),
+        ("load", r"write load_contacts\(path\)"),
+        ("evaluation", r"write import lis_grasp\.evaluation"),
+    ],
+)
+def test_a_guessed_name_is_answered(
+    name: str, advice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(lis_grasp, name, raising=False)  # set by an import elsewhere
+    with pytest.raises(AttributeError, match=f"no attribute '{name}': {advice}"):
+        getattr(lis_grasp, name)
+
+
+def test_completion_shows_public_names_alone() -> None:
+    for package in (lis_grasp, pipeline, lis_grasp.shapes):
+        assert dir(package) == sorted(package.__all__)
