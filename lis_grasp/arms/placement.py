@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lis_grasp.arms.collision import StationChecker
-from lis_grasp.arms.reach import APPROACH, best_solutions, track
+from lis_grasp.arms.reach import APPROACH, KEPT, SEEDS, best_solutions, track
 from lis_grasp.arms.station import Station, Table
 from lis_grasp.exceptions import InvalidArmError
 from lis_grasp.geometry import cross, make_pose, rotate, tangent_frame, unit
@@ -22,15 +22,12 @@ _DISTANCES = (0.5, 0.6, 0.7)
 _PEDESTALS = (0.0, 0.2)
 # Directions of approach: down, and oblique from all around; turns of the hand about each.
 _TILT, _AROUND, _TURNS = np.pi / 3.0, 6, 2
-# Seeds of a pose, and its solutions from which the straight approach is tried.
-_SEEDS, _KEPT = 4, 2
 
 HEADROOM = 0.25
 """Least height of the hand above the table at home [m]: objects are below it."""
 
 # Heights of the pads above the table that are tried where the arm's own home is not free [m].
 _HEIGHTS = (0.35, 0.45, 0.3, 0.55)
-_HOME_SEEDS, _HOME_KEPT = 8, 4
 
 
 def choose_base(arm: Arm, hand: Hand, *, table: Table | None = None) -> Station:
@@ -95,7 +92,7 @@ def reached(station: Station, targets: FloatArray) -> BoolArray:
         if not len(waiting):
             break
         X_WH = targets[waiting, turn]
-        pose, q = best_solutions(station, station.solve_ik(X_WH, seeds=_SEEDS), kept=_KEPT)
+        pose, q = best_solutions(station, station.solve_ik(X_WH, seeds=SEEDS), kept=KEPT)
         forward = rotate(X_WH[pose], station.hand.approach_H)
         straight = track(station, q, X_WH[pose], -APPROACH * forward).followed
         done[waiting[pose[straight]]] = True
@@ -148,8 +145,8 @@ def home_of(station: Station) -> FloatArray:
         center = np.array([*table.center, table.height + height])
         targets = palm_targets(station.hand, center, (0.0, 0.0, 0.0), each=1)
         for turned in targets.swapaxes(0, 1):
-            solutions = station.solve_ik(turned, seeds=_HOME_SEEDS, first=station.arm.home)
-            for q in best_solutions(station, solutions, kept=_HOME_KEPT)[1]:
+            solutions = station.solve_ik(turned, seeds=SEEDS, first=station.arm.home)
+            for q in best_solutions(station, solutions, kept=KEPT)[1]:
                 if _is_home(station, checker, q):
                     return q
     raise InvalidArmError(

@@ -23,19 +23,16 @@ STEP = 0.02
 JUMP = 0.35
 """Largest motion of a joint in one step [rad or m]; more is a jump to another branch."""
 
+SEEDS, KEPT = 4, 2
+"""Seeds of the inverse kinematics of a pose, and its solutions that are tried."""
 APPROACH, LIFT = 0.12, 0.1
 """Lengths of the straight approach to a grasp, and of the straight lift [m]."""
 
-_SEEDS, _KEPT = 8, 4  # seeds of a pose; its solutions that are tried
-_SAME = 0.1  # solutions with joints this near are one [rad or m]
-# More distance from the joint limits than this is no better; what it is worth to be near home.
-_SPARE, _FAR = 0.4, 0.1  # [rad or m], [1]
+_FAR = 0.1  # worth of being near home, of that of being off the joint limits [1]
 _CHECKED = 2  # of the poses along a straight motion, every second is checked for collisions
 
 # Points (P, 3) -> which are inside of what is known, (P,).
 Occupied = Callable[[FloatArray], BoolArray]
-
-_PROBE_SEEDS, _PROBE_KEPT = 4, 2  # seeds of a pose; its solutions that are tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,8 +125,8 @@ class ReachFilter:
         q_open, q_closed
             Shape (N, K): the hand's joint positions on the approach, and at the grasp and lift.
         """
-        solutions = self._station.solve_ik(X_WH, seeds=_SEEDS, first=self._station.arm.home)
-        pose, q = best_solutions(self._station, solutions, kept=_KEPT)
+        solutions = self._station.solve_ik(X_WH, seeds=SEEDS, first=self._station.arm.home)
+        pose, q = best_solutions(self._station, solutions, kept=KEPT)
         forward = rotate(X_WH[pose], self._station.hand.approach_H)
         away = track(self._station, q, X_WH[pose], -APPROACH * forward)
         up = track(self._station, q, X_WH[pose], np.array([0.0, 0.0, LIFT]))
@@ -167,7 +164,7 @@ class ReachFilter:
 def best_solutions(
     station: Station, solutions: ArmSolutions, *, kept: int
 ) -> tuple[IndexArray, FloatArray]:
-    """Return up to `kept` different solutions of each target, the best first.
+    """Return up to `kept` solutions of each target, the best first.
 
     Those off the joint limits and near the arm's home are better: they are on its branch. They are
     M in all: the index of the target (M,), in order, and joint positions (M, J).
@@ -178,13 +175,10 @@ def best_solutions(
     for n in np.flatnonzero(solutions.reached):
         q = _turned_to(arm.home, solutions.q[n][solutions.solved[n]], arm)
         spare = np.minimum(q - arm.lower, arm.upper - q).min(axis=1)
-        worth = np.minimum(spare, _SPARE) - _FAR * np.abs(q - arm.home).max(axis=1)
-        mine: list[FloatArray] = []
-        for candidate in q[np.argsort(-worth, kind="stable")]:
-            if len(mine) < kept and all(np.abs(candidate - m).max() > _SAME for m in mine):
-                mine.append(candidate)
-        targets += [int(n)] * len(mine)
-        chosen += mine
+        worth = spare - _FAR * np.abs(q - arm.home).max(axis=1)
+        best = q[np.argsort(-worth, kind="stable")[:kept]]
+        targets += [int(n)] * len(best)
+        chosen += list(best)
     joints = len(arm.joint_names)
     return np.array(targets, dtype=np.intp), np.array(chosen).reshape(-1, joints)
 
@@ -242,8 +236,8 @@ class ProbeReach:
             not checked.
         """
         station = self._station
-        solutions = station.solve_ik(X_WH, seeds=_PROBE_SEEDS, first=station.arm.home)
-        pose, q = best_solutions(station, solutions, kept=_PROBE_KEPT)
+        solutions = station.solve_ik(X_WH, seeds=SEEDS, first=station.arm.home)
+        pose, q = best_solutions(station, solutions, kept=KEPT)
         if not len(q):
             return None
         back = track(station, q, X_WH[pose], -approach[pose])

@@ -18,9 +18,7 @@ BEYOND = 0.03
 
 _ALONG = 0.999  # cosine of the angle between axes that are parallel
 
-_SAMPLES = 120
-# A pair of links may touch if it collides in this fraction of random postures.
-_OFTEN = 0.5
+_SAMPLES = 120  # postures that are compared if no flange can point down at home
 
 # Places of the flange at home, as fractions of the reach: ahead of the base and above it.
 _AHEAD, _ABOVE = (0.5, 0.4, 0.6), (0.5, 0.4, 0.6)
@@ -66,35 +64,14 @@ def flange_frame(model: RobotModel, flange: str) -> FloatArray:
 
 
 def find_arm_exclusions(model: RobotModel) -> frozenset[tuple[str, str]]:
-    """Return the pairs of links that may touch, each sorted: neighbours, and pairs that often do.
+    """Return the pairs of links that may touch, each sorted: one movable joint or none is between.
 
-    Neighbours are links that one movable joint or none separates. Pairs that collide in half of the
-    random postures must do so by design: an elbow that folds on itself collides in a tenth.
+    Other pairs that touch by design are named in the arm's file.
     """
     order = joints_before(model)
     links = dict.fromkeys(g.link for g in model.link_geometries)
-    pairs = [(min(p), max(p)) for p in combinations(links, 2)]
-    excluded = {(a, b) for a, b in pairs if abs(order[a] - order[b]) <= 1}
-    bodies = BodyPairs(model.link_geometries, pairs_of_bodies(model, frozenset(excluded)))
-    q = np.random.default_rng(0).uniform(
-        np.maximum(model.lower, -np.pi),
-        np.minimum(model.upper, np.pi),
-        (_SAMPLES, len(model.lower)),
-    )
-    counts: dict[tuple[str, str], int] = {}
-    poses = body_poses(model, q)
-    for posture, near in zip(poses, bodies.may_touch(bodies.ball_centers(poses)), strict=True):
-        bodies.place(posture)
-        hits = {
-            tuple(sorted(bodies.geometries[k].link for k in bodies.pairs[pair]))
-            for pair in bodies.touching(np.flatnonzero(near))
-        }
-        for a, b in hits:
-            counts[a, b] = counts.get((a, b), 0) + 1
-    for (a, b), count in counts.items():
-        if count >= _OFTEN * _SAMPLES:
-            excluded.add((a, b))
-    return frozenset(excluded)
+    pairs = ((min(pair), max(pair)) for pair in combinations(links, 2))
+    return frozenset((a, b) for a, b in pairs if abs(order[a] - order[b]) <= 1)
 
 
 def find_home(

@@ -17,13 +17,11 @@ POSITION_TOLERANCE = 1e-4
 ANGLE_TOLERANCE = 1e-3
 """Largest angle between a solution and its target [rad]."""
 
-_ITERATIONS = 30
-_DAMPING = 0.05
-_NEAR = 0.1  # error below which damping falls [m]
+_ITERATIONS = 15
+_DAMPING = 1e-8  # [m^2]: regularises the pseudoinverse
 _LARGEST_STEP = 0.4  # of one joint in one iteration [rad or m]
 _LENGTH = 0.3  # a turn of 1 rad counts as much as this distance [m]
 _STORED = 3000  # random postures from which seeds are taken
-_STALLED = 5  # iterations in which the error must fall, or the seed is given up
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +40,7 @@ class ArmSolutions:
 class ArmIK:
     """Solves X_AF(q) = target for many targets at once, within joint limits.
 
-    Each iteration takes the step ``dq = J' (J J' + damping^2)^-1 e`` (Wampler, 1986; Nakamura and
+    Each iteration takes the step ``dq = J' (J J' + damping)^-1 e`` (Wampler, 1986; Nakamura and
     Hanafusa, 1986) and clips it to the limits. Seeds are the stored random postures whose flange is
     nearest to the target, so that few iterations are enough.
 
@@ -92,7 +90,7 @@ class ArmIK:
         """Move joint positions (B, J) in place to their targets; return which got there, (B,)."""
         solved = np.zeros(len(q), dtype=bool)
         active = np.arange(len(q))
-        best, since = np.full(len(q), np.inf), np.zeros(len(q), dtype=int)
+        weights = np.array([1.0] * 3 + [_LENGTH] * 3)
         for _ in range(_ITERATIONS):
             X, J = self._kinematics.jacobians(q[active])
             error = pose_error(X, targets[active])
@@ -100,19 +98,10 @@ class ArmIK:
             angle = np.linalg.norm(error[:, 3:], axis=1)
             there = (distance < POSITION_TOLERANCE) & (angle < ANGLE_TOLERANCE)
             solved[active[there]] = True
-            size = distance + _LENGTH * angle
-            better = size < 0.95 * best[active]
-            since[active] = np.where(better, 0, since[active] + 1)
-            best[active] = np.minimum(best[active], size)
-            kept = ~there & (since[active] < _STALLED)
-            active, J, error = active[kept], J[kept], error[kept]
+            active, J, error = active[~there], J[~there], error[~there]
             if not len(active):
                 break
-            weights = np.array([1.0] * 3 + [_LENGTH] * 3)
-            J, error = J * weights[:, None], error * weights
-            # Less damping near the target, where the descent is to converge in few steps.
-            damping = _DAMPING**2 * np.minimum(1.0, (error**2).sum(axis=1) / _NEAR**2) + 1e-8
-            step = damped_step(J, error, damping)
+            step = damped_step(J * weights[:, None], error * weights, _DAMPING)
             largest = np.abs(step).max(axis=1, keepdims=True)
             step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-12))
             q[active] = np.clip(q[active] + step, self._lower, self._upper)

@@ -96,8 +96,7 @@ class _RobotEntry(_Record):
     self_collision_exclusions: list[Annotated[list[Name], Field(min_length=2, max_length=2)]] = (
         Field(
             default_factory=list,
-            description="Pairs of links that may touch, besides those that a joint joins, or"
-            " sampling finds.",
+            description="Pairs of links that may touch, besides those that one joint joins.",
         )
     )
 
