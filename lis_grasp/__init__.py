@@ -4,9 +4,11 @@ The public names, loaded on first use so that `import lis_grasp` costs next to n
 them needs Drake; what does is in `lis_grasp.simulation`.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from lis_grasp._moved import MovedModules, new_place
 from lis_grasp.version import __version__
 
 if TYPE_CHECKING:
@@ -79,6 +81,9 @@ _CALLS = {
     "touch": "explore(object, hand)",
 }
 
+if MovedModules not in sys.meta_path:
+    sys.meta_path.append(MovedModules)  # last: it is asked for what nobody else finds
+
 __all__ = [*_HOMES, "__version__"]
 
 
@@ -100,6 +105,8 @@ def _advice(name: str) -> str:
 
     from lis_grasp.exceptions import nearest_of
 
+    if new_place(f"lis_grasp.{name}") is not None:
+        return f": {new_place(f'lis_grasp.{name}')}"
     if name.lower() in _CALLS:
         return f": write {_CALLS[name.lower()]}"
     if find_spec(f"lis_grasp.{name}") is not None:

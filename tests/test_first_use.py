@@ -1,5 +1,7 @@
 """What a newcomer writes with completion alone: calls work, or a sentence names the right one."""
 
+import re
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,8 @@ from lis_grasp.surfaces import BlendedImplicitSurface
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
 CONTACTS = Contacts(0.03 * AXES, AXES, fingers=tuple("abcdef"), free_points=[[0.1, 0.0, 0.0]])
+# Names that documentation, examples and notebooks of version 1.4 import.
+DOCUMENTED = Path(__file__).with_name("documented_names_1_4.txt")
 KINEMATIC = {"prober": "kinematic", "touches": 3, "estimator": "gpis"}
 
 
@@ -172,6 +176,49 @@ def test_a_guessed_name_is_answered(
     monkeypatch.delattr(lis_grasp, name, raising=False)  # set by an import elsewhere
     with pytest.raises(AttributeError, match=f"no attribute '{name}': {advice}"):
         getattr(lis_grasp, name)
+
+
+def _resolved(dotted: str) -> object:
+    """Return what a dotted name stands for, or the sentence of its error."""
+    parts = dotted.split(".")
+    for k in range(len(parts), 0, -1):
+        try:
+            value: object = import_module(".".join(parts[:k]))
+        except ModuleNotFoundError as error:
+            if error.name is None:
+                return str(error)
+            continue
+        for part in parts[k:]:
+            value = getattr(value, part)
+        return value
+    raise AssertionError(dotted)
+
+
+def test_a_documented_name_of_1_4_works_or_says_where_it_is() -> None:
+    for name in DOCUMENTED.read_text(encoding="utf-8").split():
+        value = _resolved(name)
+        if isinstance(value, str) and " is now " in value:
+            places = re.findall(r"lis_grasp\w*(?:\.\w+)+", value.split(" is now ")[1])
+            assert places, value
+            assert all(_resolved(place) is not None for place in places), value
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import lis_grasp.hands.hand",
+        "from lis_grasp.hands.hand import Hand",
+        "from lis_grasp import hands",
+        "from lis_grasp.arms import arm_ik",
+        "from lis_grasp.exploration import contacts_from_log",
+        "from lis_grasp.pipeline import table_of",
+        "lis_grasp.hands",
+        "lis_grasp.exploration.open_log",
+    ],
+)
+def test_a_moved_name_is_answered_by_a_sentence(statement: str) -> None:
+    with pytest.raises((ImportError, AttributeError), match=r"lis_grasp\.[\w.]+ is now "):
+        exec(statement, {"lis_grasp": lis_grasp})
 
 
 def test_completion_shows_public_names_alone() -> None:

@@ -1,5 +1,8 @@
 """The pipeline from touch to lift: each stage as one function, and its configuration."""
 
+from typing import Any
+
+from lis_grasp._moved import new_place
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources, load_source
 from lis_grasp.pipeline.exploring import explore_object
 from lis_grasp.pipeline.file_stages import estimate_file, grasp_file, lift_file
@@ -60,6 +63,12 @@ __all__ = [
     "touch",
     "workspace",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Say where a name of version 1.4 is now."""
+    place = new_place(f"{__name__}.{name}") or f"module '{__name__}' has no attribute '{name}'"
+    raise AttributeError(place)
 
 
 def __dir__() -> list[str]:

@@ -1,0 +1,71 @@
+"""Where names of version 1.4 are now: whoever imports one gets a sentence, not a bare error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import ModuleType
+
+_PLACES = {
+    "arms.arm": "lis_grasp.robots.arm",
+    "arms.arm_check": "lis_grasp.arms.check",
+    "arms.arm_ik": "lis_grasp.robots.pose_ik",
+    "arms.arm_kinematics": "lis_grasp.robots.kinematics",
+    "arms.arm_mount": "lis_grasp.arms.station",
+    "arms.base_search": "lis_grasp.arms.placement",
+    "arms.joint_trajectory": "lis_grasp.arms.trajectory",
+    "arms.probe_reach": "lis_grasp.arms.reach",
+    "arms.reach_filter": "lis_grasp.arms.reach",
+    "arms.station_collision": "lis_grasp.arms.collision",
+    "arms.time_scaling": "lis_grasp.arms.trajectory",
+    "evaluation.calibration": "lis_grasp_studies.harness.calibration",
+    "experiments": (
+        "the package lis_grasp_studies, in which runner, statistics, trial_results and report_page"
+        " are in lis_grasp_studies.harness, study_trial is lis_grasp_studies.study.run, and files"
+        " do not repeat the names of their folders"
+    ),
+    "exploration.Finger": "lis_grasp.logs.Finger",
+    "exploration.LogFrames": "lis_grasp.logs.LogFrames",
+    "exploration.TouchDetection": "lis_grasp.logs.TouchDetection",
+    "exploration.contacts_from_log": "lis_grasp.logs.contacts_from_log",
+    "exploration.open_log": "lis_grasp.logs.open_log",
+    "grasping.isaac_grasps": "lis_grasp.grasping.export",
+    "hands": (
+        "lis_grasp.robots, in which hand_mjcf is mjcf and hand_schema is schema; Hand itself is"
+        " lis_grasp.Hand"
+    ),
+    "lifting.lift_outcome": "lis_grasp.lifting.outcome",
+    "mujoco_simulation": "lis_grasp.simulation.mujoco, in which simulate_in_mujoco is lift",
+    "pipeline.object_setup": "lis_grasp.pipeline.scenario",
+    "pipeline.plugged_in": "lis_grasp.surfaces.estimators and lis_grasp.exploration.policy",
+    "pipeline.pose_of": "Scenario.truth.X_WO of lis_grasp.pipeline",
+    "pipeline.prior_knowledge": "Scenario.known.space of lis_grasp.pipeline",
+    "pipeline.table_of": "Scenario.known.table of lis_grasp.pipeline",
+    "pipeline.touching": "lis_grasp.pipeline.stages",
+    "shapes.convex_parts": "lis_grasp.shapes.solids",
+    "simulation.dynamic_prober": "lis_grasp.simulation.drake.dynamic_prober",
+    "simulation.probing_scene": "lis_grasp.simulation.drake.object_plant",
+    "simulation.simulate_lift": "lis_grasp.simulation.drake.lift",
+    "surfaces.contact_thinning": "lis_grasp.surfaces.contact_preparation",
+    "surfaces.noise_estimation": "lis_grasp.surfaces.contact_preparation",
+    "visualization.run_scene": "lis_grasp.pipeline.run_scene",
+}
+
+
+def new_place(name: str) -> str | None:
+    """Return a sentence that says where a module or name is now; None if it did not move."""
+    place = _PLACES.get(name.removeprefix("lis_grasp."))
+    return None if place is None else f"{name} is now {place}"
+
+
+class MovedModules:
+    """Finder that raises `ModuleNotFoundError` with the new place of a module that moved."""
+
+    @staticmethod
+    def find_spec(
+        name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> None:
+        """Raise for a module that moved; find none otherwise."""
+        place = new_place(name) if name.startswith("lis_grasp.") else None
+        if place is not None:
+            # Without the attribute `name`, the sentence passes through `from package import name`.
+            raise ModuleNotFoundError(place)
