@@ -7,11 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
 from scipy.special import logsumexp
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.geometry import tangent_frame, unit
-from lis_grasp.surfaces._noise_evidence import least_noise
+from lis_grasp.surfaces._gaussian_process_regression import (
+    GradientRegression,
+    factorize,
+    gradient_covariance,
+    log_likelihood,
+)
+from lis_grasp.surfaces._kernels import Matern52
 from lis_grasp.surfaces.contact_places import resolution_of
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
@@ -47,6 +54,17 @@ _WEIGHTS = np.array([0.6, 0.3, 0.1])
 
 # Noise below both, in spacings and rad, is not worth a comparison with a smooth surface.
 _SMALL_POSITION, _SMALL_NORMAL = 0.005, 0.02
+
+# Covariance of that surface, as of `gpis`, in largest distances between two contacts, and the noise
+# that conditions the equations.
+_SMOOTH = Matern52(0.8)
+_CONDITIONING = (3e-4, 1e-2)
+
+# No noise needs a Bayes factor of exp(15): edges are no smooth surface, and noise is common.
+_LOG_BAYES_FACTOR = 15.0
+
+# With more contacts their neighbours resolve the shape, and the equations take too long.
+_MOST_COMPARED = 100
 
 # Range and starts of the search: logarithms of noise, in spacings and rad.
 _LOWEST, _HIGHEST = -7.0, 1.0
@@ -128,7 +146,34 @@ def likeliest_noise(contacts: Contacts) -> tuple[float, float]:
     noise = float(position * blocks.spacing), float(normal)
     if position < _SMALL_POSITION and normal < _SMALL_NORMAL:
         return noise
-    return least_noise(contacts, noise)
+    return (0.0, 0.0) if _is_smooth(contacts, noise) else noise
+
+
+def _is_smooth(contacts: Contacts, noise: tuple[float, float]) -> bool:
+    """Return whether a smooth surface without noise explains contacts much better than with noise.
+
+    A smooth shape that contacts resolve only together has no noise, although neighbours alone do
+    not explain each other. Compares marginal likelihoods of a Gaussian process, at the amplitude
+    that is likeliest without noise. More than 100 contacts are not compared.
+    """
+    if not 2 <= len(contacts) <= _MOST_COMPARED:
+        return False
+    scale = float(pdist(contacts.points).max())
+    nodes = (contacts.points - contacts.bounds.mean(axis=0)) / scale
+    targets = np.column_stack([np.full(len(nodes), -1.0), contacts.normals])
+    value, slope = _CONDITIONING
+    process = GradientRegression.fit(
+        _SMOOTH, nodes, targets, np.array([value, slope, slope, slope]) ** 2
+    )
+    variance = process.likeliest_amplitude() ** 2
+    covariance = variance * gradient_covariance(_SMOOTH, nodes)
+    conditioning = variance * process.noise.ravel()
+    of_noise = np.tile(np.array([noise[0] / scale, *[noise[1]] * 3]) ** 2, len(nodes))
+    with_noise, without = (
+        log_likelihood(factorize(covariance.copy(), variances), targets.ravel())
+        for variances in (conditioning + of_noise, conditioning)
+    )
+    return without - with_noise > _LOG_BAYES_FACTOR
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,62 +13,57 @@ Both are finite at r = 0 for the kernels here, or nearly: the second of the thin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from lis_grasp.typing import FloatArray
 
 
-class RadialKernel(Protocol):
-    """A covariance that depends on distance only; distances of any shape in, that shape out."""
+class RadialKernel:
+    """Base of covariances that depend on distance only; distances of any shape in, that shape out.
+
+    A subclass has `value_and_first` and `second`.
+    """
+
+    __slots__ = ()
 
     def value(self, r: FloatArray) -> FloatArray:
         """Return k(r)."""
+        return self.value_and_first(r)[0]
+
+    def first(self, r: FloatArray) -> FloatArray:
+        """Return -k'(r) / r."""
+        return self.value_and_first(r)[1]
 
     def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return k(r) and -k'(r) / r, in less time than one by one."""
+        raise NotImplementedError
+
+    def second(self, r: FloatArray) -> FloatArray:
+        """Return (k''(r) - k'(r) / r) / r^2."""
+        raise NotImplementedError
 
     def combined(self, squares: FloatArray, values: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return values k(r) - slopes k'(r) / r from squares of r; the arguments are overwritten.
 
         `squares` and `slopes` have the result's shape (N, P), `values` (N, 1).
         """
-
-    def first(self, r: FloatArray) -> FloatArray:
-        """Return -k'(r) / r."""
-
-    def second(self, r: FloatArray) -> FloatArray:
-        """Return (k''(r) - k'(r) / r) / r^2."""
+        value, first = self.value_and_first(np.sqrt(squares, out=squares))
+        slopes *= first
+        slopes += values * value
+        return slopes
 
 
 @dataclass(frozen=True, slots=True)
-class SquaredExponential:
+class SquaredExponential(RadialKernel):
     """exp(-r^2 / (2 length^2)): Ottenhaus et al. 2016, eq. 6 (whose sigma is this length)."""
 
     length: float
 
-    def value(self, r: FloatArray) -> FloatArray:
-        """Return k(r)."""
-        return np.exp(-0.5 * (r / self.length) ** 2)
-
     def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return k(r) and -k'(r) / r."""
-        value = self.value(r)
+        value = np.exp(-0.5 * (r / self.length) ** 2)
         return value, value / self.length**2
-
-    def combined(self, squares: FloatArray, values: FloatArray, slopes: FloatArray) -> FloatArray:
-        """Return values k(r) - slopes k'(r) / r; squares and slopes are overwritten."""
-        squares *= -0.5 / self.length**2
-        np.exp(squares, out=squares)
-        slopes *= 1.0 / self.length**2
-        slopes += values
-        slopes *= squares
-        return slopes
-
-    def first(self, r: FloatArray) -> FloatArray:
-        """Return -k'(r) / r."""
-        return self.value(r) / self.length**2
 
     def second(self, r: FloatArray) -> FloatArray:
         """Return (k''(r) - k'(r) / r) / r^2."""
@@ -76,17 +71,13 @@ class SquaredExponential:
 
 
 @dataclass(frozen=True, slots=True)
-class Matern52:
+class Matern52(RadialKernel):
     """(1 + q + q^2 / 3) exp(-q), q = sqrt(5) r / length: Rasmussen and Williams 2006, eq. 4.17."""
 
     length: float
 
     def _scaled(self, r: FloatArray) -> FloatArray:
         return np.sqrt(5.0) * r / self.length
-
-    def value(self, r: FloatArray) -> FloatArray:
-        """Return k(r)."""
-        return self.value_and_first(r)[0]
 
     def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return k(r) and -k'(r) / r."""
@@ -115,17 +106,13 @@ class Matern52:
         squares *= np.exp(q, out=q)
         return squares
 
-    def first(self, r: FloatArray) -> FloatArray:
-        """Return -k'(r) / r."""
-        return self.value_and_first(r)[1]
-
     def second(self, r: FloatArray) -> FloatArray:
         """Return (k''(r) - k'(r) / r) / r^2."""
         return 25.0 / (3.0 * self.length**4) * np.exp(-self._scaled(r))
 
 
 @dataclass(frozen=True, slots=True)
-class ThinPlate:
+class ThinPlate(RadialKernel):
     """(2 r^3 - 3 R r^2 + R^3) / R^3: Williams and Fitzgibbon 2007; a covariance for r up to R.
 
     Eq. 2 of Ottenhaus et al. 2016 has other signs and powers, which grow with distance and are no
@@ -136,25 +123,10 @@ class ThinPlate:
 
     length: float
 
-    def value(self, r: FloatArray) -> FloatArray:
-        """Return k(r)."""
-        q = r / self.length
-        return 2.0 * q**3 - 3.0 * q**2 + 1.0
-
     def value_and_first(self, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return k(r) and -k'(r) / r."""
-        return self.value(r), self.first(r)
-
-    def combined(self, squares: FloatArray, values: FloatArray, slopes: FloatArray) -> FloatArray:
-        """Return values k(r) - slopes k'(r) / r; squares and slopes are overwritten."""
-        r = np.sqrt(squares, out=squares)
-        slopes *= self.first(r)
-        slopes += values * self.value(r)
-        return slopes
-
-    def first(self, r: FloatArray) -> FloatArray:
-        """Return -k'(r) / r."""
-        return 6.0 * (1.0 - r / self.length) / self.length**2
+        q = r / self.length
+        return 2.0 * q**3 - 3.0 * q**2 + 1.0, 6.0 * (1.0 - q) / self.length**2
 
     def second(self, r: FloatArray) -> FloatArray:
         """Return (k''(r) - k'(r) / r) / r^2."""

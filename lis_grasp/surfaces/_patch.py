@@ -217,14 +217,8 @@ class Patch:
             _factor=factor,
         )
 
-    def value(self, points: FloatArray) -> FloatArray:
-        """Return the patch's function at points (P, 3) [m], shape (P,) [m]."""
-        scaled = (points - self.center) / self.spacing
-        trend = value_rows(scaled) @ self.coefficients
-        return self.spacing * (trend + self.residual.value(scaled))
-
     def gradient(self, points: FloatArray) -> FloatArray:
-        """Return its gradient at points (P, 3) [m], shape (P, 3)."""
+        """Return the gradient of the patch's function at points (P, 3) [m], shape (P, 3)."""
         scaled = (points - self.center) / self.spacing
         xx, yy, zz, xy, xz, yz = self.coefficients[4:]
         curvature = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -284,7 +278,7 @@ class JoinedPatches:
         return JoinedPatches(self.spacing, self.center, self.coefficients[chosen], residual, starts)
 
     def values(self, points: FloatArray) -> FloatArray:
-        """Return the value of each patch (`Patch.value`) at points (P, 3) [m], (K, P) [m]."""
+        """Return the function of each patch at points (P, 3) [m], (K, P) [m]."""
         scaled = (points - self.center) / self.spacing
         values = np.add.reduceat(self.residual.terms(scaled), self.starts[:-1], axis=0)
         values += self.coefficients @ value_rows(scaled).T

@@ -78,25 +78,12 @@ class BlendedImplicitSurface:
     ) -> BlendedImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Parameters
-        ----------
-        contacts
-            Measured on the object, prepared by `prepare_contacts`.
-        position_noise, normal_noise
-            One standard deviation along the normal [m] and of each component of the normal [rad],
-            for contacts whose own noise is unknown. None estimates it from the contacts.
-
-        Raises
-        ------
-        InvalidContactsError
-            If there is no contact.
-        InvalidOptionError
-            If an option is outside its range.
+        Arguments and errors are those of `prepare_contacts`.
         """
         prepared = prepare_contacts(contacts, position_noise, normal_noise)
-        sharp = PatchImplicitSurface.from_prepared(prepared)
+        sharp = PatchImplicitSurface.from_contacts(prepared)
         with_noise = prepared.with_noise(sharp.position_noise, sharp.normal_noise)
-        smooth = GaussianProcessImplicitSurface.from_prepared(with_noise)
+        smooth = GaussianProcessImplicitSurface.from_contacts(with_noise)
         places = prepared.places
         log_ratios = np.zeros(len(places.nodes))
         if len(places.nodes) >= _LEAST_PLACES:

@@ -27,21 +27,10 @@ _FAR = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CarvedImplicitSurface:
-    """An estimate less balls of free space (CSG difference).
-
-    f = max(g, max_i (r_i - |x - c_i|))
-
-    with the estimate g and balls of centres c_i and radii r_i. It is outside wherever g is, and in
-    every ball; elsewhere it is g. If the balls are free in truth, f has the right sign wherever g
-    has. Made by `carved`.
-    """
+class _Remainder:
+    """Base of estimates less space that is free: f = max(g, depth in the free space)."""
 
     surface: ImplicitSurface  #: the estimate g
-    centers: FloatArray  #: (K, 3) [m], in O; K at least 1
-    radii: FloatArray  #: (K,) [m]
-
-    __repr__ = short_repr
 
     @property
     def bounds(self) -> FloatArray:
@@ -60,13 +49,33 @@ class CarvedImplicitSurface:
         """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3): outward."""
         rows, shape = flat_points(points)
         values, gradients = self.surface.evaluate(rows), np.array(self.surface.gradient(rows))
-        checked, depths, ball = self._depths(rows, values)
+        checked, depths, slopes = self._depths(rows, values)
         deeper = depths > values[checked]
-        checked, ball = checked[deeper], ball[deeper]
-        towards = self.centers[ball] - rows[checked]
-        length = np.linalg.norm(towards, axis=1, keepdims=True)
-        gradients[checked] = towards / np.maximum(length, np.finfo(np.float64).tiny)
+        gradients[checked[deeper]] = slopes[deeper]
         return gradients.reshape(*shape, 3)
+
+    def _depths(
+        self, points: FloatArray, values: FloatArray
+    ) -> tuple[IndexArray, FloatArray, FloatArray]:
+        """Return points that may be in free space (A,), their depth (A,) and its slopes (A, 3)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CarvedImplicitSurface(_Remainder):
+    """An estimate less balls of free space (CSG difference).
+
+    f = max(g, max_i (r_i - |x - c_i|))
+
+    with the estimate g and balls of centres c_i and radii r_i. It is outside wherever g is, and in
+    every ball; elsewhere it is g. If the balls are free in truth, f has the right sign wherever g
+    has. Made by `carved`.
+    """
+
+    centers: FloatArray  #: (K, 3) [m], in O; K at least 1
+    radii: FloatArray  #: (K,) [m]
+
+    __repr__ = short_repr
 
     def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
         """Return one standard deviation of the surface along its normal, shape (...) [m].
@@ -83,17 +92,44 @@ class CarvedImplicitSurface:
 
     def _depths(
         self, points: FloatArray, values: FloatArray
-    ) -> tuple[IndexArray, FloatArray, IndexArray]:
-        """Return the points that may be in a ball, their depth, and their ball, each (A,)."""
+    ) -> tuple[IndexArray, FloatArray, FloatArray]:
         checked = np.flatnonzero(values < self.radii.max())  # the largest depth
 
         def deepest(chosen: FloatArray) -> FloatArray:
             depths = self.radii - cdist(chosen, self.centers)  # (A, K)
             ball = np.argmax(depths, axis=1)
-            return np.column_stack([depths[np.arange(len(chosen)), ball], ball])
+            towards = self.centers[ball] - chosen
+            length = np.linalg.norm(towards, axis=1, keepdims=True)
+            slopes = towards / np.maximum(length, np.finfo(np.float64).tiny)
+            return np.column_stack([depths[np.arange(len(chosen)), ball], slopes])
 
         found = map_rows(deepest, points[checked], len(self.radii))
-        return checked, found[:, 0], found[:, 1].astype(np.intp)
+        return checked, found[:, 0], found[:, 1:]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AboveTableImplicitSurface(_Remainder):
+    """An estimate less the half-space below a table (CSG intersection).
+
+    f(x) = max(g(x), h - x_z)
+
+    with the estimate g and the height h of the table. The hand cannot touch an underside: the
+    estimate, extrapolated there, is closed by the table. Its uncertainty stays that of g.
+    """
+
+    height: float  #: of the table [m]
+
+    __repr__ = short_repr
+
+    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
+        """Return one standard deviation of the estimate along its normal, shape (...) [m]."""
+        return self.surface.uncertainty(points)
+
+    def _depths(
+        self, points: FloatArray, values: FloatArray
+    ) -> tuple[IndexArray, FloatArray, FloatArray]:
+        down = np.broadcast_to([0.0, 0.0, -1.0], points.shape)
+        return np.arange(len(points)), self.height - points[:, 2], down
 
 
 def carved(
@@ -192,44 +228,6 @@ def _nearest_contact_distances(contacts: Contacts, centers: FloatArray) -> Float
     if not len(contacts) or not len(centers):
         return np.full(len(centers), np.inf)
     return np.asarray(cKDTree(contacts.points).query(centers)[0])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AboveTableImplicitSurface:
-    """An estimate less the half-space below a table (CSG intersection).
-
-    f(x) = max(g(x), h - x_z)
-
-    with the estimate g and the height h of the table. The hand cannot touch an underside: the
-    estimate, extrapolated there, is closed by the table. Its uncertainty stays that of g.
-    """
-
-    surface: ImplicitSurface  #: the estimate g
-    height: float  #: of the table [m]
-
-    __repr__ = short_repr
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Lowest and highest corner of the box in which the estimate is valid, shape (2, 3) [m]."""
-        return self.surface.bounds
-
-    def evaluate(self, points: npt.ArrayLike) -> FloatArray:
-        """Return f at points of shape (..., 3) [m], shape (...): below 0 inside, above outside."""
-        rows, shape = flat_points(points)
-        values = np.maximum(self.surface.evaluate(rows), self.height - rows[:, 2])
-        return np.asarray(values.reshape(shape))
-
-    def gradient(self, points: npt.ArrayLike) -> FloatArray:
-        """Return the gradient of f at points of shape (..., 3) [m], shape (..., 3): outward."""
-        rows, shape = flat_points(points)
-        gradients = np.array(self.surface.gradient(rows))
-        gradients[self.height - rows[:, 2] > self.surface.evaluate(rows)] = (0.0, 0.0, -1.0)
-        return gradients.reshape(*shape, 3)
-
-    def uncertainty(self, points: npt.ArrayLike) -> FloatArray:
-        """Return one standard deviation of the estimate along its normal, shape (...) [m]."""
-        return self.surface.uncertainty(points)
 
 
 def above_table(surface: ImplicitSurface, height: float | None) -> ImplicitSurface:

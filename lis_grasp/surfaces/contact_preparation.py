@@ -91,7 +91,7 @@ class PreparedContacts:
 
 
 def prepare_contacts(
-    contacts: Contacts,
+    contacts: Contacts | PreparedContacts,
     position_noise: float | None = None,
     normal_noise: float | None = None,
     *,
@@ -99,10 +99,17 @@ def prepare_contacts(
 ) -> PreparedContacts:
     """Prepare contacts, at least one, for an estimator.
 
-    Repeated contacts become one (`merge_duplicates`). Noise that is neither a contact's own nor
-    given, as standard deviations [m] and [rad], is estimated from the contacts that lack it
-    (`estimate_noise`); it is 0 where they do not determine it. More than `most` contacts are
-    thinned, None thins none.
+    Parameters
+    ----------
+    contacts
+        Measured on the object. Repeated ones become one (`merge_duplicates`). Prepared contacts are
+        returned as they are.
+    position_noise, normal_noise
+        One standard deviation along the normal [m] and of each component of the normal [rad], for
+        contacts whose own noise is unknown. None estimates it from these contacts
+        (`estimate_noise`); it is 0 where they do not determine it.
+    most
+        More contacts are thinned to so many local averages (`thin_contacts`); None for no thinning.
 
     Raises
     ------
@@ -111,6 +118,8 @@ def prepare_contacts(
     InvalidOptionError
         If a noise is out of range.
     """
+    if isinstance(contacts, PreparedContacts):
+        return contacts
     merged = merge_duplicates(contacts, position_noise, normal_noise)
     unknown = np.isnan(_noise(merged))
     position, normal = np.nan_to_num(_noise(with_noise(merged)))

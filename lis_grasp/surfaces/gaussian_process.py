@@ -80,7 +80,7 @@ class GaussianProcessImplicitSurface:
     @classmethod
     def from_contacts(
         cls,
-        contacts: Contacts,
+        contacts: Contacts | PreparedContacts,
         *,
         kernel: KernelName = "matern52",
         length: float | None = None,
@@ -91,23 +91,16 @@ class GaussianProcessImplicitSurface:
     ) -> GaussianProcessImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Contacts at one place count once; more than 400 are thinned to as many local averages
-        (`prepare_contacts`).
-
         Parameters
         ----------
-        contacts
-            Measured on the object.
+        contacts, position_noise, normal_noise
+            See `prepare_contacts`, also for errors.
         kernel
             "matern52", "rbf" (eq. 6) or "thin_plate" (eq. 2, see `ThinPlate`).
         length
             Of the kernel [m]. None takes 0.8 (Matern) or 0.4 (RBF) of the largest distance between
             two contacts, or for the thin plate 1.5 diagonals of the bounds (its length must exceed
             every distance).
-        position_noise, normal_noise
-            One standard deviation of the sensor's positions along the normals [m] and of each
-            component of its normals [rad], for contacts whose own are unknown. None estimates them
-            (`estimate_noise`).
         misfit
             Noise of positions and of normals added to the sensor's, for edges that no smooth f can
             follow, in units of the prior's standard deviation (scaled, and so in radians for the
@@ -118,34 +111,14 @@ class GaussianProcessImplicitSurface:
 
         Raises
         ------
-        InvalidContactsError
-            If there is no contact.
         InvalidOptionError
             If an option is outside its range or set.
         EstimationError
             If the equations are singular to working precision.
         """
-        return cls.from_prepared(
-            prepare_contacts(contacts, position_noise, normal_noise),
-            kernel=kernel,
-            length=length,
-            misfit=misfit,
-            prior_mean=prior_mean,
-        )
-
-    @classmethod
-    def from_prepared(
-        cls,
-        prepared: PreparedContacts,
-        *,
-        kernel: KernelName = "matern52",
-        length: float | None = None,
-        misfit: tuple[float, float] = _MISFIT,
-        prior_mean: float | None = None,
-    ) -> GaussianProcessImplicitSurface:
-        """Estimate the surface from prepared contacts; arguments and errors of `from_contacts`."""
         if kernel not in _KERNELS:
             raise InvalidOptionError.not_one_of("kernel", kernel, _KERNELS)
+        prepared = prepare_contacts(contacts, position_noise, normal_noise)
         contacts, spacing = prepared.contacts, prepared.spacing
         largest = float(pdist(contacts.points).max(initial=0.0))
         scale = largest if largest > resolution_of(contacts) else spacing

@@ -88,8 +88,9 @@ class LocalImplicitSurface(BlockwiseSurface):
 
         Parameters
         ----------
-        contacts
-            Measured on the object; duplicates are merged first. More precise ones weigh more.
+        contacts, position_noise, normal_noise
+            See `prepare_contacts`, also for errors. More precise contacts weigh more; equal noise
+            changes the uncertainty, not the surface. None are thinned.
         sigma
             Width of the kernel [m]; None takes a fifth of the contacts' spacing.
         beta
@@ -97,15 +98,9 @@ class LocalImplicitSurface(BlockwiseSurface):
             1 + sgn(y) beta*; "none" is 1. At the default width the three differ little; from
             0.4 spacings on, "as_published" grows the wrong side of edges: a convex edge is the
             maximum of its planes, so outside it the larger value must win.
-        position_noise, normal_noise
-            One standard deviation of positions along the normal [m] and of normals [rad], for
-            contacts whose own are unknown; None estimates them (`estimate_noise`). Equal ones
-            change the uncertainty, not the surface.
 
         Raises
         ------
-        InvalidContactsError
-            If there is no contact.
         InvalidOptionError
             If an option is outside its range or set.
         """

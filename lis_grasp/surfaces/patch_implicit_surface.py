@@ -71,38 +71,21 @@ class PatchImplicitSurface(BlockwiseSurface):
     @classmethod
     def from_contacts(
         cls,
-        contacts: Contacts,
+        contacts: Contacts | PreparedContacts,
         *,
         position_noise: float | None = None,
         normal_noise: float | None = None,
     ) -> PatchImplicitSurface:
         """Estimate the surface of an object from at least one contact.
 
-        Contacts at one place count once; more than 400 are thinned to as many local averages
-        (`prepare_contacts`).
-
-        Parameters
-        ----------
-        contacts
-            Measured on the object.
-        position_noise, normal_noise
-            One standard deviation along the normal [m] and of each component of the normal [rad],
-            for contacts whose own noise is unknown. None estimates it from the contacts.
+        Arguments and errors are those of `prepare_contacts`.
 
         Raises
         ------
-        InvalidContactsError
-            If there is no contact.
-        InvalidOptionError
-            If an option is outside its range.
         EstimationError
             If contacts contradict each other so much that they have hardly a patch in common.
         """
-        return cls.from_prepared(prepare_contacts(contacts, position_noise, normal_noise))
-
-    @classmethod
-    def from_prepared(cls, prepared: PreparedContacts) -> PatchImplicitSurface:
-        """Estimate the surface from prepared contacts; errors of `from_contacts`."""
+        prepared = prepare_contacts(contacts, position_noise, normal_noise)
         points, normals = prepared.contacts.points, prepared.contacts.normals
         spacing = prepared.places.spacing
         pairs = ContactPairs.within(points, normals, spacing)

@@ -116,7 +116,7 @@ def _owners(surface: PatchImplicitSurface, points: FloatArray) -> IndexArray:
     tree = cKDTree(surface.points)
     near = tree.query(points, k=min(12, len(surface.points)))[1].reshape(len(points), -1)
     patch_of = surface.patch_of
-    values = np.stack([np.abs(p.value(points)) for p in surface.patches], axis=1)  # (P, K)
+    values = np.abs(surface.joined.values(points).T)  # (P, K)
     rows = np.arange(len(points))
     best = np.argmin(values[rows[:, None], patch_of[near]], axis=1)
     return np.asarray(near[rows, best])
