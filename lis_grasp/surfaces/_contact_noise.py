@@ -52,9 +52,6 @@ _GRADIENT_LENGTH = 0.1
 _DEPARTURES = np.array([0.001, 0.03, 0.3])
 _WEIGHTS = np.array([0.6, 0.3, 0.1])
 
-# Noise below both, in spacings and rad, is not worth a comparison with a smooth surface.
-_SMALL_POSITION, _SMALL_NORMAL = 0.005, 0.02
-
 # Covariance of that surface, as of `gpis`, in largest distances between two contacts, and the noise
 # that conditions the equations.
 _SMOOTH = Matern52(0.8)
@@ -81,9 +78,9 @@ def noise_of(
     outside its range.
     """
     options = {"position_noise": (position_noise, "m"), "normal_noise": (normal_noise, "rad")}
-    for name, (value, measured_in) in options.items():
+    for name, (value, measure) in options.items():
         if value is not None:
-            require_range(name, value, unit=measured_in)
+            require_range(name, value, unit=measure)
     position, normal = (np.nan if value is None else value for value, _ in options.values())
     return (
         filled(contacts.position_noise, position, len(contacts)),
@@ -144,8 +141,6 @@ def likeliest_noise(contacts: Contacts) -> tuple[float, float]:
     )
     position, normal = np.exp(found.x)
     noise = float(position * blocks.spacing), float(normal)
-    if position < _SMALL_POSITION and normal < _SMALL_NORMAL:
-        return noise
     return (0.0, 0.0) if _is_smooth(contacts, noise) else noise
 
 
@@ -288,8 +283,7 @@ def _on_one_patch(
         weights = np.exp(
             -0.5 * (distances / _SMOOTH_POSITIONS) ** 2 - 0.5 * tilts / _SMOOTH_NORMALS**2
         )
-        smooth = normals + np.einsum("nk,nkc->nc", weights, normals[near])
-        smooth = unit(smooth)
+        smooth = unit(normals + np.einsum("nk,nkc->nc", weights, normals[near]))
     offsets = points[near] - points[:, None]
     # 0 on planes, spheres and cylinders, whatever the curvature.
     steps = np.abs(np.einsum("nkc,nkc->nk", offsets, smooth[near] + smooth[:, None]))

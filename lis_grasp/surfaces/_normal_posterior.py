@@ -49,7 +49,6 @@ class EstimatedNormals:
     normals: FloatArray  # (N, 3) unit
     deviations: FloatArray  # (N,) [rad], of each component across the normal
     log_evidence: float  # of the points and all other evidence, for this maximum
-    amplitude: float  # of the process: standard deviation of f, in units of the coordinates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,7 +175,6 @@ class NormalPosterior:
             normals=normals,
             deviations=np.sqrt(variances),
             log_evidence=float(evidence - 0.5 * self.log_determinant),
-            amplitude=float(np.sqrt(variance)),
         )
 
 

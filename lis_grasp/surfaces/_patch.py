@@ -8,7 +8,7 @@ n, Qxx, Qyy, Qzz, Qxy, Qxz, Qyz; it describes planes, spheres and cylinders exac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -106,10 +106,6 @@ class PatchContacts:
         scaled = points / spacing
         residual = gradient_covariance(_KERNEL, scaled)
         return cls(spacing, noise, scaled, normals, _variances(noise, spacing), residual)
-
-    def with_noise(self, noise: tuple[FloatArray, FloatArray]) -> PatchContacts:
-        """Return the same contacts with other noise."""
-        return replace(self, noise=noise, variances=_variances(noise, self.spacing))
 
     def equations(self, members: IndexArray) -> PatchEquations:
         """Return the equations of one patch through some contacts."""
@@ -217,8 +213,14 @@ class Patch:
             _factor=factor,
         )
 
+    def value(self, points: FloatArray) -> FloatArray:
+        """Return the patch's function at points (P, 3) [m], shape (P,) [m]."""
+        scaled = (points - self.center) / self.spacing
+        trend = value_rows(scaled) @ self.coefficients
+        return self.spacing * (trend + self.residual.value(scaled))
+
     def gradient(self, points: FloatArray) -> FloatArray:
-        """Return the gradient of the patch's function at points (P, 3) [m], shape (P, 3)."""
+        """Return its gradient at points (P, 3) [m], shape (P, 3)."""
         scaled = (points - self.center) / self.spacing
         xx, yy, zz, xy, xz, yz = self.coefficients[4:]
         curvature = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -278,7 +280,7 @@ class JoinedPatches:
         return JoinedPatches(self.spacing, self.center, self.coefficients[chosen], residual, starts)
 
     def values(self, points: FloatArray) -> FloatArray:
-        """Return the function of each patch at points (P, 3) [m], (K, P) [m]."""
+        """Return the value of each patch (`Patch.value`) at points (P, 3) [m], (K, P) [m]."""
         scaled = (points - self.center) / self.spacing
         values = np.add.reduceat(self.residual.terms(scaled), self.starts[:-1], axis=0)
         values += self.coefficients @ value_rows(scaled).T

@@ -30,12 +30,6 @@ Intersection = tuple[int, ...]
 Expression = tuple[Intersection, ...]
 """Intersections whose minimum is taken, the contact's own first."""
 
-# Below this angle between normals two patches have no edge in common [rad].
-_LEAST_EDGE = np.deg2rad(21.0)
-
-# Planes this near to parallel (sine of the angle) have no line in common worth looking for.
-_PARALLEL = 0.2
-
 # Heights in spacings: what counts as below or above, and the error of a supporting contact.
 _CLEAR = 0.01
 _SUPPORT_ERROR = 0.1
@@ -56,14 +50,13 @@ class EdgePairs:
     @classmethod
     def of(cls, pairs: ContactPairs, patches: IndexArray, spacing: float) -> EdgePairs:
         """Return the pairs of contacts that are on either side of a convex or concave edge."""
-        sines = np.sin(pairs.bends)
-        parallel = sines < _PARALLEL
         lowest = np.minimum(pairs.heights, pairs.back_heights)
         highest = np.maximum(pairs.heights, pairs.back_heights)
         # In the tangent plane of i, contact i is |y_j(c_i)| / sin(bend) away from the common line.
-        to_line = np.maximum(np.abs(lowest), np.abs(highest)) / np.where(parallel, 1.0, sines)
-        near = np.where(parallel, pairs.bends > 0.5 * np.pi, to_line < REACH * spacing)
-        near &= (patches[pairs.first] != patches[pairs.second]) & (pairs.bends > _LEAST_EDGE)
+        heights = np.maximum(np.abs(lowest), np.abs(highest))
+        near = heights < REACH * spacing * np.sin(pairs.bends)
+        near |= np.isclose(pairs.bends, np.pi)  # the two sides of a plate have no such line
+        near &= patches[pairs.first] != patches[pairs.second]
         # A contact on the very edge is level with the other plane: one of both must be clear of it.
         clear = _CLEAR * spacing
         convex = near & (lowest < -clear) & (highest < clear)

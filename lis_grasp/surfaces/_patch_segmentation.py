@@ -31,10 +31,9 @@ _SAME_PLACE = 0.3
 _LIKE_NORMAL = np.cos(np.deg2rad(30.0))
 
 # Asymmetry of pairs on one smooth surface and across an edge (one standard deviation, without
-# noise), and the limit of a pair's log odds: neighbouring pairs are not independent.
+# noise).
 _ASYMMETRY = 0.08
 _EDGE_ASYMMETRY = 0.6
-_PAIR_LIMIT = 2.0
 
 # Prior log odds of one patch for neighbours, and their slope with the angle of normals [1/rad].
 _PRIOR = 2.5
@@ -104,7 +103,7 @@ def cluster_pairs(
     variance = _ASYMMETRY**2 + turns + 4.0 * positions / distances**2
     across = variance + _EDGE_ASYMMETRY**2
     odds = 0.5 * np.log(across / variance) - 0.5 * asymmetry**2 * (1.0 / variance - 1.0 / across)
-    odds = pairs.weights * np.clip(odds, -_PAIR_LIMIT, _PAIR_LIMIT)
+    odds *= pairs.weights
     usable = apart & (pairs.bends < _MAX_BEND)
     borders = _Borders(pairs.first[usable], pairs.second[usable], odds[usable], pairs.bends[usable])
     patches = np.arange(count)
@@ -166,15 +165,9 @@ class _Borders:
         return renamed
 
 
-def segment(contacts: PatchContacts, pairs: ContactPairs) -> tuple[IndexArray, float]:
-    """Return the patch of each contact, (N,), and the log marginal likelihood of all patches.
-
-    Patches are numbered by their first contacts.
-    """
-    evidence = _Evidence(contacts)
-    patch_of = _merge(cluster_pairs(pairs, *contacts.noise), pairs, evidence)
-    members = (np.flatnonzero(patch_of == p) for p in range(int(patch_of.max()) + 1))
-    return patch_of, sum(evidence.of(contacts.central(each)) for each in members)
+def segment(contacts: PatchContacts, pairs: ContactPairs) -> IndexArray:
+    """Return the patch of each contact, (N,), numbered by the first contacts of patches."""
+    return _merge(cluster_pairs(pairs, *contacts.noise), pairs, _Evidence(contacts))
 
 
 @dataclass(slots=True, eq=False)

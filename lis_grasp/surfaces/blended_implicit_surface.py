@@ -24,9 +24,6 @@ _LEAST_PLACES = 4
 _NORMAL_ERROR = 0.25
 _ERROR_FLOOR = 0.02
 
-# Limit of the log ratio at a place, so that one exact prediction does not outvote several bad ones.
-_LIMIT = 1.5
-
 # The evidence of all places counts like that of this many near ones, less half a standard error.
 _PRIOR_PLACES = 3.0
 _CAUTION = 0.5
@@ -91,7 +88,7 @@ class BlendedImplicitSurface:
             of_sharp = _log_errors(*_predict_left_out(sharp, folds), sharp)
             of_smooth = _log_errors(*smooth.leave_groups_out(folds), sharp)
             sums = np.bincount(places.place, of_smooth - of_sharp)
-            log_ratios = np.clip(sums / np.bincount(places.place), -_LIMIT, _LIMIT)
+            log_ratios = sums / np.bincount(places.place)
         return cls(sharp, smooth, sharp.points[places.nodes], log_ratios)
 
     @property

@@ -17,23 +17,18 @@ from lis_grasp.exceptions import EstimationError, InvalidContactsError
 from lis_grasp.geometry import angle_between
 from lis_grasp.surfaces._contact_noise import mean_where_unknown
 from lis_grasp.surfaces._normal_posterior import EstimatedNormals, NormalPosterior
-from lis_grasp.surfaces.contact_places import farthest_point_order, spacing_of
+from lis_grasp.surfaces.contact_places import farthest_point_order
 from lis_grasp.surfaces.queries import require_range
 from lis_grasp.typing import FloatArray, IndexArray
 
 # Points without approach directions: four are the corners of the simplest closed surface.
 LEAST_POINTS = 4
 
-# Noise of positions where it is not given, in largest distances between two points: the first that
-# makes the sides unambiguous. Less follows the noise of real points; more loses edges.
-_DEFAULT_NOISE = (0.01, 0.02, 0.04)
-# Noise that is given moves points to where the normal is another: the variance of normals grows by
-# this factor times the square of the noise in spacings.
-_TURN = 0.6
+# Noise of positions where it is not given, in largest distances between two points. Less follows
+# the noise of real points; more loses edges.
+_DEFAULT_NOISE = 0.01
 # Least noise of the process, relative to its amplitude, for points at one place.
 _LEAST_NOISE = 1e-3
-# Amplitude of the process at the start, and rounds in which it follows from the normals.
-_AMPLITUDE, _ROUNDS = 0.4, 3
 
 # A straight motion that hits a surface element anywhere has an angle to the inward normal of
 # density proportional to its cosine (Lambert), so of mean cosine 2/3. The von Mises-Fisher
@@ -49,8 +44,6 @@ _FREE_REACH = 0.5
 
 # Inside and outside are ambiguous if the other side is this likely in comparison (1 to 20).
 _LEAST_LOG_ODDS = -np.log(20.0)
-# Normals this close are of the same maximum.
-_SAME = 0.02
 
 # Neighbours of a plane, the point itself included.
 _NEIGHBOURS = 12
@@ -178,27 +171,18 @@ def _estimate(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatA
     outward = scaled - scaled.mean(axis=0)
     likely = np.where(np.any(inward, axis=1, keepdims=True), -inward, outward)
     starts = [likely, outward, _local_planes(points, likely)[0]]
-    own = _known_noise(centers)
-    levels = _DEFAULT_NOISE if own is None else (own / scale,)
-    for level in levels:
-        found: list[EstimatedNormals] = []
-        amplitude = _AMPLITUDE
-        for _ in range(_ROUNDS):
-            noise = np.full(len(points), np.maximum(level / amplitude, _LEAST_NOISE))
-            posterior = NormalPosterior.condition(scaled, noise, inward, free)
-            found = posterior.maxima([*starts, posterior.relaxed()])
-            # The same surface with its sides exchanged, unless the climb leads back.
-            found += posterior.maxima([-found[0].normals])
-            amplitude = found[0].amplitude
-        if not _ambiguous(found):
-            normals, variances = _mixture(found)
-            if own is not None:
-                variances = variances + _TURN * (own / spacing_of(centers)) ** 2
-            return normals, np.sqrt(np.minimum(variances, 1.0))
-    raise EstimationError(
-        "the points do not say which side of the surface is outside: add directions of approach"
-        " (columns ax,ay,az), points in free space or on other sides, or give --position-noise"
-    )
+    known = _known_noise(centers)
+    noise = np.full(len(points), _DEFAULT_NOISE) if known is None else known / scale
+    posterior = NormalPosterior.condition(scaled, np.maximum(noise, _LEAST_NOISE), inward, free)
+    maxima = posterior.maxima([*starts, posterior.relaxed()])
+    # The same surface with its sides exchanged, unless the climb leads back.
+    maxima += posterior.maxima([-maxima[0].normals])
+    if _are_ambiguous(maxima):
+        raise EstimationError(
+            "the points do not say which side of the surface is outside: add directions of approach"
+            " (columns ax,ay,az), points in free space or on other sides, or give --position-noise"
+        )
+    return _mixture(maxima)
 
 
 def _known_noise(centers: Contacts) -> FloatArray | None:
@@ -209,30 +193,28 @@ def _known_noise(centers: Contacts) -> FloatArray | None:
     return mean_where_unknown(noise)
 
 
-def _ambiguous(found: list[EstimatedNormals]) -> bool:
+def _are_ambiguous(maxima: list[EstimatedNormals]) -> bool:
     """Return whether a maximum with other sides than the best is about as likely."""
-    best = max(found, key=lambda each: each.log_evidence)
+    best = max(maxima, key=lambda estimate: estimate.log_evidence)
     return any(
-        np.sum(each.normals * best.normals) < 0.0
-        and each.log_evidence - best.log_evidence > _LEAST_LOG_ODDS
-        for each in found
+        np.sum(estimate.normals * best.normals) < 0.0
+        and estimate.log_evidence - best.log_evidence > _LEAST_LOG_ODDS
+        for estimate in maxima
     )
 
 
-def _mixture(found: list[EstimatedNormals]) -> tuple[FloatArray, FloatArray]:
-    """Return the likeliest normals, and their variances over all maxima by their evidence."""
-    best = max(found, key=lambda each: each.log_evidence)
-    variances, total = np.zeros(len(best.normals)), 0.0
-    distinct: list[EstimatedNormals] = []
-    for each in found:
-        if any(np.allclose(each.normals, other.normals, atol=_SAME) for other in distinct):
-            continue
-        distinct.append(each)
-        weight = float(np.exp(each.log_evidence - best.log_evidence))
-        angles = angle_between(each.normals, best.normals)
-        variances += weight * (each.deviations**2 + 0.5 * angles**2)
-        total += weight
-    return best.normals, variances / total
+def _mixture(maxima: list[EstimatedNormals]) -> tuple[FloatArray, FloatArray]:
+    """Return the likeliest normals, and their deviations over all maxima by their evidence."""
+    best = max(maxima, key=lambda estimate: estimate.log_evidence)
+    weights = np.exp([estimate.log_evidence - best.log_evidence for estimate in maxima])
+    variances = np.stack(
+        [
+            estimate.deviations**2 + 0.5 * angle_between(estimate.normals, best.normals) ** 2
+            for estimate in maxima
+        ]
+    )
+    deviations = np.sqrt(np.minimum(weights @ variances / weights.sum(), 1.0))
+    return best.normals, np.asarray(deviations)
 
 
 def _estimate_many(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatArray]:

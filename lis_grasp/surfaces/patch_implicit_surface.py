@@ -91,16 +91,9 @@ class PatchImplicitSurface(BlockwiseSurface):
         pairs = ContactPairs.within(points, normals, spacing)
         noise = np.stack([prepared.position_noise, prepared.normal_noise])
         floors = np.array([[_LEAST_NOISE[0] * spacing], [_LEAST_NOISE[1]]])
-        # Contacts too sparse for a shape with edges look noisy until they are divided into patches.
-        least = np.where(prepared.estimated, floors, noise)
-        noise = np.maximum(noise, least)
+        noise = np.where(prepared.estimated, np.maximum(noise, floors), noise)
         known = PatchContacts.of(points, normals, spacing, (noise[0], noise[1]))
-        patch_of, evidence = segment(known, pairs)
-        if not np.array_equal(noise, least):
-            smooth = known.with_noise((least[0], least[1]))
-            other, other_evidence = segment(smooth, pairs)
-            if other_evidence > evidence:
-                known, patch_of = smooth, other
+        patch_of = segment(known, pairs)
         separate = int(patch_of.max()) + 1
         if separate > _MOST_PATCHES:
             raise EstimationError(
