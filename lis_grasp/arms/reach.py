@@ -28,6 +28,7 @@ SEEDS, KEPT = 4, 2
 APPROACH, LIFT = 0.12, 0.1
 """Lengths of the straight approach to a grasp, and of the straight lift [m]."""
 
+_SAME = 0.1  # solutions with joints this near are one [rad or m]
 _FAR = 0.1  # worth of being near home, of that of being off the joint limits [1]
 _CHECKED = 2  # of the poses along a straight motion, every second is checked for collisions
 
@@ -164,7 +165,7 @@ class ReachFilter:
 def best_solutions(
     station: Station, solutions: ArmSolutions, *, kept: int
 ) -> tuple[IndexArray, FloatArray]:
-    """Return up to `kept` solutions of each target, the best first.
+    """Return up to `kept` different solutions of each target, the best first.
 
     Those off the joint limits and near the arm's home are better: they are on its branch. They are
     M in all: the index of the target (M,), in order, and joint positions (M, J).
@@ -176,9 +177,12 @@ def best_solutions(
         q = _turned_to(arm.home, solutions.q[n][solutions.solved[n]], arm)
         spare = np.minimum(q - arm.lower, arm.upper - q).min(axis=1)
         worth = spare - _FAR * np.abs(q - arm.home).max(axis=1)
-        best = q[np.argsort(-worth, kind="stable")[:kept]]
+        best: list[FloatArray] = []
+        for solution in q[np.argsort(-worth, kind="stable")]:
+            if len(best) < kept and all(np.abs(solution - b).max() > _SAME for b in best):
+                best.append(solution)
         targets += [int(n)] * len(best)
-        chosen += list(best)
+        chosen += best
     joints = len(arm.joint_names)
     return np.array(targets, dtype=np.intp), np.array(chosen).reshape(-1, joints)
 

@@ -15,8 +15,8 @@ TIME_STEP = 0.01
 """Between two points of a trajectory [s]."""
 
 _POINTS = 60  # of the path's grid for each corner, and at least
-_ROUNDINGS = (0.3, 0.1, 0.03)  # largest lengths of a corner's sides that are rounded [rad or m]
-_TINY = 1e-9
+_ROUNDING = 0.3  # largest length of a corner's sides that is rounded [rad or m]
+_TINY = 1e-9  # of a length that counts as none [rad or m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,8 +57,8 @@ def time_path(
 ) -> JointTrajectory:
     """Return the fastest motion along a path from rest to rest within the arm's limits.
 
-    Corners are rounded by parabolas. Where the rounded path is not free, they are rounded less, and
-    at last the arm stops at each corner.
+    Corners are rounded by parabolas. Where the rounded path is not free, the arm stops at each
+    corner.
 
     Parameters
     ----------
@@ -80,10 +80,9 @@ def time_path(
         rest = np.zeros((1, len(arm.joint_names)))
         return JointTrajectory(arm.joint_names, np.zeros(1), corners, rest, rest)
     if len(corners) > 2:
-        for rounding in _ROUNDINGS:
-            path = _rounded(corners, rounding)
-            if is_free is None or is_free(path[0]):
-                return _sampled(arm, path, limits, step)
+        path = _rounded(corners, _ROUNDING)
+        if is_free is None or is_free(path[0]):
+            return _sampled(arm, path, limits, step)
     legs = [_sampled(arm, _rounded(pair, 0.0), limits, step) for pair in _pairs(corners)]
     return joined(legs)
 

@@ -1,4 +1,4 @@
-"""Collision-free paths of an arm in joint space: RRT-Connect with shortcuts."""
+"""Collision-free paths of an arm in joint space: two random trees, with shortcuts."""
 
 from __future__ import annotations
 
@@ -17,17 +17,15 @@ MARGIN = 0.01
 # No point of arm or hand moves farther between two checked postures [m]: half of it is the margin.
 _SPACING = 2.0 * MARGIN
 _COARSE = 0.15  # steps of a joint in which that motion is measured [rad or m]
-_EXTENSION = 0.6  # length of an edge of the trees [rad or m]
-_ITERATIONS = 1500  # of growing a tree, before planning is given up
-_SHORTCUTS = 40
-_CHUNK = 24  # postures that are checked at once, so that a blocked edge ends early
+_ITERATIONS = 1500  # postures that are tried, before planning is given up
+_SHORTCUTS = 40  # that are tried
 
 
 class TransitPlanner:
     """Plans paths from posture to posture around the object.
 
-    The straight line is tried first, then two trees grow towards each other (RRT-Connect, Kuffner
-    and LaValle, 2000), and random shortcuts shorten the path.
+    The straight line is tried first, then two trees of random postures grow until both reach one
+    (after RRT-Connect, Kuffner and LaValle, 2000), and random shortcuts shorten the path.
 
     Parameters
     ----------
@@ -95,24 +93,8 @@ class _Edges:
         ]
         travel = self._checker.travel(start + coarse * (end - start), self._q_hand)
         count = max(int(np.ceil(travel / _SPACING)), 1)
-        parts = np.arange(1, count + 1) / count
-        # Far postures first: bisection finds a collision early.
-        for chunk in np.array_split(parts[_bisected(count)], int(np.ceil(count / _CHUNK))):
-            if not self._checker.free(start + chunk[:, None] * (end - start), self._q_hand).all():
-                return False
-        return True
-
-
-def _bisected(count: int) -> list[int]:
-    """Return the numbers below `count`, the last and the middle ones first."""
-    order, gaps = [count - 1], [(0, count - 1)]
-    while gaps:
-        low, high = gaps.pop(0)
-        if low < high:
-            middle = (low + high) // 2
-            order.append(middle)
-            gaps += [(low, middle), (middle + 1, high)]
-    return order
+        parts = np.arange(1, count + 1)[:, None] / count
+        return bool(self._checker.free(start + parts * (end - start), self._q_hand).all())
 
 
 def _connect(
@@ -132,16 +114,9 @@ def _connect(
         sample = rng.uniform(low, high)
         if iteration % 2:
             sample = arm.clipped(start + rng.random() * (goal - start) + 0.15 * (sample - start))
-        mine, other = trees[iteration % 2], trees[1 - iteration % 2]
-        reached = mine.extend(sample, edges)
-        if reached is None:
-            continue
-        target = mine.nodes[reached]
-        met = other.extend(target, edges)
-        while met is not None and not np.array_equal(other.nodes[met], target):
-            met = other.extend(target, edges)
-        if met is not None:
-            halves = [mine.path_to(reached), other.path_to(met)]
+        tree, other = trees[iteration % 2], trees[1 - iteration % 2]
+        if tree.extend(sample, edges) and other.extend(sample, edges):
+            halves = [tree.path_to_last(), other.path_to_last()]
             if iteration % 2:
                 halves.reverse()
             return np.vstack([halves[0], halves[1][::-1][1:]])
@@ -152,29 +127,25 @@ class _Tree:
     """A tree of postures, joined by free edges."""
 
     def __init__(self, root: FloatArray) -> None:
-        self.nodes = [root]
+        self._nodes = [root]
         self._parents = [-1]
 
-    def extend(self, target: FloatArray, edges: _Edges) -> int | None:
-        """Add the node one edge from the nearest towards a target; return it, None if blocked."""
-        away = np.array(self.nodes) - target
-        distances = np.linalg.norm(away, axis=1)
-        nearest = int(np.argmin(distances))
-        near, distance = self.nodes[nearest], float(distances[nearest])
-        new = target if distance <= _EXTENSION else near - _EXTENSION / distance * away[nearest]
-        if not edges.free(near, new):
-            return None
-        self.nodes.append(new)
+    def extend(self, target: FloatArray, edges: _Edges) -> bool:
+        """Add a target if the edge from the nearest node is free, and return whether it is."""
+        nearest = int(np.argmin(np.linalg.norm(np.array(self._nodes) - target, axis=1)))
+        if not edges.free(self._nodes[nearest], target):
+            return False
+        self._nodes.append(target)
         self._parents.append(nearest)
-        return len(self.nodes) - 1
+        return True
 
-    def path_to(self, node: int) -> FloatArray:
-        """Return the nodes from the root to a node, (W, J)."""
-        found = []
+    def path_to_last(self) -> FloatArray:
+        """Return the nodes from the root to the last one, (W, J)."""
+        path, node = [], len(self._nodes) - 1
         while node >= 0:
-            found.append(self.nodes[node])
+            path.append(self._nodes[node])
             node = self._parents[node]
-        return np.array(found[::-1])
+        return np.array(path[::-1])
 
 
 def _shortened(edges: _Edges, path: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -15,7 +15,7 @@ from defusedxml import DefusedXmlException
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.io.limits import MEBIBYTE, require_file_size
 
-_MOST_BYTES = 64 * MEBIBYTE
+_MOST_BYTES = 64 * MEBIBYTE  # of a URDF or SDF that is read
 _NAMESPACES = {b"drake": b"http://drake.mit.edu"}
 
 

@@ -21,11 +21,7 @@ _ALONG = 0.999  # cosine of the angle between axes that are parallel
 _SAMPLES = 120  # postures that are compared if no flange can point down at home
 
 # Places of the flange at home, as fractions of the reach: ahead of the base and above it.
-_AHEAD, _ABOVE = (0.5, 0.4, 0.6), (0.5, 0.4, 0.6)
-_YAWS = 8
-_SEEDS = 4
-# A joint as far from its limits as this fraction of half its range is no closer than it should be.
-_FAR = 0.3
+_AHEAD, _ABOVE = 0.5, (0.5, 0.4, 0.6)
 
 
 def flange_frame(model: RobotModel, flange: str) -> FloatArray:
@@ -83,34 +79,22 @@ def find_home(
     joint positions. An arm that cannot point down gets the free posture nearest to it.
     """
     ik = ArmIK(kinematics, model.lower, model.upper)
-    targets, reach = _targets_above(ik, kinematics)
+    middle, reach = kinematics.reach(ik.postures)
+    targets = np.tile(make_pose(np.diag([1.0, -1.0, -1.0]), middle), (len(_ABOVE), 1, 1))
+    targets[:, 0, 3] += _AHEAD * reach
+    targets[:, 2, 3] = np.array(_ABOVE) * reach
     zero = np.clip(0.0, model.lower, model.upper)
-    found = ik.solve(targets, seeds=_SEEDS, first=zero)
-    q = found.q[found.solved]
+    solutions = ik.solve(targets, first=zero)
+    q = solutions.q[solutions.solved]
     if not len(q):
         q = _pointing_down(ik, kinematics)
     free = _free(model, exclusions, q)
     q = q[free] if free.any() else q
-    middle, half = 0.5 * (model.lower + model.upper), 0.5 * (model.upper - model.lower)
-    margin = (1.0 - np.abs(q - middle) / half).min(axis=1)
+    half = 0.5 * (model.upper - model.lower)
+    margin = (1.0 - np.abs(q - model.lower - half) / half).min(axis=1)
     height = body_poses(model, q)[:, :, 2, 3].mean(axis=1) / reach
     turned = np.abs(q - zero).mean(axis=1)
-    return np.asarray(q[np.argmax(np.minimum(margin, _FAR) + 0.5 * height - 0.2 * turned)])
-
-
-def _targets_above(ik: ArmIK, kinematics: ArmKinematics) -> tuple[FloatArray, float]:
-    middle, reach = kinematics.reach(ik.postures)
-    yaw = 2.0 * np.pi * np.arange(_YAWS) / _YAWS
-    down = np.zeros((_YAWS, 3, 3))
-    down[:, 0, 0], down[:, 0, 1] = np.cos(yaw), np.sin(yaw)
-    down[:, 1, 0], down[:, 1, 1] = np.sin(yaw), -np.cos(yaw)
-    down[:, 2, 2] = -1.0
-    targets = np.tile(np.eye(4), (len(_AHEAD), len(_ABOVE), _YAWS, 1, 1))
-    targets[..., :3, :3] = down
-    targets[..., 0, 3] = middle[0] + reach * np.array(_AHEAD)[:, None, None]
-    targets[..., 1, 3] = middle[1]
-    targets[..., 2, 3] = reach * np.array(_ABOVE)[:, None]
-    return targets.reshape(-1, 4, 4), reach
+    return np.asarray(q[np.argmax(margin + 0.5 * height - 0.2 * turned)])
 
 
 def _pointing_down(ik: ArmIK, kinematics: ArmKinematics) -> FloatArray:

@@ -19,7 +19,7 @@ from lis_grasp.typing import FloatArray
 
 # Facets round a sphere or cylinder: the chord is within 1 % of the radius of the arc.
 _CYLINDER_SECTIONS = 32
-_SPHERE_SUBDIVISIONS = 3
+_SPHERE_SUBDIVISIONS = 3  # of an icosahedron
 _SIZES: Mapping[GeometryKind, int] = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
 LARGEST = 1e3
 """Largest length or position in a hand [m or rad]; more is a mistake."""

@@ -17,7 +17,7 @@ POSITION_TOLERANCE = 1e-4
 ANGLE_TOLERANCE = 1e-3
 """Largest angle between a solution and its target [rad]."""
 
-_ITERATIONS = 15
+_ITERATIONS = 15  # most steps from a seed
 _DAMPING = 1e-8  # [m^2]: regularises the pseudoinverse
 _LARGEST_STEP = 0.4  # of one joint in one iteration [rad or m]
 _LENGTH = 0.3  # a turn of 1 rad counts as much as this distance [m]

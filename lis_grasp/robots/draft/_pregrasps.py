@@ -31,7 +31,7 @@ _CLEARANCE = 0.004  # of the ball from links without pads [m]
 # A posture is accepted within these errors: pads off the ball [m], axes off its centre (chord of
 # the angle), and the unbalanced fraction of the pads' forces.
 _MOST_OFF, MOST_TURNED, _MOST_UNBALANCED = 0.006, 0.75, 0.35
-_LEAST_WEIGHT = 0.2
+_LEAST_WEIGHT = 0.2  # of a pad, of which the largest is 1
 _SIDE_BY_SIDE = 0.022  # of pads, beyond which fingers do not hinder each other [m]
 _MANY = 4  # of so many fingers one may be off, as a little finger is
 

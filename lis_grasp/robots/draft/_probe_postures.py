@@ -17,7 +17,7 @@ from lis_grasp.robots.robot_model import ProbePosture, joints_to
 from lis_grasp.typing import FloatArray
 
 _SAMPLES = 300  # postures of each finger
-_DIRECTIONS = 200
+_DIRECTIONS = 200  # in which a finger may lead
 _TRIED = 40  # directions whose posture is checked for collisions
 _LEAST_LEAD, _ENOUGH_LEAD = 0.021, 0.06  # of the tip over all else [m]
 _TIP_RADII = (0.003, 0.008)  # [m]

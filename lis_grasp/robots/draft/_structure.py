@@ -20,7 +20,7 @@ from lis_grasp.typing import FloatArray
 
 _KEPT = 60  # points of a body
 
-MOST_FINGERS = 6
+MOST_FINGERS = 6  # of a hand
 # Of leaf links that one motor moves, those that reach less far than this fraction of the farthest
 # are parts of a linkage.
 _LINKAGE = 0.85
@@ -33,7 +33,7 @@ _STEPS = 9  # positions of a joint at which that is measured
 _ARM = 3  # movable joints before a hand, at least
 _FINGER = 7  # movable joints of a finger, at most
 
-_SAMPLES = 200
+_SAMPLES = 200  # postures in which collisions are counted
 # A pair may touch if it collides in this fraction of random postures: near in the tree, and any.
 _OFTEN_NEAR, _OFTEN = 0.1, 0.4
 _NEAR = 3  # movable joints between two links that are near in the tree
