@@ -70,7 +70,7 @@ class Contacts:
     >>> axes = np.vstack([np.eye(3), -np.eye(3)])
     >>> contacts = Contacts(points=0.03 * axes, normals=axes)
     >>> contacts[:2] + contacts[5]
-    Contacts(3 contacts, extent 0.06 m, spacing 0.04243 m)
+    Contacts(3 contacts, extent 0.03 m, spacing 0.04243 m)
     """
 
     points: FloatArray

@@ -113,6 +113,13 @@ def surface_error(
         If no part of the true surface is within the radius of a contact.
     EstimationError
         If no part of the estimate is.
+
+    Examples
+    --------
+    >>> box, larger = shapes.find("box"), shapes.find("box", 0.13)
+    >>> error = surface_error(larger.mesh, box, samples=1000)
+    >>> 0.001 < error.rmsd < 0.01
+    True
     """
     require_at_least(1, samples=samples)
     if explored_radius is not None:

@@ -66,6 +66,11 @@ def epsilon_quality(
     References
     ----------
     C. Ferrari and J. Canny, "Planning optimal grasps", ICRA 1992.
+
+    Examples
+    --------
+    >>> 0.2 < epsilon_quality(contacts.points, contacts.normals, friction=0.5) < 0.6
+    True
     """
     wrench_model = WrenchModel(friction, model, torsion, origin, length_scale, edges)
     return epsilon_by_convex_hull(points, normals, wrench_model)

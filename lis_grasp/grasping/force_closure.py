@@ -40,6 +40,13 @@ def is_force_closure(
     ------
     InvalidContactsError
         If points and normals are not (C, 3) with C >= 1, or not finite.
+
+    Examples
+    --------
+    >>> is_force_closure(contacts.points, contacts.normals, friction=0.5)
+    True
+    >>> is_force_closure(contacts.points[:1], contacts.normals[:1], friction=0.5)
+    False
     """
     wrench_model = WrenchModel(friction, model, torsion, edges=edges)
     return _cancelling_weights(wrench_model.wrenches_of_grasp(points, normals)) is not None

@@ -50,6 +50,12 @@ class Grasp:
     ------
     InvalidOptionError
         If shapes disagree or a number is not finite.
+
+    Examples
+    --------
+    >>> grasp = plan("box", "wsg50", grasps=1).best
+    >>> grasp.pose.shape, grasp.contact_fingers
+    ((4, 4), ('left', 'right'))
     """
 
     hand: str
@@ -129,6 +135,14 @@ class GraspSearch(Sequence[Grasp]):
         Number of rejected candidates by reason; `ForceClosureSampler.sample` names the reasons.
     candidates
         Number of all candidates.
+
+    Examples
+    --------
+    >>> search = plan("box", "wsg50", grasps=2)
+    >>> [grasp.epsilon > 0.0 for grasp in search]
+    [True, True]
+    >>> search.best is search[0]
+    True
     """
 
     grasps: tuple[Grasp, ...]

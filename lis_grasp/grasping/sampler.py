@@ -73,6 +73,12 @@ class ForceClosureSampler:
         The `Station` of an arm, in whose reach grasps have to be; None for a free hand.
     load
         Fields of a `LoadPrior`: ``friction``, ``mass``, ``friction_spread``, ``mass_spread``.
+
+    Examples
+    --------
+    >>> sampler = ForceClosureSampler(Hand.load("wsg50"), friction=0.6, candidates=100)
+    >>> len(sampler.sample(shapes.find("box").mesh, count=1))
+    1
     """
 
     def __init__(

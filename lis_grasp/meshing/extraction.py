@@ -71,6 +71,12 @@ def extract_mesh(
     EstimationError
         If there is no surface within the bounds, or none as large as a cell, or the function is not
         a number somewhere.
+
+    Examples
+    --------
+    >>> mesh = extract_mesh(estimate(contacts, "gpis"), resolution=0.004)
+    >>> mesh.is_watertight
+    True
     """
     box = _checked_bounds(surface.bounds if bounds is None else bounds)
     grid = _checked_grid(box, resolution)

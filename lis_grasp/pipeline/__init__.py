@@ -1,4 +1,15 @@
-"""The pipeline from touch to lift: each stage as one function, and its configuration."""
+"""The pipeline from touch to lift: each stage as one function, and its configuration.
+
+Stages take the records `Scenario` and `Known`, which a configuration makes. The functions
+`lis_grasp.estimate`, `explore`, `plan` and `lift` make them from contacts, objects and hands.
+
+Examples
+--------
+>>> scenario = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50"))
+>>> _, mesh = pipeline.estimate(scenario.known, contacts)
+>>> mesh.is_watertight
+True
+"""
 
 from typing import Any
 

@@ -101,6 +101,13 @@ def explore_object(
     """Explore alone, with the files of `explore_into`; return its result and the scenario.
 
     Arguments and errors are those of `lis_grasp.pipeline.run`.
+
+    Examples
+    --------
+    >>> config = RunConfig("box", hand="wsg50", prober="kinematic", touches=3)
+    >>> scenario, exploration = pipeline.explore_object(config, "touched_box")
+    >>> len(exploration.contacts)
+    3
     """
     folder = results_folder(config, folder)
     scenario = Scenario.from_config(config)

@@ -92,6 +92,15 @@ def estimate_file(
 
     Raises `InvalidContactsError` if there are no contacts, `InvalidOptionError` if the folder has
     others that must be kept.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> contacts.save("contacts.ply")
+    >>> source = pipeline.ContactSource("contacts.ply")
+    >>> made = pipeline.estimate_file([source], {"estimator": "gpis"}, Path("estimated"))
+    >>> made.path.name, made.mesh.is_watertight
+    ('surface.ply', True)
     """
     paths = [Path(source.path) for source in sources]
     contacts, recorded = _load_sources(sources)
@@ -128,6 +137,14 @@ def grasp_file(
 
     Raises `InvalidOptionError` if a value is out of range, `InvalidFileError` or `InvalidMeshError`
     if the mesh cannot be used.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = shapes.find("box").mesh.export("box.stl")
+    >>> made = pipeline.grasp_file(Path("box.stl"), {"hand": "wsg50", "grasps": 1})
+    >>> made.path.name, len(made.search)
+    ('grasps.json', 1)
     """
     recorded = read_facts(path, usual="surface.ply")
     config = RunConfig.from_facts(options, recorded)
@@ -162,6 +179,15 @@ def lift_file(
     the machine has cores. The folder is that of the grasps for None.
 
     Raises `InvalidOptionError` if a value is out of range, or no object is given or recorded.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = shapes.find("box").mesh.export("box.stl")
+    >>> _ = pipeline.grasp_file(Path("box.stl"), {"hand": "wsg50", "grasps": 1})
+    >>> lifted = pipeline.lift_file(Path("grasps.json"), {"object": "box"})
+    >>> lifted.lifts[0]["held"]
+    True
     """
     recorded = read_facts(path, usual="grasps.json")
     search = GraspSearch.load(path)

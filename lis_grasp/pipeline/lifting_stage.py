@@ -18,7 +18,12 @@ from lis_grasp.shapes import Shape
 
 
 def require_simulator(simulator: str, shape: Shape) -> None:
-    """Raise `InvalidOptionError` if a package is missing that lifts in a simulator need."""
+    """Raise `InvalidOptionError` if a package is missing that lifts in a simulator need.
+
+    Examples
+    --------
+    >>> pipeline.require_simulator("drake", shapes.find("box"))
+    """
     if simulator == "mujoco":
         from lis_grasp.simulation.mujoco.convex_pieces import require_mujoco
 
@@ -49,6 +54,13 @@ def lift(
         The object as known, which an arm avoids; None if nothing is known.
     options
         Options of the trial; None for `lift_options`.
+
+    Examples
+    --------
+    >>> scenario = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50", grasps=1))
+    >>> search = pipeline.plan(scenario.known, scenario.truth.shape.mesh)
+    >>> pipeline.lift(scenario, search.best).held
+    True
     """
     require_record("lift", scenario, Scenario)
     truth, known = scenario.truth, scenario.known
@@ -89,6 +101,13 @@ def lift_each(
 
     Outcomes are in the order of the grasps, and the same for any number of processes. The other
     arguments are those of `lift`.
+
+    Examples
+    --------
+    >>> scenario = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50", grasps=1))
+    >>> search = pipeline.plan(scenario.known, scenario.truth.shape.mesh)
+    >>> [outcome.held for outcome in pipeline.lift_each(scenario, search, jobs=1)]
+    [True]
     """
     simulate = partial(lift, scenario, estimate=estimate, options=options)
     if jobs == 1 or len(grasps) < 2:

@@ -20,7 +20,13 @@ class StageProgress(Protocol):
 
 
 class Progress(Protocol):
-    """Progress of a run. Steps of a stage are also messages to the logger ``lis_grasp``."""
+    """Progress of a run. Steps of a stage are also messages to the logger ``lis_grasp``.
+
+    Examples
+    --------
+    >>> with pipeline.SILENT.stage("Touching") as stage:
+    ...     stage.count(1, 40)
+    """
 
     def stage(self, title: str) -> AbstractContextManager[StageProgress]:
         """Report that a stage begins, and its end when the context ends."""

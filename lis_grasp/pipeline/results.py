@@ -34,6 +34,12 @@ class Run:
     """Results in a folder: everything is in the frame of its contacts, the true object too.
 
     What the folder lacks is None.
+
+    Examples
+    --------
+    >>> result = run("box", "box_by_wsg50", hand="wsg50", prober="kinematic", touches=12)
+    >>> Run.load("box_by_wsg50").grasps.best.hand
+    'wsg50'
     """
 
     folder: Path

@@ -143,7 +143,13 @@ def _documented(config: _Config) -> _Config:
 
 @dataclass(frozen=True, slots=True)
 class StopLimits:
-    """Limits that end an exploration early; None for none of a kind."""
+    """Limits that end an exploration early; None for none of a kind.
+
+    Examples
+    --------
+    >>> pipeline.StopLimits(coverage=0.9).seconds is None
+    True
+    """
 
     success: float | None = None  #: probability of a grasp's success, as far as the surface decides
     coverage: float | None = None  #: fraction of the estimate within a step of a contact
@@ -170,6 +176,11 @@ class RunConfig:
     The defaults are those of the command line with `--known`; `lis_grasp.pipeline.conditions` has
     those without it. None stands for the default in words, or for nothing of the kind. A value out
     of range, and two values that contradict each other, raise `InvalidOptionError`.
+
+    Examples
+    --------
+    >>> RunConfig(object="mallet", hand="wsg50").touches
+    40
     """
 
     object: str = _option(

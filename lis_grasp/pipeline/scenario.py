@@ -41,7 +41,13 @@ UNKNOWN_LOAD = LoadPrior(friction=0.8, mass=0.2, friction_spread=0.25, mass_spre
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Truth:
-    """The true object: what simulation and evaluation use, and the robot never."""
+    """The true object: what simulation and evaluation use, and the robot never.
+
+    Examples
+    --------
+    >>> pipeline.Scenario.from_config(RunConfig("box")).truth.mass
+    0.2
+    """
 
     shape: Shape  #: where it is before the first touch, in the frame W of the table
     mass: float  #: [kg]
@@ -59,7 +65,13 @@ class Truth:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Perception:
-    """What an estimate from contacts depends on, beside them."""
+    """What an estimate from contacts depends on, beside them.
+
+    Examples
+    --------
+    >>> pipeline.Perception(estimator="gpis").free_space
+    True
+    """
 
     estimator: str | Estimator = _DEFAULTS.estimator  #: a name, or called with the contacts alone
     sensor: TactileSensor = field(default_factory=TactileSensor)  #: the estimator knows its noise
@@ -82,6 +94,12 @@ class Known(Perception):
     """What the robot knows, and how it decides; nothing of the true object is part of it.
 
     Poses and heights are in the frame E of the contacts.
+
+    Examples
+    --------
+    >>> known = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50")).known
+    >>> known.hand.name, known.estimator
+    ('wsg50', 'blend')
     """
 
     hand: Hand
@@ -147,7 +165,14 @@ class Known(Perception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scenario:
-    """Everything that a run derives from its configuration: the true object and what is known."""
+    """Everything that a run derives from its configuration: the true object and what is known.
+
+    Examples
+    --------
+    >>> scenario = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50"))
+    >>> scenario.truth.shape.name
+    'box'
+    """
 
     config: RunConfig
     truth: Truth
@@ -272,6 +297,12 @@ def place_object(shape: Shape, config: RunConfig) -> tuple[Shape, FloatArray]:
 
     Without a pose, it stays in its own frame. Raises `InvalidOptionError` if it does not fit into
     its region.
+
+    Examples
+    --------
+    >>> box, X_WO = pipeline.place_object(shapes.find("box"), RunConfig(pose="upright"))
+    >>> float(box.mesh.bounds[0, 2]) + 0.0
+    0.0
     """
     if config.pose is None:
         return shape, np.eye(4)
@@ -281,12 +312,24 @@ def place_object(shape: Shape, config: RunConfig) -> tuple[Shape, FloatArray]:
 
 
 def support_height(shape: Shape) -> float:
-    """Return the height of the plane under an object in its frame [m]: its lowest point."""
+    """Return the height of the plane under an object in its frame [m]: its lowest point.
+
+    Examples
+    --------
+    >>> pipeline.support_height(shapes.sphere(0.06)) < 0.0
+    True
+    """
     return float(shape.mesh.bounds[0, 2])
 
 
 def workspace(shape: Shape, *, on_table: bool = False) -> Workspace:
-    """Return the prior knowledge of an object: centre of its bounding box and largest extent."""
+    """Return the prior knowledge of an object: centre of its bounding box and largest extent.
+
+    Examples
+    --------
+    >>> round(pipeline.workspace(shapes.find("box")).size, 3) > 0.0
+    True
+    """
     center = shape.mesh.bounds.mean(axis=0)
     table = support_height(shape) if on_table else None
     return Workspace(STEP_FRACTION * shape.size, center, shape.size, table)
@@ -299,6 +342,12 @@ def make_station(
 
     `X_EA` (4, 4) is the pose of the arm's base in the frame of the contacts, as recorded; None for
     the configured one.
+
+    Examples
+    --------
+    >>> hand = Hand.load("wsg50")
+    >>> pipeline.make_station(RunConfig(), hand, 0.0) is None  # no arm
+    True
     """
     if config.arm is None:
         return None

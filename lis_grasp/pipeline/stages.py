@@ -51,7 +51,16 @@ _GRASP_STREAM = 2  # of random numbers: a stage run alone repeats its part of a 
 
 @dataclass(slots=True)
 class Stopwatch:
-    """Wall time of each named stage [s]."""
+    """Wall time of each named stage [s].
+
+    Examples
+    --------
+    >>> watch = pipeline.Stopwatch()
+    >>> with watch.measure("estimate"):
+    ...     surface = estimate(contacts)
+    >>> list(watch.seconds)
+    ['estimate']
+    """
 
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -70,6 +79,13 @@ def make_estimator(estimator: str | Estimator, sensor: TactileSensor) -> Estimat
 
     It estimates a noise that is 0 from the contacts, or keeps its own default. An estimator that is
     no name is returned as it is.
+
+    Examples
+    --------
+    >>> from lis_grasp.exploration import TactileSensor
+    >>> make = pipeline.make_estimator("gpis", TactileSensor(position_noise=0.001))
+    >>> make(contacts).points.shape
+    (6, 3)
     """
     if not isinstance(estimator, str):
         return estimator
@@ -83,6 +99,12 @@ def estimate(known: Perception, contacts: Contacts) -> tuple[ImplicitSurface, tr
 
     `known` says by which estimator and sensor, whether the contacts' free space is removed, and
     which table closes the estimate from below. `lis_grasp.estimate` needs no record.
+
+    Examples
+    --------
+    >>> surface, mesh = pipeline.estimate(pipeline.Perception(estimator="gpis"), contacts)
+    >>> mesh.is_watertight
+    True
     """
     require_record("estimate", known, Perception)
     surface = estimate_surface(
@@ -99,6 +121,12 @@ def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES) -
     """Plan the ranked grasps of the known hand, and its arm if it has one, on a mesh.
 
     At most `candidates` contact sets are sampled. `lis_grasp.plan` needs no record.
+
+    Examples
+    --------
+    >>> scenario = pipeline.Scenario.from_config(RunConfig("box", hand="wsg50", grasps=1))
+    >>> len(pipeline.plan(scenario.known, scenario.truth.shape.mesh))
+    1
     """
     require_record("plan", known, Known)
     load, station = known.load_prior(mesh), known.station
@@ -139,6 +167,12 @@ def touch(
         Outcomes to resume: those of the same exploration, interrupted or for fewer touches.
     watch
         Observer of the exploration; None for none.
+
+    Examples
+    --------
+    >>> config = RunConfig("box", hand="wsg50", prober="kinematic", touches=3)
+    >>> len(pipeline.touch(pipeline.Scenario.from_config(config)).contacts)
+    3
     """
     known = scenario.known
     cloud = None if known.cloud is None else prior_contacts(load_source(ContactSource(known.cloud)))
@@ -189,7 +223,17 @@ def grasp_rules(known: Known) -> list[StopRule]:
 def make_policy(
     policy: str | Callable[[Workspace], Policy], space: Workspace | Region, sensor: TactileSensor
 ) -> Policy:
-    """Return the policy of a name, the package's or a plug-in, for one workspace or a region."""
+    """Return the policy of a name, the package's or a plug-in, for one workspace or a region.
+
+    Examples
+    --------
+    >>> from lis_grasp.exploration import TactileSensor
+    >>> space = pipeline.workspace(shapes.find("box"))
+    >>> policy = pipeline.make_policy("spread", space, TactileSensor())
+    >>> probe = policy.next_probe(contacts, None, outcomes=(), rng=np.random.default_rng(0))
+    >>> probe.target.shape
+    (3,)
+    """
     if isinstance(space, Region):
         return RegionPolicy(space, partial(make_policy, policy, sensor=sensor))
     if not isinstance(policy, str):
@@ -207,6 +251,12 @@ def make_prober(
     """Return the configured prober of the true object, in the state after recorded outcomes.
 
     Simulated touches add what they demand of an arm to `arm_use`.
+
+    Examples
+    --------
+    >>> config = RunConfig("box", hand="wsg50", prober="kinematic")
+    >>> type(pipeline.make_prober(pipeline.Scenario.from_config(config))).__name__
+    'KinematicProber'
     """
     config, truth, known = scenario.config, scenario.truth, scenario.known
     mesh = truth.shape.mesh

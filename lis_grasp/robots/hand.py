@@ -68,6 +68,11 @@ class Hand(RobotModel):
         Largest force of one finger [N].
     X_FB
         Shape (4, 4): the base link in the flange frame of an arm; None for the default mount.
+
+    Examples
+    --------
+    >>> Hand.load("wsg50")
+    Hand('wsg50', parallel_jaw, 2 joints, fingers: left, right)
     """
 
     name: str

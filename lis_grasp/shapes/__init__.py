@@ -1,6 +1,11 @@
 """True objects: the paper's shapes with exact edge lines, and mesh files.
 
 Every object is upright on the plane z = (lowest z of its mesh), in metres, in its frame O.
+
+Examples
+--------
+>>> shapes.find("box").name
+'box'
 """
 
 from lis_grasp.io.units import UNITS

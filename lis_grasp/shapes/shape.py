@@ -46,6 +46,13 @@ class Shape:
     ------
     InvalidMeshError
         If the mesh is not closed, is turned inside out, or the edges have another shape.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> shape = Shape.from_mesh(trimesh.creation.box((0.04, 0.05, 0.06)))
+    >>> shape.size, len(shape.edges)
+    (0.06, 12)
     """
 
     name: str

@@ -56,6 +56,12 @@ class BlendedImplicitSurface:
     that misreads a bend as an edge. Both show in the prediction of places that are left out.
 
     Made by `from_contacts`. Near the surface f is about a distance.
+
+    Examples
+    --------
+    >>> surface = BlendedImplicitSurface.from_contacts(contacts)
+    >>> bool(surface.evaluate([0.0, 0.0, 0.0]) < 0.0)  # inside
+    True
     """
 
     sharp: PatchImplicitSurface  #: the estimate with sharp edges

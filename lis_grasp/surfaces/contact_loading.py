@@ -116,6 +116,12 @@ def load_contacts(
         If there is no such unit or side.
     EstimationError
         If the points do not say which side of the surface is outside.
+
+    Examples
+    --------
+    >>> contacts.save("contacts.csv")
+    >>> len(load_contacts("contacts.csv", units="m"))
+    6
     """
     if normals not in (None, *get_args(NormalSide)):
         raise InvalidOptionError.not_one_of("normals", normals, get_args(NormalSide))

@@ -63,6 +63,12 @@ class GaussianProcessImplicitSurface:
     Made by `from_contacts`. Near contacts f is about metric [m], because its gradient there has
     unit length. Far from them it flattens to the prior mean, except for the thin plate, which keeps
     rising.
+
+    Examples
+    --------
+    >>> surface = GaussianProcessImplicitSurface.from_contacts(contacts)
+    >>> surface.uncertainty(contacts.points).shape
+    (6,)
     """
 
     points: FloatArray  #: (N, 3) [m], contacts in O

@@ -19,7 +19,13 @@ from lis_grasp.typing import FloatArray
 
 @runtime_checkable
 class ImplicitSurface(Protocol):
-    """A surface given by the zero set of a function, in the object frame O."""
+    """A surface given by the zero set of a function, in the object frame O.
+
+    Examples
+    --------
+    >>> isinstance(estimate(contacts), ImplicitSurface)
+    True
+    """
 
     @property
     def bounds(self) -> FloatArray:

@@ -60,6 +60,12 @@ class LocalImplicitSurface(BlockwiseSurface):
     ----------
     S. Ottenhaus, M. Miller, D. Schiebener, N. Vahrenkamp, T. Asfour, "Local implicit surface
     estimation for haptic exploration", Humanoids 2016.
+
+    Examples
+    --------
+    >>> surface = LocalImplicitSurface.from_contacts(contacts)
+    >>> surface.gradient([0.0, 0.0, 0.03]).round(3)
+    array([0., 0., 1.])
     """
 
     points: FloatArray  #: (N, 3) [m], contacts without duplicates, in O

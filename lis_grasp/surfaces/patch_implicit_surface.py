@@ -51,6 +51,12 @@ class PatchImplicitSurface(BlockwiseSurface):
     bend. Near the surface f is a distance to first order; far from it only its sign counts.
 
     Made by `from_contacts`.
+
+    Examples
+    --------
+    >>> surface = PatchImplicitSurface.from_contacts(contacts)
+    >>> surface.bounds.shape
+    (2, 3)
     """
 
     points: FloatArray  #: (N, 3) [m], contacts without duplicates, in O

@@ -104,6 +104,11 @@ class Scene:
     InvalidOptionError
         If there is nothing to show, if the hand is missing or is not that of the grasps, or if
         `touches` or `growth` do not match the contacts.
+
+    Examples
+    --------
+    >>> scene = Scene(estimate=shapes.find("box").mesh, contacts=contacts)
+    >>> scene.save("scene.html")  # for a browser
     """
 
     truth: trimesh.Trimesh | None = None

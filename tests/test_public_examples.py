@@ -1,0 +1,46 @@
+"""Every public name explains itself by an example, and the examples run as shown."""
+
+import doctest
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lis_grasp
+from lis_grasp import Contacts, pipeline
+
+_VALUES = ("__version__", "pipeline.SILENT")  # have no docstring of their own
+_NAMES = [*lis_grasp.__all__, *(f"pipeline.{name}" for name in pipeline.__all__)]
+# Examples that simulate a lift.
+_SLOW = {"run", "Run", "lift", "pipeline.lift_each", "pipeline.lift_file"}
+_SLOW |= {"pipeline.run", "pipeline.Run", "pipeline.lift"}
+
+
+def _marked(name: str) -> object:
+    return pytest.param(name, marks=pytest.mark.slow if name in _SLOW else ())
+
+
+@pytest.mark.parametrize("name", [_marked(name) for name in _NAMES if name not in _VALUES])
+def test_the_example_of_a_public_name_runs(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    public = {name: getattr(lis_grasp, name) for name in lis_grasp.__all__}
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    space = public | {"np": np, "contacts": Contacts(points=0.03 * axes, normals=axes)}
+    value = eval(name, space)  # noqa: S307
+    text = value.__doc__
+    assert text, name
+    assert ">>>" in text, f"{name} has no example"
+    example = doctest.DocTestParser().get_doctest(text, space, name, None, None)
+    report: list[str] = []
+    failed, _ = doctest.DocTestRunner().run(example, out=report.append)
+    assert not failed, "".join(report)
+
+
+def test_the_table_of_stable_names_is_complete() -> None:
+    page = Path(__file__).parents[1] / "docs" / "reference" / "api" / "index.md"
+    rows = "\n".join(row for row in page.read_text("utf-8").split("\n") if row.startswith("|"))
+    listed = {name.rpartition(".")[2] for name in re.findall(r"`~?([\w.]+)`", rows)}
+    assert {*lis_grasp.__all__, *pipeline.__all__} - {"__version__"} == listed
