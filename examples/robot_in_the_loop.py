@@ -47,10 +47,8 @@ def main() -> None:
     with subprocess.Popen([sys.executable, ROBOT], **pipes) as robot:
         prober = PipeProber(Hand.load("allegro"), robot)
         estimate, rng = BlendedImplicitSurface.from_contacts, np.random.default_rng(0)
-        policy = TargetPolicy(space)
-        exploration = explore(
-            prober, ExplorationSetup(policy, estimate, touches=20, space=space), rng=rng
-        )
+        setup = ExplorationSetup(TargetPolicy(space), estimate, touches=20, space=space)
+        exploration = explore(prober, setup, rng=rng)
     exploration.contacts.save(output / "contacts.ply")
     extract_mesh(estimate(exploration.contacts)).export(output / "surface.ply")
     print(exploration.summary())

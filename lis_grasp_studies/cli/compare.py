@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
@@ -58,6 +57,8 @@ _SETUP = ("reference", "prober", "explorer", "policy", "mass", "friction")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
+    from lis_grasp.cli import options as opt
+
     parser.description = (
         "Run a study: objects x estimators x touches x noise x hands x seeds. Options"
         " override the study file or --quick. Run again, it continues with the missing trials."

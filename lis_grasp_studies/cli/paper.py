@@ -5,13 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.io.folder_lock import sole_writer
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.surfaces.estimators import find_estimator
 
 HELP = "reproduce every figure and table of the paper in one report.html"
 EXAMPLES = (("--quick", "the figures and tables with few seeds"),)
@@ -23,6 +20,7 @@ _QUICK_ESTIMATORS = ("lis", "lis_as_published", "gpis", "blend")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
+    from lis_grasp.cli import options as opt
     from lis_grasp_studies.baselines import BASELINES
 
     names = _default_estimators()
@@ -56,6 +54,7 @@ def _default_estimators() -> tuple[str, ...]:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the missing trials, draw the figures, write the report."""
+    from lis_grasp.pipeline.run_config import RunConfig
     from lis_grasp_studies.harness.rows import TrialResults
     from lis_grasp_studies.harness.runner import local_scheduler
     from lis_grasp_studies.paper.report import draw_pictures, write_report
@@ -93,6 +92,8 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
+    from lis_grasp.pipeline.run_config import RunConfig
+    from lis_grasp.surfaces.estimators import find_estimator
     from lis_grasp_studies.estimators import COMPARED, require_installed
 
     default = _QUICK_ESTIMATORS if options.quick else _default_estimators()

@@ -8,12 +8,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
-from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.io.folder_lock import sole_writer
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.surfaces.estimators import find_estimator
 
 HELP = "compare estimates on even, random, clustered and noisy contacts of many objects"
 EXAMPLES = (("--quick --estimator my.module:Class", "your estimator beside ours"),)
@@ -28,6 +25,9 @@ _SETS = ("evaluation", "development")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
+    from lis_grasp.cli import options as opt
+    from lis_grasp.pipeline.run_config import RunConfig
+
     parser.description = (
         "Estimate the surfaces of test objects of five families from even, random, clustered"
         " and noisy contacts, and write tables of errors, losses and calibration. Run again, it"
@@ -119,6 +119,8 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _estimators(options: argparse.Namespace) -> tuple[str, ...]:
+    from lis_grasp.pipeline.run_config import RunConfig
+    from lis_grasp.surfaces.estimators import find_estimator
     from lis_grasp_studies.contact_study.score import Box
     from lis_grasp_studies.estimators import TUNED, require_installed
 
