@@ -124,11 +124,12 @@ def surface_probe(
             retreat = away * [1.0, 1.0, 0.0]
         retreat = retreats(target[None], retreat[None], space, contacts, surface)[0]
         target = level_targets(target, retreat, space)
-    # Start a step away, or halfway to where the line meets the estimate again.
-    distances = space.step * np.arange(0.2, 1.01, 0.1)
-    inside = surface.evaluate(target + distances[:, None] * retreat) < 0.0
-    standoff = 0.5 * float(distances[np.argmax(inside)]) if inside.any() else space.step
-    return Probe(target, -retreat, standoff, _OVERSHOOT * space.step)
+    overshoot, hull = _OVERSHOOT * space.step, ContactHull.of(contacts)
+    if hull is not None:
+        enter, leave = hull.crossing(target, -retreat)
+        if np.isfinite(enter):
+            overshoot = max(overshoot, float(leave))
+    return Probe(target, -retreat, space.step, overshoot)
 
 
 def retreats(
