@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lis_grasp.pipeline.direct import explore as explore
     from lis_grasp.pipeline.direct import lift as lift
     from lis_grasp.pipeline.direct import plan as plan
-    from lis_grasp.pipeline.run import run as run
+    from lis_grasp.pipeline.direct import run as run
     from lis_grasp.robots.hand import Hand as Hand
     from lis_grasp.shapes import Shape as Shape
     from lis_grasp.surfaces import BlendedImplicitSurface as BlendedImplicitSurface
@@ -65,7 +65,7 @@ _HOMES = {
     "load_contacts": "lis_grasp.surfaces",
     "pipeline": "lis_grasp.pipeline",
     "plan": "lis_grasp.pipeline.direct",
-    "run": "lis_grasp.pipeline",
+    "run": "lis_grasp.pipeline.direct",
     "shapes": "lis_grasp.shapes",
     "surface_error": "lis_grasp.evaluation.surface_error",
 }
@@ -73,12 +73,20 @@ _HOMES = {
 # What guessed names stand for, in lower case.
 _CALLS = {
     **{name: f"estimate(contacts, '{name}')" for name in ("lis", "gpis", "blend", "patch")},
-    "grasp_planner": "plan(mesh, hand)",
+    **dict.fromkeys(("draw", "draw_scene"), "Scene(...).save(path)"),
+    **dict.fromkeys(("explore_object", "touch"), "explore(object, hand)"),
+    **dict.fromkeys(("grasp", "grasp_planner", "plan_grasps"), "plan(mesh, hand)"),
+    "hand_names": "Hand.load(name), a name being allegro, wsg50 or barrett",
+    **dict.fromkeys(("lift_object", "simulate", "simulate_lift"), "lift(object, hand, grasp)"),
     "load": "load_contacts(path), Hand.load(name) or shapes.load(path)",
+    "load_grasps": "GraspSearch.load(path)",
     "load_hand": "Hand.load(name)",
-    "load_mesh": "shapes.load(path)",
-    "simulate": "lift(object, hand, grasp)",
-    "touch": "explore(object, hand)",
+    **dict.fromkeys(("load_mesh", "load_surface"), "shapes.load(path)"),
+    **dict.fromkeys(("load_results", "results"), "Run.load(folder)"),
+    "load_shape": "shapes.find(name) or shapes.load(path)",
+    "mesh": "extract_mesh(surface)",
+    "sample_contacts": "explore(object, hand, prober='kinematic').contacts",
+    "shape_names": "shapes.NAMES",
 }
 
 if MovedModules not in sys.meta_path:

@@ -10,8 +10,15 @@ import trimesh
 
 import lis_grasp
 from lis_grasp import Contacts, ForceClosureSampler, Grasp, GraspSearch, Hand, RunConfig, pipeline
-from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, NoGraspError
-from lis_grasp.pipeline import Scenario
+from lis_grasp.cli.main import build_parser
+from lis_grasp.cli.options import configure_touch
+from lis_grasp.exceptions import (
+    InvalidContactsError,
+    InvalidFileError,
+    InvalidOptionError,
+    NoGraspError,
+)
+from lis_grasp.pipeline import Scenario, direct
 from lis_grasp.surfaces import BlendedImplicitSurface
 
 AXES = np.vstack([np.eye(3), -np.eye(3)])
@@ -140,6 +147,7 @@ def test_the_two_ways_into_a_stage_name_each_other(gripper: Hand, box: trimesh.T
     for stage, first, second in (
         ("plan", box, gripper),
         ("lift", box, gripper),
+        ("run", "box", "results"),
         ("estimate", CONTACTS, "blend"),
     ):
         with pytest.raises(TypeError, match=rf"lis_grasp\.{stage} takes objects"):
@@ -150,10 +158,92 @@ def test_the_two_ways_into_a_stage_name_each_other(gripper: Hand, box: trimesh.T
 
 def test_an_unknown_option_is_refused_with_the_nearest(tmp_path: Path) -> None:
     for call in (lis_grasp.explore, lis_grasp.plan, lis_grasp.run):
-        with pytest.raises(TypeError, match="'frictoin' is none: did you mean 'friction'"):
+        with pytest.raises(TypeError, match="no option 'frictoin': did you mean 'friction'"):
             call("box", frictoin=0.5)
     with pytest.raises(TypeError, match="grasp must be a Grasp, such as search.best"):
         lis_grasp.lift("box", "wsg50", GraspSearch(()))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def configs(monkeypatch: pytest.MonkeyPatch) -> list[RunConfig]:
+    """Return the configurations of the runs of a test, which end before their first stage."""
+    seen: list[RunConfig] = []
+    monkeypatch.setattr(direct, "run_with_files", lambda config, *_, **__: seen.append(config))
+    return seen
+
+
+def test_a_run_takes_an_object_and_a_hand_as_other_stages_do(configs: list[RunConfig]) -> None:
+    lis_grasp.run("sphere", "wsg50", touches=5)
+    lis_grasp.run(RunConfig("sphere", hand="wsg50"), touches=5)
+    lis_grasp.run(RunConfig("sphere"), Path("wsg50"), touches=5)
+    assert configs == 3 * [RunConfig("sphere", hand="wsg50", touches=5)]
+
+
+def test_a_run_has_known_conditions_unless_those_of_the_command_are_given(
+    configs: list[RunConfig],
+) -> None:
+    lis_grasp.run("box")
+    lis_grasp.run("box", **pipeline.conditions.UNKNOWN)
+    for config, flags in zip(configs, (["--known"], []), strict=True):
+        assert config == configure_touch(build_parser("run").parse_args(["run", "box", *flags]))
+
+
+def test_a_run_refuses_what_it_cannot_record(gripper: Hand, box: trimesh.Trimesh) -> None:
+    with pytest.raises(TypeError, match="records its object by name, and this is of type Trimesh"):
+        lis_grasp.run(box)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="records its hand by name, and this is of type Hand"):
+        lis_grasp.run("box", gripper)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="run has no option 'output': did you mean 'folder'"):
+        lis_grasp.run("box", output="x")
+
+
+def test_the_configuration_of_a_stage_names_its_hand_and_object(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(direct.stages, "touch", lambda scenario: scenario)
+    for hand in ("wsg50", Hand.load("wsg50")):
+        scenario = lis_grasp.explore("sphere", hand)
+        assert (scenario.config.object, scenario.config.hand) == ("sphere", "wsg50")
+        assert scenario.known.hand.name == "wsg50"
+
+
+def test_an_option_that_a_stage_does_not_use_is_refused(box: trimesh.Trimesh) -> None:
+    for stage, name in (("plan", "touches"), ("plan", "pose"), ("explore", "grasps")):
+        with pytest.raises(TypeError, match=f"{stage} does not use the option '{name}', but size"):
+            getattr(lis_grasp, stage)(box, "wsg50", **{name: 1})
+    for load in ({"friction": 0.5}, {"mass": 0.1, "friction": 0.5}):
+        with pytest.raises(InvalidOptionError, match=f"leave out {' and '.join(sorted(load))}"):
+            lis_grasp.plan(box, "wsg50", load="unknown", **load)
+
+
+def test_one_seed_is_given(box: trimesh.Trimesh) -> None:
+    with pytest.raises(TypeError, match="either rng or seed"):
+        lis_grasp.plan(box, "wsg50", rng=1, seed=2)
+    with pytest.raises(TypeError, match=r"must be a seed or .*; it is None"):
+        lis_grasp.explore(box, "wsg50", rng=None)  # type: ignore[arg-type]
+
+
+def test_a_grasp_names_its_hand(
+    gripper: Hand, box: trimesh.Trimesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grasp = lis_grasp.plan(box, gripper, grasps=1).best
+    monkeypatch.setattr(direct.lifting_stage, "lift", lambda scenario, grasp: (scenario, grasp))
+    for arguments in ((grasp,), (gripper, grasp), ("wsg50", grasp)):
+        scenario, lifted = lis_grasp.lift(box, *arguments)
+        assert (scenario.known.hand.name, lifted) == ("wsg50", grasp)
+    with pytest.raises(TypeError, match="lift does not use the option 'region'"):
+        lis_grasp.lift(box, grasp, region=(0.2, 0.2, 0.2))
+    for arguments in ((), ("wsg50",), (grasp, "wsg50")):
+        with pytest.raises(TypeError, match="grasp must be a Grasp, such as search.best"):
+            lis_grasp.lift(box, *arguments)
+
+
+def test_a_name_stands_for_an_object_or_is_answered() -> None:
+    sphere = lis_grasp.shapes.find("sphere")
+    for truth in ("sphere", sphere):
+        assert lis_grasp.surface_error(sphere.mesh, truth, samples=100).rmsd < 1e-6
+    with pytest.raises(InvalidFileError, match=r"write shapes.find\('box'\)"):
+        lis_grasp.shapes.load("box")
 
 
 # ---------------------------------------------------------------- names
@@ -167,6 +257,8 @@ def test_an_unknown_option_is_refused_with_the_nearest(tmp_path: Path) -> None:
         ("graspsearch", r"did you mean 'GraspSearch'"),
         ("Contact", r"did you mean 'Contacts'"),
         ("load", r"write load_contacts\(path\)"),
+        ("plan_grasps", r"write plan\(mesh, hand\)"),
+        ("load_results", r"write Run\.load\(folder\)"),
         ("evaluation", r"write import lis_grasp\.evaluation"),
     ],
 )

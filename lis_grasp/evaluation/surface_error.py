@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import manifold3d
 import numpy as np
@@ -18,7 +19,7 @@ from lis_grasp.exceptions import (
     require_at_least,
     require_positive,
 )
-from lis_grasp.shapes import Shape, sharp_edges
+from lis_grasp.shapes import Shape, find, sharp_edges
 from lis_grasp.shapes.mesh_distance import distances_to_mesh
 from lis_grasp.shapes.solids import solid_of
 from lis_grasp.typing import BoolArray, FloatArray
@@ -80,7 +81,7 @@ class SurfaceError:
 
 def surface_error(
     estimate: trimesh.Trimesh,
-    truth: Shape | trimesh.Trimesh,
+    truth: Shape | trimesh.Trimesh | str | Path,
     contacts: Contacts | None = None,
     *,
     explored_radius: float | None = None,
@@ -96,7 +97,8 @@ def surface_error(
     estimate
         Mesh of the estimated surface, in O [m].
     truth
-        The true object in O [m]; a mesh has the edges that `shapes.sharp_edges` finds.
+        The true object in O [m], or its name or path for `shapes.find`; a mesh has the edges that
+        `shapes.sharp_edges` finds.
     contacts
         Of the estimate, in O; None if everything is explored.
     explored_radius
@@ -130,6 +132,7 @@ def surface_error(
             option="explored_radius",
             value=explored_radius,
         )
+    truth = find(truth) if isinstance(truth, (str, Path)) else truth
     if isinstance(truth, Shape):
         true_mesh, edges = truth.mesh, truth.edges
     else:

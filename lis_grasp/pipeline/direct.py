@@ -1,6 +1,6 @@
-"""Stages from an object and a hand: `lis_grasp.explore`, `lis_grasp.plan` and `lis_grasp.lift`.
+"""Stages from an object and a hand: `lis_grasp.run`, `explore`, `plan` and `lift`.
 
-They make the records `Scenario` and `Known` of a configuration, and call the stages of
+They make the records `RunConfig`, `Scenario` and `Known`, and call the stages of
 `lis_grasp.pipeline`, which take these records. Options are fields of `RunConfig`.
 """
 
@@ -9,16 +9,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
+from types import NoneType
 from typing import Any, TypeAlias
 
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import nearest_of
+from lis_grasp.exceptions import InvalidOptionError, nearest_of, shown
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.pipeline import lifting_stage, stages
+from lis_grasp.pipeline.results import Run
+from lis_grasp.pipeline.run import run as run_with_files
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.scenario import Known, Scenario, find_object
 from lis_grasp.robots.hand import Hand
@@ -31,8 +34,66 @@ AnyObject: TypeAlias = str | Path | Shape | trimesh.Trimesh
 AnyHand: TypeAlias = str | Path | Hand
 """A hand: the name of a shipped one, the path of its YAML file, or a `Hand`."""
 
-_OPTIONS = tuple(field.name for field in fields(RunConfig))
 _HAND = RunConfig().hand
+
+# Fields of RunConfig that each stage uses, beside its hand and the name of its object.
+_LOAD = ("size", "units", "mass", "friction", "load", "arm", "base")
+_RUN = tuple(field.name for field in fields(RunConfig) if field.name not in ("object", "hand"))
+_OPTIONS = {
+    "run": _RUN,
+    "explore": tuple(n for n in _RUN if n not in ("free_space", "grasps", "attempts", "simulator")),
+    "plan": (*_LOAD, "grasps", "seed"),
+    "lift": (*_LOAD, "simulator"),
+}
+
+# What guessed options stand for, where the function takes it.
+_GUESSES = {"output": "folder", "directory": "folder", "rng": "seed", "table": "support_height"}
+
+
+def run(
+    object: str | Path | RunConfig,
+    hand: str | Path | None = None,
+    *,
+    folder: Path | str | None = None,
+    fresh: bool = False,
+    **options: Any,
+) -> Run:
+    """Run every stage on an object, with a folder of results.
+
+    `pipeline.run` is the same for a `RunConfig`, and reports progress. The conditions are the
+    defaults of `RunConfig`, those of ``lis-grasp run --known``; the command's own are
+    ``run("box", **pipeline.conditions.UNKNOWN)``.
+
+    Parameters
+    ----------
+    object
+        The true object, by name or path, since a run records it; or a whole configuration.
+    hand
+        The hand, by name or path; None for that of the configuration, else "allegro".
+    folder
+        Folder of results; None for one in ``results/`` that is named after the configuration.
+    fresh
+        Explore from the beginning in any case.
+    options
+        Fields of `RunConfig`, which replace those of a configuration. The usual ones are
+        ``touches``, ``seed``, ``estimator``, ``prober``, ``friction``, ``mass`` [kg], ``size`` [m],
+        ``units``, ``pose``, ``region``, ``arm`` and ``simulator``.
+
+    Raises
+    ------
+    LisGraspError
+        If an input cannot be used, no contact was made, or a stage fails.
+    TypeError
+        If there is no such option, or the object or the hand has no name to record.
+
+    Examples
+    --------
+    >>> result = run("box", "wsg50", folder="box_by_wsg50", prober="kinematic", touches=12)
+    >>> result.lift["held"]
+    True
+    """
+    config = _configuration(object, hand, options)
+    return run_with_files(config, folder, fresh=fresh)
 
 
 def explore(
@@ -50,13 +111,15 @@ def explore(
     Parameters
     ----------
     object
-        The true object, which is touched where it is in its frame O.
+        The true object, which is touched where it is in its frame O unless a ``pose`` is given.
     hand
         The hand.
     rng
         Seed, or a generator that draws it.
     options
-        Fields of `RunConfig`, such as ``touches``; ``prober="kinematic"`` needs no simulator.
+        Fields of `RunConfig`. The usual ones are ``touches``, ``prober`` ("kinematic" needs no
+        simulator), ``estimator``, ``policy``, ``position_noise`` [m], ``normal_noise`` [rad],
+        ``pose``, ``region``, ``free``, ``cloud``, ``size`` [m], ``units`` and ``arm``.
 
     Raises
     ------
@@ -71,7 +134,7 @@ def explore(
     >>> len(exploration.contacts)
     3
     """
-    return stages.touch(_scenario(object, hand, _seeded(options, rng)))
+    return stages.touch(_scenario("explore", object, hand, _seeded(options, rng)))
 
 
 def plan(
@@ -97,14 +160,15 @@ def plan(
     rng
         Seed, or a generator that draws it.
     options
-        Fields of `RunConfig`, such as ``friction``, ``mass``, ``grasps`` or ``load="unknown"``.
+        Fields of `RunConfig`: ``grasps`` (their number), ``friction``, ``mass`` [kg] or else
+        ``load="unknown"``, ``size`` [m], ``units``, ``arm`` and ``base`` [m].
 
     Raises
     ------
     InvalidMeshError
         If the mesh is not closed.
     LisGraspError
-        If another input cannot be used.
+        If another input cannot be used, or the load is both unknown and given.
     TypeError
         If there is no such option.
 
@@ -114,7 +178,12 @@ def plan(
     >>> search.best.hand, search.best.pose.shape
     ('wsg50', (4, 4))
     """
-    config = configured(RunConfig(), _seeded(options, rng))
+    if options.get("load") == "unknown" and (given := {"friction", "mass"} & {*options}):
+        raise InvalidOptionError(
+            f"load='unknown' plans for any load: leave out {' and '.join(sorted(given))}",
+            option="load",
+        )
+    config = _configured("plan", RunConfig(hand=_name(hand)), _seeded(options, rng))
     if not isinstance(mesh, trimesh.Trimesh):  # of an estimate, the uncertainty must be kept
         config, shape = _find(mesh, config)
         mesh = shape.mesh
@@ -124,8 +193,8 @@ def plan(
 
 def lift(
     object: AnyObject,
-    hand: AnyHand,
-    grasp: Grasp,
+    hand: AnyHand | Grasp | None = None,
+    grasp: Grasp | None = None,
     **options: Any,
 ) -> LiftOutcome:
     """Simulate the lift of an object with a grasp.
@@ -137,11 +206,12 @@ def lift(
     object
         The true object, in the frame O of the grasp.
     hand
-        The hand that the grasp was planned for.
+        The hand that the grasp was planned for; it may be left out if the grasp's name finds it.
     grasp
         The grasp, such as ``plan(mesh, hand).best``.
     options
-        Fields of `RunConfig`, such as ``friction``, ``mass`` [kg] or ``simulator="mujoco"``.
+        Fields of `RunConfig`: ``friction``, ``mass`` [kg], ``load`` (what the hand knows of both),
+        ``simulator`` ("drake" or "mujoco"), ``size`` [m], ``units``, ``arm`` and ``base`` [m].
 
     Raises
     ------
@@ -153,37 +223,56 @@ def lift(
     Examples
     --------
     >>> grasp = plan("box", "wsg50", grasps=1).best
-    >>> lift("box", "wsg50", grasp, friction=0.9).held
+    >>> lift("box", grasp, friction=0.9).held
     True
     """
+    if isinstance(hand, Grasp):
+        hand, grasp = None, grasp or hand
     if not isinstance(grasp, Grasp):
         raise TypeError(
             f"grasp must be a Grasp, such as search.best; it is of type {type(grasp).__name__}"
         )
-    return lifting_stage.lift(_scenario(object, hand, options), grasp)
+    chosen = grasp.hand if hand is None else hand
+    return lifting_stage.lift(_scenario("lift", object, chosen, options), grasp)
 
 
-def configured(config: RunConfig, options: Mapping[str, Any]) -> RunConfig:
-    """Return a configuration with other values of some fields.
-
-    Raises
-    ------
-    InvalidOptionError
-        If a value is out of range.
-    TypeError
-        If there is no such field; the message names the nearest.
-    """
-    for name in options:
-        if name not in _OPTIONS:
+def _configuration(
+    object_: str | Path | RunConfig, hand: str | Path | None, options: Mapping[str, Any]
+) -> RunConfig:
+    for kind, value, other in (("object", object_, RunConfig), ("hand", hand, NoneType)):
+        if not isinstance(value, (str, Path, other)):
             raise TypeError(
-                f"options are fields of RunConfig; '{name}' is none{nearest_of(name, _OPTIONS)}"
+                f"a run records its {kind} by name, and this is of type {type(value).__name__}:"
+                f" give the name of a built-in {kind} or the path of a file"
             )
+    config = object_ if isinstance(object_, RunConfig) else RunConfig(object=str(object_))
+    config = _configured("run", config, options)
+    return config if hand is None else replace(config, hand=str(hand))
+
+
+def _configured(stage: str, config: RunConfig, options: Mapping[str, Any]) -> RunConfig:
+    """Return a configuration with other values of the fields that a stage uses."""
+    for name in options:
+        if name not in _OPTIONS[stage]:
+            raise TypeError(_no_option(stage, name))
     texts: dict[str, Any] = {n: str(v) if isinstance(v, Path) else v for n, v in options.items()}
     return replace(config, **texts)
 
 
-def _scenario(object_: AnyObject, hand: AnyHand, options: Mapping[str, Any]) -> Scenario:
-    config, shape = _find(object_, configured(RunConfig(), options))
+def _no_option(stage: str, name: str) -> str:
+    accepted = (*_OPTIONS[stage], *(globals()[stage].__kwdefaults__ or ()))
+    if name in _RUN:
+        return f"{stage} does not use the option '{name}', but {', '.join(accepted)}"
+    guess = _GUESSES.get(name)
+    nearest = f": did you mean '{guess}'?" if guess in accepted else nearest_of(name, accepted)
+    return f"{stage} has no option '{name}'{nearest}"
+
+
+def _scenario(
+    stage: str, object_: AnyObject, hand: AnyHand, options: Mapping[str, Any]
+) -> Scenario:
+    config = _configured(stage, RunConfig(hand=_name(hand)), options)
+    config, shape = _find(object_, config)
     return Scenario.from_config(config, shape, _load(hand))
 
 
@@ -207,6 +296,14 @@ def _load(hand: AnyHand) -> Hand:
     return hand if isinstance(hand, Hand) else Hand.load(hand)
 
 
+def _name(hand: AnyHand) -> str:
+    return hand.name if isinstance(hand, Hand) else str(hand)
+
+
 def _seeded(options: Mapping[str, Any], rng: Seed) -> dict[str, Any]:
-    seed = int(rng.integers(2**31)) if isinstance(rng, np.random.Generator) else rng
+    if not isinstance(rng, (int, np.integer, np.random.Generator)):
+        raise TypeError(f"rng must be a seed or a numpy.random.Generator; it is {shown(rng)}")
+    if "seed" in options and rng != 0:
+        raise TypeError("give either rng or seed; both are given")
+    seed = int(rng.integers(2**31)) if isinstance(rng, np.random.Generator) else int(rng)
     return {"seed": seed, **options}

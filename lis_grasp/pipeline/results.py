@@ -37,7 +37,7 @@ class Run:
 
     Examples
     --------
-    >>> result = run("box", "box_by_wsg50", hand="wsg50", prober="kinematic", touches=12)
+    >>> result = run("box", "wsg50", folder="box_by_wsg50", prober="kinematic", touches=12)
     >>> Run.load("box_by_wsg50").grasps.best.hand
     'wsg50'
     """

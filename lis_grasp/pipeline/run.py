@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -15,7 +14,6 @@ from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.pipeline._stage_files import StoredStages
-from lis_grasp.pipeline.direct import configured
 from lis_grasp.pipeline.exploring import explore_into, say_object
 from lis_grasp.pipeline.lifting_stage import require_simulator
 from lis_grasp.pipeline.progress import SILENT, Progress
@@ -25,7 +23,7 @@ from lis_grasp.pipeline.results import Run
 from lis_grasp.pipeline.results_folder import results_folder
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.run_scene import write_scene_of
-from lis_grasp.pipeline.scenario import Scenario
+from lis_grasp.pipeline.scenario import Scenario, require_record
 from lis_grasp.pipeline.stages import Stopwatch
 from lis_grasp.pipeline.summary import run_lines
 from lis_grasp.robots.inertias import require_possible_inertias
@@ -34,14 +32,15 @@ _LOG = logging.getLogger(__name__)
 
 
 def run(
-    config: RunConfig | Path | str,
+    config: RunConfig,
     folder: Path | str | None = None,
     *,
     progress: Progress = SILENT,
     fresh: bool = False,
-    **options: Any,
 ) -> Run:
     """Run every stage, and write the file of each as soon as it is done.
+
+    `lis_grasp.run` needs no record.
 
     An interrupted exploration is resumed, and a finished one is used again, if nothing that it
     depends on has changed. Files that were made from earlier ones are removed.
@@ -49,31 +48,26 @@ def run(
     Parameters
     ----------
     config
-        The configuration; or the object, a name or path, in the default one.
+        The configuration.
     folder
         Folder of results; None for one in ``results/`` that is named after the configuration.
     progress
         Is told what happens.
     fresh
         Explore from the beginning in any case.
-    options
-        Fields of `RunConfig` that replace those of `config`, such as ``hand="wsg50"``.
 
     Raises
     ------
     LisGraspError
         If an input cannot be used, no contact was made, or a stage fails.
-    TypeError
-        If there is no such option.
 
     Examples
     --------
-    >>> result = run("box", "box_by_wsg50", hand="wsg50", prober="kinematic", touches=12)
-    >>> result.lift["held"]
+    >>> config = RunConfig("box", hand="wsg50", prober="kinematic", touches=12)
+    >>> pipeline.run(config, "box_by_wsg50").lift["held"]
     True
     """
-    config = config if isinstance(config, RunConfig) else RunConfig(object=str(config))
-    config = configured(config, options)
+    require_record("run", config, RunConfig)
     folder, watch, arm_use = results_folder(config, folder), Stopwatch(), ArmUse()
     scenario = Scenario.from_config(config)
     say_object(scenario, progress)

@@ -100,6 +100,11 @@ def load(path: str | Path, units: str = "m") -> Shape:
     path = Path(path)
     if units not in UNITS:
         raise InvalidOptionError.not_one_of("units", units, UNITS)
+    if str(path) in BUILDERS and not path.exists():
+        raise InvalidFileError(
+            f"there is no file {path}; of the built-in shape, write shapes.find('{path}')",
+            path=path,
+        )
     vertices, faces = _read(path)
     corners = vertices[faces.ravel()]
     if not np.all(np.abs(corners) < _FARTHEST):

@@ -124,7 +124,8 @@ def estimate(
     table
         Height of the table that closes the estimate from below [m]; None for none.
     options
-        Those of the estimator: keywords of its `from_contacts`, such as ``position_noise``.
+        Those of the estimator: keywords of its `from_contacts`, such as ``position_noise`` [m]
+        and ``normal_noise`` [rad].
 
     Raises
     ------
