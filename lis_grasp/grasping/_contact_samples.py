@@ -21,9 +21,9 @@ _BULGE = 0.0005  # [m] by which the surface round a bend's sample may rise above
 # Edges of more than 150 degrees are too sharp to press on: least length of their normals' sum.
 _BLADE = 2.0 * np.cos(np.deg2rad(150.0) / 2.0)
 _EDGE_STEP = 0.001  # [m] between points that are sampled along a sharp edge
-# A rounded pad rests on an edge in any direction between the normals of its faces. This many are
-# sampled at each point, spread by the golden ratio, away from the faces by this fraction.
-_DIRECTIONS, _GOLDEN, _BORDER = 3, 0.5 * (np.sqrt(5.0) - 1.0), 0.05
+# A rounded pad rests on an edge in any direction between the normals of its faces. One is taken at
+# each point, spread by the golden ratio.
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _NORMAL_UNIT = 0.006  # [m]: distance that counts as much as normals one apart
 SEARCH_RADIUS = 0.005
 """Largest distance of a contact from its nearest sample along the tangent plane [m]."""
@@ -224,11 +224,8 @@ def _on_edges(
     points: FloatArray, normals: FloatArray, *, rounded: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return contacts on points (P, 3) of edges between faces with the normals (P, 2, 3)."""
-    if rounded:
-        points, normals = np.tile(points, (_DIRECTIONS, 1)), np.tile(normals, (_DIRECTIONS, 1, 1))
-        part = _BORDER + (1.0 - 2.0 * _BORDER) * (_GOLDEN * np.arange(1, len(points) + 1) % 1.0)
-    else:
-        part = np.full(len(points), 0.5)
+    spread = _GOLDEN * np.arange(1, len(points) + 1) % 1.0
+    part = spread if rounded else np.full(len(points), 0.5)
     angles = angle_between(normals[:, 0], normals[:, 1])
     # Spherical linear interpolation: from the first normal to the second one.
     between = np.sin((1.0 - part) * angles)[:, None] * normals[:, 0]

@@ -36,8 +36,6 @@ CANDIDATES = 4000
 _ENOUGH = 3
 # Contact sets per batch; the first one expects this many for each robust grasp.
 _SMALLEST_BATCH, _LARGEST_BATCH, _SETS_PER_GRASP = 50, 300, 4
-# Bends are sampled too where no grasp is as likely to succeed as this.
-_LIKELY = 0.5
 # Least height of a pad above the support [m].
 _LOWEST_PAD = 0.0006
 # Standard deviation of the distance between a link and the surface where both are planned [m].
@@ -51,8 +49,8 @@ class ForceClosureSampler:
     """Plans grasps in force closure that the hand can reach without collision.
 
     1. Contact sets are drawn where the surface is flat enough for a pad and supported by touches
-       (`sample_contact_sets`). If few grasps result, or none is likely to succeed, convex bends and
-       narrow faces are used too: edges, thin rods, small balls and low plates. If none results,
+       (`sample_contact_sets`). If few grasps result, convex bends and narrow faces are used too:
+       edges, thin rods, small balls and low plates. If none results,
        mostly for want of surface beside the first finger's contact, fingers come closer together.
     2. Inverse kinematics gives the palm's pose and the joints, and candidates that collide are
        rejected (`CandidateFilter`).
@@ -140,7 +138,7 @@ class ForceClosureSampler:
         scorer = GraspScorer(self.hand, mesh, prior=self.prior, rng=rng)
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)
         search.draw_enough(self.candidates, count)
-        if len(search) < count or search.likeliest() < _LIKELY:
+        if len(search) < count:
             search.samples = SurfaceSamples(
                 mesh, lowest=lowest, rng=rng, bends=True, pad_radius=radius
             )
@@ -202,12 +200,6 @@ class _Search:
         rejected = self.rejected + self.candidate_filter.rejected
         beside = rejected["no_surface_for_a_finger"]
         return not len(self) and beside > 0.5 * rejected.total()
-
-    def likeliest(self) -> float:
-        """Return the largest success probability of the grasps found so far, 0 without any."""
-        if self.grasps is None:
-            return 0.0
-        return float(self.grasps.quality["success_probability"].max(initial=0.0))
 
     def refine(self, count: int) -> None:
         """Keep the best `count` grasps, or better ones near them, if there are any."""
