@@ -158,7 +158,7 @@ def test_a_cloud_of_other_content_starts_from_the_beginning(
     log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:2]))
     box_cloud(1400, top=True).save(upper_half)
     assert main(options) == 0
-    assert "content of the cloud" in capsys.readouterr().out
+    assert "starting from the beginning: cloud.ply was edited" in capsys.readouterr().out
 
 
 def test_a_missing_cloud_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
