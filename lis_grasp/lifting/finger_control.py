@@ -17,14 +17,21 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.typing import FloatArray
 
-TOUCH_FORCE = 0.2
-"""Force at which a finger touches, and stops closing [N]: the weight of a few coins."""
-
-_CLOSING_SPEED = 0.05  # [m/s] of the fastest pad, and of one beyond its planned contact
-# Squeezing forces are inside cones of this fraction of friction: the lift adds a load.
-_CONE_FRACTION = 0.8
-# Weight of joint motion [m] against a searching pad's progress.
+# Force at which a finger stops closing: the weight of a few coins.
+_TOUCH_FORCE = 0.2  # [N]
+_CLOSING_SPEED = 0.05  # [m/s] of the fastest pad
+_SEARCH_SPEED = 0.03  # [m/s] of a pad beyond its planned contact
+# Squeezing forces are well inside the friction cones if possible: the lift adds a load.
+_CONE_FRACTIONS = (0.6, 0.8, 1.0)
+_ENOUGH = 0.9  # fraction of the wanted grip that a narrower cone must give
+# Fraction by which a squeeze command moves the springs' rest posture to the measured one: fingers
+# settle where the object is, not where the estimate was.
+_YIELD = 0.1
+# Weights of a searching pad's sideways motion [1] and of joint motion [m] against its progress.
+_SIDEWAYS_WEIGHT = 0.3
 _STEP_WEIGHT = 3e-3
+# Plans of grip forces until one is within the efforts.
+_TRIES = 6
 _ROOM = 1e-6  # least distance between the bounds of a least-squares problem
 # Slip after which the watch reports again [m]: half the pitch of usual taxels.
 _SLIP_STEP = 0.001
@@ -103,7 +110,7 @@ class FingerControl:
                 self._posture[joints] = self._start[joints] + part * motion
                 moving = True
             elif self._searched.get(finger, limit) < limit:
-                self._search(finger, _CLOSING_SPEED * interval)
+                self._search(finger, _SEARCH_SPEED * interval)
                 moving = True
         self._scene.command_fingers(self._posture, np.zeros(len(q)))
         return not moving
@@ -116,6 +123,8 @@ class FingerControl:
             if contact is not None:
                 self._contacts[finger] = contact
         self._plan_forces()
+        if fraction < 1.0:
+            self._posture += _YIELD * (self._scene.joint_positions - self._posture)
         self._scene.command_fingers(self._posture, fraction * self._efforts(self._forces))
 
     def carry(self, mass: float) -> None:
@@ -161,19 +170,20 @@ class FingerControl:
         if not contacts:
             return None
         strengths = [contact.strength for contact in contacts]
-        if sum(strengths) < TOUCH_FORCE:
+        if sum(strengths) < _TOUCH_FORCE:
             return None
         contact = contacts[int(np.argmax(strengths))]
         p_L = apply_inverse(self._scene.X_WL(contact.link), contact.point)
         return _FingerContact(contact.link, p_L, contact.normal)
 
     def _search(self, finger: str, distance: float) -> None:
-        """Move a pad against its planned normal by `distance`, with the least motion of joints."""
+        """Move a pad against its planned normal by `distance`; at a joint limit it may deviate."""
         pad, joints = self._pads[finger], self._joints[finger]
         J = self._scene.jacobian(pad.link, pad.center_L)[:, joints]  # (3, K)
         n = self._planned_normals[finger]
-        matrix = np.vstack([n @ J, _STEP_WEIGHT * np.eye(len(joints))])
-        wanted = np.append(-distance, np.zeros(len(joints)))
+        sideways = _SIDEWAYS_WEIGHT * (np.eye(3) - np.outer(n, n))
+        matrix = np.vstack([n @ J, sideways @ J, _STEP_WEIGHT * np.eye(len(joints))])
+        wanted = np.concatenate([[-distance], np.zeros(3 + len(joints))])
         q = self._posture[joints]
         room = self._hand.lower[joints] - q - _ROOM, self._hand.upper[joints] - q + _ROOM
         self._posture[joints] = q + lsq_linear(matrix, wanted, bounds=room).x
@@ -188,10 +198,15 @@ class FingerControl:
         points = np.array([self._point(contact) for contact in contacts])
         normals = np.array([contact.normal for contact in contacts])
         R_WH = self._scene.X_WH[:3, :3]
-        forces = self._balanced_forces(points, normals, self._grip)
-        self._forces = dict(zip(fingers, forces @ R_WH, strict=True))
+        wanted = self._grip
+        for _ in range(_TRIES):
+            forces = self._balanced_forces(points, normals, wanted)
+            self._forces = dict(zip(fingers, forces @ R_WH, strict=True))
+            exerted = self._exerted(forces, normals)
+            if exerted <= 1.0:
+                return
+            wanted /= exerted
         # Scaled together so that no finger pushes harder than it can.
-        exerted = max(self._exerted(forces, normals), 1.0)
         self._forces = {finger: force / exerted for finger, force in self._forces.items()}
 
     def _exerted(self, forces: FloatArray, normals: FloatArray) -> float:
@@ -206,18 +221,22 @@ class FingerControl:
     def _balanced_forces(
         self, points: FloatArray, normals: FloatArray, wanted: float
     ) -> FloatArray:
-        """Return the forces (C, 3) on the object with the best balance, by `balanced_grip`.
+        """Return forces (C, 3) on the object, inside the narrowest cones in which they balance.
 
-        Their normal parts add up to `wanted` [N]; table and palm take what is not in balance.
+        Their normal parts add up to `wanted` [N].
         """
-        friction = _CONE_FRACTION * self._setup.grip_friction
         load = None
         if self._weight is not None:
             load = self._weight, apply_pose(self._scene.X_WO, self._p_OC)
-        forces = balanced_grip(points, normals, friction=friction, total=wanted, load=load)
-        total = -float(np.sum(forces * normals))
+        cones = [fraction * self._setup.grip_friction for fraction in _CONE_FRACTIONS]
+        for friction in cones:
+            forces = balanced_grip(points, normals, friction=friction, total=wanted, load=load)
+            total = -float(np.sum(forces * normals))
+            if total >= _ENOUGH * wanted:
+                return forces
+        # Without balance: the least unbalanced full squeeze; table and palm take the rest.
         if total <= 0.0:  # every push would add to the load
-            forces = balanced_grip(points, normals, friction=friction, total=wanted)
+            forces = balanced_grip(points, normals, friction=cones[-1], total=wanted)
             total = -float(np.sum(forces * normals))
         return forces * (wanted / total)
 

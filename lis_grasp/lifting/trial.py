@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.geometry import apply_inverse, apply_pose
-from lis_grasp.lifting.finger_control import TOUCH_FORCE, FingerControl, SlipWatch
+from lis_grasp.lifting.finger_control import FingerControl, SlipWatch
 from lis_grasp.lifting.outcome import LiftOutcome, Reason
 from lis_grasp.lifting.scene import ArmStoppedError, CarrierMotion, LiftingScene
 from lis_grasp.lifting.setup import LiftSetup
@@ -31,6 +31,7 @@ _FALL_TIME = 0.5
 # Times of settling in which an object that the hand let go comes to rest.
 _FALLS = 20
 _CLOSING_LIMIT = 4.0  # [s], longer than any finger needs
+_LEAST_FORCE = 0.05  # [N] of a link that counts as touching
 _LOST = 0.05  # [m] of slip that only a lost object has
 # Rise [m] until which slip over the pads raises the grip force by the factor. An object that slips
 # more until then is set down [m].
@@ -339,7 +340,7 @@ class LiftTrial:
         return float(between.magnitude())
 
     def _touching_links(self) -> int:
-        return len({c.link for c in self._scene.contacts() if c.strength >= TOUCH_FORCE})
+        return len({c.link for c in self._scene.contacts() if c.strength >= _LEAST_FORCE})
 
     def _carried(self) -> bool:
         """Return whether the object is off the table and touched by the hand."""

@@ -26,9 +26,10 @@ SAME_WAY = 1e-9  # [m] and [rad], what rounding may do where no decision hangs o
 # [m] A mesh's vertex is at the minimum of a quadric that is flat along smooth surfaces.
 SAME_SURFACE = 1e-3
 
+# With seed 0 an estimate of nine contacts is decided by rounding on some processors.
 COMMANDS = """
 from lis_grasp.cli.main import main
-main(["explore", "box", "--prober", "kinematic", "--touches", "20", "--output", "contacts"])
+main("explore box --prober kinematic --touches 20 --seed 1 --output contacts".split())
 contacts = {contacts!r}
 for estimator in ("blend", "gpis", "lis"):
     main(["estimate", contacts, "--estimator", estimator, "--output", estimator])
