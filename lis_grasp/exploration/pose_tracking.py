@@ -20,6 +20,8 @@ from lis_grasp.typing import FloatArray
 _CONTRADICTION, _FAR, _LARGE_MOTION = 5.0, 0.003, (0.015, 0.015, 0.3)
 # One so far off, in standard deviations, is suspicious: a place known from before is probed again.
 _SUSPICIOUS = 2.0
+# A contact so deep inside free space, in standard deviations and [m], shows one too.
+_DEEP, _DEPTH = 4.0, 0.004
 # After a contradiction, the object is found when all contacts are so certain again [m], and lost
 # after so many probes; another contradiction counts as two, and soon after it was found as lost.
 _FOUND, _LOST_AFTER = 0.003, 6
@@ -59,8 +61,8 @@ class PoseTracker:
     is unknown, a contact says little about the pose. When the pose has become uncertain, an earlier
     probe is repeated.
 
-    A repeated probe far off its first contact shows a large motion: the pose becomes uncertain, and
-    the next touches register it. If they contradict the
+    A repeated probe far off its first contact, or free space where contacts were, shows a large
+    motion: the pose becomes uncertain, and the next touches register it. If they contradict the
     estimate too, the object has toppled or rolled away: its contacts are dropped. They also are if
     they are few and a dozen probes in a row touch nothing.
 
@@ -136,14 +138,15 @@ class PoseTracker:
         belief = (outcomes[-1].tracked if outcomes else None) or PoseBelief.start()
         contacts = outcome.contacts
         certain = surface if len(known) >= _FEW else None
+        contradicted = certain is not None and _free_where_touched(outcome, known, belief)
         push = push_of(contacts, known) if len(contacts) else None
-        usable, contradicted, suspicious = True, False, False
+        usable, suspicious = True, False
         if push is not None:
             belief = belief.pushed(push, detected=False)
             belief, surprise = self._measured(belief, contacts, known, certain)
             # Elsewhere the estimate may be wrong: only a known place is evidence of a motion.
             usable = surprise <= _CONTRADICTION
-            contradicted = repeated and not usable
+            contradicted |= repeated and not usable
             suspicious = surprise > _SUSPICIOUS
             deviations = np.sqrt(belief.variances(contacts.points, contacts.normals))
             usable &= not (
@@ -262,3 +265,12 @@ def _sideways(touches: Sequence[ProbeOutcome], last: ProbeOutcome) -> ProbeOutco
     normal = last.contacts.normals[0] if len(last.contacts) else -last.probe.direction
     alike = [abs(touch.contacts.normals[0][:2] @ normal[:2]) for touch in others]
     return others[int(np.argmax(alike))]
+
+
+def _free_where_touched(outcome: ProbeOutcome, known: Contacts, belief: PoseBelief) -> bool:
+    """Return whether a known contact is deep inside the free space of a probe."""
+    if not len(outcome.free_radii):
+        return False
+    depths = (outcome.free_radii - cdist(known.points, outcome.free_points)).max(axis=1)  # (N,)
+    deviations = np.sqrt(belief.variances(known.points, known.normals))
+    return bool(np.any(depths > np.maximum(_DEEP * deviations, _DEPTH)))

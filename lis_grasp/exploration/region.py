@@ -38,6 +38,8 @@ _PLACE_SPACING, _FREE_SPACING = 0.02, 0.005
 _SWEEP_HEIGHTS = (0.0, 0.02, 0.04)
 # Random part of a motion's value, so that searches differ.
 _RANDOM = 0.1
+# Places overlap free space by at least this depth [m]: the free space of a link is inside it.
+_OVERLAP = 0.002
 # Directions of sweeps, along the sides of the region.
 _SWEEPS = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 _DOWN = np.array([0.0, 0.0, -1.0])
@@ -185,9 +187,10 @@ def _overlapped(
     free_radii: FloatArray,
 ) -> BoolArray:
     """Return which upright cylinders at centres (K, 2) overlap a free ball, shape (K,)."""
+    reach = free_radii - _OVERLAP
     above = np.maximum(free_points[:, 2] - height, 0.0)
-    near = free_radii > above
-    wide = radius + np.sqrt(free_radii[near] ** 2 - above[near] ** 2)  # (F,)
+    near = reach > above
+    wide = radius + np.sqrt(reach[near] ** 2 - above[near] ** 2)  # (F,)
     places = np.column_stack([free_points[near, :2], wide])
     places = np.unique(np.round(places / _FREE_SPACING), axis=0) * _FREE_SPACING
     overlapped = np.zeros(len(centers), dtype=np.bool_)

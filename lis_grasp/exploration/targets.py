@@ -22,6 +22,7 @@ from lis_grasp.exploration.probe_motions import (
 from lis_grasp.exploration.workspace import Workspace
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
+from lis_grasp.surfaces.contact_places import box_lengths
 from lis_grasp.typing import BoolArray, FloatArray
 
 # A target equals an earlier one within this fraction of its gap, if their directions agree.
@@ -30,10 +31,14 @@ _SAME_TARGET = 0.4
 _OFTEN = 3
 # A start equals that of a blocked probe within this distance, in steps.
 _SAME_START = 0.5
+# Free space around the path of a tip that missed: no surface is this near, in steps.
+_FREE_RADIUS = 0.2
 # Largest depth of a target in free space that a link passed, in steps.
 _IN_FREE_SPACE = 0.05
 # A line to a target passes the contacts' hull at most so far beside it, in steps.
 _BESIDE = 0.2
+# The same along a flat object that is so many times as long as wide: its top may go on.
+_BESIDE_LONG, _LONG = 1.0, 2.0
 # So many probes for every contact may miss: they show where the estimate extends too far.
 _MISSES = 0.1
 # A contact does not count for surface that faces away from it, as on the far side of a thin wall.
@@ -68,8 +73,9 @@ class Targets:
         flat = is_flat(contacts, space)
         least_cosine = _FACES_ALIKE if flat else _FACES_AWAY
         nearest = gaps(points, normals, contacts, least_cosine=least_cosine)
+        eligible = _distance_to_misses(points, outcomes) > _FREE_RADIUS * space.step
         depths = depths_in_free_space(points, surface, contacts)
-        eligible = depths < _IN_FREE_SPACE * space.step
+        eligible &= depths < _IN_FREE_SPACE * space.step
         eligible &= space.touchable(points, normals)
         away = retreats(points, normals, space, contacts, surface)
         targets = level_targets(points, away, space)
@@ -77,9 +83,16 @@ class Targets:
         eligible &= ~_starts_blocked(targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
         if misses >= _MISSES * len(contacts):  # most surface beside the hull is extrapolated
-            eligible &= _meets_hull(points, normals, contacts, _BESIDE * space.step)
+            beside = _BESIDE_LONG if flat and _is_long(contacts) else _BESIDE
+            eligible &= _meets_hull(points, normals, contacts, beside * space.step)
         seconds = seconds_to_touch(points, normals, space, outcomes)
         return cls(points, normals, nearest, eligible, space.step, seconds)
+
+
+def _is_long(contacts: Contacts) -> bool:
+    """Return whether the contacts' box along their principal axes is far longer than wide."""
+    _, width, length = box_lengths(contacts.points)
+    return bool(length > _LONG * width)
 
 
 def _meets_hull(
@@ -140,6 +153,19 @@ def _starts_blocked(
         near, _ = tree.query(points + distance * step * away)
         blocked |= near < _SAME_START * step
     return blocked
+
+
+def _distance_to_misses(points: FloatArray, outcomes: Sequence[ProbeOutcome]) -> FloatArray:
+    """Return each point's distance to the path of a tip that missed, shape (P,) [m]."""
+    distance = np.full(len(points), np.inf)
+    for outcome in outcomes:
+        if outcome.status == "missed":
+            probe = outcome.probe
+            along = (points - probe.target) @ probe.direction
+            along = np.clip(along, -probe.standoff, probe.overshoot)
+            path = probe.target + along[:, None] * probe.direction
+            distance = np.minimum(distance, np.linalg.norm(points - path, axis=1))
+    return distance
 
 
 def seconds_to_touch(
