@@ -10,7 +10,7 @@ import pytest
 import lis_grasp
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
-TABLES = PACKAGE.parent / "docs" / "constants"
+TABLES = Path(__file__).parents[1] / "docs" / "constants"
 _CONSTANT = r"_?[A-Z][A-Z0-9_]*"
 KINDS = {"physical", "tolerance", "fitted", "heuristic", "appearance"}
 COLUMNS = ["constant", "file", "kind", "value", "meaning", "off", "effect", "verdict"]
