@@ -106,7 +106,8 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
     InvalidFileError
         If the file is missing or damaged, lacks a name, or unpacks to more than 256 MiB.
     """
-    with reading(path, "NPZ"), zipfile.ZipFile(path) as archive:
+    # An archive leaves its file open while a member is: the file is closed here in any case.
+    with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:
         members = [archive.getinfo(f"{name}.npy") for name in names]
         if sum(member.file_size for member in members) > _MOST_UNPACKED:
             raise ValueError(f"it unpacks to more than {_MOST_UNPACKED // MEBIBYTE} MiB")
