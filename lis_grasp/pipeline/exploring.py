@@ -59,8 +59,8 @@ def explore_into(
     again. If what the exploration depends on has changed since, it starts from the beginning, and
     the earlier results are removed.
 
-    `progress` is told why an exploration starts from the beginning, and how far it is. With `fresh`
-    it starts from the beginning in any case. What new touches demand of an arm is added to
+    `progress` gets the reason for a start from the beginning, and the steps. With `fresh` it starts
+    from the beginning in any case. What new touches demand of an arm is added to
     `arm_use`.
     """
     config, known = scenario.config, scenario.known

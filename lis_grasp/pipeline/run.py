@@ -52,7 +52,7 @@ def run(
     folder
         Folder of results; None for one in ``results/`` that is named after the configuration.
     progress
-        Is told what happens.
+        Gets a message for every stage and step.
     fresh
         Explore from the beginning in any case.
 

@@ -44,9 +44,10 @@ from lis_grasp.surfaces import estimate as estimate_surface
 from lis_grasp.surfaces.carved_implicit_surface import above_table
 from lis_grasp.surfaces.estimators import find_estimator
 
-_TOUCH_STREAM = 1  # of random numbers: a stage run alone repeats its part of a whole run
+# Streams of random numbers: a stage that runs alone repeats its part of a whole run.
+_TOUCH_STREAM = 1
+_GRASP_STREAM = 2
 _FEW_SETS = 400  # contact sets sampled to predict a success during an exploration
-_GRASP_STREAM = 2  # of random numbers: a stage run alone repeats its part of a whole run
 
 
 @dataclass(slots=True)
