@@ -15,6 +15,7 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region, Workspace, load_outcomes
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.json_lines import read_lines
+from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
 from lis_grasp.pipeline.next_touch import NextTouch, next_touch, workspace_of
 from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
@@ -78,7 +79,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Choose the next touch, print it, and write it."""
-    contacts, outcomes, recorded = _known(options.contacts, options.position_noise)
+    before, outcomes, recorded = _read(options.contacts, options.position_noise)
+    contacts = before.append(Exploration.replay(outcomes).contacts)
     space = _space(options, contacts, recorded)
     options.size = None  # in a configuration it is the size of a built-in shape
     options.region = None  # in a configuration it needs a pose of the true object
@@ -86,14 +88,14 @@ def execute(options: argparse.Namespace) -> None:
     hand = Hand.load(config.hand)
     known = Known.for_hand(config, hand, space, 0.0)
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
-        found = next_touch(known, contacts, outcomes)
+        touch = next_touch(known, before, outcomes)
         stage.result = f"policy {config.policy}"
-    for line in _lines(found):
+    for line in _lines(touch):
         say(line)
     path = options.output or (options.contacts or Path()).parent
     if path.suffix.lower() != ".json":
         path /= "next.json"
-    write_json(path, found.facts(hand))
+    write_json(path, touch.facts(hand))
     say(f"wrote {path}")
 
 
@@ -114,33 +116,34 @@ def _space(
     )
 
 
-def _known(
+def _read(
     path: Path | None, position_noise: float | None
 ) -> tuple[Contacts, tuple[ProbeOutcome, ...], dict[str, Any]]:
-    """Return the contacts of a file, the outcomes of probes if it is a log, and its facts."""
+    """Return the contacts of a file, or of a log its cloud and outcomes; and the recorded facts."""
     if path is None:
         return Contacts.empty(), (), {}
     if path.suffix.lower() == ".jsonl":
-        outcomes = load_outcomes(path)
-        return Exploration.replay(outcomes).contacts, outcomes, read_lines(path)[0]
-    recorded = read_facts(path)
-    return load_contacts(path, position_noise=position_noise), (), recorded
+        outcomes, recorded = load_outcomes(path), read_lines(path)[0]
+        cloud = recorded.get("cloud")
+        before = prior_contacts(load_source(ContactSource(cloud))) if cloud else Contacts.empty()
+        return before, outcomes, recorded
+    return load_contacts(path, position_noise=position_noise), (), read_facts(path)
 
 
-def _lines(found: NextTouch) -> tuple[str, ...]:
-    pose, probe = found.approach.X_OH, found.probe
+def _lines(touch: NextTouch) -> tuple[str, ...]:
+    pose, probe = touch.approach.X_OH, touch.probe
     x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
     return (
         f"touch     near {_millimetres(probe.target)} along"
-        f" ({', '.join(f'{each:.3f}' for each in probe.direction)})",
-        f"finger    {found.approach.posture.finger}: from {_millimetres(probe.start)} at most to"
+        f" ({', '.join(f'{x:.3f}' for x in probe.direction)})",
+        f"finger    {touch.approach.posture.finger}: from {_millimetres(probe.start)} at most to"
         f" {_millimetres(probe.end)}",
         f"hand      palm at {_millimetres(pose[:3, 3])}, quaternion xyzw"
         f" ({x:.4f}, {y:.4f}, {z:.4f}, {w:.4f}), after a straight approach of"
-        f" {1e3 * found.approach.distance:.0f} mm",
-        f"why       {found.why()}",
+        f" {1e3 * touch.approach.distance:.0f} mm",
+        f"why       {touch.why()}",
     )
 
 
 def _millimetres(point: FloatArray) -> str:
-    return f"({', '.join(f'{1e3 * each:.1f}' for each in point)}) mm"
+    return f"({', '.join(f'{1e3 * x:.1f}' for x in point)}) mm"

@@ -12,7 +12,6 @@ from lis_grasp.exploration.loop import (
     begin,
     choose,
     explore,
-    step,
 )
 from lis_grasp.exploration.policy import POLICIES, Policy, RegionPolicy, TargetPolicy
 from lis_grasp.exploration.pose_tracking import PoseTracker
@@ -66,7 +65,6 @@ __all__ = [
     "choose",
     "explore",
     "load_outcomes",
-    "step",
     "stop_after",
     "stop_when_certain",
     "stop_when_covered",

@@ -1,4 +1,4 @@
-"""Exploration as a pure step (outcome of a probe in, next probe out), and the loop around it."""
+"""Exploration as a pure step, `advance` and `choose`, and the loop around it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ExplorationSetup:
         Estimates the surface from at least one contact; called at most once for the contacts so
         far, when the estimate is first used. What it raises, that use raises.
     touches
-        Wanted number of contacts.
+        Wanted number of contacts; None for any, until a stop rule or the policy ends.
     space
         Position and size of the object, or the region that contains it; the hand approaches from
         outside of what is known, and avoids it. None leaves the approach to the prober.
@@ -73,7 +73,7 @@ class ExplorationSetup:
 
     policy: Policy
     estimate: Callable[[Contacts], ImplicitSurface]
-    touches: int
+    touches: int | None
     space: Workspace | Region | None = None
     prior: Contacts | None = None
     sensor: TactileSensor | None = None
@@ -83,7 +83,8 @@ class ExplorationSetup:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        require_at_least(1, touches=self.touches)
+        if self.touches is not None:
+            require_at_least(1, touches=self.touches)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,10 +215,8 @@ def explore(
             "an object is tracked with a prober that has `move_frame`; this one has none",
             option="tracker",
         )
-    rng, state = np.random.default_rng(rng), begin(setup)
-    for outcome in Exploration.replay(recorded, touches=setup.touches).outcomes:
-        rng.spawn(1)  # the generator of the recorded probe
-        state = _added(setup, state, outcome)
+    rng, state = np.random.default_rng(rng), begin(setup, recorded)
+    rng.spawn(len(state.outcomes))  # the generators of the recorded probes
     while True:
         if observe is not None:
             observe(state)
@@ -236,33 +235,24 @@ def explore(
             record(state.outcomes[-1])
 
 
-def begin(setup: ExplorationSetup) -> ExplorationState:
-    """Return the state before the first probe."""
+def begin(setup: ExplorationSetup, recorded: Sequence[ProbeOutcome] = ()) -> ExplorationState:
+    """Return the state before the first probe, or after recorded outcomes."""
     prior = Contacts.empty() if setup.prior is None else setup.prior
     start = ExplorationState(prior=prior, rules=tuple(setup.stop))
-    return _estimated(setup, start, is_new=len(prior) > 0)
-
-
-def step(
-    setup: ExplorationSetup,
-    state: ExplorationState,
-    outcome: ProbeOutcome,
-    *,
-    rng: Seed,
-) -> tuple[ExplorationState, NextProbe | str]:
-    """Return the state after the outcome of a probe, and the next probe or the reason to end.
-
-    The step of an exploration, `advance` and then `choose`. It is a pure function apart from the
-    draws from `rng`, a seed or generator for this step alone: nothing that is given changes.
-    """
-    state = advance(setup, state, outcome)
-    return state, choose(setup, state, rng=np.random.default_rng(rng))
+    state = _estimated(setup, start, is_new=len(prior) > 0)
+    for outcome in Exploration.replay(recorded, touches=setup.touches).outcomes:
+        state = _added(setup, state, outcome)
+    return state
 
 
 def advance(
     setup: ExplorationSetup, state: ExplorationState, outcome: ProbeOutcome
 ) -> ExplorationState:
-    """Return the state after the outcome of the probe that `choose` chose in a state."""
+    """Return the state after the outcome of the probe that `choose` chose in a state.
+
+    With `choose`, it is the step of an exploration. Both are pure functions: nothing that is given
+    changes, except the generator of `choose`, from which it draws.
+    """
     if setup.tracker is None:
         return _added(setup, state, outcome)
     repeated = setup.tracker.probe_again(state.outcomes) is not None
@@ -276,7 +266,10 @@ def advance(
 def choose(
     setup: ExplorationSetup, state: ExplorationState, *, rng: np.random.Generator
 ) -> NextProbe | str:
-    """Return the next probe, or the reason for which the exploration ends."""
+    """Return the next probe, or the reason for which the exploration ends.
+
+    The n-th probe draws from the n-th generator that the exploration's own spawns.
+    """
     ended = _reason_to_end(setup, state)
     if ended is not None:
         return ended
@@ -326,10 +319,11 @@ def _estimated(
 
 
 def _reason_to_end(setup: ExplorationSetup, state: ExplorationState) -> str | None:
-    if len(state.contacts) >= setup.touches:
-        return f"{_count(len(state.contacts), 'contact')} made"
-    if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
-        return f"{_count(len(state.outcomes), 'probe')} made"
+    if setup.touches is not None:
+        if len(state.contacts) >= setup.touches:
+            return f"{_count(len(state.contacts), 'contact')} made"
+        if len(state.outcomes) >= _PROBES_PER_TOUCH * setup.touches + _SPARE_PROBES:
+            return f"{_count(len(state.outcomes), 'probe')} made"
     if state.surface is not None:
         for rule in state.rules:
             reason = rule(state.known, state.surface, state.outcomes)

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_positive
-from lis_grasp.exploration import STEP_FRACTION, Probe, ProbeOutcome, Workspace
-from lis_grasp.exploration.probe import since_loss
-from lis_grasp.exploration.workspace import ObstacleModel
+from lis_grasp.exploration import (
+    STEP_FRACTION,
+    Probe,
+    ProbeOutcome,
+    Workspace,
+    advance,
+    begin,
+    choose,
+)
 from lis_grasp.pipeline.scenario import Known
-from lis_grasp.pipeline.stages import make_estimator, make_policy
+from lis_grasp.pipeline.stages import exploration_rng, exploration_setup
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
+from lis_grasp.probing.guarded_motion import NO_FREE_APPROACH
 from lis_grasp.robots.hand import Hand
-from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.typing import FloatArray
 
 # Probes that cannot be approached, before the search is given up.
@@ -110,46 +116,45 @@ def next_touch(
 ) -> NextTouch:
     """Return the next touch that the known policy chooses and the hand can approach.
 
+    It is the next touch of the exploration with these outcomes, which has no limit here.
+
     Parameters
     ----------
     known
         Its hand needs a probe posture. In a region without contacts, the touch is a search motion.
+        Its cloud is not used: it is part of the contacts.
     contacts
-        All so far, in O.
+        Those made before the outcomes, in O.
     outcomes
-        Of the probes so far, if known: missed and blocked ones are not tried again.
+        Of probes, if known: they make contacts too, and missed and blocked ones are not tried
+        again.
 
     Raises
     ------
     EstimationError
         If no probe can be approached, or the policy has none left.
     """
-    hand, space, sensor = known.hand, known.space, known.sensor
-    policy, planner = make_policy(known.policy, space, sensor), ApproachPlanner(hand)
-    estimated: ImplicitSurface | None = None
-    surface: ImplicitSurface | None = None
-    if len(contacts):
-        estimated = make_estimator(known.estimator, sensor)(contacts)
-        surface = carved(estimated, contacts, margin=sensor.free_margin)
-    obstacles = ObstacleModel(space.grown(contacts), contacts, surface)
-    tried = list(since_loss(outcomes))
-    made = len(tried)
-    rng = np.random.default_rng([known.seed, len(contacts), made])
-    for blocked in range(_MOST_BLOCKED):
-        probe = policy.next_probe(contacts, estimated, outcomes=tried, rng=rng)
-        if probe is None:
+    hand, planner = known.hand, ApproachPlanner(known.hand)
+    setup = exploration_setup(replace(known, cloud=None))
+    setup = replace(setup, touches=None, prior=contacts)
+    state, rng = begin(setup, outcomes), exploration_rng(known)
+    rng.spawn(len(outcomes) or len(contacts))  # the generators of the probes so far
+    blocked = 0
+    while blocked < _MOST_BLOCKED:
+        chosen = choose(setup, state, rng=rng.spawn(1)[0])
+        if isinstance(chosen, str) or chosen.obstacles is None:
             break
-        approach = planner.plan(probe, obstacles)
+        probe, so_far = chosen.probe, state.known
+        approach = planner.plan(probe, chosen.obstacles)
         if approach is not None:
             distance = deviation = None
-            if estimated is not None:
-                offsets = contacts.points - probe.target
-                distance = float(np.linalg.norm(offsets, axis=1).min())
-                deviation = float(estimated.uncertainty(probe.target[None])[0])
+            if state.estimated is not None:
+                distance = float(np.linalg.norm(so_far.points - probe.target, axis=1).min())
+                deviation = float(state.estimated.uncertainty(probe.target[None])[0])
             return NextTouch(probe, approach, str(known.policy), distance, deviation, blocked)
-        tried.append(ProbeOutcome(probe, "blocked", reason="no approach"))
+        state = advance(setup, state, ProbeOutcome(probe, "blocked", reason=NO_FREE_APPROACH))
+        blocked += 1
     raise EstimationError(
         f"the policy {known.policy} has no probe that the hand {hand.name} can approach, after"
-        f" {len(tried) - made} tries: check --center, --size, --support or --region, or"
-        " choose another policy"
+        f" {blocked} tries: check --center, --size, --support or --region, or choose another policy"
     )

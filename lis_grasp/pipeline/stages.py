@@ -176,26 +176,38 @@ def touch(
     3
     """
     known = scenario.known
-    cloud = None if known.cloud is None else prior_contacts(load_source(ContactSource(known.cloud)))
     prober = make_prober(scenario, recorded) if prober is None else prober
-    setup = ExplorationSetup(
-        make_policy(known.policy, known.space, known.sensor),
-        make_estimator(known.estimator, known.sensor),
-        known.touches,
-        space=known.space,
-        prior=cloud,
-        sensor=known.sensor,
+    setup = replace(
+        exploration_setup(known),
         stop=[*known.stop.rules(known.space), *grasp_rules(known)],
         tracker=make_tracker(scenario, prober),
     )
     return explore(
         prober,
         setup,
-        rng=np.random.default_rng([known.seed, _TOUCH_STREAM]),
+        rng=exploration_rng(known),
         recorded=recorded,
         record=None if watch is None else watch.record,
         observe=None if watch is None else watch.observe,
     )
+
+
+def exploration_setup(known: Known) -> ExplorationSetup:
+    """Return the known setup of an exploration, without stop rules and tracker."""
+    cloud = None if known.cloud is None else prior_contacts(load_source(ContactSource(known.cloud)))
+    return ExplorationSetup(
+        make_policy(known.policy, known.space, known.sensor),
+        make_estimator(known.estimator, known.sensor),
+        known.touches,
+        space=known.space,
+        prior=cloud,
+        sensor=known.sensor,
+    )
+
+
+def exploration_rng(known: Known) -> np.random.Generator:
+    """Return the generator of an exploration; each probe draws from one that it spawns."""
+    return np.random.default_rng([known.seed, _TOUCH_STREAM])
 
 
 def grasp_rules(known: Known) -> list[StopRule]:

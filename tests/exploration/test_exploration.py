@@ -24,10 +24,10 @@ from lis_grasp.exploration import (
     ProbeOutcome,
     TargetPolicy,
     Workspace,
+    advance,
     begin,
     choose,
     explore,
-    step,
 )
 from lis_grasp.exploration.targets import Targets, _tried
 from lis_grasp.exploration.workspace import sample_zero_level_set
@@ -545,7 +545,8 @@ def test_steps_are_repeated_from_any_earlier_state() -> None:
     setup = ExplorationSetup(policy_for(shape), ESTIMATORS["gpis"], touches=9)
 
     def step_on(state: ExplorationState, outcome: ProbeOutcome, seed: int) -> tuple:
-        return step(setup, state, outcome, rng=np.random.default_rng(seed))
+        state = advance(setup, state, outcome)
+        return state, choose(setup, state, rng=np.random.default_rng(seed))
 
     first = choose(setup, begin(setup), rng=np.random.default_rng(0))
     states, chosen = [begin(setup)], [first]
