@@ -1,4 +1,4 @@
-"""Collision checks of an arm with its hand: with itself, the table, and the object's estimate."""
+"""Collision checks of an arm with its hand: itself, table, obstacles, the object's estimate."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lis_grasp.typing import BoolArray, FloatArray
 if TYPE_CHECKING:
     from lis_grasp.arms.station import Station
 
-Obstacle = Literal["table", "object", "self"]
+Obstacle = Literal["table", "obstacle", "object", "self"]
 
 ARM_CLEARANCE = 0.01
 """Least distance of the arm's links from the table [m]."""
@@ -36,7 +36,7 @@ class StationChecker:
 
     Many postures are checked at once by balls that cover the links; what they do not show to be
     free is checked by FCL. Checked are the arm's links with each other, with the hand, with the
-    table and with the object, and the hand with table and object; not the hand with itself.
+    table, its obstacles and the object, and the hand with these too; not the hand with itself.
 
     Parameters
     ----------
@@ -75,6 +75,9 @@ class StationChecker:
         )
         self._outlines = [outline(g) for g in bodies]
         self._object = None if mesh is None else _Enlarged(mesh, margin)
+        table = station.table
+        obstacles = None if table is None else table.obstacles
+        self._obstacles = None if obstacles is None else _Enlarged(obstacles, 0.0)
 
     def free(self, q: FloatArray, q_hand: FloatArray) -> BoolArray:
         """Return which postures of the arm, (N, J), collide with nothing, shape (N,).
@@ -133,7 +136,7 @@ class StationChecker:
         return np.stack([*of_arm, *of_hand], axis=1)
 
     def _near(self, centers: FloatArray) -> BoolArray:
-        """Return which bodies are not surely off the table and the object, (N, G, 2)."""
+        """Return which bodies are not surely off table, object and obstacles, (N, G, 3)."""
         balls, radii = self._pairs.body, self._pairs.radii
         low = np.zeros(centers.shape[:2], dtype=bool)
         table = self._station.table
@@ -145,10 +148,13 @@ class StationChecker:
         if self._object is not None:
             close = self._object.distances_at_least(centers) < radii
             close &= self._clear_of_object[balls]
+        beside = np.zeros_like(low)
+        if self._obstacles is not None:
+            beside = self._obstacles.distances_at_least(centers) < radii
+            beside &= self._above_table[balls]
         starts = np.searchsorted(balls, np.arange(len(self._names)))
-        return np.stack(
-            [np.logical_or.reduceat(kind, starts, axis=1) for kind in (low, close)], axis=-1
-        )
+        kinds = (low, close, beside)
+        return np.stack([np.logical_or.reduceat(k, starts, axis=1) for k in kinds], axis=-1)
 
     def _hit(
         self, poses: FloatArray, near: BoolArray, pairs: BoolArray
@@ -158,11 +164,16 @@ class StationChecker:
                 return "table", self._names[body]
         candidates = np.flatnonzero(pairs)
         of_pairs = self._pairs.pairs[candidates].ravel()
-        self._pairs.place(poses, {*np.flatnonzero(near[:, 1]).tolist(), *of_pairs.tolist()})
-        if self._object is not None:
-            for body in np.flatnonzero(near[:, 1]):
-                if self._pairs.touches(int(body), self._object.model):
-                    return "object", self._names[body]
+        placed = np.flatnonzero(near[:, 1:].any(axis=1))
+        self._pairs.place(poses, {*placed.tolist(), *of_pairs.tolist()})
+        solids: tuple[tuple[Obstacle, _Enlarged | None], ...] = (
+            ("object", self._object),
+            ("obstacle", self._obstacles),
+        )
+        for column, (name, solid) in enumerate(solids, start=1):
+            for body in np.flatnonzero(near[:, column]):
+                if solid is not None and self._pairs.touches(int(body), solid.model):
+                    return name, self._names[body]
         pair = next(self._pairs.touching(candidates), None)
         return None if pair is None else ("self", self._names[self._pairs.pairs[pair][1]])
 

@@ -99,8 +99,8 @@ class ReachFilter:
 
     - ``out_of_arm_reach``: no joint positions;
     - ``no_straight_arm_motion``: a joint limit or a jump ends the approach or the lift;
-    - ``arm_hits_object``, ``_table``, ``_self``: a link of the arm collides on the way. The hand's
-      contacts with object and table are left to the filter of grasp candidates.
+    - ``arm_hits_object``, ``_table``, ``_obstacle``, ``_self``: a link of the arm collides on the
+      way. The hand's contacts with these are left to the filter of grasp candidates.
 
     Parameters
     ----------

@@ -154,11 +154,15 @@ def _nearest(arm: Arm, hand: Hand, X_FB: FloatArray) -> tuple[str, str] | None:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table with a flat top, on which the object is; the arm's base is on it or beside it."""
+    """A table with a flat top, on which the object is; the arm's base is on it or beside it.
+
+    What else is fixed there are obstacles.
+    """
 
     height: float = 0.0  # of the top in W [m]
     half_width: float = 0.75  # along W's x and y from `center` [m]
     center: tuple[float, float] = (0.0, 0.0)  # x and y in W [m]
+    obstacles: trimesh.Trimesh | None = None  # in W [m], beside the object; None without any
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property

@@ -26,7 +26,7 @@ from lis_grasp.pipeline.file_stages import recorded_base
 from lis_grasp.pipeline.reasons import rejection_sentence
 from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.scenario import base_at
+from lis_grasp.pipeline.scenario import base_at, find_obstacles
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import ARM_NAMES
@@ -71,11 +71,11 @@ def execute(options: argparse.Namespace) -> None:
     if mesh is None:
         say(f"warning: without {surface} the paths do not avoid the object")
     height = float(recorded.get("support_height", 0.0))
-    arm = Arm.load(name)
+    arm, obstacles = Arm.load(name), find_obstacles(config)
     with Stage(f"Planning the motion of {arm.name} with {hand.name}") as stage:
         rank, station, motion = _first_motion(
             grasps,
-            _stations(options, recorded, arm, hand, height),
+            _stations(options, recorded, arm, hand, Table(height, obstacles=obstacles)),
             mesh,
             rng=np.random.default_rng(config.seed),
         )
@@ -131,13 +131,12 @@ def _grasps(path: Path, rank: int | None, hand: Hand) -> dict[int, Grasp]:
 
 
 def _stations(
-    options: argparse.Namespace, recorded: dict[str, Any], arm: Arm, hand: Hand, height: float
+    options: argparse.Namespace, recorded: dict[str, Any], arm: Arm, hand: Hand, table: Table
 ) -> list[Station]:
     """Return the stations to try: base as given, else as recorded, else several, the best first."""
     X_EA = recorded_base(vars(options), recorded)
     if X_EA is None and options.base is not None:
-        X_EA = base_at(options.base, height)
-    table = Table(height)
+        X_EA = base_at(options.base, table.height)
     if X_EA is None:
         return best_bases(arm, hand, table=table)
     return [Station.make(arm, hand, X_EA, table=table)]

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also write the folder dexgraspbench, for the benchmark of that name: the grasps, the"
         " hand, and the true object if it is recorded, else MESH; needs the extra mujoco",
     )
-    names = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "seed")
+    names = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "obstacles", "seed")
     opt.add_options(parser, "units")
     opt.add_options(parser, *names, recorded=True)
     opt.add_output(parser, "the folder of MESH")

@@ -26,6 +26,7 @@ _ARM_CLEARANCE = 0.001  # [m] the same of a hand on an arm, which sags by up to 
 _ARM_ERROR = 0.002
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
 _STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
+_LIFT, _LIFT_STEPS = 0.1, 6  # [m] of the straight lift, which must be free of obstacles
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
 _BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
 _STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
@@ -39,8 +40,10 @@ class CandidateFilter:
 
     - ``out_of_reach``: a pad stays too far from its contact;
     - ``pad_does_not_face_the_surface``: a contact is outside its pad;
-    - ``grasp_hits_object``, ``_support``, ``_self``: a collision at the grasp;
-    - ``approach_hits_object``, ``_support``, ``_self``: a collision opened or on the approach;
+    - ``grasp_hits_object``, ``_support``, ``_obstacle``, ``_self``: a collision at the grasp;
+    - ``approach_hits_object``, ``_support``, ``_obstacle``, ``_self``: a collision opened or on the
+      approach;
+    - ``lift_hits_obstacle``: a collision on the straight lift;
     - with a `reach`, the reasons of its check.
 
     Arguments are as of `HandCollisionChecker`. `reach` is that of the arm that carries the hand.
@@ -53,6 +56,7 @@ class CandidateFilter:
         *,
         support_height: float | None,
         reach: Reach | None = None,
+        obstacles: trimesh.Trimesh | None = None,
     ) -> None:
         self._reach_check = None if reach is None else reach.reach_check(mesh)
         self._hand = hand
@@ -60,7 +64,7 @@ class CandidateFilter:
         if reach is not None:
             clearance, spare = _ARM_CLEARANCE, _SPARE + _ARM_ERROR
         self._checker = HandCollisionChecker(
-            hand, mesh, support_height=support_height, clearance=clearance
+            hand, mesh, support_height=support_height, clearance=clearance, obstacles=obstacles
         )
         self._filter = HandPoseFilter(hand, mesh)
         floor = None if support_height is None else support_height + clearance + spare
@@ -82,6 +86,9 @@ class CandidateFilter:
         kept = np.flatnonzero(near & facing)
         X_OH, q = batch.X_OH[kept], batch.q[kept]
         kept = kept[self._free("grasp", X_OH, q, X_OH[:, None], pads_may_touch=True)]
+        blocked = self._checker.hit_obstacle(_lifts(batch.X_OH[kept]), batch.q[kept])
+        self.rejected["lift_hits_obstacle"] += int(blocked.sum())
+        kept = kept[~blocked]
         batch = batch.subset(kept)
         away = replace(batch, points=batch.points + _OPENING * batch.normals)
         opened = solve_ik(self._hand, away, palm_fixed=True).q
@@ -129,6 +136,13 @@ class CandidateFilter:
                 self.rejected[f"{stage}_hits_{hit}"] += 1
                 free[b] = False
         return free
+
+
+def _lifts(X_OH: FloatArray) -> FloatArray:
+    """Return palm poses along the straight lift from each pose (B, 4, 4), (B, W, 4, 4)."""
+    paths = np.repeat(X_OH[:, None], _LIFT_STEPS, axis=1)
+    paths[:, :, 2, 3] += np.linspace(0.0, _LIFT, _LIFT_STEPS)
+    return paths
 
 
 def fingertip_offsets(hand: Hand) -> FloatArray:

@@ -69,6 +69,9 @@ class ForceClosureSampler:
         each grasp.
     station
         The `Station` of an arm, in whose reach grasps have to be; None for a free hand.
+    obstacles
+        Mesh in O of what neither hand nor arm may hit [m], such as a shelf; None without any. It
+        may be open.
     load
         Fields of a `LoadPrior`: ``friction``, ``mass``, ``friction_spread``, ``mass_spread``.
 
@@ -86,9 +89,11 @@ class ForceClosureSampler:
         *,
         candidates: int = CANDIDATES,
         station: Reach | None = None,
+        obstacles: trimesh.Trimesh | None = None,
         **load: float,
     ) -> None:
         require_at_least(1, candidates=candidates)
+        self.obstacles = obstacles
         self.hand, self.candidates, self.station = hand, candidates, station
         self.prior = LoadPrior(**load) if prior is None else prior
 
@@ -133,7 +138,11 @@ class ForceClosureSampler:
         radius = min(pad.radius for pad in self.hand.pads)
         samples = SurfaceSamples(mesh, lowest=lowest, rng=rng, pad_radius=radius)
         candidate_filter = CandidateFilter(
-            self.hand, mesh, support_height=support_height, reach=self.station
+            self.hand,
+            mesh,
+            support_height=support_height,
+            reach=self.station,
+            obstacles=self.obstacles,
         )
         scorer = GraspScorer(self.hand, mesh, prior=self.prior, rng=rng)
         search = _Search(self.hand, samples, candidate_filter, scorer, rng)

@@ -24,7 +24,7 @@ from lis_grasp.pipeline.stages import Stopwatch, estimate, plan
 NOISE = ("position_noise", "normal_noise")
 """Facts of a sensor in the headers of surfaces."""
 
-_PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "seed")
+_PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "seed", "obstacles")
 
 
 def write_surface(

@@ -38,11 +38,11 @@ _HAND = RunConfig().hand
 
 # Fields of RunConfig that each stage uses, beside its hand and the name of its object.
 _LOAD = ("size", "units", "mass", "friction", "load", "arm", "base")
-_RUN = tuple(field.name for field in fields(RunConfig) if field.name not in ("object", "hand"))
+_RUN = tuple(f.name for f in fields(RunConfig) if f.name not in ("object", "hand", "obstacles"))
 _OPTIONS = {
     "run": _RUN,
     "explore": tuple(n for n in _RUN if n not in ("free_space", "grasps", "attempts", "simulator")),
-    "plan": (*_LOAD, "grasps", "seed"),
+    "plan": (*_LOAD, "grasps", "seed", "obstacles"),
     "lift": (*_LOAD, "simulator"),
 }
 
@@ -161,7 +161,8 @@ def plan(
         Seed, or a generator that draws it.
     options
         Fields of `RunConfig`: ``grasps`` (their number), ``friction``, ``mass`` [kg] or else
-        ``load="unknown"``, ``size`` [m], ``units``, ``arm`` and ``base`` [m].
+        ``load="unknown"``, ``size`` [m], ``units``, ``arm``, ``base`` [m], and ``obstacles``, the
+        path of a mesh [m] in O that hand and arm must not hit.
 
     Raises
     ------

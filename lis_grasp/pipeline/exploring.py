@@ -211,7 +211,7 @@ def _header(scenario: Scenario) -> str:
     """Return the facts of an exploration as the header of its files."""
     config = scenario.config
     loads = () if config.free or config.until_success is not None else ("mass", "friction")
-    later = ("grasps", "attempts", "simulator", *loads)
+    later = ("grasps", "attempts", "simulator", "obstacles", *loads)
     facts = {name: value for name, value in config.facts().items() if name not in later}
     poses = scenario.facts()
     return provenance.describe(**facts, support_height=poses["support_height"], X_WO=poses["X_WO"])

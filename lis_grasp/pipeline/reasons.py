@@ -61,11 +61,16 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " (lis-grasp hand view), and name concave links under convex_parts in the hand's YAML",
         "grasp_hits_support": "a link of the closed hand would be inside the table: the object is"
         " low for this hand",
+        "grasp_hits_obstacle": "a link of the closed hand would hit an obstacle (--obstacles)",
+        "lift_hits_obstacle": "the hand would hit an obstacle in the straight lift (--obstacles):"
+        " there must be 10 cm above the hand",
         "grasp_hits_self": "two links of the closed hand would collide",
         "approach_hits_object": "the opened hand would hit the object during the approach: the"
         " object is wide for this hand's opening",
         "approach_hits_support": "the opened hand would hit the table during the approach: the"
         " object is low for this hand",
+        "approach_hits_obstacle": "the opened hand would hit an obstacle during the approach"
+        " (--obstacles): there must be 12 cm behind the hand",
         "approach_hits_self": "two links of the opened hand would collide",
         "out_of_arm_reach": "the arm does not reach the pose of the hand: move its base, or turn"
         " the hand on the flange (mount in the hand's YAML)",
@@ -76,6 +81,8 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "arm_hits_object": "a link of the arm would hit the object",
         "arm_hits_table": "a link of the arm, or of the hand that it carries, would hit the table:"
         " put the arm's base higher",
+        "arm_hits_obstacle": "a link of the arm, or of the hand that it carries, would hit an"
+        " obstacle (--obstacles)",
         "arm_hits_self": "a link of the arm would hit another, or the hand",
         "outranked": "other grasps were better",
     }

@@ -8,7 +8,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import EstimationError
+from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.folder_lock import sole_writer
@@ -68,6 +68,11 @@ def run(
     True
     """
     require_record("run", config, RunConfig)
+    if config.obstacles is not None:
+        raise InvalidOptionError(
+            "a run simulates no obstacles: plan with them on its surface.ply, by lis-grasp grasp",
+            option="obstacles",
+        )
     folder, watch, arm_use = results_folder(config, folder), Stopwatch(), ArmUse()
     scenario = Scenario.from_config(config)
     say_object(scenario, progress)

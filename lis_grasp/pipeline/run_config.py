@@ -320,6 +320,13 @@ class RunConfig:
         words_else="known",
     )
     grasps: int = _option(10, "ranked grasps to plan", GRASPING, metavar="N", check=_at_least(1))
+    obstacles: str | None = _option(
+        None,
+        "mesh file [m] of what hand and arm must not hit on the approach and in the lift, such as a"
+        " shelf or a bin, in the frame of the grasps; it may be open, and it is not simulated",
+        GRASPING,
+        metavar="FILE",
+    )
     attempts: int = _option(
         3,
         "grasps to try at most; another is planned after a failed tactile check",

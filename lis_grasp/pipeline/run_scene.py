@@ -17,6 +17,8 @@ from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.results import Run
 from lis_grasp.pipeline.results_folder import LOG
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import find_obstacles
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.visualization.scene import Scene
@@ -45,6 +47,8 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
     with suppress(InvalidFileError):  # a mesh that is elsewhere now: the scene lacks the truth
         if run.truth is not None:
             content |= {"truth": run.truth.mesh, "title": f"lis_grasp: {run.truth.name}"}
+    with suppress(LisGraspError):  # the page is complete without them
+        content["obstacles"] = find_obstacles(RunConfig.from_facts({}, facts))
     if facts.get("arm") is not None and "X_EA" in facts:
         height = facts.get("support_height")
         table = None if height is None else Table(float(height))

@@ -28,6 +28,7 @@ from lis_grasp.pipeline.run_config import RunConfig, StopLimits
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import NAMES, Shape, default_mass, draw_pose, find, placed
+from lis_grasp.shapes.loading import load_obstacles
 from lis_grasp.shapes.object_mass import USUAL_MASS, published_mass
 from lis_grasp.surfaces import Estimator
 from lis_grasp.typing import FloatArray
@@ -113,6 +114,7 @@ class Known(Perception):
     touches: int = _DEFAULTS.touches  #: contacts to make
     stop: StopLimits = field(default_factory=StopLimits)  #: what ends an exploration earlier
     grasps: int = _DEFAULTS.grasps  #: to plan
+    obstacles: trimesh.Trimesh | None = None  #: what hand and arm must not hit [m]
     attempts: int = _DEFAULTS.attempts  #: grasps to try at most
     seed: int = _DEFAULTS.seed  #: of every random draw
 
@@ -137,6 +139,7 @@ class Known(Perception):
             touches=config.touches,
             stop=config.stop_limits(),
             grasps=config.grasps,
+            obstacles=find_obstacles(config),
             attempts=config.attempts,
             seed=config.seed,
         )
@@ -292,6 +295,17 @@ def find_object(config: RunConfig) -> Shape:
     return find(config.object, size=config.size, units=config.units)
 
 
+def find_obstacles(config: RunConfig) -> trimesh.Trimesh | None:
+    """Return the configured obstacles, None without any; errors are those of `load_obstacles`.
+
+    Examples
+    --------
+    >>> pipeline.find_obstacles(RunConfig()) is None
+    True
+    """
+    return None if config.obstacles is None else load_obstacles(config.obstacles)
+
+
 def place_object(shape: Shape, config: RunConfig) -> tuple[Shape, FloatArray]:
     """Return an object at its configured pose, and this pose X_WO (4, 4) on the table z = 0.
 
@@ -351,7 +365,7 @@ def make_station(
     """
     if config.arm is None:
         return None
-    arm, table = Arm.load(config.arm), Table(height)
+    arm, table = Arm.load(config.arm), Table(height, obstacles=find_obstacles(config))
     if X_EA is not None:
         return Station.make(arm, hand, require_pose("X_EA", X_EA), table=table)
     if config.base is None:

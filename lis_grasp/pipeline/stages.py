@@ -131,7 +131,9 @@ def plan(known: Known, mesh: trimesh.Trimesh, *, candidates: int = CANDIDATES) -
     """
     require_record("plan", known, Known)
     load, station = known.load_prior(mesh), known.station
-    sampler = ForceClosureSampler(known.hand, load, candidates=candidates, station=station)
+    sampler = ForceClosureSampler(
+        known.hand, load, candidates=candidates, station=station, obstacles=known.obstacles
+    )
     rng = np.random.default_rng([known.seed, _GRASP_STREAM])
     return sampler.sample(mesh, rng=rng, support_height=known.support, count=known.grasps)
 

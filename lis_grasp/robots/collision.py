@@ -1,4 +1,4 @@
-"""Collision checks of a hand with an object's mesh, its support, and itself (python-fcl)."""
+"""Collision checks of a hand with an object, its support, obstacles and itself (python-fcl)."""
 
 from __future__ import annotations
 
@@ -43,6 +43,9 @@ class HandCollisionChecker:
         Height of the supporting plane in O [m]; None without one.
     clearance
         Least distance of the hand from the support [m].
+    obstacles
+        Mesh in O of what no link may touch [m]; None without any. It may be open: only its closed
+        parts have an inside.
     """
 
     def __init__(
@@ -52,8 +55,10 @@ class HandCollisionChecker:
         *,
         support_height: float | None = None,
         clearance: float = 0.002,
+        obstacles: trimesh.Trimesh | None = None,
     ) -> None:
         self._hand = hand
+        self._obstacles = None if obstacles is None else _Obstacles(obstacles)
         self._mesh, self._inside = mesh, InsideTest(mesh)
         self._floor = None if support_height is None else support_height + clearance
         self._model = mesh_to_BVH(mesh)
@@ -82,11 +87,13 @@ class HandCollisionChecker:
     def first_collision(
         self, X_OH: FloatArray, q: FloatArray, *, pads_may_touch: bool = False
     ) -> str | None:
-        """Return the first collision: ``"support"``, ``"object"``, ``"self"`` or None.
+        """Return the first collision, None if there is none.
+
+        It is ``"support"``, ``"obstacle"``, ``"object"`` or ``"self"``.
 
         `X_OH` is the pose of the palm in O, shape (4, 4), or poses along a path, (W, 4, 4); `q` are
         the joint positions, (J,). With `pads_may_touch` the links that carry pads may touch the
-        object (not the support).
+        object, and nothing else.
         """
         path = X_OH.reshape(1, -1, 4, 4)
         return self.first_collisions(path, q[None], pads_may_touch=pads_may_touch)[0]
@@ -101,6 +108,16 @@ class HandCollisionChecker:
             self._first_collision(*each, pads_may_touch=pads_may_touch)
             for each in zip(paths, heights, poses, strict=True)
         ]
+
+    def hit_obstacle(self, paths: FloatArray, q: FloatArray) -> BoolArray:
+        """Return which of N paths (N, W, 4, 4) hit an obstacle at joint positions (N, J), (N,)."""
+        if self._obstacles is None:
+            return np.zeros(len(paths), dtype=bool)
+        hits = []
+        for path, poses in zip(paths, self.poses_in_hand(q), strict=True):
+            self._pose(poses)
+            hits.append(any(self._hits_obstacle(X, poses) for X in path))
+        return np.array(hits, dtype=bool)
 
     def touches_object(self, X_OH: FloatArray, q: FloatArray) -> bool:
         """Return whether any link touches the object or is inside it."""
@@ -181,11 +198,24 @@ class HandCollisionChecker:
         for w, (X, height) in enumerate(zip(path, heights, strict=True)):
             if self._floor is not None and height < self._floor:
                 return "support"
+            if self._hits_obstacle(X, in_hand):
+                return "obstacle"
             if self._touches_object(X, in_hand, pads_may_touch=pads_may_touch):
                 return "object"
             if w == 0 and self._self_collisions():
                 return "self"
         return None
+
+    def _hits_obstacle(self, X_OH: FloatArray, in_hand: FloatArray) -> bool:
+        """Return whether the hand at a pose hits an obstacle; its bodies are posed in H."""
+        if self._obstacles is None:
+            return False
+        X_HO = inverse_pose(X_OH)
+        self._obstacles.model.setTransform(fcl.Transform(X_HO[:3, :3], X_HO[:3, 3]))
+        data = fcl.CollisionData()
+        self._manager.collide(self._obstacles.model, data, fcl.defaultCollisionCallback)
+        points = apply_pose(X_OH, apply_pose(in_hand, self._points[:, None])[:, 0])
+        return bool(data.result.is_collision) or self._obstacles.contain_any(points)
 
     def _clearance(self, poses: FloatArray) -> float:
         self._pose(poses)
@@ -239,6 +269,20 @@ class HandCollisionChecker:
             if first != second:
                 pairs.add((min(first, second), max(first, second)))
         return pairs - self._hand.self_collision_exclusions
+
+
+class _Obstacles:
+    """A mesh that may be open, with the insides of its closed parts."""
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        self.model = fcl.CollisionObject(mesh_to_BVH(mesh), fcl.Transform())
+        self._insides = [
+            InsideTest(part) for part in mesh.split(only_watertight=True, repair=False)
+        ]
+
+    def contain_any(self, points: FloatArray) -> bool:
+        """Return whether any of the points (P, 3) [m] is inside a closed part."""
+        return any(inside.any_inside(points) for inside in self._insides)
 
 
 def checker_of(hand: Hand) -> HandCollisionChecker:

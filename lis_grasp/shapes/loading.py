@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from lis_grasp.exceptions import (
     InvalidFileError,
@@ -27,6 +28,7 @@ FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 
 # Largest extents of objects that hands hold [m]: units that give one of these are proposed first.
 _HANDY = (0.02, 0.5)
+_FARTHEST_OBSTACLE = 50.0  # from the origin [m]: a room; in millimetres it is beyond
 # Coordinates beyond this, in whatever unit, are damage.
 _FARTHEST = 1e12
 
@@ -120,6 +122,27 @@ def load(path: str | Path, units: str = "m") -> Shape:
     except InvalidMeshError as error:
         raise InvalidMeshError(f"{path} {error}") from None
     return Shape(path.stem, mesh, sharp_edges(mesh), repairs)
+
+
+def load_obstacles(path: str | Path) -> trimesh.Trimesh:
+    """Return the mesh of a file [m] as it is: it may be open, and of several parts.
+
+    Raises
+    ------
+    InvalidFileError
+        If the file is missing, of another format, unreadable or without faces.
+    InvalidMeshError
+        If it is too large for metres, or has vertices that are no finite numbers.
+    """
+    vertices, faces = _read(Path(path))
+    mesh = trimesh.Trimesh(vertices, faces)  # equal vertices are merged
+    extent = float(np.abs(vertices[faces.ravel()]).max())
+    if not extent <= _FARTHEST_OBSTACLE:
+        raise InvalidMeshError(
+            f"obstacles must be in metres, within {_FARTHEST_OBSTACLE:g} m of the origin; {path}"
+            f" reaches {extent:.3g}: scale its vertices, by 0.001 if they are in millimetres"
+        )
+    return mesh
 
 
 def _read(path: Path) -> tuple[FloatArray, IntArray]:

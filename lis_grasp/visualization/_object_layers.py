@@ -18,6 +18,7 @@ TRUTH_COLOUR = "#5f86bd"
 CONTACT_COLOUR, NORMAL_COLOUR = "#ff4d4d", "#f2912c"
 FREE_COLOUR = "#8fb7d8"
 PLAIN_ESTIMATE_COLOUR = "#2c9a8f"
+OBSTACLE_COLOUR = "#8a6d4b"
 TABLE_COLOUR, GRID_COLOUR = "#d2cfc9", "#a9a59d"
 
 # Fractions of the markers' size, chosen by eye at 4 to 20 cm.
@@ -63,6 +64,14 @@ def draw_truth(canvas: Canvas, truth: trimesh.Trimesh) -> None:
     solid = drawing.material(TRUTH_COLOUR, roughness=0.5)
     canvas.commands.append(drawing.draw_mesh(f"{OBJECT_NODE}/truth", truth, solid))
     canvas.layers.append(Layer("truth", "True object", True, TRUTH_COLOUR, "unknown to the robot"))
+
+
+def draw_obstacles(canvas: Canvas, obstacles: trimesh.Trimesh) -> None:
+    """Draw what the hand must not hit, as glass."""
+    glass = drawing.material(OBSTACLE_COLOUR, roughness=0.9, opacity=0.35)
+    canvas.commands.append(drawing.draw_mesh(f"{ROOT}/obstacles", obstacles, glass))
+    note = "not to be hit by the hand"
+    canvas.layers.append(Layer("obstacles", "Obstacles", True, OBSTACLE_COLOUR, note))
 
 
 def marker_size(points: FloatArray, least: float) -> float:

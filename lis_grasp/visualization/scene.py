@@ -22,6 +22,7 @@ from lis_grasp.visualization._exploration_layers import draw_pose_track, draw_se
 from lis_grasp.visualization._object_layers import (
     draw_contacts,
     draw_estimates,
+    draw_obstacles,
     draw_table,
     draw_truth,
     marker_size,
@@ -91,6 +92,8 @@ class Scene:
         The arm that carries the hand, in O; None for a hand that flies freely.
     support_height
         Height of the table in O [m]; None for the lowest point of the object.
+    obstacles
+        What the hand must not hit [m], in O.
     region, search
         The region that contained the object, on the table z = 0, and the outcomes of the search up
         to the first contact; drawn with the touches.
@@ -121,6 +124,7 @@ class Scene:
     motion: Motion | None = None
     station: Station | None = None
     support_height: float | None = None
+    obstacles: trimesh.Trimesh | None = None
     region: Region | None = None
     search: Sequence[ProbeOutcome] = ()
     moved: Sequence[ProbeOutcome] = ()
@@ -177,6 +181,8 @@ class Scene:
         scale = draw_estimates(canvas, surfaces, size)
         if self.truth is not None:
             draw_truth(canvas, self.truth)
+        if self.obstacles is not None:
+            draw_obstacles(canvas, self.obstacles)
         draw_contacts(canvas, self.contacts, marker_size(object_points, _LEAST_SIZE))
         if self.region is not None:
             draw_search(canvas, self.region, self.search)

@@ -237,3 +237,25 @@ def test_the_shipped_arm_passes_every_check(name: str) -> None:
     findings = check_arm(Arm.load("iiwa14"), Hand.load(name))
     assert [finding.text for finding in findings if not finding.fine] == []
     assert len(findings) >= 5
+
+
+@pytest.mark.parametrize(("arm_only", "part"), [(False, "palm"), (False, "elbow"), (True, "elbow")])
+def test_an_arm_and_the_hand_that_it_carries_avoid_obstacles(
+    station: Station, arm_only: bool, part: str
+) -> None:
+    home, arm = station.arm.home, station.arm
+    q_hand = next(iter(station.hand.pregrasps.values()))
+    place = station.palm_poses(home)[:3, 3]
+    if part == "elbow":
+        link = arm.link_geometries[len(arm.link_geometries) // 2].link
+        place = arm.forward_kinematics(station.X_WA, home)[link][:3, 3]
+    hits = []
+    for height in (0.0, 5.0):
+        post = trimesh.creation.box(extents=[0.03, 0.03, 0.5])
+        post.apply_translation(place + [0.0, 0.0, height])
+        table = Table(obstacles=post)
+        beside = Station(arm, station.hand, station.X_WA, station.mount, table)
+        hits.append(StationChecker(beside, arm_only=arm_only).first_hit(home, q_hand))
+    assert hits[0] is not None
+    assert hits[0][0] == "obstacle"
+    assert hits[1] is None

@@ -460,3 +460,65 @@ def test_a_parallel_jaw_gripper_grasps_a_pentagon_at_an_edge() -> None:
         # One pad on a face, the other across the edge on its far side, normals opposed.
         assert np.sort(from_edge)[0] < 2e-3 < np.sort(from_edge)[1]
         np.testing.assert_allclose(grasp.contact_normals.sum(axis=0), 0.0, atol=0.05)
+
+
+def _walls(name: str) -> trimesh.Trimesh:
+    """Return obstacles round the box of 84 x 60 x 120 mm, which is at the origin [m]."""
+    bin_ = trimesh.creation.box(extents=[0.7, 0.7, 0.7])
+    board = trimesh.creation.box(extents=[1.0, 1.0, 0.02])
+    match name:
+        case "wall":
+            board.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0]))
+            board.apply_translation([-0.082, 0.0, 0.0])
+        case "sheet":  # without an inside
+            board = trimesh.Trimesh(
+                [[-0.072, -1, -1], [-0.072, 1, -1], [-0.072, 0, 1.5]], [[0, 1, 2]], process=False
+            )
+        case "board":
+            board.apply_translation([0.0, 0.0, 0.25])
+        case "bin":
+            upper = bin_.face_normals[:, 2] > 0.5
+            return trimesh.Trimesh(bin_.vertices, bin_.faces[~upper])
+        case "block":
+            return bin_
+    return board
+
+
+def _points_of(hand: Hand, X_OH: np.ndarray, q: np.ndarray) -> np.ndarray:
+    links = hand.forward_kinematics(X_OH, q)
+    return np.vstack(
+        [
+            trimesh.transform_points(np.asarray(g.mesh.vertices), links[g.link] @ g.X_LG)
+            for g in hand.link_geometries
+        ]
+    )
+
+
+@pytest.mark.parametrize("name", ["wall", "sheet", "board", "bin", "block"])
+def test_the_hand_stays_clear_of_obstacles_at_grasp_approach_and_lift(name: str) -> None:
+    mesh, walls = shapes.build("box").mesh, _walls(name)
+    sampler = ForceClosureSampler(JAW, candidates=400, obstacles=walls)
+    search = sampler.sample(mesh, support_height=float(mesh.bounds[0, 2]), count=5)
+    hits = {reason: n for reason, n in search.rejections.items() if reason.endswith("obstacle")}
+    if name == "block":  # the hand is wholly inside of it
+        assert not search.grasps
+        assert set(hits) == {"grasp_hits_obstacle"}
+        return
+    assert search.grasps
+    assert sum(hits.values()) > 0 or name == "bin"
+    assert name != "board" or hits["lift_hits_obstacle"] > 0
+    for grasp in search:
+        for back, up, q in (
+            *((back, 0.0, grasp.pregrasp_positions) for back in (0.0, 0.05, 0.12)),
+            *((0.0, up, grasp.joint_positions) for up in (0.0, 0.05, 0.1)),
+        ):
+            X_OH = np.array(grasp.X_OH)
+            X_OH[:3, 3] += [0.0, 0.0, up] - back * grasp.approach_O
+            points = _points_of(JAW, X_OH, q)
+            match name:
+                case "wall" | "sheet":
+                    assert points[:, 0].min() > -0.072 or points[:, 0].max() < -0.072
+                case "board":
+                    assert points[:, 2].max() < 0.24 or points[:, 2].min() > 0.26
+                case "bin":
+                    assert (np.abs(points[:, :2]) < 0.35).all()

@@ -67,6 +67,12 @@ def test_page_draws_every_layer_it_offers() -> None:
         assert f"/lis_grasp/{path}" in drawn
 
 
+def test_obstacles_are_a_layer_that_is_drawn() -> None:
+    page = replace(scenes.scene(), obstacles=trimesh.creation.box()).html()
+    assert "obstacles" in [layer["id"] for layer in _facts(page)["layers"]]
+    assert any(command["path"].endswith("/obstacles") for command in _commands(page))
+
+
 def test_the_page_has_the_five_best_grasps() -> None:
     page = scenes.scene(grasps=(scenes.grasp(),) * 7).html()
     assert len(_facts(page)["grasps"]) == 5
