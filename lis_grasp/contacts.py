@@ -223,7 +223,7 @@ class Contacts:
         )
 
     @classmethod
-    def load(cls, path: Path | str, *, units: str = "m") -> Contacts:
+    def load(cls, path: Path | str, *, units: str | None = None) -> Contacts:
         """Read contacts from a .ply (oriented point cloud) or .csv file; see `io.contact_files`.
 
         `load_contacts` also reads points without normals, and checks the side of the normals.
@@ -233,7 +233,8 @@ class Contacts:
         path
             The file.
         units
-            Its length unit, a key of `shapes.UNITS`.
+            Its length unit, a key of `shapes.UNITS`; None for what its columns state, or else
+            metres.
 
         Raises
         ------
@@ -243,9 +244,10 @@ class Contacts:
             If its numbers are not valid contacts, or are too far apart for an object of a hand:
             mistaken units, mostly.
         InvalidOptionError
-            If there is no such unit.
+            If there is no such unit, or the file states another one.
         """
-        fields = in_metres(read_contact_file(Path(path)), units)
+        path = Path(path)
+        fields, units = in_metres(path, read_contact_file(path), units)
         try:
             # A touch across an edge makes two contacts, as near to each other as may be.
             require_plausible_size(fields["points"], units, 0.0)

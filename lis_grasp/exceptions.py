@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import reprlib
 import sys
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -24,6 +25,15 @@ def nearest_of(value: object, choices: Iterable[str]) -> str:
     """Return ": did you mean '...'?" with the most similar choice, or nothing."""
     close = difflib.get_close_matches(str(value)[:_LONGEST], list(choices), n=1)
     return f": did you mean '{close[0]}'?" if close else ""
+
+
+class LisGraspWarning(UserWarning):
+    """What a reader left out of a file or made of it; the command line prints it as a note."""
+
+
+def note(message: str) -> None:
+    """Warn of what was left out of a file or made of it, in one line."""
+    warnings.warn(" ".join(message.split("\n")), LisGraspWarning, stacklevel=3)
 
 
 class LisGraspError(Exception):

@@ -373,7 +373,7 @@ def ply_text(properties: str, row: str, *, comment: str = "none") -> str:
             "list of names",
         ),
         ("a.csv", "", "is empty"),
-        ("a.csv", "1,2,3,0,0,1\n", "lacks x, y, z"),
+        ("a.csv", "1,2,3,0,0,1\n", "begins with numbers: 1,2,3"),
         ("a.csv", "x,y,z\n1,2,3\n", "lacks nx, ny, nz;"),
         ("a.csv", "x,y,z,nx,ny,nz\n1,2,3\n", "row 1 has 3 cells"),
         ("a.csv", "x,y,z,nx,ny,nz\n1,2,three,0,0,1\n", "row 1 has 'three' for z"),

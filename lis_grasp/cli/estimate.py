@@ -38,7 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " on the surface); for several files repeat it, in their order",
     )
     parser.add_argument(
-        "--units", choices=list(UNITS), default="m", help="length unit of CONTACTS (default: m)"
+        "--units",
+        choices=list(UNITS),
+        help="length unit of CONTACTS (default: what the file states, else m)",
     )
     parser.add_argument(
         "--normals",

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import gc
+import logging
 import re
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -23,6 +25,7 @@ from lis_grasp.exceptions import (
     InvalidInputError,
     InvalidOptionError,
     LisGraspError,
+    LisGraspWarning,
     nearest_of,
     shown,
 )
@@ -177,7 +180,7 @@ def _run(arguments: Sequence[str] | None) -> int:
             raise InvalidOptionError.not_one_of("VERB", verb, names)
         options = build_parser(verb).parse_args(arguments)
         # Threads change the order of sums, and so the last digits of results.
-        with threadpool_limits(1), ExitStack() as options.until_end:
+        with threadpool_limits(1), _notes_only(), ExitStack() as options.until_end:
             options.execute(options)
     except LisGraspError as error:
         complain(f"lis-grasp: {error}")
@@ -197,6 +200,27 @@ def _run(arguments: Sequence[str] | None) -> int:
         )
         return 130
     return 0
+
+
+@contextmanager
+def _notes_only() -> Iterator[None]:
+    """Print the package's warnings as notes, once each, and no warning or log of a library."""
+    said = set()
+
+    def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        if issubclass(category, LisGraspWarning) and str(message) not in said:
+            said.add(str(message))
+            complain(f"note: {message}")
+
+    silent = logging.NullHandler()
+    logging.getLogger().addHandler(silent)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", LisGraspWarning)
+        warnings.showwarning = show
+        try:
+            yield
+        finally:
+            logging.getLogger().removeHandler(silent)
 
 
 @contextmanager

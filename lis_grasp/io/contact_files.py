@@ -27,24 +27,26 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, shown
 from lis_grasp.io._ply import ply_bytes, ply_element, read_ply
+from lis_grasp.io._point_columns import (
+    NOISE,
+    NORMAL,
+    POINT,
+    contact_fields,
+    known_columns,
+    stated_unit,
+    table,
+)
 from lis_grasp.io.atomic_writing import write_bytes
 from lis_grasp.io.csv_tables import cell_number, read_table
 from lis_grasp.io.limits import reading
 from lis_grasp.typing import FloatArray
 
-_POINT = ("x", "y", "z")
-_NORMAL = ("nx", "ny", "nz")
-_APPROACH = ("ax", "ay", "az")
-_DIRECTIONS = {"normals": _NORMAL, "approach": _APPROACH}
-_NOISE = ("position_noise", "normal_noise")
 _FINGERS = "fingers "
 _POINTS_ONLY = (".off", ".xyz")
 POINT_FORMATS = (".ply", ".csv", *_POINTS_ONLY)
 """Endings of the files of points that can be read."""
 
 _LINE_END = re.compile(r"[\r\n]")
-# CloudCompare puts this before the names of properties that it does not know.
-_PREFIXES = ("", "scalar_")
 
 
 def read_contact_file(path: Path) -> dict[str, Any]:
@@ -53,7 +55,7 @@ def read_contact_file(path: Path) -> dict[str, Any]:
     del fields["approach"]
     if fields["normals"] is None:
         message = (
-            f"{path} lacks {', '.join(_NORMAL)}; a contact needs an outward normal: load the file"
+            f"{path} lacks {', '.join(NORMAL)}; a contact needs an outward normal: load the file"
             " with surfaces.load_contacts, which estimates them"
         )
         raise InvalidFileError(message, path=path)
@@ -102,11 +104,11 @@ def _is_ply(path: Path) -> bool:
 
 
 def _columns(contacts: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
-    columns = dict(zip(_POINT, contacts["points"].T, strict=True))
-    columns |= dict(zip(_NORMAL, contacts["normals"].T, strict=True))
+    columns = dict(zip(POINT, contacts["points"].T, strict=True))
+    columns |= dict(zip(NORMAL, contacts["normals"].T, strict=True))
     columns |= {} if contacts["forces"] is None else {"force": contacts["forces"]}
     columns |= {} if contacts["times"] is None else {"time": contacts["times"]}
-    return columns | {name: contacts[name] for name in _NOISE if contacts[name] is not None}
+    return columns | {name: contacts[name] for name in NOISE if contacts[name] is not None}
 
 
 def _to_ply(contacts: Mapping[str, Any], header: str) -> bytes:
@@ -117,7 +119,7 @@ def _to_ply(contacts: Mapping[str, Any], header: str) -> bytes:
         header += "\n" + _FINGERS + json.dumps(names)
     elements = [ply_element("vertex", columns)]
     if len(contacts["free_points"]):
-        free = dict(zip(_POINT, contacts["free_points"].T, strict=True))
+        free = dict(zip(POINT, contacts["free_points"].T, strict=True))
         elements.append(ply_element("free_point", free | {"radius": contacts["free_radii"]}))
     return ply_bytes(elements, header, text=True)
 
@@ -127,38 +129,27 @@ def _load_ply(path: Path) -> dict[str, Any]:
     elements = {element.name: element.data for element in data.elements}
     if "vertex" not in elements:
         raise InvalidFileError(f"{path} has no element 'vertex', so no points", path=path)
-    rows, free = elements["vertex"], elements.get("free_point")
-    index = _optional(rows, "finger")
-    radii = None if free is None else _optional(free, "radius")
+    columns, unit = _numbers(path, elements["vertex"])
+    index = columns.pop("finger", None)
+    fingers = () if index is None else _finger_names(path, data.comments, index)
+    free = _numbers(path, elements["free_point"])[0] if "free_point" in elements else {}
     return {
-        "points": _table(path, rows, _POINT),
-        **{
-            field: _table(path, rows, names) if _present(path, rows.dtype.names, names) else None
-            for field, names in _DIRECTIONS.items()
-        },
-        "forces": _optional(rows, "force"),
-        "fingers": () if index is None else _finger_names(path, data.comments, index),
-        "times": _optional(rows, "time"),
-        "free_points": np.empty((0, 3)) if free is None else _table(path, free, _POINT),
-        "free_radii": np.empty(0) if radii is None else radii,
-        **{name: _optional(rows, name) for name in _NOISE},
+        **contact_fields(path, columns, fingers),
+        "free_points": table(path, free, POINT) if free else np.empty((0, 3)),
+        "free_radii": free.get("radius", np.empty(0)),
+        "units": unit,
     }
 
 
-def _table(path: Path, rows: npt.NDArray[Any], names: Sequence[str]) -> FloatArray:
-    _require_columns(path, rows.dtype.names or (), names)
-    columns = [rows[name] for name in names]
-    if any(column.dtype == object for column in columns):
-        message = f"{path} has lists where {', '.join(names)} must be numbers"
+def _numbers(path: Path, rows: npt.NDArray[Any]) -> tuple[dict[str, FloatArray], str | None]:
+    """Return the known columns of a table of rows, and the unit that their names state."""
+    known = known_columns(path, rows.dtype.names or ())
+    lists = [name for name, column in known.items() if rows[column.name].dtype == object]
+    if lists:
+        message = f"{path} has lists where {', '.join(lists)} must be numbers"
         raise InvalidFileError(message, path=path)
-    return np.column_stack([column.astype(np.float64) for column in columns])
-
-
-def _optional(rows: npt.NDArray[Any], name: str) -> FloatArray | None:
-    for prefix in _PREFIXES:
-        if prefix + name in (rows.dtype.names or ()) and rows[prefix + name].dtype != object:
-            return np.asarray(rows[prefix + name], dtype=np.float64)
-    return None
+    columns = {name: c.factor * rows[c.name].astype(np.float64) for name, c in known.items()}
+    return columns, stated_unit(path, known)
 
 
 def _finger_names(path: Path, comments: list[str], index: FloatArray) -> tuple[str, ...]:
@@ -189,7 +180,7 @@ def _to_csv(contacts: Mapping[str, Any]) -> bytes:
                 f" {shown(name)}: write a .ply"
             )
     columns = {name: column.tolist() for name, column in _columns(contacts).items()}
-    for name in set(_NOISE) & set(columns):
+    for name in set(NOISE) & set(columns):
         columns[name] = ["" if np.isnan(noise) else noise for noise in columns[name]]
     columns |= {"finger": list(contacts["fingers"])} if contacts["fingers"] else {}
     names = [*columns, *(("kind", "radius") if len(contacts["free_points"]) else ())]
@@ -200,62 +191,40 @@ def _to_csv(contacts: Mapping[str, Any]) -> bytes:
         writer.writerow(dict(zip(columns, row, strict=True)) | {"kind": "contact"})
     free = zip(contacts["free_points"].tolist(), contacts["free_radii"].tolist(), strict=True)
     for point, radius in free:
-        place = dict(zip(_POINT, point, strict=True))
+        place = dict(zip(POINT, point, strict=True))
         writer.writerow(place | {"kind": "free", "radius": radius})
     return text.getvalue().encode("utf-8")
 
 
 def _load_csv(path: Path) -> dict[str, Any]:
     names, rows = read_table(path)
-    _require_columns(path, names, _POINT)
-    columns = {name: [row[i].strip() for row in rows] for i, name in enumerate(names)}
-    kinds = columns.get("kind", ["contact"] * len(rows))
+    known = known_columns(path, names)
+    cells = {name: [row[names.index(c.name)] for row in rows] for name, c in known.items()}
+    kinds = cells.get("kind", ["contact"] * len(rows))
     for count, kind in enumerate(kinds, start=1):
         if kind not in ("contact", "free"):
             message = f"{path}: row {count} is of kind '{kind}', not contact or free"
             raise InvalidFileError(message, path=path)
-    touched = [i for i, kind in enumerate(kinds) if kind == "contact"]
-    free = [i for i, kind in enumerate(kinds) if kind == "free"]
 
-    def number(name: str, row: int) -> float:
-        cell = columns[name][row]
-        return np.nan if not cell and name in _NOISE else cell_number(path, cell, row + 1, name)
+    def numbers(kind: str, but: Sequence[str]) -> dict[str, FloatArray]:
+        wanted = [row for row, own in enumerate(kinds) if own == kind]
+        return {
+            name: known[name].factor
+            * np.array([cell_number(path, column[row], row + 1, name) for row in wanted])
+            for name, column in cells.items()
+            if name not in ("kind", "finger", *but)
+        }
 
-    def numbers(wanted: Sequence[str], rows: list[int]) -> FloatArray:
-        cells = [[number(name, row) for name in wanted] for row in rows]
-        return np.array(cells, dtype=np.float64).reshape(len(rows), len(wanted))
-
+    fingers = [
+        f for f, kind in zip(cells.get("finger", ()), kinds, strict=False) if kind == "contact"
+    ]
+    free = numbers("free", (*NORMAL, "ax", "ay", "az", "force", "time", *NOISE))
     return {
-        "points": numbers(_POINT, touched),
-        **{
-            field: numbers(wanted, touched) if _present(path, names, wanted) else None
-            for field, wanted in _DIRECTIONS.items()
-        },
-        "forces": numbers(["force"], touched)[:, 0] if "force" in columns else None,
-        "fingers": tuple(columns["finger"][i] for i in touched) if "finger" in columns else (),
-        "times": numbers(["time"], touched)[:, 0] if "time" in columns else None,
-        "free_points": numbers(_POINT, free),
-        "free_radii": numbers(["radius"], free)[:, 0] if "radius" in columns else np.empty(0),
-        **{name: numbers([name], touched)[:, 0] for name in _NOISE if name in columns},
+        **contact_fields(path, numbers("contact", ("radius",)), fingers),
+        "free_points": table(path, free, POINT),
+        "free_radii": free.get("radius", np.empty(0)),
+        "units": stated_unit(path, known),
     }
-
-
-def _present(path: Path, names: Sequence[str] | None, wanted: Sequence[str]) -> bool:
-    """Return whether all wanted columns are there; refuse some of them without the others."""
-    if set(wanted) & set(names or ()):
-        _require_columns(path, names or (), wanted)
-        return True
-    return False
-
-
-def _require_columns(path: Path, present: Sequence[str], wanted: Sequence[str]) -> None:
-    missing = [name for name in wanted if name not in present]
-    if missing:
-        raise InvalidFileError(
-            f"{path} lacks {', '.join(missing)}: it must name its columns, such as x,y,z,nx,ny,nz"
-            " in the first row of a CSV file",
-            path=path,
-        )
 
 
 def _load_points(path: Path) -> FloatArray:

@@ -14,6 +14,8 @@ from lis_grasp.io.limits import reading
 from lis_grasp.typing import FloatArray
 
 _LINE_END = re.compile("\r\n|\r|\n")
+_COMMENT = re.compile(r"\s*(#|//)")
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
 
 def read_csv_columns(path: Path, wanted: Container[str] | None = None) -> dict[str, FloatArray]:
@@ -22,40 +24,99 @@ def read_csv_columns(path: Path, wanted: Container[str] | None = None) -> dict[s
     Raises
     ------
     InvalidFileError
-        If the file is missing, empty, no CSV, or a cell is no number.
+        If the file is missing, empty, no CSV, or a cell is no number. Blank cells are NaN.
     """
     names, rows = read_table(path)
     return {
-        name: np.array(
-            [cell_number(path, row[i].strip(), n + 1, name) for n, row in enumerate(rows)]
-        )
+        name: np.array([cell_number(path, row[i], n + 1, name) for n, row in enumerate(rows)])
         for i, name in enumerate(names)
         if wanted is None or name in wanted
     }
 
 
 def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Return the column names and the rows of cells, one cell for each name."""
+    """Return the column names, in lower case, and the rows of cells, one cell for each name.
+
+    Cells are separated by commas, semicolons, tabs or blanks. The header may be a comment, as
+    NumPy's ``savetxt`` writes it.
+    """
     with reading(path, "CSV"):
-        text = path.read_bytes().decode("utf-8-sig")
-        # Not splitlines, which also ends lines at characters that a finger's name may have.
-        rows_of_text = _LINE_END.split(text)
-        lines = [line for line in rows_of_text if line.strip() and not line.startswith("#")]
+        comments, lines = uncommented(text_of(path))
         if not lines:
             raise ValueError("it is empty; a header row of column names is needed")
-        delimiter = ";" if ";" in lines[0] and "," not in lines[0] else ","
-        header, *rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+        first = _cells(lines[:1], lines[0])[0]
+        if all(map(_is_number, first)) and comments:
+            head = _COMMENT.sub("", comments[-1], count=1).strip()
+            lines = [head, *lines] if len(_cells([head], head)[0]) == len(first) else lines
+        header = _cells(lines[:1], lines[0])[0]
+        rows = _cells(lines[1:], lines[0])
+    if all(map(_is_number, header)):
+        raise InvalidFileError(
+            f"{path} must begin with a row that names its columns, such as x,y,z,nx,ny,nz; it"
+            f" begins with numbers: {lines[0][:60]}",
+            path=path,
+        )
     for number, row in enumerate(rows, start=1):
         if len(row) != len(header):
-            message = f"{path}: row {number} has {len(row)} cells, its header has {len(header)}"
-            raise InvalidFileError(message, path=path)
-    return [name.strip().lower() for name in header], rows
+            decimal = len(row) == 2 * len(header) and "," in lines[number]
+            raise InvalidFileError(
+                f"{path}: row {number} has {len(row)} cells, its header has {len(header)}"
+                + (": write numbers with a decimal point, not a comma" if decimal else ""),
+                path=path,
+            )
+    return [name.strip().lower() for name in header], [[cell.strip() for cell in r] for r in rows]
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a file; `InvalidFileError` if it is not UTF-8, but for comments."""
+    content = path.read_bytes()
+    text = content.decode("utf-8-sig", "replace")
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        kind = "UTF-16 text"
+    elif "\0" in text:
+        kind = "binary"
+    elif "\ufffd" in "".join(uncommented(text)[1]):
+        kind = "not UTF-8 text"
+    else:
+        return text
+    raise InvalidFileError(f"{path} must be UTF-8 text; it is {kind}: save it as UTF-8", path=path)
+
+
+def uncommented(text: str) -> tuple[list[str], list[str]]:
+    """Return the comments before the first other line, and the lines that are no comments."""
+    # Not splitlines, which also ends lines at characters that a finger's name may have.
+    lines = [line for line in _LINE_END.split(text) if line.strip()]
+    are_comments = [bool(_COMMENT.match(line)) for line in lines]
+    first = are_comments.index(False) if False in are_comments else len(lines)
+    kept = [line for line, comment in zip(lines, are_comments, strict=True) if not comment]
+    return lines[:first], kept
 
 
 def cell_number(path: Path, cell: str, row: int, name: str) -> float:
-    """Return the number in a cell of a column, or refuse it; rows count from 1."""
+    """Return the number in a cell of a column, NaN if it is blank; rows count from 1."""
     try:
-        return float(cell)
+        return float(cell or "nan")
     except ValueError:
         message = f"{path}: row {row} has '{cell}' for {name}, where a number is needed"
+        if _DECIMAL_COMMA.fullmatch(cell):
+            message += " (this is a decimal comma): write numbers with a decimal point"
         raise InvalidFileError(message, path=path) from None
+
+
+def _cells(lines: list[str], header: str) -> list[list[str]]:
+    """Return the cells of lines, separated as those of the header or else of the first line."""
+    if not lines:
+        return []
+    marks = [m for m in (",", ";", "\t") if m in header and m in lines[0]]
+    marks += [m for m in (";", "\t", ",") if m in lines[0]]
+    if not marks:
+        return [line.split() for line in lines]
+    return list(csv.reader(lines, delimiter=marks[0], skipinitialspace=True))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.strip().replace(",", ".", 1))
+    except ValueError:
+        return False
+    return True

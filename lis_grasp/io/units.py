@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError
+from lis_grasp.exceptions import (
+    InvalidContactsError,
+    InvalidFileError,
+    InvalidOptionError,
+    note,
+)
 from lis_grasp.typing import FloatArray
 
 UNITS: Mapping[str, float] = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254})
@@ -25,20 +31,47 @@ _GRASPABLE = 0.5
 _LENGTHS = ("points", "free_points", "free_radii", "position_noise")
 
 
-def in_metres(fields: dict[str, Any], units: str) -> dict[str, Any]:
-    """Return the fields of contacts in a file of some units, in metres.
+def chosen_units(path: Path, stated: str | None, given: str | None) -> str:
+    """Return the units of a file: those that it states, else those given, else metres.
 
     Raises
     ------
     InvalidOptionError
-        If there are no such units.
+        If there are no such units, or the given ones contradict the file.
+    InvalidFileError
+        If the file states others than those in `UNITS`.
     """
-    if units not in UNITS:
-        raise InvalidOptionError.not_one_of("units", units, UNITS)
+    if given is not None and given not in UNITS:
+        raise InvalidOptionError.not_one_of("units", given, UNITS)
+    if stated is None:
+        return given or "m"
+    if stated not in UNITS:
+        raise InvalidFileError(
+            f"{path} is in {stated}; units that are read are {', '.join(UNITS)}", path=path
+        )
+    if given not in (None, stated):
+        raise InvalidOptionError(
+            f"units must be {stated}, as {path} states; they are {given}: leave out --units, or"
+            " correct the file",
+            option="units",
+            value=given,
+        )
+    return stated
+
+
+def in_metres(path: Path, fields: dict[str, Any], units: str | None) -> tuple[dict[str, Any], str]:
+    """Return the fields of contacts in a file, in metres, and the file's units.
+
+    `fields["units"]` are those that the file states, or None. Errors are of `chosen_units`.
+    """
+    stated = fields.pop("units", None)
+    units = chosen_units(path, stated, units)
+    if stated not in (None, "m"):
+        note(f"{path}: in {units}, as its columns state")
     if UNITS[units] == 1.0:
-        return fields
+        return fields, units
     lengths = {name: fields[name] for name in _LENGTHS if fields.get(name) is not None}
-    return fields | {name: UNITS[units] * values for name, values in lengths.items()}
+    return fields | {name: UNITS[units] * values for name, values in lengths.items()}, units
 
 
 def require_plausible_size(points: FloatArray, units: str, least: float = _LEAST_EXTENT) -> None:

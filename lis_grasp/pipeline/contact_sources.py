@@ -37,7 +37,7 @@ class ContactSource:
     """
 
     path: Path | str
-    units: str = "m"
+    units: str | None = None
     normals: NormalSide | None = None
     position_noise: float | None = None
     normal_noise: float | None = None

@@ -79,7 +79,7 @@ def _are_of_one_view(normals: FloatArray) -> bool:
 def load_contacts(
     path: Path | str,
     *,
-    units: str = "m",
+    units: str | None = None,
     normals: NormalSide | None = None,
     fingertip_radius: float = 0.0,
     position_noise: float | None = None,
@@ -95,7 +95,8 @@ def load_contacts(
         A contact file (`Contacts.load`), or a file of points without normals
         (`io.contact_files.read_point_file`): .ply, .csv, .off or .xyz.
     units
-        Length unit of the file, a key of `shapes.UNITS`; other arguments are in metres.
+        Length unit of the file, a key of `shapes.UNITS`, None for what its columns state or else
+        metres; other arguments are in metres.
     normals
         Side that the file's normals point to; "inward" ones are flipped. None requires that they
         point outward as far as the contacts show it.
@@ -113,7 +114,7 @@ def load_contacts(
         If its numbers are not valid contacts, are too few points, fit no object of a hand
         (mistaken units, mostly), or the normals point inward.
     InvalidOptionError
-        If there is no such unit or side.
+        If there is no such unit or side, or the file states another unit.
     EstimationError
         If the points do not say which side of the surface is outside.
 
@@ -125,7 +126,7 @@ def load_contacts(
     """
     if normals not in (None, *get_args(NormalSide)):
         raise InvalidOptionError.not_one_of("normals", normals, get_args(NormalSide))
-    fields = in_metres(read_point_file(Path(path)), units)
+    fields, units = in_metres(Path(path), read_point_file(Path(path)), units)
     approach, own_normals = fields.pop("approach"), fields.pop("normals")
     require_range("fingertip_radius", fingertip_radius, unit="m")
     try:

@@ -11,7 +11,12 @@ from plyfile import PlyData, PlyElement
 
 from lis_grasp import Contacts, shapes
 from lis_grasp.cli.main import main
-from lis_grasp.exceptions import InvalidContactsError, InvalidFileError, InvalidOptionError
+from lis_grasp.exceptions import (
+    InvalidContactsError,
+    InvalidFileError,
+    InvalidOptionError,
+    LisGraspWarning,
+)
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.surfaces.contact_loading import fraction_in_front
@@ -243,3 +248,120 @@ def test_estimate_prints_the_size(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "normals:" not in said
     assert main(["estimate", str(path)]) == 2
     assert "--units mm" in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------- files as programs write them
+
+# Two points each on the faces of a cube of 6 cm, with the normals of the faces.
+_NORMALS = np.repeat(np.vstack([np.eye(3), -np.eye(3)]), 2, axis=0)
+_SIDE = 0.01 * np.roll(_NORMALS, 1, axis=1) * np.tile([[1.0], [-1.0]], (6, 1))
+_ROWS = np.hstack([0.03 * _NORMALS + _SIDE, _NORMALS])
+
+
+def _text(header: str, rows: FloatArray = _ROWS, separator: str = ",") -> str:
+    lines = [separator.join(f"{value:.9g}" for value in row) for row in rows]
+    return "\n".join([header, *lines]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("header", "separator"),
+    [
+        ("x,y,z,normal_x,normal_y,normal_z", ","),  # PCL
+        ("x,y,z,n_x,n_y,n_z", ","),
+        ("//X,Y,Z,Nx,Ny,Nz", ","),  # CloudCompare
+        ("x,y,z,scalar_nx,scalar_ny,scalar_nz", ","),
+        ("# x,y,z,nx,ny,nz", " "),  # numpy.savetxt with its default delimiter
+        ("# x y z nx ny nz", " "),
+        ("x\ty\tz\tnx\tny\tnz", "\t"),
+        ("x;y;z;nx;ny;nz", ";"),
+        ('"Points:0","Points:1","Points:2","Normals:0","Normals:1","Normals:2"', ","),  # ParaView
+        ("pose.position.x,pose.position.y,pose.position.z,normal.x,normal.y,normal.z", ","),
+        ("# gemessen von M\xfcller\nx,y,z,nx,ny,nz", ","),  # Latin-1
+    ],
+)
+def test_normals_are_read_under_the_names_of_other_programs(
+    header: str, separator: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(_text(header, separator=separator).encode("latin-1"))
+    contacts = load_contacts(path)
+    np.testing.assert_allclose(contacts.points, _ROWS[:, :3])
+    np.testing.assert_array_equal(contacts.normals, _NORMALS)
+    assert contacts.normal_noise is None  # measured, not estimated
+
+
+def test_properties_of_a_ply_have_the_names_of_other_programs(tmp_path: Path) -> None:
+    names = ["x", "y", "z", "normal_x", "normal_y", "normal_z", "curvature"]
+    rows = np.zeros(len(_ROWS), dtype=[(name, "f4") for name in names])
+    for name, column in zip(names, _ROWS.T, strict=False):
+        rows[name] = column
+    PlyData([PlyElement.describe(rows, "vertex")]).write(str(tmp_path / "a.ply"))
+    with pytest.warns(LisGraspWarning, match="not used: curvature$"):
+        contacts = load_contacts(tmp_path / "a.ply")
+    np.testing.assert_array_equal(contacts.normals, _NORMALS)
+
+
+def test_units_in_the_names_of_columns_are_used_and_must_not_be_contradicted(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(_text("x [mm],y [mm],z [mm],nx,ny,nz", _ROWS * [[1e3] * 3 + [1] * 3]))
+    for units in (None, "mm"):
+        with pytest.warns(LisGraspWarning, match="in mm"):
+            np.testing.assert_allclose(load_contacts(path, units=units).points, _ROWS[:, :3])
+    with pytest.raises(InvalidOptionError, match="must be mm") as error:
+        load_contacts(path, units="m")
+    assert error.value.option == "units"
+
+
+@pytest.mark.parametrize(
+    ("empty", "said"),
+    [
+        (["nan"] * 6, "2 of 12 rows have no point"),
+        ([""] * 6, "2 of 12 rows have no point"),
+        (["0.01", "", "0.02", "0", "0", "1"], "2 of 12 rows have no point"),
+        (["0"] * 6, "2 of 12 rows have a point and no normal"),
+        (["0.01", "0.01", "0.03", "nan", "nan", "nan"], "2 of 12 rows have a point and no normal"),
+    ],
+)
+def test_rows_without_a_contact_are_left_out_and_counted(
+    empty: list[str], said: str, tmp_path: Path
+) -> None:
+    lines = _text("x,y,z,nx,ny,nz").splitlines()
+    for row in (2, 7):
+        lines[1 + row] = ",".join(empty)
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    with pytest.warns(LisGraspWarning, match=said):
+        contacts = load_contacts(tmp_path / "a.csv")
+    np.testing.assert_allclose(contacts.points, np.delete(_ROWS, [2, 7], axis=0)[:, :3])
+
+
+def test_the_command_prints_what_was_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(_text("x,y,z,nx,ny,nz").replace("\n", ",\n").replace("nz,", "nz,force", 1))
+    assert main(["estimate", str(path), "--estimator", "gpis"]) == 0
+    assert capsys.readouterr().err.count("note: ") == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"x;y;z\n0,1;0,2;0,3\n", "decimal comma"),
+        (b"x,y,z\n0,1,0,2,0,3\n", "decimal point, not a comma"),
+        (_text("").encode().strip(), "begins with numbers"),
+        ("x,y,z\n1,2,3\n".encode("utf-16"), "UTF-16"),
+        ("x,y,z,finger\n1,2,3,M\xfc\n".encode("latin-1"), "not UTF-8"),
+        (b"x,y,z,pos_x\n1,2,3,4\n", "two columns for x: x and pos_x"),
+        (b"x [mm],y [cm],z\n1,2,3\n", "in cm and mm"),
+        (b"x [km],y [km],z\n1,2,3\n", "in km"),
+        (b"x,y,z\nnan,nan,nan\n", "all 1 rows"),
+    ],
+)
+def test_tables_of_other_kinds_are_refused_by_their_kind(
+    content: bytes, said: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.csv").write_bytes(content)
+    with pytest.raises(InvalidFileError, match=said):
+        load_contacts(tmp_path / "a.csv")

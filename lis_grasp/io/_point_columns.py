@@ -1,0 +1,141 @@
+"""Columns of points as programs name them, and the rows that hold a point."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.exceptions import InvalidFileError, note
+
+POINT = ("x", "y", "z")
+NORMAL = ("nx", "ny", "nz")
+DIRECTIONS: Mapping[str, Sequence[str]] = {"normals": NORMAL, "approach": ("ax", "ay", "az")}
+NOISE = ("position_noise", "normal_noise")
+_MEASURED: Mapping[str, str] = {"forces": "force", "times": "time"}
+_LENGTHS = (*POINT, "radius", "position_noise")
+_KNOWN = {*_LENGTHS, *NORMAL, *DIRECTIONS["approach"], *NOISE, "force", "time", "finger", "kind"}
+_FACTORS: Mapping[str, float] = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_UNITS = {"in": "inch", "metre": "m", "meter": "m", "millimetre": "mm", "millimeter": "mm"}
+# x [mm], x (mm), time_ns
+_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([a-z]+)\s*[\])]|_(mm|cm|inch|ms|us|ns))")
+# x, pos_x, pose.position.x; nx, n_x, normal_x (PCL), normals:0 (ParaView); ax, approach_x
+_AXIS = re.compile(
+    r"(?:(?P<n>n|norm|normals?)|(?P<a>a|approach)"
+    r"|(?:p|pos|position|pose\.position|points?|coords?|contact)?)"
+    r"[ _.:/]*(?P<axis>[xyz]|(?<=[_:])[012])"
+)
+# Columns that are no measurements of a contact: indices, colours, texture.
+_OTHER = re.compile(r"|index|unnamed.*|(diffuse_|ambient_|specular_)?(red|green|blue|alpha)|rgba?")
+
+
+class Column(NamedTuple):
+    """A column of a file: its name there, and its unit if the name states one."""
+
+    name: str
+    unit: str = ""
+
+    @property
+    def factor(self) -> float:
+        """Factor to seconds, 1 for lengths."""
+        return _FACTORS.get(self.unit, 1.0)
+
+
+def known_columns(path: Path, names: Iterable[str]) -> dict[str, Column]:
+    """Return the columns of contacts among those of a file, by the names of this package.
+
+    Raises `InvalidFileError` if two have one meaning. The names of others are noted.
+    """
+    found: dict[str, Column] = {}
+    unused = []
+    for name in names:
+        column, text = Column(name), name.strip(" \t\"'#/").lower()
+        if unit := _UNIT.fullmatch(text):
+            text, column = unit[1], Column(name, unit[2] or unit[3])
+        text = text.removeprefix("scalar_")  # CloudCompare, of properties that it does not know
+        if axis := _AXIS.fullmatch(text):
+            letter = "xyz"[int(axis["axis"])] if axis["axis"].isdecimal() else axis["axis"]
+            text = ("n" if axis["n"] else "a" if axis["a"] else "") + letter
+        text = "time" if text == "timestamp" else text
+        if text not in _KNOWN:
+            unused += [] if _OTHER.fullmatch(text) else [name]
+        elif text in found:
+            message = f"{path} has two columns for {text}: {found[text].name} and {name}: keep one"
+            raise InvalidFileError(message, path=path)
+        else:
+            found[text] = column
+    if unused:
+        note(f"{path}: columns that are not used: {', '.join(unused)}")
+    return found
+
+
+def stated_unit(path: Path, columns: Mapping[str, Column]) -> str | None:
+    """Return the length unit that names of columns state; None if they do not."""
+    units = {columns[name].unit for name in _LENGTHS if name in columns} - {""}
+    if len(units) > 1:
+        message = f"{path} has columns in {' and '.join(sorted(units))}: write all in one unit"
+        raise InvalidFileError(message, path=path)
+    return next((_UNITS.get(unit, unit) for unit in units), None)
+
+
+def table(path: Path, columns: Mapping[str, Any], names: Sequence[str]) -> npt.NDArray[np.float64]:
+    """Return columns beside each other, shape (N, names); raise if one is missing."""
+    missing = [name for name in names if name not in columns]
+    if missing:
+        raise InvalidFileError(
+            f"{path} lacks {', '.join(missing)}: it must name its columns, such as x,y,z,nx,ny,nz"
+            " in the first row of a CSV file",
+            path=path,
+        )
+    return np.column_stack([np.asarray(columns[name], dtype=np.float64) for name in names])
+
+
+def contact_fields(
+    path: Path, columns: Mapping[str, Any], fingers: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return the fields of `Contacts`, and `approach`, of columns by known names.
+
+    Rows without a point, or of a file with normals without a normal (0 or not finite), are left
+    out, forces and times that some rows lack too; each is noted. Raises `InvalidFileError` if a
+    component is missing, or no row has a point.
+    """
+    fields: dict[str, Any] = {"points": table(path, columns, POINT)}
+    for field, names in DIRECTIONS.items():
+        fields[field] = table(path, columns, names) if set(names) & set(columns) else None
+    for field, name in (*_MEASURED.items(), *zip(NOISE, NOISE, strict=True)):
+        if name in columns:
+            fields[field] = np.asarray(columns[name], dtype=np.float64)
+    kept = np.isfinite(fields["points"]).all(axis=1)
+    count = len(kept)
+    if count and not kept.any():
+        raise InvalidFileError(
+            f"{path} has no points: all {count} rows are nan or blank", path=path
+        )
+    if not kept.all():
+        empty = int((~kept).sum())
+        note(f"{path}: {empty} of {count} rows have no point (nan, inf or blank): left out")
+    if fields["normals"] is not None and count:
+        normals = fields["normals"]
+        directed = np.isfinite(normals).all(axis=1) & normals.any(axis=1)
+        bare = int((kept & ~directed).sum())
+        if bare == kept.sum():
+            note(f"{path}: all normals are 0 or nan: read as points without normals")
+            fields["normals"] = None
+        elif bare:
+            note(f"{path}: {bare} of {count} rows have a point and no normal (0 or nan): left out")
+            kept &= directed
+    if fields["approach"] is not None:  # 0 where it is unknown
+        fields["approach"] = np.where(np.isfinite(fields["approach"]), fields["approach"], 0.0)
+    rows = np.flatnonzero(kept)
+    chosen = {name: None if value is None else value[rows] for name, value in fields.items()}
+    for field in set(_MEASURED) & set(fields):
+        known = np.isfinite(fields[field][rows])
+        if not known.all():
+            missing, name = int((~known).sum()), _MEASURED[field]
+            note(f"{path}: {missing} of {len(rows)} contacts lack {name}, so it is not used")
+            chosen[field] = None
+    return chosen | {"fingers": tuple(fingers[int(row)] for row in rows) if fingers else ()}
