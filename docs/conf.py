@@ -11,6 +11,7 @@ from typing import Any
 from docutils import nodes
 from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx
+from sphinx.util import logging
 
 import lis_grasp
 
@@ -23,6 +24,9 @@ shutil.copytree(
     ignore=shutil.ignore_patterns(".ipynb_checkpoints"),
 )
 
+WORDS = 48_500
+logger = logging.getLogger(__name__)
+
 project = "lis_grasp"
 copyright = "the lis_grasp developers"
 release = version = lis_grasp.__version__
@@ -33,6 +37,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinxarg.ext",
+    "sphinx_design",
 ]
 exclude_patterns = ["_build"]
 
@@ -87,6 +92,22 @@ def write_block(translator: Any, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+def count_words(app: Sphinx, error: Exception | None) -> None:
+    """Warn if the text of all pages, the API's included, has more than WORDS words."""
+    if error is not None or app.builder.format != "html":
+        return
+    words = {
+        name: sum(len(text.split()) for text in app.env.get_doctree(name).findall(nodes.Text))
+        for name in app.env.found_docs
+    }
+    total = sum(words.values())
+    print(f"{total} words on {len(words)} pages")
+    if total > WORDS:
+        longest = ", ".join(sorted(words, key=words.__getitem__, reverse=True)[:8])
+        logger.warning("%d words, more than %d; the longest pages: %s", total, WORDS, longest)
+
+
 def setup(app: Sphinx) -> None:
-    """Register the MathML renderer."""
+    """Register the MathML renderer and the count of words."""
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
+    app.connect("build-finished", count_words)

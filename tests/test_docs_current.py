@@ -205,7 +205,7 @@ _COUNTS: tuple[tuple[str, str, Callable[[], int]], ...] = (
     ("docs/hands.md", r"the (\w+) built-in shapes", lambda: len(NAMES)),
     (
         "notebooks/05_does_a_better_surface_give_a_better_grasp.ipynb",
-        r"published study \(`docs/study.md`\) has (\d+) objects",
+        r"published study \(`docs/results.md`\) has (\d+) objects",
         lambda: len(study_objects()),
     ),
 )

@@ -1,4 +1,4 @@
-"""Definition of the study of unknown objects, one file for each hand; see docs/study/plan.md.
+"""Definition of the study of unknown objects, one file for each hand.
 
 ``python -m lis_grasp_studies.unknown_study.definition results/unknown`` writes the files.
 """

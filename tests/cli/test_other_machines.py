@@ -1,4 +1,4 @@
-"""Results agree across machines within the tolerances that docs/robustness.md states.
+"""Results agree across machines within the tolerances that CONTRIBUTING.md states.
 
 The other machine is this one without the vector and fused instructions of the last 15 years:
 NumPy's, OpenBLAS' and the C library's other code paths round differently.
