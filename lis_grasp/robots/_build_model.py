@@ -52,6 +52,8 @@ _JOINT_KINDS: Mapping[str, JointKind] = {
 _MOST_PARTS, _VOXELS = 6, 50_000
 
 _HEAVIEST = 1e6  # [kg] or [kg m^2]
+# A robot's longest body [m], and its joints' offsets: beyond it a unit is mistaken.
+_SMALLEST_BODY, _LARGEST_BODY = 0.001, 3.0
 
 
 def read_description(path: Path, edits: DescriptionEdits | None = None) -> RobotModel:
@@ -103,6 +105,7 @@ class _Builder:
         bare = {v.link for v in visuals} - {body.link for body in bodies}
         hulls = [body for v in visuals if v.link in bare for body in self._hulls(v)]
         bodies += hulls
+        _require_plausible_sizes(bodies, joints)
         inertials = self._inertials(names, joints, bodies)
         lower, upper, effort = (read_only(column.copy()) for column in limits.T)
         return RobotModel(
@@ -252,6 +255,29 @@ class _Builder:
         return primitive(link, pose_matrix(collision.origin), shape, sizes)
 
 
+def _require_plausible_sizes(bodies: Sequence[LinkGeometry], joints: Sequence[Joint]) -> None:
+    """Raise `InvalidHandError` if a body or an offset is too large, or all bodies too small."""
+    if not bodies:
+        return
+    sizes = [float(body.mesh.extents.max()) for body in bodies]
+    at = int(np.argmax(sizes))
+    if not _SMALLEST_BODY <= sizes[at] <= _LARGEST_BODY:
+        cause = "a mesh in mm needs the scale 0.001"
+        if sizes[at] < _SMALLEST_BODY:
+            cause = "a mesh in m needs no scale"
+        raise InvalidHandError(
+            f"the longest body must be of {_SMALLEST_BODY:g} to {_LARGEST_BODY:g} m; it is that of"
+            f" link '{bodies[at].link}' with {sizes[at]:.3g} m: lengths are in m, and {cause}"
+        )
+    for joint in joints:
+        offset = float(np.linalg.norm(joint.X_PJ[:3, 3]))
+        if joint.kind != "fixed" and offset > _LARGEST_BODY:
+            raise InvalidHandError(
+                f"joint '{joint.name}' must be within {_LARGEST_BODY:g} m of its parent link; it is"
+                f" {offset:.3g} m away: lengths are in m"
+            )
+
+
 def _massless(inertials: Mapping[str, Inertial], joints: Sequence[Joint]) -> list[Joint]:
     """Return the movable joints that move no mass, the outermost first."""
     masses = {name: inertial.mass for name, inertial in inertials.items()}
@@ -286,13 +312,19 @@ def joint_limits(joint: Any) -> tuple[float, float, float]:
     effort = None if limit is None else limit.effort
     if effort is None or not (np.isfinite(effort) and effort > 0.0):
         raise InvalidHandError(
-            f"joint '{joint.name}' must have a limit with an effort above 0; it is {effort}: give"
-            " it under effort_limits in the YAML"
+            f"joint '{joint.name}' must have a limit with an effort above 0; the file gives"
+            f" {'none' if effort is None else effort}: give it under effort_limits in the YAML"
         )
     if joint.type == "continuous":
         return -np.pi, np.pi, float(effort)
     lower, upper = limit.lower, limit.upper
-    if lower is None or upper is None or not -LARGEST <= lower < upper <= LARGEST:
+    if lower is None or upper is None:
+        given = "none" if lower is None and upper is None else "one of them"
+        raise InvalidHandError(
+            f"joint '{joint.name}' must have a lower and an upper limit; the file gives {given}:"
+            " add what is missing, or give the joint type 'fixed', or 'continuous' (without limits)"
+        )
+    if not -LARGEST <= lower < upper <= LARGEST:
         raise InvalidHandError(
             f"joint '{joint.name}' must have a lower limit below its upper limit; they are"
             f" {lower} and {upper}: correct them in the file, or give the joint type 'fixed'"

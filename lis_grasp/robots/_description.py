@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 import yourdfpy
 
-from lis_grasp.exceptions import InvalidHandError
+from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.geometry import make_pose, unit
 from lis_grasp.robots._sdf import parse_sdf
 from lis_grasp.robots._urdf import parse_urdf, parse_xml
@@ -25,8 +25,19 @@ _UNLIMITED = 1e6
 
 
 def parse_description(path: Path) -> yourdfpy.Robot:
-    """Return the links and joints that a description has, unchecked."""
-    return parse_sdf(path) if path.suffix == ".sdf" else parse_urdf(path)
+    """Return the links and joints of a URDF or SDF, unchecked; its root element says which."""
+    root = parse_xml(path)
+    match root.tag:
+        case "robot":
+            return parse_urdf(root, path)
+        case "sdf":
+            return parse_sdf(root, path)
+    named = root.findtext("sdf", "").strip()  # of Gazebo's model.config
+    advice = f": give {named}, which it names" if named else ""
+    raise InvalidFileError(
+        f"{path} must be a URDF (<robot>) or SDF (<sdf>); it begins with <{root.tag}>{advice}",
+        path=path,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +113,16 @@ def _follow_leader(joint: yourdfpy.Joint, by_name: Mapping[str, yourdfpy.Joint])
             multiplier=own * (1.0 if by.multiplier is None else by.multiplier),
             offset=own * (by.offset or 0.0) + (mimic.offset or 0.0),
         )
+    if joint.mimic is not None:
+        names = ", ".join(sorted(seen))
+        raise InvalidHandError(
+            (
+                f"joints {names} mimic each other"
+                if len(seen) > 1
+                else f"joint {names} mimics itself"
+            )
+            + ": one must be moved by a motor"
+        )
 
 
 def links_below(robot: yourdfpy.Robot, link: str) -> set[str]:
@@ -161,7 +182,7 @@ def read_joint_numbers(path: Path) -> Mapping[str, JointNumbers]:
     Raises `InvalidFileError` if the file is not XML.
     """
     root = parse_xml(path)
-    read = _of_sdf if path.suffix == ".sdf" else _of_urdf
+    read = _of_sdf if root.tag == "sdf" else _of_urdf
     found: defaultdict[str, dict[str, float | None]] = defaultdict(dict)
     read(root, found)
     return defaultdict(JointNumbers, {name: JointNumbers(**n) for name, n in found.items()})

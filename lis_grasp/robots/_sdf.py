@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.geometry import inverse_pose, rotate
-from lis_grasp.robots._urdf import parse_xml
+from lis_grasp.robots._urdf import require_unique_names
 from lis_grasp.robots.link_bodies import LARGEST, Capsule
 from lis_grasp.robots.robot_model import rpy_pose
 from lis_grasp.typing import FloatArray
@@ -22,13 +22,16 @@ _DRAKE = "{http://drake.mit.edu}"
 _UNLIMITED = 1e15
 
 
-def parse_sdf(path: Path) -> yourdfpy.Robot:
+def parse_sdf(root: ET.Element, path: Path) -> yourdfpy.Robot:
     """Return the links and joints of an SDF file's one model as a URDF would have them.
 
     A joint whose frame is not the child link's gets a frame link ``<joint>_frame``, on which the
     child is fixed, so that every link keeps the frame that the file gives it.
     """
-    return _Model(parse_xml(path), path.name).robot()
+    for model in root.iter("model"):
+        for kind in ("link", "joint"):
+            require_unique_names(model.findall(kind), path)
+    return _Model(root, path.name).robot()
 
 
 class _Model:
@@ -40,7 +43,9 @@ class _Model:
         if len(models) != 1:
             self._fail(f"the file must hold one model; it holds {len(models)}")
         if models[0].find("include") is not None or models[0].find("model") is not None:
-            self._fail("included and nested models are not read: write the links out")
+            uri = models[0].findtext("include/uri", "").strip()
+            way = f"give the file of {uri} itself, or write" if uri else "write"
+            self._fail(f"included and nested models are not read: {way} the links out in one model")
         self._links, self._joints, self._frames = (
             {element.get("name", ""): element for element in models[0].findall(kind)}
             for kind in ("link", "joint", "frame")

@@ -1,10 +1,14 @@
-"""Reading of a hand's links and joints from a URDF file (parsed by yourdfpy)."""
+"""Reading of robot descriptions as XML, and of links and joints of a URDF (by yourdfpy)."""
 
 from __future__ import annotations
 
+import contextlib
 import io
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Iterable
+from importlib import import_module
 from pathlib import Path
 
 import defusedxml.ElementTree
@@ -14,16 +18,26 @@ from defusedxml import DefusedXmlException
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.io.limits import MEBIBYTE, require_file_size
+from lis_grasp.robots.model_uri import package_folders
 
 _MOST_BYTES = 64 * MEBIBYTE  # of a URDF or SDF that is read
 _NAMESPACES = {b"drake": b"http://drake.mit.edu"}
+_START = 400  # bytes in which other files are recognised
+# Other files by their start in small letters, and the way out.
+_OTHER_FILES = (
+    (rb"version https://git-lfs", "a Git LFS pointer: run `git lfs pull` in its repository"),
+    (rb"(<!--.*?-->\s*)?<(!doctype )?html", "a web page: download the file itself, by 'Raw'"),
+    (rb"#usda|pxr-usdc", "USD: export the robot as URDF, SDF or MJCF"),
+    (rb"pk\x03\x04", "a ZIP archive: unpack it, and give a file in it"),
+    (rb"\Z", "empty: download or export it again"),
+)
 
 
-def parse_urdf(path: Path) -> yourdfpy.Robot:
+def parse_urdf(root: ET.Element, path: Path) -> yourdfpy.Robot:
     """Return the links and joints that a URDF describes, unchecked."""
     # yourdfpy logs a syntax error and reads on; a hand that is half read must be refused.
-    root = parse_xml(path)
-    _require_no_macros(root, path)
+    for kind in ("link", "joint"):
+        require_unique_names(root.findall(kind), path)
     text = io.BytesIO(ET.tostring(root))
     try:
         with np.errstate(all="ignore"):  # poses are checked one by one
@@ -36,27 +50,73 @@ def parse_urdf(path: Path) -> yourdfpy.Robot:
     return urdf.robot
 
 
-def _require_no_macros(root: ET.Element, path: Path) -> None:
-    """Raise `InvalidHandError` for a xacro file, from which a URDF is made first."""
-    for element in root.iter():
-        values = (element.tag, *element.attrib.values())
-        if any("xacro}" in value or "${" in value or "$(" in value for value in values):
+def require_unique_names(elements: Iterable[ET.Element], path: Path) -> None:
+    """Raise `InvalidHandError` if two links, or two joints, have one name."""
+    counts = Counter((element.tag, element.get("name", "")) for element in elements)
+    for (kind, name), count in counts.items():
+        if count > 1:
             raise InvalidHandError(
-                f"{path.name} must be a URDF; it has xacro macros: convert it first, as by"
-                f" `xacro {path.name} > hand.urdf` (pip install xacro)",
+                f"{path.name}: {count} {kind}s are named '{name}': give each its own name",
                 file=path.name,
             )
+
+
+def _has_macros(root: ET.Element) -> bool:
+    return any(
+        "xacro}" in value or "${" in value or "$(" in value.replace("$(find ", "")
+        for element in root.iter()
+        for value in (element.tag, *element.attrib.values())
+    )
+
+
+def _expand_macros(path: Path) -> ET.Element:
+    """Return the URDF that xacro makes of a file; packages are found as by `package_folders`."""
+    try:
+        xacro = import_module("xacro")
+    except ImportError:
+        raise InvalidHandError(
+            f"{path.name} has xacro macros, read if xacro is installed (pip install xacro); or"
+            f" convert it first, as by `xacro {path.name} > hand.urdf`",
+            file=path.name,
+        ) from None
+    functions = vars(import_module("xacro.substitution_args"))
+    installed = functions["_eval_find"]
+
+    def find(package: str) -> str:
+        above = [folder for folder in path.resolve().parents if folder.name == package]
+        beside = [f / package for f in path.resolve().parents if (f / package).is_dir()]
+        folders = [*above, *beside, *package_folders(package)]
+        if not folders or not folders[0].is_dir():
+            raise LookupError(f"no folder '{package}' is above the file or beside one that is")
+        return str(folders[0])
+
+    try:
+        functions["_eval_find"] = find
+        with contextlib.redirect_stderr(io.StringIO()):  # xacro's warnings
+            return ET.fromstring(xacro.process_file(str(path)).toxml())
+    # xacro raises errors of many types for what it cannot evaluate.
+    except Exception as error:  # noqa: BLE001
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidHandError(
+            f"{path.name} has xacro macros that cannot be expanded: {reason}", file=path.name
+        ) from None
+    finally:
+        functions["_eval_find"] = installed
 
 
 def parse_xml(path: Path) -> ET.Element:
     """Return the root of an XML file without entities; raise `InvalidFileError` for any other.
 
+    Macros of xacro are expanded, if it is installed; otherwise they raise `InvalidHandError`.
     A prefix of elements that the file does not declare is taken as declared, and ``drake:`` of
-    attributes, too.
+    attributes, too. Lines before the XML declaration, such as comments or a program's warnings, are
+    left out.
     """
     try:
         require_file_size(path, _MOST_BYTES)
         text = path.read_bytes()
+        _require_no_other_file(text, path)
+        text = re.sub(rb"\A([^<]|<!--.*?-->)+(?=<\?xml)", b"", text, flags=re.DOTALL)
         try:
             root: ET.Element = defusedxml.ElementTree.fromstring(text)
         except ET.ParseError as error:
@@ -68,8 +128,28 @@ def parse_xml(path: Path) -> ET.Element:
     except DefusedXmlException:
         raise InvalidFileError(f"{path} must not declare XML entities", path=path) from None
     except (ET.ParseError, LookupError, ValueError) as error:
-        raise InvalidFileError(f"{path} is not valid XML: {error}", path=path) from None
-    return root
+        reason = _reason(text, str(error))
+        raise InvalidFileError(f"{path} is not valid XML: {reason}", path=path) from None
+    return _expand_macros(path) if _has_macros(root) else root
+
+
+def _require_no_other_file(text: bytes, path: Path) -> None:
+    start = text[:_START].lstrip().lower()
+    for pattern, kind in _OTHER_FILES:
+        if re.match(pattern, start, re.DOTALL):
+            raise InvalidFileError(f"{path} must be a URDF, SDF or MJCF; it is {kind}", path=path)
+
+
+def _reason(text: bytes, error: str) -> str:
+    """Return why an XML text is not valid, in other words than the parser's if they are clearer."""
+    if any(b"--" in comment for comment in re.findall(rb"<!--(.*?)-->", text, re.DOTALL)):
+        return f"a comment must not contain '--' ({error})"
+    try:
+        text.decode("utf-8")
+    except UnicodeDecodeError:
+        if b"encoding" not in text[:_START]:
+            return f"its letters are not in UTF-8: save it as UTF-8 ({error})"
+    return error
 
 
 def _with_prefixes(text: bytes) -> bytes:

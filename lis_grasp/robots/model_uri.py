@@ -4,65 +4,113 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from urllib.parse import unquote
 
-from lis_grasp.exceptions import InvalidFileError, shown
+from lis_grasp.exceptions import InvalidFileError
 
 _LISTS = ("LIS_GRASP_MODELS", "ROS_PACKAGE_PATH")
 _DEPTH = 4  # folders above a file in which the root of its package may be
 _BELOW = 3  # folders below a listed one in which a package may be
+_NAMED = 3  # places that a message names
+# xacro's $(find NAME) is the folder of a package, and SDF's models are found like packages.
+_PACKAGE = re.compile(
+    r"((package|model)://(?P<name>[^/]+)|\$\(find\s+(?P<found>[^)]+?)\s*\))/*(?P<inside>.*)",
+    re.DOTALL,
+)
 
 
 def resolve_uri(uri: str | None, folder: Path, named_in: str) -> Path:
-    """Return the file that a path or URI in another file means; None if it names none there.
+    """Return the file that a path or URI in another file means.
 
-    A plain path is relative to `folder`. ``package://NAME/...`` is searched in a folder NAME above
-    it, in `folder` itself, and in the folders of `package_folders`. Raises `InvalidFileError`,
-    which says where the file was searched.
+    A plain path, or one after ``file:``, is relative to `folder`. ``package://NAME/...``,
+    ``model://NAME/...`` and ``$(find NAME)/...`` are searched in a folder NAME above it, in
+    `folder` itself, in the folders of `package_folders`, and in NAME below the folders above. A
+    name with ``%20`` or backslashes is also tried as the name that they stand for. Raises
+    `InvalidFileError`, which says where the file was searched, or what is there instead.
     """
     if not uri:
         raise InvalidFileError(f"{named_in}: each mesh must name its file; one does not")
-    scheme, separator, rest = uri.partition("://")
-    here = folder.resolve()
-    if not separator:
-        candidates = [folder / uri]
-    elif scheme == "file":
-        candidates = [Path(rest)]
-    elif scheme == "package":
-        package, _, inside = rest.partition("/")
-        if ".." in Path(inside).parts:
-            raise InvalidFileError(f"{named_in}: {uri} must not lead out of its package")
-        above = [parent / inside for parent in (here, *here.parents) if parent.name == package]
-        listed = [root / inside for root in package_folders(package)]
-        # Where a package's folder was renamed, its files are still at the same place in it.
-        renamed = [parent / inside for parent in (here, *here.parents)[:_DEPTH]]
-        # Some files name a folder beside them as if it were a package.
-        renamed += [parent / package / inside for parent in (here, *here.parents)[:_DEPTH]]
-        candidates = [*above, folder / inside, *listed, *renamed[1:]]
-    else:
-        raise InvalidFileError(f"{named_in}: files are named by path or package:// URI, not {uri}")
-    for candidate in candidates:
-        try:
+    spellings = dict.fromkeys((uri, unquote(uri), unquote(uri).replace("\\", "/")))
+    try:
+        candidates = [path for text in spellings for path in _candidates(text, folder, named_in)]
+        for candidate in candidates:
             if candidate.is_file():
                 return candidate
-        except (OSError, ValueError) as error:  # no name that a file can have
-            raise InvalidFileError(f"{named_in}: {shown(uri)} is no file: {error}") from None
-    if scheme == "package" and not (
-        above or any(root.is_dir() for root in package_folders(package))
-    ):
-        raise InvalidFileError(
-            f"{named_in}: {shown(uri)} was not found, since no folder '{package}' is above"
-            f" {here} or in a listed one: list the folder that holds '{package}' in"
-            f" {' or '.join(_LISTS)}"
+        raise InvalidFileError(f"{named_in}: {_not_found(uri, candidates, folder)}")
+    except (OSError, ValueError) as error:  # no name that a file can have
+        reason = getattr(error, "strerror", None) or error
+        raise InvalidFileError(f"{named_in}: there is no file, since {reason}: {uri}") from None
+
+
+def _candidates(uri: str, folder: Path, named_in: str) -> list[Path]:
+    """Return the places of a file in the order of the search."""
+    package = _PACKAGE.match(uri)
+    if package is None:
+        scheme, separator, rest = uri.partition("://")
+        if separator and scheme != "file":
+            raise InvalidFileError(
+                f"{named_in}: files are named by path, package:// or model:// URI, not {uri}"
+            )
+        return [folder / (rest if separator else uri.removeprefix("file:"))]
+    name, inside = package["found"] or package["name"], package["inside"]
+    if ".." in Path(inside).parts:
+        raise InvalidFileError(f"{named_in}: {uri} must not lead out of its package")
+    here = folder.resolve()
+    above = [here, *here.parents]
+    near, below = above[:_DEPTH], f"*/{glob.escape(name)}"
+    return [
+        *(parent / inside for parent in above if parent.name == name),
+        folder / inside,
+        *(root / inside for root in package_folders(name)),
+        # Where a package's folder was renamed, its files are still at the same place in it.
+        *(parent / inside for parent in near[1:]),
+        # Some files name a folder beside them, or in one beside them, as if it were a package.
+        *(parent / name / inside for parent in near),
+        *(root / inside for parent in near for root in sorted(parent.glob(below))),
+    ]
+
+
+def _not_found(uri: str, candidates: Sequence[Path], folder: Path) -> str:
+    candidates = [Path(os.path.abspath(candidate)) for candidate in candidates]
+    for candidate in candidates:
+        if candidate.is_dir():
+            return f"{candidate} is a folder, and a file is needed"
+        other = _in_other_case(candidate)
+        if other is not None:
+            return f"{uri} was not found, but there is {other}: capitals and small letters matter"
+    package = _PACKAGE.match(uri)
+    if package is None:
+        return f"{candidates[0]} was not found"
+    name = package["found"] or package["name"]
+    here = folder.resolve()
+    roots = [p for p in (here, *here.parents) if p.name == name] + package_folders(name)
+    if not any(root.is_dir() for root in roots):
+        return (
+            f"{uri} was not found, since no folder '{name}' is above {here} or in a listed one:"
+            f" list the folder that holds '{name}' in {' or '.join(_LISTS)}"
         )
-    if not separator:
-        raise InvalidFileError(f"{named_in}: {shown(str(candidates[0]))} was not found")
-    tried = ", ".join(str(candidate) for candidate in candidates)
-    raise InvalidFileError(
-        f"{named_in}: {uri} was not found; tried {tried}: folders that hold packages are listed in"
+    tried = ", ".join(dict.fromkeys(str(candidate) for candidate in candidates[:_NAMED]))
+    return (
+        f"{uri} was not found; tried first {tried}: folders that hold packages are listed in"
         f" {' or '.join(_LISTS)}"
     )
+
+
+def _in_other_case(path: Path) -> Path | None:
+    """Return a file that is there and differs from a path in capital and small letters only."""
+    found = Path(path.anchor)
+    for part in path.parts[len(found.parts) :]:
+        if not (found / part).exists():
+            alike = [f for f in found.glob("*") if f.name.lower() == part.lower()]
+            if not alike:
+                return None
+            part = min(alike).name
+        found /= part
+    return found if found.is_file() else None
 
 
 def resolve_model(uri: str, file: Path, model_from: str | None) -> Path:

@@ -34,9 +34,9 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
     Paths of meshes are rewritten relative to the copy. The new values are those of
     `repaired_inertial`; the other links stay as they are. Errors as of `Hand.load`.
     """
-    form = "sdf" if path.suffix == ".sdf" else "urdf"
     repaired = read_description(path, replace(edits, repair=True)).inertials
     root = parse_xml(path)
+    form = "sdf" if root.tag == "sdf" else "urdf"
     changed = []
     for link in root.iter("link"):
         name = link.get("name", "")

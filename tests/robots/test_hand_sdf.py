@@ -153,7 +153,7 @@ def test_a_mimic_joint_of_sdf_is_coupled_about_its_reference(tmp_path: Path) -> 
             "expected instead of 'wide'",
         ),
         ("collision", "light", "must give links collision bodies"),
-        ('mimic joint="bend"', 'mimic joint="curl"', "mimics 'curl'"),
+        ('mimic joint="bend"', 'mimic joint="curl"', "curl mimics itself"),
         ("<sdf ", '<sdf odd:key="1" ', "not valid XML: unbound prefix"),
     ],
 )
