@@ -13,7 +13,7 @@ from lis_grasp.exceptions import InvalidFileError, InvalidOptionError
 from lis_grasp.geometry import are_rigid, inverse_pose
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.io.limits import read_arrays
-from lis_grasp.records import read_only, short_repr
+from lis_grasp.records import Record, read_only, short_repr
 from lis_grasp.typing import FloatArray
 
 OBJECT = "object"
@@ -26,7 +26,7 @@ def arm_body(link: str) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class Motion(Record):
     """Poses of the bodies of a trial over time, in the world frame W.
 
     W is the frame in which the grasp was planned, so a motion fits into the scene of contacts,

@@ -1,4 +1,4 @@
-"""Helpers of records: read-only arrays, subsets, texts, how one is made, and pickling."""
+"""Helpers of records: copies, read-only arrays, subsets, texts, how one is made, and pickling."""
 
 from __future__ import annotations
 
@@ -15,6 +15,18 @@ _SHOWN = 4
 
 _Array = TypeVar("_Array", bound="np.ndarray[Any, Any]")
 _Record = TypeVar("_Record")
+
+
+class Record:
+    """Base of frozen records that travel: a copy of one, deep or shallow, is the record itself."""
+
+    __slots__ = ()
+
+    def __copy__(self: _Record) -> _Record:
+        return self
+
+    def __deepcopy__(self: _Record, memo: dict[int, Any]) -> _Record:
+        return self
 
 
 def read_only(array: _Array) -> _Array:

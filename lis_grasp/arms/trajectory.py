@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lis_grasp.records import short_repr
+from lis_grasp.records import Record, short_repr
 from lis_grasp.robots.arm import Arm
 from lis_grasp.typing import FloatArray
 
@@ -20,7 +20,7 @@ _TINY = 1e-9  # of a length that counts as none [rad or m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointTrajectory:
+class JointTrajectory(Record):
     """A motion of J joints from rest to rest, at T times."""
 
     joint_names: tuple[str, ...]

@@ -26,7 +26,7 @@ from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.stopping import StopRule, StopRuleWithMemory
 from lis_grasp.exploration.tactile_sensor import TactileSensor
 from lis_grasp.exploration.workspace import ObstacleModel, Workspace
-from lis_grasp.records import short_repr
+from lis_grasp.records import Record, short_repr
 from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
 from lis_grasp.typing import FloatArray, IndexArray, Seed
@@ -88,7 +88,7 @@ class ExplorationSetup:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ExplorationState:
+class ExplorationState(Record):
     """Everything known after some probes. It never changes: `advance` makes the next one."""
 
     outcomes: tuple[ProbeOutcome, ...] = ()  #: of every probe so far, in order
@@ -111,7 +111,7 @@ class ExplorationState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NextProbe:
+class NextProbe(Record):
     """The next probe of an exploration, and what the hand avoids on its approach."""
 
     probe: Probe
@@ -119,7 +119,7 @@ class NextProbe:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Exploration:
+class Exploration(Record):
     """Result of an exploration."""
 
     contacts: Contacts  #: in O, without duplicates, with all free space

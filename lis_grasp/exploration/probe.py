@@ -15,7 +15,7 @@ from lis_grasp.exceptions import InvalidOptionError, require_at_least
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import inverse_pose, require_pose
-from lis_grasp.records import read_only, short_repr
+from lis_grasp.records import Record, read_only, short_repr
 from lis_grasp.typing import FloatArray
 
 ProbeStatus = Literal["touched", "missed", "blocked"]
@@ -25,7 +25,7 @@ _ROUNDING = 4.0 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Probe:
+class Probe(Record):
     """A guarded straight motion of a fingertip through a point where surface is expected.
 
     The tip's leading point moves along the line ``target + s * direction``, from
@@ -73,7 +73,7 @@ class Probe:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HandPose:
+class HandPose(Record):
     """Pose of a hand and positions of its joints."""
 
     X_OH: FloatArray  #: (4, 4): pose of the palm frame H in the object frame O
@@ -92,7 +92,7 @@ class HandPose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProbeOutcome:
+class ProbeOutcome(Record):
     """Outcome of a probe.
 
     Parameters

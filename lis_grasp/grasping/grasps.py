@@ -14,7 +14,7 @@ import trimesh
 
 from lis_grasp.exceptions import InvalidOptionError, NoGraspError, require_positive
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
-from lis_grasp.records import fields_of, read_only, reduce_record, short_repr
+from lis_grasp.records import Record, fields_of, read_only, reduce_record, short_repr
 from lis_grasp.typing import FloatArray
 
 # Nodes and weights of the Gauss-Hermite rule with three nodes, for a standard normal variable.
@@ -22,7 +22,7 @@ _NODES, _WEIGHTS = (0.0, -np.sqrt(3.0), np.sqrt(3.0)), (2.0 / 3.0, 1.0 / 6.0, 1.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Grasp:
+class Grasp(Record):
     """Palm pose, joint positions, contacts and quality of a grasp.
 
     Parameters
@@ -124,7 +124,7 @@ class Grasp:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GraspSearch(Sequence[Grasp]):
+class GraspSearch(Record, Sequence[Grasp]):
     """The result of a search for grasps, which may have found none: a sequence, the best first.
 
     Parameters

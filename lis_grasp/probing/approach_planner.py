@@ -15,6 +15,7 @@ from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.exploration.probe import Probe
 from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, make_pose, tangent_frame
+from lis_grasp.records import Record
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import ProbePosture
 from lis_grasp.typing import BoolArray, FloatArray
@@ -69,7 +70,7 @@ OUT_OF_ARM_REACH = "the arm reaches no collision-free straight approach of the h
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Approach:
+class Approach(Record):
     """Pose of a hand at the start of a probe, and the straight path to that pose."""
 
     posture: ProbePosture  # the leading finger, and the positions of all joints

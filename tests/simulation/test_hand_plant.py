@@ -16,12 +16,8 @@ from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 from lis_grasp.simulation.drake._free_wrist import WristInPlant
 from lis_grasp.simulation.drake.contact_patches import link_contacts
-from lis_grasp.simulation.drake.hand_plant import (
-    HandInPlant,
-    add_hand,
-    add_visuals,
-    ignore_self_collision,
-)
+from lis_grasp.simulation.drake.hand_plant import HandInPlant, add_hand
+from lis_grasp.simulation.drake.link_plant import add_visuals
 from lis_grasp.simulation.drake.object_plant import add_object
 
 TIME_STEP = 0.002
@@ -76,7 +72,6 @@ def test_link_poses_are_those_of_the_hands_kinematics(hand: Hand) -> None:
 
 def test_joints_follow_commands_in_the_hands_order(hand: Hand) -> None:
     diagram, plant, scene_graph, added = fixed_hand(hand)
-    ignore_self_collision(scene_graph, added)
     simulator = Simulator(diagram)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     q = np.random.default_rng(1).uniform(hand.lower, hand.upper)
@@ -153,7 +148,6 @@ def test_an_object_keeps_its_hole() -> None:
     body = add_object(plant, ring, mass=0.2).body
     plant.WeldFrames(plant.world_frame(), body.body_frame())
     plant.Finalize()
-    ignore_self_collision(scene_graph, added)
     root = builder.Build().CreateDefaultContext()
     context = plant.GetMyMutableContextFromRoot(root)
 
@@ -171,7 +165,6 @@ def test_an_object_keeps_its_hole() -> None:
 def test_a_coupled_joint_follows_its_leader_while_it_moves() -> None:
     hand = Hand.load("barrett")
     diagram, plant, scene_graph, added = fixed_hand(hand)
-    ignore_self_collision(scene_graph, added)
     simulator = Simulator(diagram)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     added.set_joint_positions(context, np.zeros(4))
@@ -197,7 +190,6 @@ def test_two_hands_in_one_plant_are_felt_apart() -> None:
     for added, height in ((left, 1.0), (right, 0.0)):  # the right one is inside of the box
         X_WB = RigidTransform([0.0, 0.0, height])
         plant.WeldFrames(plant.world_frame(), added.base.body_frame(), X_WB)
-        ignore_self_collision(scene_graph, added)
     plant.Finalize()
     simulator = Simulator(builder.Build())
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())

@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
-from lis_grasp.simulation.drake.hand_plant import HandInPlant, ignore_self_collision
+from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.simulation.drake.object_plant import ObjectInPlant, let_rest
 from lis_grasp.typing import FloatArray
 
@@ -48,7 +48,6 @@ class PlantScene:
         plant, scene_graph = self.plant, self._scene_graph
         plant.Finalize()
         self.hand, self.object, self.support, self.table = hand, obj, support, table
-        ignore_self_collision(scene_graph, hand)
         let_rest(scene_graph, obj.geometry, support=support, table=table)
         # Drake gives a body without a joint this one: six degrees of freedom.
         (joint,) = plant.GetJointIndices(obj.body.model_instance())

@@ -25,13 +25,8 @@ from pydrake.systems.framework import Context
 from lis_grasp.arms.station import Station
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
-from lis_grasp.simulation.drake.hand_plant import (
-    LIFTING_SKIN,
-    HandInPlant,
-    LinksInPlant,
-    add_links,
-    add_skin,
-)
+from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, HandInPlant
+from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_skin
 from lis_grasp.simulation.drake.object_plant import FRICTION, spatial_inertia
 from lis_grasp.typing import FloatArray
 

@@ -4,49 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from warnings import warn
 
 import numpy as np
-import trimesh
-from pydrake.common import MemoryFile
-from pydrake.geometry import (
-    AddCompliantHydroelasticProperties,
-    AddContactMaterial,
-    Box,
-    Capsule,
-    CollisionFilterDeclaration,
-    Convex,
-    Cylinder,
-    GeometryId,
-    GeometrySet,
-    InMemoryMesh,
-    Mesh,
-    ProximityProperties,
-    SceneGraph,
-    Shape,
-    Sphere,
-)
-from pydrake.math import RigidTransform
-from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import (
-    FixedOffsetFrame,
-    Joint,
-    ModelInstanceIndex,
-    PdControllerGains,
-    PrismaticJoint,
-    RevoluteJoint,
-    RigidBody,
-    SpatialInertia,
-    UnitInertia,
-)
+from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, ModelInstanceIndex, PdControllerGains, RigidBody
 from pydrake.systems.framework import Context
 
+from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.inertias import LEAST_MASS
-from lis_grasp.robots.link_bodies import load_visual
-from lis_grasp.robots.robot_model import Inertial, LinkGeometry, RobotModel, by_joint_kind
-from lis_grasp.robots.robot_model import Joint as TreeJoint
-from lis_grasp.simulation.drake.object_plant import FRICTION, spatial_inertia
-from lis_grasp.typing import FloatArray
+from lis_grasp.robots.robot_model import by_joint_kind
+from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_skin
+from lis_grasp.simulation.drake.object_plant import FRICTION
+from lis_grasp.typing import FloatArray, IndexArray
 
 PROBING_SKIN = 1e6
 """Hydroelastic modulus of the skin while probing [Pa].
@@ -59,38 +31,11 @@ LIFTING_SKIN = 1e7
 
 _STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
 _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
-_GREY = (0.6, 0.6, 0.63, 1.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinksInPlant:
-    """Bodies and joints that `add_links` has added to a plant."""
-
-    instance: ModelInstanceIndex  # actuators and desired states in the order of `joints`
-    bodies: Mapping[str, RigidBody]  # by link
-    joints: tuple[Joint, ...]  # actuated, in the order of the tree's
-    followers: tuple[tuple[Joint, TreeJoint], ...]  # coupled to actuated joints
-
-    def set_positions(self, plant_context: Context, q: FloatArray) -> None:
-        """Set the joints and their followers to positions q, shape (J,), at rest."""
-        followed = [(joint, float(follower.position(q))) for joint, follower in self.followers]
-        for joint, position in [*zip(self.joints, q, strict=True), *followed]:
-            if isinstance(joint, RevoluteJoint):
-                joint.set_angle(plant_context, position)
-                joint.set_angular_rate(plant_context, 0.0)
-            else:
-                joint.set_translation(plant_context, position)
-                joint.set_translation_rate(plant_context, 0.0)
-
-    def X_WL(self, plant_context: Context, link: str) -> FloatArray:
-        """Return the pose of a link, shape (4, 4)."""
-        pose: FloatArray = self.bodies[link].EvalPoseInWorld(plant_context).GetAsMatrix4()
-        return pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandInPlant:
-    """A hand that `add_hand` has added to a plant."""
+    """A hand in a plant, which `add_hand` has added or `find_hand` has found."""
 
     hand: Hand
     links: LinksInPlant
@@ -98,8 +43,15 @@ class HandInPlant:
 
     @property
     def instance(self) -> ModelInstanceIndex:
-        """Model instance; actuators and desired states are in the order of `Hand.joint_names`."""
+        """Model instance; desired states are in the order of `actuated`."""
         return self.links.instance
+
+    @property
+    def actuated(self) -> IndexArray:
+        """Indices in `Hand.joint_names` of the joints by actuator, shape (J,)."""
+        plant, names = self.base.GetParentPlant(), self.hand.joint_names
+        actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices(self.instance))
+        return np.array([names.index(each.joint().name()) for each in actuators], dtype=np.intp)
 
     @property
     def base(self) -> RigidBody:
@@ -155,7 +107,8 @@ def add_hand(
     """Add a hand as a model instance; its base link floats until it is welded or jointed.
 
     Gravity is compensated. The joints get implicit PD control, and efforts limited by
-    `Hand.effort_limits`. The plant is not finalized yet.
+    `Hand.effort_limits`. Links of the hand do not collide with each other. The plant is not
+    finalized yet.
 
     Parameters
     ----------
@@ -186,129 +139,71 @@ def add_hand(
         plant.AddCouplerConstraint(follower, leader, joint.multiplier, joint.offset)
     link_of_geometry = add_skin(plant, hand, links, friction=friction, modulus=modulus)
     plant.set_gravity_enabled(links.instance, False)
+    added = HandInPlant(hand, links, link_of_geometry)
+    _ignore_self_collision(plant, added)
+    return added
+
+
+def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -> HandInPlant:
+    """Return a hand that is in a plant already, such as one that a parser has added.
+
+    Its links and joints are found in the model instance by their names. A link without hydroelastic
+    properties is reported by a warning while the plant is not finalized.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the instance lacks a link, a joint or an actuator, or has other actuators.
+    """
+    name = plant.GetModelInstanceName(instance)
+    followers = [joint for joint in hand.joints if joint.follows]
+    moving = [*hand.joint_names, *(joint.name for joint in followers)]
+    indices = plant.GetJointActuatorIndices(instance)
+    driven = [plant.get_joint_actuator(index).joint().name() for index in indices]
+    lacks = [f"link {n}" for n in hand.links if not plant.HasBodyNamed(n, instance)]
+    lacks += [f"joint {n}" for n in moving if not plant.HasJointNamed(n, instance)]
+    lacks += [f"actuator of {n}" for n in hand.joint_names if n not in driven]
+    others = [n for n in driven if n not in hand.joint_names]
+    if lacks or others:
+        wrong = f"lacks {', '.join(lacks)}" if lacks else f"also drives {', '.join(others)}"
+        raise InvalidOptionError(
+            f"model instance '{name}' must be hand {hand.name} with its motors; it {wrong}: correct"
+            " the description file, or let add_hand add the hand",
+            option="instance",
+            value=name,
+        )
+    links = LinksInPlant(
+        instance,
+        {link: plant.GetBodyByName(link, instance) for link in hand.links},
+        tuple(plant.GetJointByName(n, instance) for n in hand.joint_names),
+        tuple((plant.GetJointByName(joint.name, instance), joint) for joint in followers),
+    )
+    link_of_geometry = {
+        geometry: link
+        for link, body in links.bodies.items()
+        for geometry in plant.GetCollisionGeometriesForBody(body)
+    }
+    scene_graph = None if plant.is_finalized() else Parser(plant).scene_graph()
+    if scene_graph is not None:
+        inspector = scene_graph.model_inspector()
+        hard = {
+            link
+            for geometry, link in link_of_geometry.items()
+            if not inspector.GetProximityProperties(geometry).HasGroup("hydroelastic")
+        }
+        if hard:
+            warn(
+                f"links {', '.join(sorted(hard))} of '{name}' have no hydroelastic properties: they"
+                " feel by point contact, which takes meshes for their convex hulls",
+                stacklevel=2,
+            )
     return HandInPlant(hand, links, link_of_geometry)
 
 
-def ignore_self_collision(scene_graph: SceneGraph, added: HandInPlant) -> None:
+def _ignore_self_collision(plant: MultibodyPlant, added: HandInPlant) -> None:
     """Exclude collisions between links of the hand, before a context is made."""
-    everything = GeometrySet(list(added.link_of_geometry))
-    scene_graph.collision_filter_manager().Apply(
-        CollisionFilterDeclaration().ExcludeWithin(everything)
-    )
-
-
-def add_links(
-    plant: MultibodyPlant, tree: RobotModel, instance: ModelInstanceIndex
-) -> LinksInPlant:
-    """Add the links and joints of a hand or an arm, without motors; its root gets no joint.
-
-    Joints have limits and no damping. Joints that follow another are not coupled to it yet.
-    """
-    bodies = {
-        link: plant.AddRigidBody(link, instance, _spatial_inertia(tree.inertials.get(link)))
-        for link in tree.links
-    }
-    joints: dict[int, Joint] = {}
-    followers: list[tuple[Joint, TreeJoint]] = []
-    for joint in tree.joints:
-        parent, child = bodies[joint.parent], bodies[joint.child]
-        frame = plant.AddFrame(
-            FixedOffsetFrame(
-                f"{joint.name}_frame", parent.body_frame(), RigidTransform(joint.X_PJ), instance
-            )
-        )
-        if joint.kind == "fixed":
-            plant.WeldFrames(frame, child.body_frame())
-            continue
-        kind = RevoluteJoint if joint.kind == "revolute" else PrismaticJoint
-        if joint.follows:
-            follower = kind(joint.name, frame, child.body_frame(), joint.axis_J)
-            followers.append((plant.AddJoint(follower), joint))
-            continue
-        i = joint.index
-        limits = tree.lower[i], tree.upper[i], 0.0  # and damping
-        joints[i] = plant.AddJoint(
-            kind(joint.name, frame, child.body_frame(), joint.axis_J, *limits)
-        )
-    ordered = tuple(joints[i] for i in range(len(joints)))
-    return LinksInPlant(instance, bodies, ordered, tuple(followers))
-
-
-def add_skin(
-    plant: MultibodyPlant, tree: RobotModel, links: LinksInPlant, *, friction: float, modulus: float
-) -> dict[GeometryId, str]:
-    """Add compliant collision bodies of a modulus [Pa], and return the link of each."""
-    link_of_geometry = {}
-    for number, geometry in enumerate(tree.link_geometries):
-        identity = plant.RegisterCollisionGeometry(
-            links.bodies[geometry.link],
-            RigidTransform(geometry.X_LG),
-            _collision_shape(geometry),
-            f"{geometry.link}_{number}",
-            _compliant(geometry, friction, modulus),
-        )
-        link_of_geometry[identity] = geometry.link
-    return link_of_geometry
-
-
-def add_visuals(plant: MultibodyPlant, tree: RobotModel, links: LinksInPlant) -> None:
-    """Add what the links of a hand or an arm look like; those without a look, their bodies."""
-    seen = set()
-    for number, visual in enumerate(tree.visuals):
-        mesh = load_visual(visual)
-        if mesh is not None:
-            seen.add(visual.link)
-            plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-            shape = Mesh(_in_memory(plain, visual.link))
-            _show(plant, links, visual.link, visual.X_LG, shape, number)
-    for number, geometry in enumerate(tree.link_geometries):
-        if geometry.link not in seen:
-            shape = _collision_shape(geometry)
-            _show(plant, links, geometry.link, geometry.X_LG, shape, number)
-
-
-def _show(
-    plant: MultibodyPlant,
-    links: LinksInPlant,
-    link: str,
-    X_LG: FloatArray,
-    shape: Shape,
-    number: int,
-) -> None:
-    name = f"{link}_visual_{number}"
-    plant.RegisterVisualGeometry(links.bodies[link], RigidTransform(X_LG), shape, name, _GREY)
-
-
-def _collision_shape(geometry: LinkGeometry) -> Shape:
-    """Return Drake's shape of a collision body; a mesh is convex."""
-    if geometry.kind == "mesh":
-        return Convex(_in_memory(geometry.mesh, geometry.link))
-    primitives = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
-    return primitives[geometry.kind](*geometry.dimensions)
-
-
-def _in_memory(mesh: trimesh.Trimesh, name: str) -> InMemoryMesh:
-    obj = mesh.export(file_type="obj", include_normals=False)
-    return InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", name))
-
-
-def _compliant(geometry: LinkGeometry, friction: float, modulus: float) -> ProximityProperties:
-    """Return the properties of a compliant skin: Coulomb friction and hydroelastic modulus [Pa]."""
-    properties = ProximityProperties()
-    AddContactMaterial(
-        dissipation=10.0, friction=CoulombFriction(friction, friction), properties=properties
-    )
-    smallest = (
-        min(geometry.dimensions) if geometry.dimensions else float(geometry.mesh.extents.min())
-    )
-    AddCompliantHydroelasticProperties(
-        resolution_hint=0.5 * smallest, hydroelastic_modulus=modulus, properties=properties
-    )
-    return properties
-
-
-def _spatial_inertia(inertial: Inertial | None) -> SpatialInertia:
-    # A link without inertia needs a mass for the solver: a gram on a hand of a kilogram.
-    if inertial is None or inertial.mass < LEAST_MASS:
-        return SpatialInertia(LEAST_MASS, np.zeros(3), UnitInertia.SolidSphere(0.01))
-    return spatial_inertia(inertial.mass, inertial.center_L, inertial.inertia_L)
+    scene_graph = Parser(plant).scene_graph()
+    if scene_graph is not None:
+        declaration = CollisionFilterDeclaration()
+        declaration.ExcludeWithin(GeometrySet(list(added.link_of_geometry)))
+        scene_graph.collision_filter_manager().Apply(declaration)
