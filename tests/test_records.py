@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy, deepcopy
+
 import numpy as np
 from made_grasps import jaw_grasp
 
@@ -24,3 +26,14 @@ def test_records_print_as_one_short_line() -> None:
         assert text.startswith(type(record).__name__)
         assert "\n" not in text
         assert len(text) < 600, text
+
+
+def test_a_copy_of_a_record_is_the_record() -> None:
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    contacts = Contacts(0.03 * axes, axes)
+    config = pipeline.RunConfig(hand="wsg50", prober="kinematic", touches=2)
+    exploration = pipeline.touch(pipeline.Scenario.from_config(config, shapes.build("box")))
+    search = GraspSearch((jaw_grasp(Hand.load("wsg50"), np.zeros(3), 0.06),), {}, 1)
+    outcome = exploration.outcomes[0]
+    for record in (contacts, exploration, outcome, outcome.probe, search, *search):
+        assert deepcopy(record) is copy(record) is record

@@ -344,7 +344,7 @@ def _with_outcome(
     room = None if touches is None else touches - len(contacts)
     if outcome.repeated:
         room = 0  # it measures the pose, and nothing new of the surface
-    new = outcome.contacts.subset(_new_contacts(contacts, outcome)[:room])
+    new = outcome.contacts.subset(new_contacts(contacts, outcome.contacts)[:room])
     # The outcome's free space counts; a prober may repeat it in its contacts.
     added = replace(
         new,
@@ -355,11 +355,11 @@ def _with_outcome(
     return contacts.append(added)
 
 
-def _new_contacts(known: Contacts, outcome: ProbeOutcome) -> IndexArray:
-    """Return the rows of an outcome's contacts that are no duplicates of earlier ones."""
+def new_contacts(known: Contacts, contacts: Contacts) -> IndexArray:
+    """Return the rows of contacts that are more than 1 mm from known ones, and from each other."""
     points = known.points
     rows = []
-    for i, point in enumerate(outcome.contacts.points):
+    for i, point in enumerate(contacts.points):
         if np.all(np.linalg.norm(points - point, axis=1) > _SAME_CONTACT):
             rows.append(i)
             points = np.vstack([points, point])

@@ -71,7 +71,7 @@ def test_link_poses_are_those_of_the_hands_kinematics(hand: Hand) -> None:
 
 
 def test_joints_follow_commands_in_the_hands_order(hand: Hand) -> None:
-    diagram, plant, scene_graph, added = fixed_hand(hand)
+    diagram, plant, _, added = fixed_hand(hand)
     simulator = Simulator(diagram)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     q = np.random.default_rng(1).uniform(hand.lower, hand.upper)
@@ -164,7 +164,7 @@ def test_an_object_keeps_its_hole() -> None:
 
 def test_a_coupled_joint_follows_its_leader_while_it_moves() -> None:
     hand = Hand.load("barrett")
-    diagram, plant, scene_graph, added = fixed_hand(hand)
+    diagram, plant, _, added = fixed_hand(hand)
     simulator = Simulator(diagram)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     added.set_joint_positions(context, np.zeros(4))
@@ -182,7 +182,7 @@ def test_a_coupled_joint_follows_its_leader_while_it_moves() -> None:
 
 def test_two_hands_in_one_plant_are_felt_apart() -> None:
     builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
+    plant, _ = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
     jaws = Hand.load("wsg50")
     left = add_hand(plant, jaws, name="left")
     right = add_hand(plant, jaws, name="right")

@@ -11,10 +11,12 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import SimulationError
 from lis_grasp.simulation.drake.contact_patches import LinkContact, link_contacts
 from lis_grasp.simulation.drake.hand_plant import HandInPlant
 from lis_grasp.simulation.drake.object_plant import ObjectInPlant, let_rest
+from lis_grasp.simulation.drake.touch_sensor import TouchSensor
 from lis_grasp.typing import FloatArray
 
 
@@ -43,8 +45,12 @@ class PlantScene:
         *,
         support: GeometryId | None = None,
         table: GeometryId | None = None,
+        threshold: float | None = None,
     ) -> None:
-        """Finalize the plant with its hand and its floating object, and make the simulator."""
+        """Finalize the plant with its hand and its floating object, and make the simulator.
+
+        With a `threshold` [N], there is a touch sensor for the object.
+        """
         plant, scene_graph = self.plant, self._scene_graph
         plant.Finalize()
         self.hand, self.object, self.support, self.table = hand, obj, support, table
@@ -52,9 +58,18 @@ class PlantScene:
         # Drake gives a body without a joint this one: six degrees of freedom.
         (joint,) = plant.GetJointIndices(obj.body.model_instance())
         self.object_joint = plant.get_joint(joint)
+        sensor = None
+        if threshold is not None:
+            sensor = TouchSensor(plant, hand, feels=[obj.body], threshold=threshold, period=np.inf)
+            self._builder.AddSystem(sensor)
+            self._builder.Connect(
+                plant.get_contact_results_output_port(), sensor.GetInputPort("contact_results")
+            )
         self.simulator = Simulator(self._builder.Build())
         self._root = self.simulator.get_mutable_context()
         self.context: Context = plant.GetMyMutableContextFromRoot(self._root)
+        if sensor is not None:
+            self._touch = sensor.touch, sensor.GetMyContextFromRoot(self._root)
         geometry_context = scene_graph.GetMyMutableContextFromRoot(self._root)
         self.filters = scene_graph.collision_filter_manager(geometry_context)
 
@@ -89,6 +104,12 @@ class PlantScene:
             reason = str(error).splitlines()[0]
             message = f"the simulation of {of} failed at {time:.3f} s: {reason}"
             raise SimulationError(message) from None
+
+    def touch(self) -> Contacts:
+        """Return what the touch sensor feels now: flat parts of contacts, in W."""
+        port, context = self._touch
+        felt: Contacts = port.Eval(context)
+        return felt
 
     def contacts(self) -> list[LinkContact]:
         """Return the contacts of the hand with the object, in Drake's order."""

@@ -8,13 +8,13 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 
 from lis_grasp.arms.station import Station
+from lis_grasp.contacts import Contacts
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes.object_mass import GRAVITY
 from lis_grasp.shapes.solids import merge_flat_faces
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probe_carriers import ProbeArm, ProbeRail
-from lis_grasp.simulation.drake.contact_patches import Patch
 from lis_grasp.simulation.drake.hand_plant import add_hand
 from lis_grasp.simulation.drake.object_plant import (
     FRICTION,
@@ -42,7 +42,7 @@ class ProbingScene:
 
     One plant serves every probe: `place` sets the poses of rail, hand and object, and locks their
     joints for the motion. The joint of a `free` object stays unlocked, and rolling meets a
-    resistance.
+    resistance. The hand feels contacts with more normal force than a `threshold` [N].
     """
 
     time_step = _TIME_STEP
@@ -51,6 +51,8 @@ class ProbingScene:
         self,
         hand: Hand,
         mesh: trimesh.Trimesh,
+        threshold: float,
+        *,
         free: FreeObject | None = None,
         station: Station | None = None,
         arm_use: ArmUse | None = None,
@@ -84,7 +86,7 @@ class ProbingScene:
         if free is not None:
             height = free.support_height
             support = add_support(plant, height, friction, under=mesh, mass=free.mass)
-        scene.finalize(self._hand, self._object, support=support, table=table)
+        scene.finalize(self._hand, self._object, support=support, table=table, threshold=threshold)
         self.carrier.connect(scene)
         self._fingers_port = plant.get_desired_state_input_port(self._hand.instance)
         self._forces_port = plant.get_applied_spatial_force_input_port()
@@ -168,17 +170,12 @@ class ProbingScene:
         load.F_Bq_W = SpatialForce(tau=moment, f=np.zeros(3))
         self._forces_port.FixValue(self._scene.context, [load])
 
-    def patches(self, threshold: float) -> list[Patch]:
-        """Return the flat parts, in W, of contacts with a normal force above `threshold` [N].
+    def touch(self) -> Contacts:
+        """Return what the touch sensor feels, in W: flat parts of contacts above the threshold.
 
         The forces are those of the step that was commanded: Drake computes them once for both.
         """
-        return [
-            part
-            for contact in self._scene.contacts()
-            if contact.normal_force > threshold
-            for part in contact.flat_parts()
-        ]
+        return self._scene.touch()
 
 
 def _motion(X: FloatArray, Y: FloatArray) -> float:

@@ -1,8 +1,8 @@
-"""Hydroelastic contacts of the hand's links, and their flat parts, from Drake's results."""
+"""Contacts of the hand's links, and their flat parts, from Drake's contact results."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from pydrake.multibody.plant import ContactResults
 from scipy.spatial import cKDTree
 from trimesh.graph import connected_component_labels
 
+from lis_grasp.contacts import Contacts
 from lis_grasp.geometry import unit
 from lis_grasp.lifting.scene import HandContact
 from lis_grasp.typing import FloatArray, IntArray
@@ -31,15 +32,17 @@ _SAME_VERTEX = 1e-7  # [m]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkContact(HandContact):
-    """Contact patch of a link of the hand: area-weighted centroid and mean normal, in W."""
+    """Contact of a link of the hand, in W: a patch's area-weighted centroid and mean normal."""
 
     normal_force: float  # size of the force along the normal [N], without friction
-    surface: ContactSurface  # the patch
+    surface: ContactSurface | None  # the patch; None for point contact
     outward: float  # 1 if the patch's face normals point out of the object, else -1
 
     def flat_parts(self) -> list[Patch]:
         """Return the flat parts of the patch; see `split_patch`."""
         surface = self.surface
+        if surface is None:
+            return [Patch(self.link, self.point, self.normal, self.normal_force)]
         mesh = surface.tri_mesh_W() if surface.is_triangle() else surface.poly_mesh_W()
         faces = range(surface.num_faces())
         return split_patch(
@@ -67,9 +70,10 @@ def link_contacts(
     felt: Container[GeometryId],
     link_of_geometry: Mapping[GeometryId, str],
 ) -> list[LinkContact]:
-    """Return the hydroelastic contacts between a hand's links and geometries that are felt.
+    """Return the contacts between a hand's links and geometries that are felt, in Drake's order.
 
-    They are in Drake's order.
+    Hydroelastic ones come first, then pairs of points. A pair of points is at the object's witness
+    point, with Drake's normal.
     """
     contacts = []
     for i in range(results.num_hydroelastic_contacts()):
@@ -93,7 +97,33 @@ def link_contacts(
         contacts.append(
             LinkContact(link, surface.centroid(), normal, force, normal_force, surface, outward)
         )
+    for i in range(results.num_point_pair_contacts()):
+        pair_info = results.point_pair_contact_info(i)
+        pair = pair_info.point_pair()
+        # Drake's force acts on the body of B; the normal points out of B, into A.
+        object_is_b = pair.id_B in felt
+        if not object_is_b and pair.id_A not in felt:
+            continue
+        link = link_of_geometry.get(pair.id_A if object_is_b else pair.id_B)
+        if link is None:
+            continue
+        outward = 1.0 if object_is_b else -1.0
+        point = np.array(pair.p_WCb if object_is_b else pair.p_WCa)
+        normal, force = outward * pair.nhat_BA_W, outward * pair_info.contact_force()
+        normal_force = float(abs(force @ normal))
+        contacts.append(LinkContact(link, point, normal, force, normal_force, None, outward))
     return contacts
+
+
+def contacts_of(patches: Sequence[Patch], time: float) -> Contacts:
+    """Return flat parts that are in contact at a time [s] as contacts."""
+    return Contacts(
+        points=np.array([patch.point for patch in patches]) + 0.0,  # no negative zeros
+        normals=np.array([patch.normal for patch in patches]) + 0.0,
+        forces=np.array([patch.force for patch in patches]),
+        fingers=tuple(patch.link for patch in patches),
+        times=np.full(len(patches), time),
+    )
 
 
 def split_patch(

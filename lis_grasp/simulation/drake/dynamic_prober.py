@@ -26,7 +26,6 @@ from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.simulation.drake._probing_scene import ProbingScene
 from lis_grasp.simulation.drake._transit_scene import TransitScene
-from lis_grasp.simulation.drake.contact_patches import Patch
 from lis_grasp.simulation.drake.object_plant import FreeObject
 from lis_grasp.typing import FloatArray
 
@@ -100,8 +99,9 @@ class DynamicProber:
         if force_threshold is None:
             force_threshold = 0.2 if free is None else 0.05
         require_positive(force_threshold=force_threshold)
-        self._threshold = force_threshold
-        self._scene = ProbingScene(hand, mesh, free, station, arm_use)
+        self._scene = ProbingScene(
+            hand, mesh, force_threshold, free=free, station=station, arm_use=arm_use
+        )
         self._speed = PROBE_SPEED if free is None else GENTLE_SPEED
         self._motion = GuardedMotion(hand, mesh, station, probe_speed=self._speed)
         self._station = station
@@ -168,22 +168,19 @@ class DynamicProber:
         before, reason = self._X_EO, GRAZED
         hand_pose: HandPose | None
         try:
-            patches, hand_pose = self._touch(course)
+            contacts, hand_pose = self._touch(course)
         except ArmStoppedError as stopped:
-            patches, hand_pose, reason = [], None, f"{ARM_STOPPED}: {stopped.reason}"
+            contacts, hand_pose = Contacts.empty(), None
+            reason = f"{ARM_STOPPED}: {stopped.reason}"
         if self._free is not None:
             missed = replace(missed, simulated_pose=self._X_EO, moved=self._displacement(before))
-        if not patches:
+        if not len(contacts):
             return replace(missed, status="blocked", reason=reason)
-        return replace(
-            missed,
-            status="touched",
-            contacts=_contacts(patches, course.until_contact),
-            hand_pose=hand_pose,
-        )
+        contacts = replace(contacts, times=np.full(len(contacts), course.until_contact))
+        return replace(missed, status="touched", contacts=contacts, hand_pose=hand_pose)
 
-    def _touch(self, course: Course) -> tuple[list[Patch], HandPose]:
-        """Simulate the last part of a course; return contact patches and the hand's pose."""
+    def _touch(self, course: Course) -> tuple[Contacts, HandPose]:
+        """Simulate the last part of a course; return contacts and the hand's pose."""
         scene, q, leg = self._scene, course.joint_positions, course.last
         palm_to_base = self._hand.forward_kinematics(np.eye(4), q)
         X_EB = leg.X_OH @ palm_to_base[self._hand.base_link]
@@ -198,17 +195,18 @@ class DynamicProber:
         scene.start_motion(start, speed)
         step = speed * scene.time_step
         end = leg.length + min(_BEYOND, leg.remaining)
-        patches: list[Patch] = []
+        contacts = Contacts.empty()
         scene.command(start + step, speed)
         for n in range(1, int(np.ceil((end - start) / step)) + 1):
             scene.advance()
             scene.command(start + (n + 1) * step, speed)
             if start + n * step > leg.length:
-                patches = scene.patches(self._threshold)
-            if patches:
+                contacts = scene.touch()
+            if len(contacts):
                 break
         hand_pose = HandPose(self._from_world(scene.X_WH) + 0.0, scene.joint_positions)
-        patches = [self._seen(patch) for patch in patches]
+        if self._station is not None:
+            contacts = contacts.in_frame(self._X_WE)
         if self._free is not None or self._station is not None:
             late = n + (1 if self._station is not None else round(_LATENCY / scene.time_step))
             for m in range(n + 1, late + 1):
@@ -216,7 +214,7 @@ class DynamicProber:
             scene.retreat(start + late * step, PROBE_SPEED)
         if self._free is not None:
             self._X_EO = read_only(self._from_world(scene.X_WO))
-        return patches, hand_pose
+        return contacts, hand_pose
 
     def _in_world(self, X_E: FloatArray) -> FloatArray:
         """Return a pose (4, 4) in the plant's world; without an arm, that is E."""
@@ -225,25 +223,7 @@ class DynamicProber:
     def _from_world(self, X_W: FloatArray) -> FloatArray:
         return X_W if self._station is None else inverse_pose(self._X_WE) @ X_W
 
-    def _seen(self, patch: Patch) -> Patch:
-        """Return a patch in E."""
-        if self._station is None:
-            return patch
-        X_EW = inverse_pose(self._X_WE)
-        point, normal = apply_pose(X_EW, patch.point), rotate(X_EW, patch.normal)
-        return replace(patch, point=point, normal=normal)
-
     def _displacement(self, X_EO: FloatArray) -> float:
         """Return the largest displacement of a point of the object from an earlier pose [m]."""
         before, now = (apply_pose(X, self._hull) for X in (X_EO, self._X_EO))
         return float(np.linalg.norm(now - before, axis=1).max())
-
-
-def _contacts(patches: list[Patch], time: float) -> Contacts:
-    return Contacts(
-        points=np.array([patch.point for patch in patches]) + 0.0,  # no negative zeros
-        normals=np.array([patch.normal for patch in patches]) + 0.0,
-        forces=np.array([patch.force for patch in patches]),
-        fingers=tuple(patch.link for patch in patches),
-        times=np.full(len(patches), time),
-    )

@@ -1,0 +1,345 @@
+"""Touch sensor: a Drake system that turns contact results into contacts of the touched object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from warnings import warn
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import GeometryId
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import Context, EventStatus, InputPort, LeafSystem, State
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidOptionError
+from lis_grasp.exploration.loop import new_contacts
+from lis_grasp.exploration.tactile_sensor import TactileSensor
+from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.geometry import apply_pose, inverse_pose, rotate
+from lis_grasp.logs.detection import TouchDetection
+from lis_grasp.probing.course import FREE_POINT_SPACING
+from lis_grasp.records import Record
+from lis_grasp.robots.pose_filter import balls_inside
+from lis_grasp.simulation.drake.contact_patches import (
+    LinkContact,
+    Patch,
+    contacts_of,
+    link_contacts,
+)
+from lis_grasp.simulation.drake.hand_plant import HandInPlant
+from lis_grasp.typing import FloatArray
+
+_SWEEP_PERIOD = 0.02  # between looks at the hand's poses for free space [s]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Felt(Record):
+    """Everything that the sensor remembers; all in E."""
+
+    contacts: Contacts  # with the free space of finished motions
+    touching: tuple[tuple[str, FloatArray], ...] = ()  # links, and where each was recorded last
+    # Centres and radii of free balls (K, 4), since the last touch or the end of listening.
+    swept: tuple[FloatArray, ...] = ()
+    cells: frozenset[tuple[int, ...]] = frozenset()  # of free balls, so that none is repeated
+    looked: FloatArray | None = None  # centres (B, 3) of the hand's balls at the last look
+    was_reset: bool = False
+
+
+_NOTHING = Contacts.empty()
+
+
+class TouchSensor(LeafSystem):
+    """Feels with every link of a hand, and remembers where it touched.
+
+    A contact is the area-weighted centroid of a contact patch and its outward normal; a patch
+    across an edge counts as two. Hydroelastic contact is exact. Of point contact, the witness point
+    on the object counts, and a warning is given once.
+
+    Frames: W world; E that of the contacts, fixed in W, or to a body.
+
+    .. code-block:: text
+
+        contact_results, body_poses, enable, reset -> TouchSensor -> touch, contacts
+
+    ``enable`` and ``reset`` are vectors of one number and may be unconnected: the sensor feels
+    while ``enable`` is not 0, and a ``reset`` that rises above 0 empties the record. ``body_poses``
+    is needed for ``space`` and ``frame`` only. ``touch`` are the `Contacts` at this moment,
+    ``contacts`` all since the beginning or the reset, with free space. ``contacts`` depends on the
+    system's state alone.
+
+    Parameters
+    ----------
+    plant
+        The finalized plant.
+    hand
+        The hand in it, as `add_hand` returns it.
+    feels
+        Bodies or model instances whose contact counts; None for all that is not the hand.
+    X_WE
+        The frame E of the contacts, in the world or, with `frame`, in the body's frame; None for
+        that frame itself.
+    frame
+        A body with which E moves; None for the world.
+    threshold
+        Least normal force of a contact [N].
+    spacing
+        A touch that slides is recorded again after this distance [m]; None for once.
+    noise
+        Model of the sensor's noise; None for an ideal sensor.
+    seed
+        Of the noise.
+    space
+        The object's place and size in E. Balls of free space that the hand sweeps there are
+        recorded; None for none.
+    period
+        Time between samples [s]; None for the plant's time step, and inf for no record.
+
+    Raises
+    ------
+    InvalidOptionError
+        If the plant is not finalized, the hand is of another plant, or nothing can be felt.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        hand: HandInPlant,
+        *,
+        feels: Iterable[RigidBody | ModelInstanceIndex] | None = None,
+        X_WE: RigidTransform | None = None,
+        frame: RigidBody | None = None,
+        threshold: float = 0.2,
+        spacing: float | None = None,
+        noise: TactileSensor | None = None,
+        seed: int = 0,
+        space: Workspace | None = None,
+        period: float | None = None,
+    ) -> None:
+        super().__init__()
+        self.set_name("touch_sensor")
+        if not plant.is_finalized():
+            raise InvalidOptionError(
+                "TouchSensor needs a finalized plant: call plant.Finalize() first", option="plant"
+            )
+        if hand.base.GetParentPlant() is not plant:
+            raise InvalidOptionError(
+                "TouchSensor needs a hand of its plant: this one is in another", option="hand"
+            )
+        self._felt_geometries = _geometries(plant, hand, feels)
+        if not self._felt_geometries:
+            raise InvalidOptionError(
+                "TouchSensor has nothing to feel: none of the bodies has collision geometry",
+                option="feels",
+            )
+        self._hand, self._noise, self._seed, self._space = hand, noise, seed, space
+        self._detection = TouchDetection(threshold=threshold, spacing=spacing)
+        self._X_FE = np.eye(4) if X_WE is None else X_WE.GetAsMatrix4()
+        self._frame = None if frame is None else frame.index()
+        self._links = [
+            (body.index(), link, balls)
+            for link, body in hand.links.bodies.items()
+            if len(balls := _balls_of(hand, link))
+        ]
+        self._radii = np.concatenate([balls[:, 3] for _, _, balls in self._links])
+        self._warned = False
+        declare = self.DeclareAbstractInputPort
+        self._results: InputPort = declare("contact_results", AbstractValue.Make(ContactResults()))
+        self._poses: InputPort = declare("body_poses", AbstractValue.Make([RigidTransform()]))
+        self._enable = self.DeclareVectorInputPort("enable", 1)
+        self._reset = self.DeclareVectorInputPort("reset", 1)
+        state = self.DeclareAbstractState(AbstractValue.Make(_Felt(_NOTHING)))
+        needed = {self._results.ticket()} | ({self._poses.ticket()} if frame is not None else set())
+        self.touch = self.DeclareAbstractOutputPort(
+            "touch", lambda: AbstractValue.Make(_NOTHING), self._touch, needed
+        )
+        self.contacts = self.DeclareAbstractOutputPort(
+            "contacts",
+            lambda: AbstractValue.Make(_NOTHING),
+            lambda context, output: output.set_value(_felt(context).contacts),
+            {self.abstract_state_ticket(state)},
+        )
+        period = plant.time_step() if period is None else period
+        if np.isfinite(period):
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._record)
+            if space is not None:
+                self.DeclarePeriodicUnrestrictedUpdateEvent(_SWEEP_PERIOD, 0.0, self._sweep)
+
+    def _touch(self, context: Context, output: AbstractValue) -> None:
+        """Calculate the contacts at this moment."""
+        strong = self._strong(context, self._detection.threshold)
+        output.set_value(self._contacts(context, [part for c in strong for part in c.flat_parts()]))
+
+    def _record(self, context: Context, state: State) -> EventStatus:
+        """Add what has begun to touch."""
+        before: _Felt = state.get_abstract_state(0).get_value()
+        after = before
+        reset = self._reset.HasValue(context) and self._reset.Eval(context)[0] > 0.0
+        if reset and not before.was_reset:
+            after = _Felt(_NOTHING)
+        if reset != after.was_reset:
+            after = replace(after, was_reset=reset)
+        if self._listens(context):
+            after = self._with_touches(context, after)
+        elif after.touching or after.looked is not None:
+            after = replace(_with_free_space(after), touching=(), looked=None)
+        return _updated(state, before, after)
+
+    def _with_touches(self, context: Context, felt: _Felt) -> _Felt:
+        """Return the record after this moment."""
+        threshold = self._detection.threshold
+        spacing = np.inf if self._detection.spacing is None else self._detection.spacing
+        contacts = self._strong(context, self._detection.release * threshold)
+        if not contacts and not felt.touching:
+            return felt
+        X_EW = inverse_pose(self._X_WE(context))
+        known, touching, new = dict(felt.touching), {}, []
+        for contact in contacts:
+            link, point = contact.link, apply_pose(X_EW, contact.point)
+            last = known.get(link)
+            strong = contact.normal_force > threshold
+            if strong and (last is None or np.linalg.norm(point - last) >= spacing):
+                new.append(contact)
+                touching[link] = point
+            elif last is not None:
+                touching.setdefault(link, last)
+        if not new and touching.keys() == known.keys():
+            return felt
+        felt = replace(felt, touching=tuple(touching.items()))
+        parts = [part for contact in new for part in contact.flat_parts()]
+        if not parts:
+            return felt
+        found = self._contacts(context, parts)
+        if self._noise is not None:
+            rng = np.random.default_rng([self._seed, len(felt.contacts)])
+            found = self._noise.sense(found, rng=rng)
+        found = found.subset(new_contacts(felt.contacts, found))
+        felt = _with_free_space(felt)
+        return replace(felt, contacts=felt.contacts.append(found))
+
+    def _sweep(self, context: Context, state: State) -> EventStatus:
+        """Add the free space that the hand has swept since the last look."""
+        felt: _Felt = state.get_abstract_state(0).get_value()
+        if not self._listens(context):
+            return EventStatus.DidNothing()
+        poses, X_EW = self._poses.Eval(context), inverse_pose(self._X_WE(context))
+        centers = np.concatenate(
+            [apply_pose(X_EW @ poses[i].GetAsMatrix4(), b[:, :3]) for i, _, b in self._links]
+        )
+        moved = np.inf
+        if felt.looked is not None:
+            moved = float(np.linalg.norm(centers - felt.looked, axis=1).max())
+        if moved < FREE_POINT_SPACING:
+            return EventStatus.DidNothing()
+        assert self._space is not None
+        apart = np.linalg.norm(centers - self._space.center, axis=1)
+        cells = np.round(centers / FREE_POINT_SPACING).astype(int)
+        rows, added = [], set()
+        for ball in np.flatnonzero(apart < self._space.radius + self._radii):
+            cell = (int(ball), *cells[ball].tolist())
+            if cell not in felt.cells:
+                rows.append(ball)
+                added.add(cell)
+        swept = felt.swept
+        if rows:
+            swept = (*swept, np.column_stack([centers[rows], self._radii[rows]]))
+        return _updated(
+            state, felt, replace(felt, swept=swept, cells=felt.cells | added, looked=centers)
+        )
+
+    def _listens(self, context: Context) -> bool:
+        return not self._enable.HasValue(context) or self._enable.Eval(context)[0] != 0.0
+
+    def _strong(self, context: Context, force: float) -> list[LinkContact]:
+        """Return the contacts with more normal force [N], in W."""
+        results = self._results.Eval(context)
+        contacts = link_contacts(results, self._felt_geometries, self._hand.link_of_geometry)
+        strong = [contact for contact in contacts if contact.normal_force > force]
+        if not self._warned and any(contact.surface is None for contact in strong):
+            self._warned = True
+            warn(
+                f"{self.get_name()} feels point contact: meshes are felt as their convex hulls, and"
+                " forces begin large. For exact contact give both bodies hydroelastic properties,"
+                " and the plant contact_model='hydroelastic_with_fallback'",
+                stacklevel=2,
+            )
+        return strong
+
+    def _contacts(self, context: Context, parts: list[Patch]) -> Contacts:
+        """Return flat parts in W as contacts in E."""
+        if not parts:
+            return _NOTHING
+        X_WE = self._X_WE(context)
+        if not np.array_equal(X_WE, np.eye(4)):
+            X_EW = inverse_pose(X_WE)
+            parts = [
+                replace(part, point=apply_pose(X_EW, part.point), normal=rotate(X_EW, part.normal))
+                for part in parts
+            ]
+        return contacts_of(parts, context.get_time())
+
+    def _X_WE(self, context: Context) -> FloatArray:
+        if self._frame is None:
+            return self._X_FE
+        X_WF: FloatArray = self._poses.Eval(context)[self._frame].GetAsMatrix4()
+        return X_WF @ self._X_FE
+
+
+def _felt(context: Context) -> _Felt:
+    felt: _Felt = context.get_abstract_state(0).get_value()
+    return felt
+
+
+def _updated(state: State, before: _Felt, after: _Felt) -> EventStatus:
+    """Set the record, and say if there was nothing to set: then nothing is computed again."""
+    if after is before:
+        return EventStatus.DidNothing()
+    state.get_mutable_abstract_state(0).set_value(after)
+    return EventStatus.Succeeded()
+
+
+def _with_free_space(felt: _Felt) -> _Felt:
+    """Return the record with the free space of the motion so far in its contacts."""
+    if not felt.swept:
+        return felt
+    balls = np.vstack(felt.swept)
+    free = Contacts(np.empty((0, 3)), np.empty((0, 3)))
+    free = replace(free, free_points=balls[:, :3], free_radii=balls[:, 3])
+    return replace(felt, contacts=felt.contacts.append(free), swept=())
+
+
+def _geometries(
+    plant: MultibodyPlant,
+    hand: HandInPlant,
+    feels: Iterable[RigidBody | ModelInstanceIndex] | None,
+) -> set[GeometryId]:
+    """Return the collision geometries that are felt."""
+    bodies: list[RigidBody] = []
+    if feels is None:
+        instances = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
+        feels = [instance for instance in instances if instance != hand.instance]
+    for felt in feels:
+        if isinstance(felt, ModelInstanceIndex):
+            bodies += map(plant.get_body, plant.GetBodyIndices(felt))
+        else:
+            bodies.append(felt)
+    of_hand = hand.link_of_geometry
+    return {
+        geometry
+        for body in bodies
+        for geometry in plant.GetCollisionGeometriesForBody(body)
+        if geometry not in of_hand
+    }
+
+
+def _balls_of(hand: HandInPlant, link: str) -> FloatArray:
+    """Return balls inside of a link, centres in its frame and radii [m], shape (B, 4)."""
+    balls = [np.empty((0, 4))]
+    for geometry in hand.hand.link_geometries:
+        if geometry.link == link:
+            centers, radii = balls_inside(geometry)
+            balls.append(np.column_stack([apply_pose(geometry.X_LG, centers), radii]))
+    return np.concatenate(balls)
