@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, Stage, say, say_search
-from lis_grasp.grasping.export import save_isaac_grasps
+from lis_grasp.grasping.export import save_isaac_grasps, save_moveit_grasps
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
@@ -40,6 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--isaac", action="store_true", help="also write grasps.isaac.yaml, for Isaac Sim"
     )
     parser.add_argument(
+        "--moveit",
+        nargs="?",
+        const="object",
+        metavar="NAME",
+        help="also write grasps.moveit.yaml, a list of moveit_msgs/msg/Grasp; NAME is the object's"
+        " in the planning scene, and its frame (default: object)",
+    )
+    parser.add_argument(
         "--dexgraspbench",
         action="store_true",
         help="also write the folder dexgraspbench, for the benchmark of that name: the grasps, the"
@@ -66,6 +74,16 @@ def execute(options: argparse.Namespace) -> None:
         isaac = made.path.with_name("grasps.isaac.yaml")
         save_isaac_grasps(isaac, made.search, hand)
         say(f"wrote {isaac}")
+    if options.moveit:
+        station = made.known.station
+        moveit, X_FB = made.path.with_name("grasps.moveit.yaml"), hand.X_FB
+        carrier = f"the link that hand {hand.name} is mounted on"
+        if station is not None:
+            X_FB, carrier = station.mount.X_FB, f"{station.arm.flange} of arm {station.arm.name}"
+        elif X_FB is None:
+            carrier = f"{hand.base_link}, the base link of hand {hand.name}"
+        save_moveit_grasps(moveit, made.search, hand, name=options.moveit, X_FB=X_FB)
+        say(f"wrote {moveit}: poses of {carrier}")
     if options.dexgraspbench:
         folder = _write_dexgraspbench(made, Path(made.recorded.get("object", options.mesh)).stem)
         say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")

@@ -18,6 +18,11 @@ from lis_grasp.robots.pose_filter import HandPoseFilter
 from lis_grasp.robots.robot_model import Pad
 from lis_grasp.typing import BoolArray, FloatArray, IndexArray
 
+STANDOFF = 0.12
+"""Length of the straight approach, which must be free [m]."""
+LIFT = 0.1
+"""Length of the straight lift, which must be free of obstacles [m]."""
+
 _MAX_POSITION_ERROR = 0.0015  # [m] of a pad from its contact
 _MAX_AXIS_ERROR = 0.02  # [rad] of a contact beyond its pad's border
 _CLEARANCE, _SPARE = 0.0004, 0.0003  # [m] of the hand from the support; more for the initial guess
@@ -25,8 +30,7 @@ _ARM_CLEARANCE = 0.001  # [m] the same of a hand on an arm, which sags by up to 
 # An opened hand on an arm is free to go on by this [m]: the palm keeps off the object.
 _ARM_ERROR = 0.002
 _OPENING = 0.02  # [m] of each pad from its contact before the hand closes
-_STANDOFF, _APPROACH_STEPS = 0.12, 8  # [m] along which the approach must be free
-_LIFT, _LIFT_STEPS = 0.1, 6  # [m] of the straight lift, which must be free of obstacles
+_APPROACH_STEPS, _LIFT_STEPS = 8, 6  # poses that are checked
 _FACE_DEPTH = 0.001  # [m]: parts of a link this near to the plane of its pad belong to the pad
 _BORDER = 0.0005  # [m] of a flat pad at the fingertip without contacts
 _STEEP = 0.2  # least descent of the approach per metre at which the palm rises by going back
@@ -110,7 +114,7 @@ class CandidateFilter:
 
     def _approaches(self, X_OH: FloatArray) -> FloatArray:
         """Return palm poses along the approach to each pose (B, 4, 4), shape (B, W, 4, 4)."""
-        back = np.linspace(0.0, _STANDOFF, _APPROACH_STEPS)
+        back = np.linspace(0.0, STANDOFF, _APPROACH_STEPS)
         if self._reach_check is not None:
             back = np.append(-_ARM_ERROR, back)
         paths = np.repeat(X_OH[:, None], len(back), axis=1)
@@ -141,7 +145,7 @@ class CandidateFilter:
 def _lifts(X_OH: FloatArray) -> FloatArray:
     """Return palm poses along the straight lift from each pose (B, 4, 4), (B, W, 4, 4)."""
     paths = np.repeat(X_OH[:, None], _LIFT_STEPS, axis=1)
-    paths[:, :, 2, 3] += np.linspace(0.0, _LIFT, _LIFT_STEPS)
+    paths[:, :, 2, 3] += np.linspace(0.0, LIFT, _LIFT_STEPS)
     return paths
 
 

@@ -1,4 +1,4 @@
-"""Grasps for other programs: isaac_grasp files, and postures of hands of position servos."""
+"""Grasps for other programs: Isaac Sim, MoveIt, and postures of hands of position servos."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.geometry import inverse_pose
+from lis_grasp.grasping._candidate_filter import LIFT, STANDOFF
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.atomic_writing import whole_file
 from lis_grasp.robots.hand import Hand
@@ -52,6 +53,78 @@ def _plain(grasp: Grasp, hand: Hand) -> dict[str, Any]:
     }
 
 
+def save_moveit_grasps(
+    path: Path | str,
+    search: GraspSearch,
+    hand: Hand,
+    *,
+    name: str = "object",
+    X_FB: FloatArray | None = None,
+) -> None:
+    """Write grasps as a list of `moveit_msgs/msg/Grasp` (YAML).
+
+    Each has the pose of the link that carries the hand, the actuated joints opened and in contact,
+    with the efforts of the planned contact forces, the approach that was checked and a straight
+    lift, and as quality its success probability.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    search, hand
+        The grasps, and their hand.
+    name
+        The object in the planning scene, whose frame is O and which may be touched.
+    X_FB
+        Shape (4, 4): the hand's base link in the frame of the link that carries it, such as an
+        arm's flange; None for the pose of the base link itself.
+    """
+    X_HF = inverse_pose(hand.X_LH)
+    if X_FB is not None:
+        X_HF = X_HF @ inverse_pose(X_FB)
+    grasps = [
+        {"id": f"grasp_{i}", **_moveit(g, hand, g.X_OH @ X_HF, name)}
+        for i, g in enumerate(search.grasps)
+    ]
+    with whole_file(Path(path)) as temporary:
+        text = yaml.safe_dump(grasps, sort_keys=False, default_flow_style=None)
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _moveit(grasp: Grasp, hand: Hand, X_OF: FloatArray, name: str) -> dict[str, Any]:
+    def header(frame: str) -> dict[str, Any]:
+        return {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
+
+    def posture(positions: FloatArray, efforts: FloatArray) -> dict[str, Any]:
+        point = {"positions": positions.tolist(), "velocities": [], "accelerations": []}
+        point |= {"effort": efforts.tolist(), "time_from_start": {"sec": 0, "nanosec": 0}}
+        names = list(grasp.joint_names)
+        return {"header": header(""), "joint_names": names, "points": [point]}
+
+    def motion(direction: FloatArray, distance: float) -> dict[str, Any]:
+        vector = {"header": header(name), "vector": _named("xyz", direction)}
+        return {"direction": vector, "desired_distance": distance, "min_distance": distance}
+
+    turn = Rotation.from_matrix(X_OF[:3, :3]).as_quat(canonical=True)
+    pose = {"position": _named("xyz", X_OF[:3, 3]), "orientation": _named("xyzw", turn)}
+    efforts = grip_efforts(hand, grasp)
+    return {
+        "pre_grasp_posture": posture(grasp.pregrasp_positions, np.zeros(0)),
+        "grasp_posture": posture(grasp.joint_positions, efforts),
+        "grasp_pose": {"header": header(name), "pose": pose},
+        "grasp_quality": grasp.quality.get("success_probability", 0.0),
+        "pre_grasp_approach": motion(grasp.approach_O, STANDOFF),
+        "post_grasp_retreat": motion(np.array([0.0, 0.0, 1.0]), LIFT),
+        "post_place_retreat": motion(-grasp.approach_O, STANDOFF),
+        "max_contact_force": hand.max_contact_force,
+        "allowed_touch_objects": [name],
+    }
+
+
+def _named(names: str, values: FloatArray) -> dict[str, float]:
+    return dict(zip(names, values.tolist(), strict=True))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ServoPostures:
     """Postures of hand and palm in a grasp, on a table at z = 0.
@@ -85,7 +158,15 @@ def servo_postures(hand: Hand, grasp: Grasp, support_height: float) -> ServoPost
 def squeeze_posture(hand: Hand, grasp: Grasp) -> FloatArray:
     """Return the joint positions (J,) at which servos exert a grasp's planned contact forces.
 
-    Efforts ``tau = J^T f`` of the contact points, by the servos' stiffness; within effort limits.
+    Those of the grasp, and `grip_efforts` by the servos' stiffness.
+    """
+    return grasp.joint_positions + servo_efforts(hand, grip_efforts(hand, grasp))
+
+
+def grip_efforts(hand: Hand, grasp: Grasp) -> FloatArray:
+    """Return the joints' efforts (J,) for a grasp's planned contact forces [N m or N].
+
+    ``tau = J^T f`` of the contact points, within effort limits.
     """
     q = grasp.joint_positions
     poses = hand.forward_kinematics(grasp.X_OH, q)
@@ -101,4 +182,4 @@ def squeeze_posture(hand: Hand, grasp: Grasp) -> FloatArray:
         offsets[f] = poses[hand.pads[f].link][:3, :3].T @ (point - centers[f])
         _, _, jacobians, _ = hand.pad_jacobians(grasp.X_OH, q, offsets)  # (F, 3, 6 + J)
         efforts += jacobians[f, :, 6:].T @ force
-    return q + servo_efforts(hand, np.clip(efforts, -hand.effort_limits, hand.effort_limits))
+    return np.clip(efforts, -hand.effort_limits, hand.effort_limits)

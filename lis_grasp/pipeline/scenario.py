@@ -296,13 +296,7 @@ def find_object(config: RunConfig) -> Shape:
 
 
 def find_obstacles(config: RunConfig) -> trimesh.Trimesh | None:
-    """Return the configured obstacles, None without any; errors are those of `load_obstacles`.
-
-    Examples
-    --------
-    >>> pipeline.find_obstacles(RunConfig()) is None
-    True
-    """
+    """Return the configured obstacles, None without any; errors are those of `load_obstacles`."""
     return None if config.obstacles is None else load_obstacles(config.obstacles)
 
 
