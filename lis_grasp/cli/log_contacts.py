@@ -1,4 +1,4 @@
-"""`lis-grasp contacts`: contacts from a robot's log of forces and poses."""
+"""`lis-grasp contacts`: contacts from a robot's log of forces and poses, or tactile patches."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.cli.progress import PRINTED, Stage, say
+from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.geometry import make_pose
 from lis_grasp.io import provenance
 from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
 from lis_grasp.logs.detection import FORCES_ON, NORMAL_SOURCES, TouchDetection
+from lis_grasp.logs.patches import PatchDetection, TactilePatches, contacts_from_patches
 from lis_grasp.logs.readers import open_log
 from lis_grasp.pipeline.results_folder import result_file
 from lis_grasp.typing import FloatArray
 
-_DEFAULTS = TouchDetection()
+_DEFAULTS, _PATCHES = TouchDetection(), PatchDetection()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="LOG",
         help=".bag (ROS 1), .mcap, .db3 or a folder (ROS 2), or a .csv with columns time, fx,fy,fz"
-        " or force, x,y,z of the tip, and optionally qx,qy,qz,qw, ox,oy,oz, oqx,oqy,oqz,oqw",
+        " or force, x,y,z of the tip, and optionally qx,qy,qz,qw, ox,oy,oz, oqx,oqy,oqz,oqw; or"
+        " .npz with heights, poses and pitch of tactile patches",
     )
     parser.add_argument("--list", action="store_true", help="list the topics and frames of LOG")
     choices = parser.add_argument_group("topics; repeat the first three for several fingers")
@@ -82,7 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--spacing",
         type=float,
         metavar="METRES",
-        help="another contact whenever a touch has slid so far (default: one for each touch)",
+        help="another contact whenever a touch has slid so far (default: one for each touch); of"
+        f" tactile patches, distance of contacts (default: {_PATCHES.spacing:g})",
     )
     touch.add_argument(
         "--normals",
@@ -96,6 +100,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=FORCES_ON,
         help="on what the reported force acts (default: what agrees with the approach)",
     )
+    patches = parser.add_argument_group("tactile patches (.npz)")
+    patches.add_argument(
+        "--indentation",
+        type=float,
+        default=_PATCHES.threshold,
+        metavar="METRES",
+        help=f"least indentation of a pixel that touches (default: {_PATCHES.threshold:g})",
+    )
+    patches.add_argument(
+        "--position-noise",
+        type=float,
+        metavar="METRES",
+        help="standard deviation of the heights and of the sensor's position (default: the scatter"
+        " of the heights)",
+    )
     parser.add_argument(
         "--output",
         type=Path,
@@ -107,6 +126,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """List the topics, or detect the touches and write the contacts."""
+    if options.log.suffix.lower() == ".npz":
+        _write(options, _of_patches(options))
+        return
     detection = TouchDetection(
         threshold=options.force_threshold,
         release=options.release,
@@ -137,11 +159,34 @@ def execute(options: argparse.Namespace) -> None:
             say(f"{topic.content:10s} {topic.messages:7d}  {topic.name}  ({topic.type})")
         say(f"frames: {', '.join(log.frames().frames) or 'none'}")
         return
-    path = _output(options)
     with Stage("Detecting touches") as stage:
         contacts, touches = contacts_from_log(log, fingers, frames, detection)
         lost = sum(each.unposed for each in touches)
         stage.result = f"{len(contacts)} contacts" + (f", {lost} without a pose" if lost else "")
+    _write(options, contacts)
+
+
+def _of_patches(options: argparse.Namespace) -> Contacts:
+    for name in ("force", "tip", "finger", "object_pose"):
+        if getattr(options, name) is not None:
+            flag = f"--{name.replace('_', '-')}"
+            message = f"{flag} is for robots' logs; {options.log} has tactile patches: leave it out"
+            raise InvalidOptionError(message, option=name)
+    spacing = _PATCHES.spacing if options.spacing is None else options.spacing
+    detection = PatchDetection(options.indentation, spacing, options.position_noise)
+    with Stage(f"Reading {options.log}") as stage:
+        patches = TactilePatches.load(options.log)
+        count, rows, columns = patches.heights.shape
+        stage.result = f"{count} patches of {rows} x {columns} pixels"
+    with Stage("Finding contacts") as stage:
+        contacts = contacts_from_patches(patches, detection)
+        stage.result = f"{len(contacts)} contacts"
+    X_FO = _pose(options.object_frame)
+    return contacts if X_FO is None else contacts.in_frame(X_FO)
+
+
+def _write(options: argparse.Namespace, contacts: Contacts) -> None:
+    path = _output(options)
     header = provenance.describe(source=options.log.name)
     if path.suffix.lower() == ".ply":
         with result_file(path, PRINTED) as temporary:

@@ -25,7 +25,14 @@ _STAGES = (
     ("contacts.ply",),
     ("surface.ply",),
     ("grasps.json",),
-    ("grasps.isaac.yaml", "motion.npz", "lifts.json", "report.json", "scene.html"),
+    (
+        "grasps.isaac.yaml",
+        "grasps.moveit.yaml",
+        "motion.npz",
+        "lifts.json",
+        "report.json",
+        "scene.html",
+    ),
 )
 
 # Files whose content shows that this package wrote them.
