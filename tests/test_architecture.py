@@ -18,7 +18,7 @@ import pytest
 import lis_grasp
 import lis_grasp_studies
 from lis_grasp import pipeline
-from lis_grasp.pipeline import lifting_stage, next_touch, scenario, stages
+from lis_grasp.pipeline import known, lifting_stage, next_touch, stages
 
 PACKAGE = Path(lis_grasp.__file__).resolve().parent
 STUDIES = Path(lis_grasp_studies.__file__).resolve().parent
@@ -169,7 +169,7 @@ sys.modules["pydrake"] = None
 import numpy as np
 import lis_grasp
 from lis_grasp import pipeline
-from lis_grasp.pipeline import lifting_stage, next_touch, scenario, stages
+from lis_grasp.pipeline import known, lifting_stage, next_touch, scenario, stages
 for name in lis_grasp.__all__:
     getattr(lis_grasp, name)
 from lis_grasp import ForceClosureSampler, Hand, LocalImplicitSurface, Contacts, extract_mesh
@@ -217,7 +217,7 @@ def test_no_true_object_reaches_exploration_estimation_or_planning() -> None:
 
 def test_the_true_object_is_no_part_of_what_is_known() -> None:
     """What decides for the robot gets `Known`; of true things it has neither types nor names."""
-    types = get_type_hints(pipeline.Known, {**vars(pipeline), **vars(scenario)})
+    types = get_type_hints(pipeline.Known, {**vars(pipeline), **vars(known)})
     assert not {"shape", "truth", "config", "object", "mass", "friction"} & set(types)
     for text in map(str, types.values()):
         assert not any(name in text for name in ("Shape", "Truth", "Scenario", "RunConfig")), text
@@ -230,7 +230,7 @@ def test_the_true_object_is_no_part_of_what_is_known() -> None:
         pipeline.plan,
         pipeline.make_policy,
         pipeline.make_estimator,
-        stages.grasp_rules,
+        stages.stop_rules,
         lifting_stage.lift_options,
         next_touch.next_touch,
     ],

@@ -16,6 +16,8 @@ from lis_grasp.pipeline.file_stages import estimate_file, millimetres
 from lis_grasp.shapes import UNITS
 from lis_grasp.surfaces.contact_loading import NormalSide
 
+_OPTIONS = ("estimator", "free_space", "position_noise", "normal_noise")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
@@ -47,8 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=get_args(NormalSide),
         help="side that the normals of CONTACTS point to (default: outward, which is checked)",
     )
-    names = ("estimator", "free_space", "position_noise", "normal_noise")
-    opt.add_options(parser, *names, recorded=True)
+    opt.add_options(parser, *_OPTIONS, recorded=True)
     opt.add_output(parser, "the folder of CONTACTS")
     parser.set_defaults(execute=execute)
 
@@ -66,7 +67,8 @@ def execute(options: argparse.Namespace) -> None:
         ContactSource(path, options.units, options.normals, *noise, radius)
         for path, radius in zip(paths, radii, strict=True)
     ]
-    made = estimate_file(sources, vars(options), options.output, PRINTED)
+    used = opt.given(options, *_OPTIONS)
+    made = estimate_file(sources, options.output, progress=PRINTED, **used)
     uncertainty = np.median(made.mesh.vertex_attributes["uncertainty"])
     say(
         f"estimate: {millimetres(made.mesh.extents)}, with a median standard deviation of"

@@ -12,7 +12,7 @@ from lis_grasp.grasping.export import save_isaac_grasps, save_moveit_grasps
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
-from lis_grasp.pipeline.file_stages import GraspedFile, grasp_file
+from lis_grasp.pipeline.file_stages import PLANNED_WITH, GraspedFile, grasp_file
 from lis_grasp.pipeline.scenario import find_object
 from lis_grasp.shapes import placed_as_recorded
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
@@ -53,9 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also write the folder dexgraspbench, for the benchmark of that name: the grasps, the"
         " hand, and the true object if it is recorded, else MESH; needs the extra mujoco",
     )
-    names = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "obstacles", "seed")
     opt.add_options(parser, "units")
-    opt.add_options(parser, *names, recorded=True)
+    opt.add_options(parser, *PLANNED_WITH, recorded=True)
     opt.add_output(parser, "the folder of MESH")
     parser.set_defaults(execute=execute)
 
@@ -64,7 +63,9 @@ def execute(options: argparse.Namespace) -> None:
     """Plan grasps, and print what was written."""
     if options.dexgraspbench:
         require_packages("mujoco", extra="mujoco", option="--dexgraspbench")
-    made = grasp_file(options.mesh, vars(options), options.output, PRINTED)
+    used = opt.given(options, "units", *PLANNED_WITH)
+    support, output = options.support, options.output
+    made = grasp_file(options.mesh, output, support=support, progress=PRINTED, **used)
     say_search(made.search)
     if made.search.grasps and made.recorded.get("estimator") == "lis":
         say(f"warning: {_ON_LIS}")

@@ -10,6 +10,8 @@ from lis_grasp.cli.progress import PRINTED, say
 from lis_grasp.pipeline.file_stages import lift_file
 from lis_grasp.pipeline.reasons import lift_sentence
 
+_OPTIONS = ("arm", "base", "mass", "friction", "simulator")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments to its parser."""
@@ -19,14 +21,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--best", type=int, default=1, metavar="N", help="lift with the N best grasps (default: 1)"
     )
     opt.add_jobs(parser)
-    opt.add_options(parser, "arm", "base", "mass", "friction", "simulator", recorded=True)
+    opt.add_options(parser, *_OPTIONS, recorded=True)
     opt.add_output(parser, "the folder of GRASPS")
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> None:
     """Simulate the lift with each of the best grasps, and print the outcomes."""
-    made = lift_file(options.grasps_file, vars(options), options.output, PRINTED)
+    used = opt.given(options, "best", "jobs", "object", "size", "units", *_OPTIONS)
+    made = lift_file(options.grasps_file, options.output, progress=PRINTED, **used)
     held = sum(lift["held"] for lift in made.lifts)
     say(f"held {held} of {len(made.lifts)} grasps, {made.mass:.3g} kg")
     for reason in dict.fromkeys(lift["reason"] for lift in made.lifts if not lift["held"]):

@@ -183,7 +183,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         with threadpool_limits(1), _notes_only(), ExitStack() as options.until_end:
             options.execute(options)
     except LisGraspError as error:
-        complain(f"lis-grasp: {error}")
+        complain(f"lis-grasp: {_message(error, arguments)}")
         return 2 if isinstance(error, InvalidInputError) else 1
     except BrokenPipeError:
         return _READER_ENDED
@@ -200,6 +200,15 @@ def _run(arguments: Sequence[str] | None) -> int:
         )
         return 130
     return 0
+
+
+def _message(error: LisGraspError, arguments: Sequence[str]) -> str:
+    """Return the message of an error, with the option that was given for its field."""
+    if isinstance(error, InvalidOptionError):
+        flag = f"--{error.option.replace('_', '-')}"
+        if any(word.partition("=")[0] == flag for word in arguments):
+            return re.sub(rf"^{error.option}\b", flag, str(error))
+    return str(error)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,10 @@ from lis_grasp.exploration import Exploration, ProbeOutcome, Region, Workspace, 
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
+from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.next_touch import NextTouch, next_touch, workspace_of
 from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.scenario import Known
 from lis_grasp.robots.hand import Hand
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.typing import FloatArray
@@ -86,6 +87,7 @@ def execute(options: argparse.Namespace) -> None:
     options.region = None  # in a configuration it needs a pose of the true object
     config = RunConfig.from_facts(vars(options), recorded)
     hand = Hand.load(config.hand)
+    config = replace(config, arm=None, base=None)  # the robot carries the hand as it can
     known = Known.for_hand(config, hand, space, 0.0)
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         touch = next_touch(known, before, outcomes)
@@ -127,7 +129,8 @@ def _read(
         cloud = recorded.get("cloud")
         before = prior_contacts(load_source(ContactSource(cloud))) if cloud else Contacts.empty()
         return before, outcomes, recorded
-    return load_contacts(path, position_noise=position_noise), (), read_facts(path)
+    recorded = read_facts(path)
+    return load_contacts(path, position_noise=position_noise), (), recorded
 
 
 def _lines(touch: NextTouch) -> tuple[str, ...]:

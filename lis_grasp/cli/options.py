@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any
 
+from lis_grasp.cli.progress import with_flags
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.pipeline.conditions import IDEAL_SENSOR, KNOWN, UNKNOWN
-from lis_grasp.pipeline.run_config import (
-    ARM,
-    GRASPING,
-    SENSOR,
-    SURFACE,
-    TOUCHING,
-    Option,
-    RunConfig,
-    options,
-)
+from lis_grasp.pipeline.option import Option, kind_of, options_of
+from lis_grasp.pipeline.run_config import ARM, GRASPING, SENSOR, SURFACE, TOUCHING, RunConfig
 from lis_grasp.shapes import STABLE
 
 _GROUPS = (TOUCHING, SENSOR, SURFACE, GRASPING, ARM)
@@ -30,7 +23,7 @@ TOUCH = (
 )
 """Options of an exploration, beside its object."""
 
-_DEFAULTS, _OPTIONS = RunConfig(), options()
+_DEFAULTS, _OPTIONS = RunConfig(), options_of(RunConfig)
 
 
 def add_options(
@@ -74,11 +67,12 @@ def _default(name: str, recorded: bool) -> str:
 
 def _text(option: Option) -> str:
     """Return the help of an option, with the names that it may have and their meanings."""
+    text = with_flags(option.help)
     if option.registry is None:
-        return option.help
+        return text
     own = [f"{name} ({meaning})" for name, meaning in option.meanings.items()]
     added = option.registry.names[len(option.registry.builtin) :]
-    return f"{option.help}: {', '.join([*own, *added, 'or my.module:Class'])}"
+    return f"{text}: {', '.join([*own, *added, 'or my.module:Class'])}"
 
 
 def _kind(name: str) -> dict[str, Any]:
@@ -90,9 +84,13 @@ def _kind(name: str) -> dict[str, Any]:
         return {"action": argparse.BooleanOptionalAction if default else "store_true"}
     if isinstance(option.metavar, tuple):
         return {"type": float, "nargs": len(option.metavar), "metavar": option.metavar}
-    kinds = get_type_hints(RunConfig)[name]
-    kind = next(k for k in (int, float, str) if k in (kinds, *get_args(kinds)))
+    kind = kind_of(RunConfig, name)
     return {"metavar": option.metavar} | ({} if kind is str else {"type": kind})
+
+
+def given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Return the parsed values of options by name; None for those that are not given."""
+    return {name: getattr(options, name) for name in names}
 
 
 def add_conditions(parser: argparse.ArgumentParser) -> None:

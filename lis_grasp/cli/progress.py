@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import re
 import shutil
 import sys
 import threading
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger("lis_grasp")
 _SILENCE = 10.0  # [s]
+# A field that a message of the library names, and options that have another name than it.
+_FIELD = re.compile(r"`([a-z]+(?:_[a-z]+)*)`")
+_FLAGS = {"folder": "output"}
 _CLEAR = "\r\x1b[K"  # to the start of the line, and clear it
 
 
@@ -105,13 +109,18 @@ class _StepHandler(logging.Handler):
         self._show(record.getMessage())
 
 
+def with_flags(text: str) -> str:
+    """Return a message of the library with the options of the command line for the fields."""
+    return _FIELD.sub(lambda field: f"--{_FLAGS.get(field[1], field[1]).replace('_', '-')}", text)
+
+
 def say(text: str) -> None:
-    """Print a line of the result on stdout.
+    """Print a line of the result on stdout, with options for the fields that it names.
 
     Raises `BrokenPipeError` if its reader has ended, `OutputError` if it cannot be written.
     """
     try:
-        print(text, flush=True)
+        print(with_flags(text), flush=True)
     except OSError as error:
         # What is still buffered would fail again when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -161,9 +170,9 @@ def say_findings(findings: Iterable[Finding]) -> None:
 
 
 def complain(text: str, end: str = "\n") -> None:
-    """Print on stderr; a message that cannot be written is no reason to stop."""
+    """Print on stderr as `say` does; a message that cannot be written is no reason to stop."""
     with contextlib.suppress(OSError):
-        print(text, end=end, file=sys.stderr, flush=True)
+        print(with_flags(text), end=end, file=sys.stderr, flush=True)
 
 
 def open_missing_streams() -> None:

@@ -15,6 +15,7 @@ import trimesh
 from lis_grasp.exceptions import InvalidOptionError, NoGraspError, require_positive
 from lis_grasp.io.grasp_files import read_grasp_file, write_grasp_file
 from lis_grasp.records import Record, fields_of, read_only, reduce_record, short_repr
+from lis_grasp.shapes.object_mass import USUAL_FRICTION, USUAL_MASS
 from lis_grasp.typing import FloatArray
 
 # Nodes and weights of the Gauss-Hermite rule with three nodes, for a standard normal variable.
@@ -209,8 +210,8 @@ class LoadPrior:
         If a median is not positive, or a spread is negative.
     """
 
-    friction: float = 0.8
-    mass: float = 0.2
+    friction: float = USUAL_FRICTION
+    mass: float = USUAL_MASS
     friction_spread: float = 0.0
     mass_spread: float = 0.0
 

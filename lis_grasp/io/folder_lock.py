@@ -30,12 +30,12 @@ def sole_writer(folder: Path) -> Iterator[None]:
         lock.acquire()
     except Timeout:
         message = (
-            f"another process is writing to {folder}: wait until it ends, or name another folder"
-            " with --output"
+            f"another process is writing to {folder}: wait until it ends, or name another by"
+            " `folder`"
         )
         raise InvalidFileError(message, path=folder) from None
     except FileExistsError:
-        message = f"{folder} must be a folder of results; it is a file: name another with --output"
+        message = f"{folder} must be a folder of results; it is a file: name another by `folder`"
         raise InvalidFileError(message, path=folder) from None
     except OSError as error:
         raise InvalidFileError(f"cannot write to {folder}: {error.strerror}", path=folder) from None

@@ -51,7 +51,7 @@ def chosen_units(path: Path, stated: str | None, given: str | None) -> str:
         )
     if given not in (None, stated):
         raise InvalidOptionError(
-            f"units must be {stated}, as {path} states; they are {given}: leave out --units, or"
+            f"units must be {stated}, as {path} states; they are {given}: leave out `units`, or"
             " correct the file",
             option="units",
             value=given,
@@ -88,11 +88,7 @@ def require_plausible_size(points: FloatArray, units: str, least: float = _LEAST
         for name, metres in UNITS.items()
         if SMALLEST <= extent * metres / UNITS[units] <= _GRASPABLE
     ]
-    advice = (
-        f"estimate --units {' or '.join(fitting)} would fit; in Python it is units='...'"
-        if fitting
-        else "no unit would fit"
-    )
+    advice = f"`units` {' or '.join(fitting)} would fit" if fitting else "no unit would fit"
     raise InvalidContactsError(
         f"contacts must be within {_LEAST_EXTENT:g} to {LARGEST:g} m of each other; they are"
         f" {extent:.3g} m apart when read in {units}: {advice}",

@@ -17,7 +17,7 @@ from lis_grasp.grasping.grasps import Grasp
 from lis_grasp.lifting.outcome import LiftOptions, Reason
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
-from lis_grasp.shapes.object_mass import GRAVITY
+from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION, USUAL_MASS
 from lis_grasp.typing import FloatArray
 
 # A hand of 1 kg follows 1 g within 1 mm.
@@ -91,8 +91,8 @@ class LiftSetup:
     hand: Hand
     grasp: Grasp
     support_height: float
-    mass: float = 0.2
-    friction: float = 0.8
+    mass: float = USUAL_MASS
+    friction: float = USUAL_FRICTION
     options: LiftOptions = field(default_factory=LiftOptions)
     X_WO: FloatArray = field(default_factory=lambda: np.eye(4))
     arm: ArmLift | None = None

@@ -103,7 +103,7 @@ def contacts_from_log(
             if unposed
             else f"no force rises from below {detection.release * detection.threshold:g} N to"
             f" {detection.threshold:g} N: lower the threshold, or subtract the sensor's offset"
-            " with --tare"
+            " with `tare`"
         )
     return contacts_of_touches(touches, detection), touches
 
@@ -129,7 +129,7 @@ def choose_topic(log: RobotLog, content: Content, given: str | None, option: str
     if len(others) != 1:
         raise InvalidInputError(
             f"the log has {len(others) or 'no'} topics of content '{content}' to choose from"
-            f" ({known}): choose one with {option}"
+            f" ({known}): choose one by `{option}`"
         )
     return others[0]
 
@@ -137,19 +137,19 @@ def choose_topic(log: RobotLog, content: Content, given: str | None, option: str
 def _touches(
     log: RobotLog, finger: Finger, frames: LogFrames, detection: TouchDetection
 ) -> Touches:
-    measured = log.forces(choose_topic(log, "force", finger.force, "--force"))
+    measured = log.forces(choose_topic(log, "force", finger.force, "force"))
     valid = np.all(np.abs(measured.forces) < _LARGEST_FORCE, axis=1)  # False for NaN
     valid &= np.isfinite(measured.times)
     if not valid.any():
         raise InvalidInputError("the topic of the force has no messages: choose another")
     measured = replace(measured, times=measured.times[valid], forces=measured.forces[valid])
     times = measured.times
-    base, X_PT, tip = _pose_of(log, finger.tip, frames, times, "--tip")
+    base, X_PT, tip = _pose_of(log, finger.tip, frames, times, "tip")
     if frames.object_pose is None:
         fixed = np.eye(4) if frames.object_frame is None else frames.object_frame
         X_PO = np.tile(fixed, (len(times), 1, 1))
     else:
-        other, X_BO, _ = _pose_of(log, frames.object_pose, None, times, "--object-pose", near=base)
+        other, X_BO, _ = _pose_of(log, frames.object_pose, None, times, "object_pose", near=base)
         X_PO = _related(log, base, other, times) @ X_BO
     X_OP = inverse_pose(X_PO)
     X_OT = X_OP @ X_PT
@@ -199,7 +199,7 @@ def _root(tree: FrameTree) -> str:
     if len(roots) != 1:
         raise InvalidInputError(
             f"the log's transforms have {len(roots)} root frames ({', '.join(roots)}): name the"
-            " base frame with --tip-frame"
+            " base frame by `tip_frame`"
         )
     return roots[0]
 
@@ -214,7 +214,7 @@ def _related(log: RobotLog, base: str, other: str, times: FloatArray) -> FloatAr
     if not base:
         raise InvalidInputError(
             f"the tip's poses have no frame, the object's are in '{other}': name the tips' frame"
-            f" with --tip-frame, one of {', '.join(tree.frames)}"
+            f" by `tip_frame`, one of {', '.join(tree.frames)}"
         )
     return tree.pose(base, other, times)
 

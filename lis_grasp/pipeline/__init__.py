@@ -17,20 +17,12 @@ from lis_grasp._moved import new_place
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources, load_source
 from lis_grasp.pipeline.exploring import explore_object
 from lis_grasp.pipeline.file_stages import estimate_file, grasp_file, lift_file
+from lis_grasp.pipeline.known import Known, Perception
 from lis_grasp.pipeline.lifting_stage import lift, lift_each, require_simulator
 from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.run import Run, run
-from lis_grasp.pipeline.run_config import RunConfig, StopLimits
-from lis_grasp.pipeline.scenario import (
-    Known,
-    Perception,
-    Scenario,
-    Truth,
-    make_station,
-    place_object,
-    support_height,
-    workspace,
-)
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.scenario import Scenario, Truth, place_object, workspace
 from lis_grasp.pipeline.stages import (
     Stopwatch,
     estimate,
@@ -50,7 +42,6 @@ __all__ = [
     "Run",
     "RunConfig",
     "Scenario",
-    "StopLimits",
     "Stopwatch",
     "Truth",
     "estimate",
@@ -65,12 +56,10 @@ __all__ = [
     "make_estimator",
     "make_policy",
     "make_prober",
-    "make_station",
     "place_object",
     "plan",
     "require_simulator",
     "run",
-    "support_height",
     "touch",
     "workspace",
 ]

@@ -14,17 +14,19 @@ from lis_grasp.io import provenance
 from lis_grasp.io.surface_files import load_surface, save_surface
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.lifting.trial import AcceptGrasp
+from lis_grasp.pipeline.known import Known, Perception
 from lis_grasp.pipeline.progress import Progress
 from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.regrasp import Stages
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.scenario import Known, Perception, Scenario
+from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import Stopwatch, estimate, plan
 
 NOISE = ("position_noise", "normal_noise")
 """Facts of a sensor in the headers of surfaces."""
 
-_PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "seed", "obstacles")
+PLANNED_WITH = ("hand", "arm", "base", "mass", "friction", "load", "grasps", "obstacles", "seed")
+"""Options that a plan of grasps depends on."""
 
 
 def write_surface(
@@ -62,7 +64,7 @@ def write_grasps(
 
 def planning_facts(config: RunConfig) -> dict[str, Any]:
     """Return what a plan of grasps depends on, for the header of its file."""
-    return {name: getattr(config, name) for name in _PLANNED_WITH}
+    return {name: getattr(config, name) for name in PLANNED_WITH}
 
 
 class StoredStages(Stages):
@@ -76,21 +78,24 @@ class StoredStages(Stages):
         self._recorded = read_facts(folder / "contacts.ply")
         self._stored = len(Contacts.load(folder / "contacts.ply"))
 
-    def plan(self, scenario: Scenario, contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
-        """Estimate and plan, and write contacts.ply, surface.ply and grasps.json."""
-        folder, recorded, known = self._folder, self._recorded, scenario.known
-        recorded |= scenario.facts()
-        if len(contacts) > self._stored:
-            contacts.save(folder / "contacts.ply", header=provenance.merge(recorded))
-            contacts = Contacts.load(folder / "contacts.ply")
-        surface = folder / "surface.ply"
+    def estimate(self, scenario: Scenario, contacts: Contacts) -> trimesh.Trimesh:
+        """Estimate the surface, and write contacts.ply if there are new ones, and surface.ply."""
+        self._recorded |= scenario.facts()
         with self._watch.measure("estimate"):
-            write_surface(surface, known, contacts, recorded, self._progress)
-            mesh = load_surface(surface)
+            if len(contacts) > self._stored:
+                path = self._folder / "contacts.ply"
+                contacts.save(path, header=provenance.merge(self._recorded))
+                contacts = Contacts.load(path)
+            path = self._folder / "surface.ply"
+            write_surface(path, scenario.known, contacts, self._recorded, self._progress)
+            return load_surface(path)
+
+    def plan(self, scenario: Scenario, mesh: trimesh.Trimesh) -> GraspSearch:
+        """Plan grasps, and write grasps.json."""
+        facts = self._recorded | planning_facts(scenario.config)
         with self._watch.measure("grasp"):
-            facts = recorded | planning_facts(scenario.config)
-            path = folder / "grasps.json"
-            return mesh, write_grasps(path, known, mesh, facts, self._progress)
+            path = self._folder / "grasps.json"
+            return write_grasps(path, scenario.known, mesh, facts, self._progress)
 
     def lift(
         self,

@@ -15,16 +15,18 @@ from typing import Any, TypeAlias
 import numpy as np
 import trimesh
 
-from lis_grasp.exceptions import InvalidOptionError, nearest_of, shown
+from lis_grasp.exceptions import InvalidOptionError, shown
 from lis_grasp.exploration import Exploration
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.lifting.outcome import LiftOutcome
 from lis_grasp.pipeline import lifting_stage, stages
+from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.results import Run
 from lis_grasp.pipeline.run import run as run_with_files
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.scenario import Known, Scenario, find_object
+from lis_grasp.pipeline.run_config import RunConfig, require_used
+from lis_grasp.pipeline.scenario import Scenario, find_object
 from lis_grasp.robots.hand import Hand
+from lis_grasp.robots.shipped_models import HAND_REGISTRY
 from lis_grasp.shapes import Shape
 from lis_grasp.typing import Seed
 
@@ -39,15 +41,7 @@ _HAND = RunConfig().hand
 # Fields of RunConfig that each stage uses, beside its hand and the name of its object.
 _LOAD = ("size", "units", "mass", "friction", "load", "arm", "base")
 _RUN = tuple(f.name for f in fields(RunConfig) if f.name not in ("object", "hand", "obstacles"))
-_OPTIONS = {
-    "run": _RUN,
-    "explore": tuple(n for n in _RUN if n not in ("free_space", "grasps", "attempts", "simulator")),
-    "plan": (*_LOAD, "grasps", "seed", "obstacles"),
-    "lift": (*_LOAD, "simulator"),
-}
-
-# What guessed options stand for, where the function takes it.
-_GUESSES = {"output": "folder", "directory": "folder", "rng": "seed", "table": "support_height"}
+_EXPLORE = tuple(n for n in _RUN if n not in ("free_space", "grasps", "attempts", "simulator"))
 
 
 def run(
@@ -92,7 +86,16 @@ def run(
     >>> result.lift["held"]
     True
     """
-    config = _configuration(object, hand, options)
+    require_used(run, options, _RUN)
+    for kind, value, other in (("object", object, RunConfig), ("hand", hand, NoneType)):
+        if not isinstance(value, (str, Path, other)):
+            raise TypeError(
+                f"a run records its {kind} by name, and this is of type {type(value).__name__}:"
+                f" give the name of a built-in {kind} or the path of a file"
+            )
+    config = object if isinstance(object, RunConfig) else RunConfig(object=str(object))
+    config = replace(config, **options)
+    config = config if hand is None else replace(config, hand=str(hand))
     return run_with_files(config, folder, fresh=fresh)
 
 
@@ -134,7 +137,8 @@ def explore(
     >>> len(exploration.contacts)
     3
     """
-    return stages.touch(_scenario("explore", object, hand, _seeded(options, rng)))
+    require_used(explore, options, _EXPLORE)
+    return stages.touch(_scenario(object, hand, _seeded(options, rng)))
 
 
 def plan(
@@ -179,17 +183,18 @@ def plan(
     >>> search.best.hand, search.best.pose.shape
     ('wsg50', (4, 4))
     """
+    require_used(plan, options, (*_LOAD, "grasps", "obstacles", "seed"))
     if options.get("load") == "unknown" and (given := {"friction", "mass"} & {*options}):
         raise InvalidOptionError(
             f"load='unknown' plans for any load: leave out {' and '.join(sorted(given))}",
             option="load",
         )
-    config = _configured("plan", RunConfig(hand=_name(hand)), _seeded(options, rng))
+    config, hand = _config(hand, _seeded(options, rng)), _load(hand)
     if not isinstance(mesh, trimesh.Trimesh):  # of an estimate, the uncertainty must be kept
         config, shape = _find(mesh, config)
         mesh = shape.mesh
     support = float(mesh.bounds[0, 2]) if support_height is None else support_height
-    return stages.plan(Known.for_mesh(config, _load(hand), mesh, support), mesh)
+    return stages.plan(Known.for_mesh(config, hand, mesh, support), mesh)
 
 
 def lift(
@@ -227,6 +232,7 @@ def lift(
     >>> lift("box", grasp, friction=0.9).held
     True
     """
+    require_used(lift, options, (*_LOAD, "simulator"))
     if isinstance(hand, Grasp):
         hand, grasp = None, grasp or hand
     if not isinstance(grasp, Grasp):
@@ -234,47 +240,19 @@ def lift(
             f"grasp must be a Grasp, such as search.best; it is of type {type(grasp).__name__}"
         )
     chosen = grasp.hand if hand is None else hand
-    return lifting_stage.lift(_scenario("lift", object, chosen, options), grasp)
+    return lifting_stage.lift(_scenario(object, chosen, options), grasp)
 
 
-def _configuration(
-    object_: str | Path | RunConfig, hand: str | Path | None, options: Mapping[str, Any]
-) -> RunConfig:
-    for kind, value, other in (("object", object_, RunConfig), ("hand", hand, NoneType)):
-        if not isinstance(value, (str, Path, other)):
-            raise TypeError(
-                f"a run records its {kind} by name, and this is of type {type(value).__name__}:"
-                f" give the name of a built-in {kind} or the path of a file"
-            )
-    config = object_ if isinstance(object_, RunConfig) else RunConfig(object=str(object_))
-    config = _configured("run", config, options)
-    return config if hand is None else replace(config, hand=str(hand))
-
-
-def _configured(stage: str, config: RunConfig, options: Mapping[str, Any]) -> RunConfig:
-    """Return a configuration with other values of the fields that a stage uses."""
-    for name in options:
-        if name not in _OPTIONS[stage]:
-            raise TypeError(_no_option(stage, name))
-    texts: dict[str, Any] = {n: str(v) if isinstance(v, Path) else v for n, v in options.items()}
-    return replace(config, **texts)
-
-
-def _no_option(stage: str, name: str) -> str:
-    accepted = (*_OPTIONS[stage], *(globals()[stage].__kwdefaults__ or ()))
-    if name in _RUN:
-        return f"{stage} does not use the option '{name}', but {', '.join(accepted)}"
-    guess = _GUESSES.get(name)
-    nearest = f": did you mean '{guess}'?" if guess in accepted else nearest_of(name, accepted)
-    return f"{stage} has no option '{name}'{nearest}"
-
-
-def _scenario(
-    stage: str, object_: AnyObject, hand: AnyHand, options: Mapping[str, Any]
-) -> Scenario:
-    config = _configured(stage, RunConfig(hand=_name(hand)), options)
-    config, shape = _find(object_, config)
+def _scenario(object_: AnyObject, hand: AnyHand, options: Mapping[str, Any]) -> Scenario:
+    config, shape = _find(object_, _config(hand, options))
     return Scenario.from_config(config, shape, _load(hand))
+
+
+def _config(hand: AnyHand, options: Mapping[str, Any]) -> RunConfig:
+    """Return a configuration with the name of a hand, if it is one that a name stands for."""
+    name = hand.name if isinstance(hand, Hand) else str(hand)
+    own = isinstance(hand, Hand) and name not in HAND_REGISTRY.names
+    return RunConfig(hand=_HAND if own else name, **options)
 
 
 def _find(object_: AnyObject, config: RunConfig) -> tuple[RunConfig, Shape]:
@@ -295,10 +273,6 @@ def _find(object_: AnyObject, config: RunConfig) -> tuple[RunConfig, Shape]:
 
 def _load(hand: AnyHand) -> Hand:
     return hand if isinstance(hand, Hand) else Hand.load(hand)
-
-
-def _name(hand: AnyHand) -> str:
-    return hand.name if isinstance(hand, Hand) else str(hand)
 
 
 def _seeded(options: Mapping[str, Any], rng: Seed) -> dict[str, Any]:

@@ -130,7 +130,7 @@ def say_object(scenario: Scenario, progress: Progress) -> None:
         progress.say(
             f"warning: {shape.name} is {1e3 * width:.0f} mm wide where it is narrowest, and"
             f" {hand.name} opens {1e3 * opening:.0f} mm: only a rim or a handle can be grasped;"
-            " check the units of the mesh (--units), or take a smaller object"
+            " check the units of the mesh (`units`), or take a smaller object"
         )
 
 

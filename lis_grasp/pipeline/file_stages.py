@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from lis_grasp.contacts import FARTHEST, Contacts
+from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidContactsError, InvalidOptionError, LisGraspError
 from lis_grasp.geometry import require_pose
 from lis_grasp.grasping.grasps import GraspSearch
@@ -20,20 +20,23 @@ from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.contact_files import read_point_file
 from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import load_surface
-from lis_grasp.pipeline._stage_files import NOISE, planning_facts, write_grasps, write_surface
+from lis_grasp.pipeline._stage_files import (
+    NOISE,
+    PLANNED_WITH,
+    planning_facts,
+    write_grasps,
+    write_surface,
+)
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources
+from lis_grasp.pipeline.known import Known, Perception, station_facts
 from lis_grasp.pipeline.lifting_stage import lift_each, require_simulator
+from lis_grasp.pipeline.option import HEIGHT, at_least, checked_value
 from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.report_json import lift_facts
 from lis_grasp.pipeline.results_folder import LOG, require_own, result_file
-from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.scenario import (
-    Known,
-    Perception,
-    Scenario,
-    station_facts,
-)
+from lis_grasp.pipeline.run_config import RunConfig, require_used
+from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.worker_pool import process_count
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, load
@@ -43,6 +46,7 @@ from lis_grasp.typing import FloatArray
 
 # Fields that distinguish contacts.
 _COMPARED = ("points", "normals", *NOISE)
+_LIFTED_WITH = ("object", "size", "units", "arm", "base", "mass", "friction", "simulator")
 # Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
 _FEW = 10
 
@@ -80,33 +84,36 @@ class LiftedFile:
 
 def estimate_file(
     sources: Sequence[ContactSource],
-    options: Mapping[str, Any],
     folder: Path | None = None,
+    *,
     progress: Progress = SILENT,
+    **options: Any,
 ) -> EstimatedFile:
     """Estimate the surface from files of contacts of one object, and write surface.ply.
 
     Its contacts are written beside it if the folder lacks them, and files that were made from an
-    earlier surface are removed. `options` are values of `RunConfig` by name; those that are missing
-    or None are as recorded in the files. The folder is that of the first file for None.
+    earlier surface are removed. The folder is that of the first file for None. The options are
+    ``estimator``, ``free_space``, ``position_noise`` [m] and ``normal_noise`` [rad]; those that are
+    missing or None are as recorded in the files, else as in `RunConfig`.
 
     Raises `InvalidContactsError` if there are no contacts, `InvalidOptionError` if the folder has
-    others that must be kept.
+    others that must be kept, `TypeError` for another option.
 
     Examples
     --------
     >>> from pathlib import Path
     >>> contacts.save("contacts.ply")
     >>> source = pipeline.ContactSource("contacts.ply")
-    >>> made = pipeline.estimate_file([source], {"estimator": "gpis"}, Path("estimated"))
+    >>> made = pipeline.estimate_file([source], Path("estimated"), estimator="gpis")
     >>> made.path.name, made.mesh.is_watertight
     ('surface.ply', True)
     """
+    require_used(estimate_file, options, ("estimator", "free_space", *NOISE))
     paths = [Path(source.path) for source in sources]
     contacts, recorded = _load_sources(sources)
     if not len(contacts):
         raise InvalidContactsError(f"{paths[0]} has no contacts: add at least one row")
-    config = RunConfig.from_facts(options, recorded)
+    config = RunConfig.from_facts({"estimator": None, **options}, recorded)
     known = Perception.from_config(config, recorded.get("support_height"))
     folder = paths[0].parent if folder is None else folder
     is_kept = _require_contacts_fit(folder, contacts, paths)
@@ -124,39 +131,39 @@ def estimate_file(
 
 def grasp_file(
     path: Path,
-    options: Mapping[str, Any],
     folder: Path | None = None,
+    *,
+    support: float | None = None,
     progress: Progress = SILENT,
+    **options: Any,
 ) -> GraspedFile:
     """Plan grasps on the mesh in a file, this package's or any, and write grasps.json.
 
-    Files that were made from earlier grasps are removed. `options` are values of `RunConfig` by
-    name, and ``support``, the height of the plane below the object [m]. Those that are missing or
-    None are as recorded in the file; else the support is the mesh's lowest point. The folder is
-    that of the mesh for None.
+    Files that were made from earlier grasps are removed. The folder is that of the mesh for None.
+    `support` is the height of the plane below the object [m]; None for the recorded one, else the
+    mesh's lowest point. The options are ``hand``, ``arm``, ``base``, ``mass``, ``friction``,
+    ``load``, ``grasps``, ``seed`` and ``units``; those that are missing or None are as recorded in
+    the file, else as in `RunConfig`.
 
     Raises `InvalidOptionError` if a value is out of range, `InvalidFileError` or `InvalidMeshError`
-    if the mesh cannot be used.
+    if the mesh cannot be used, `TypeError` for another option.
 
     Examples
     --------
     >>> from pathlib import Path
     >>> _ = shapes.find("box").mesh.export("box.stl")
-    >>> made = pipeline.grasp_file(Path("box.stl"), {"hand": "wsg50", "grasps": 1})
+    >>> made = pipeline.grasp_file(Path("box.stl"), hand="wsg50", grasps=1)
     >>> made.path.name, len(made.search)
     ('grasps.json', 1)
     """
+    require_used(grasp_file, options, (*PLANNED_WITH, "units"))
     recorded = read_facts(path, usual="surface.ply")
-    config = RunConfig.from_facts(options, recorded)
+    config = RunConfig.from_facts({"hand": None, **options}, recorded)
     mesh = load_mesh(path, options.get("units"), recorded, progress)
     hand = Hand.load(config.hand)
-    support = options.get("support")
     if support is None:
         support = recorded.get("support_height", float(mesh.bounds[0, 2]))
-    if not abs(support) <= FARTHEST:
-        raise InvalidOptionError.out_of_range(
-            "support", support, f"a height in metres, from {-FARTHEST:g} to {FARTHEST:g}"
-        )
+    support = checked_value("support", support, float, HEIGHT)
     known = Known.for_mesh(config, hand, mesh, support, recorded_base(options, recorded))
     facts = recorded | station_facts(known.station) | planning_facts(config)
     path = (path.parent if folder is None else folder) / "grasps.json"
@@ -167,38 +174,40 @@ def grasp_file(
 
 def lift_file(
     path: Path,
-    options: Mapping[str, Any],
     folder: Path | None = None,
+    *,
+    best: int = 1,
+    jobs: int | None = None,
     progress: Progress = SILENT,
+    **options: Any,
 ) -> LiftedFile:
     """Simulate the lift of the true object with the grasps in a file, and write lifts.json.
 
-    The motion of the first lift is written as motion.npz. `options` are values of `RunConfig` by
-    name, ``best``, the number of grasps to lift with, and ``jobs``, the number of processes. Those
-    that are missing or None are as recorded in the file; else one grasp, and as many processes as
-    the machine has cores. The folder is that of the grasps for None.
+    The motion of the first lift is written as motion.npz. The folder is that of the grasps for
+    None. `best` is the number of grasps to lift with, `jobs` the number of processes, None for as
+    many as the machine has cores. The options are ``object``, ``size``, ``units``, ``arm``,
+    ``base``, ``mass``, ``friction`` and ``simulator``; those that are missing or None are as
+    recorded in the file, else as in `RunConfig`.
 
-    Raises `InvalidOptionError` if a value is out of range, or no object is given or recorded.
+    Raises `InvalidOptionError` if a value is out of range, or no object is given or recorded,
+    `TypeError` for another option.
 
     Examples
     --------
     >>> from pathlib import Path
     >>> _ = shapes.find("box").mesh.export("box.stl")
-    >>> _ = pipeline.grasp_file(Path("box.stl"), {"hand": "wsg50", "grasps": 1})
-    >>> lifted = pipeline.lift_file(Path("grasps.json"), {"object": "box"})
+    >>> _ = pipeline.grasp_file(Path("box.stl"), hand="wsg50", grasps=1)
+    >>> lifted = pipeline.lift_file(Path("grasps.json"), object="box")
     >>> lifted.lifts[0]["held"]
     True
     """
+    require_used(lift_file, options, _LIFTED_WITH)
     recorded = read_facts(path, usual="grasps.json")
     search = GraspSearch.load(path)
     if options.get("object") is None and "object" not in recorded:
-        raise InvalidOptionError(
-            f"{path} records no object: name it with --object", option="object"
-        )
-    best = options.get("best", 1)
-    if best < 1:
-        raise InvalidOptionError.out_of_range("--best", best, "at least 1")
-    config = RunConfig.from_facts(options, recorded)
+        raise InvalidOptionError(f"{path} records no object: name it by `object`", option="object")
+    best, jobs = checked_value("best", best, int, at_least(1)), process_count(jobs)
+    config = RunConfig.from_facts({"hand": None, **options}, recorded)
     poses = {**recorded, "X_EA": recorded_base(options, recorded)}
     scenario = Scenario.from_config(config, recorded=poses)
     _say_repairs(scenario.truth.shape, progress)
@@ -208,7 +217,6 @@ def lift_file(
         grasps, surface = search.grasps[:best], path.with_name("surface.ply")
         needs_estimate = scenario.known.station is not None and surface.exists()
         estimate = load_surface(surface) if needs_estimate else None  # an arm avoids it
-        jobs = process_count(options.get("jobs"))
         outcomes = lift_each(scenario, grasps, jobs=jobs, estimate=estimate)
         lifts: list[dict[str, Any]] = []
         for rank in range(1, len(grasps) + 1):
@@ -287,8 +295,8 @@ def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Pa
     if (folder / "surface.ply").resolve() in inputs:
         raise InvalidOptionError(
             f"{folder}/surface.ply would be replaced by its own estimate: estimate from contacts,"
-            " or name another folder with --output",
-            option="--output",
+            " or name another by `folder`",
+            option="folder",
             value=str(folder),
         )
     if not path.exists():
@@ -301,8 +309,8 @@ def _require_contacts_fit(folder: Path, contacts: Contacts, sources: Sequence[Pa
     if (folder / LOG).exists() or path.resolve() in inputs:
         raise InvalidOptionError(
             "contacts.ply in the folder of results must have the contacts of the surface, in metres"
-            f" and with outward normals; {path} has others: name another folder with --output",
-            option="--output",
+            f" and with outward normals; {path} has others: name another by `folder`",
+            option="folder",
             value=str(folder),
         )
     return False
@@ -327,7 +335,7 @@ def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> It
     if doubt > DOUBTFUL:
         yield (
             f"warning: {100 * doubt:.0f} % of the contacts are in front of another: if the estimate"
-            " is inside out, give --normals inward"
+            " is inside out, give `normals` inward"
         )
     if len(contacts) < _FEW:
         yield (

@@ -19,7 +19,7 @@ from lis_grasp.exploration import (
     begin,
     choose,
 )
-from lis_grasp.pipeline.scenario import Known
+from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.stages import exploration_rng, exploration_setup
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
 from lis_grasp.probing.guarded_motion import NO_FREE_APPROACH
@@ -100,7 +100,7 @@ def workspace_of(
     """
     if size is None and not contacts.extent:
         raise InvalidOptionError(
-            f"{len(contacts)} contacts do not show the object's size: give it with --size",
+            f"{len(contacts)} contacts do not show the object's size: give it by `size`",
             option="size",
         )
     if size is not None:
@@ -156,5 +156,5 @@ def next_touch(
         blocked += 1
     raise EstimationError(
         f"the policy {known.policy} has no probe that the hand {hand.name} can approach, after"
-        f" {blocked} tries: check --center, --size, --support or --region, or choose another policy"
+        f" {blocked} tries: check `center`, `size`, `support` or `region`, or choose another policy"
     )

@@ -12,29 +12,29 @@ LIFT_REASONS: Mapping[str, str] = MappingProxyType(
         "unstable": "the object does not rest on the table by itself: turn its mesh so that it"
         " rests on a face",
         "collision_on_approach": "the opened hand hit the object during the approach: the"
-        " estimate is too small there, so make more touches (--touches), or try the next grasps"
-        " (lis-grasp lift --best 5)",
+        " estimate is too small there, so make more touches (`touches`), or try the next grasps"
+        " (`best` of the lift)",
         "no_contact": "fewer than two fingers met the object: the estimate is too large there, so"
-        " make more touches (--touches)",
+        " make more touches (`touches`)",
         "set_down": "the object slipped at the start of the lift, and the hand set it down: permit"
-        " more attempts (--attempts), or try a smaller --mass",
+        " more attempts (`attempts`), or try a smaller `mass`",
         "aborted": "the tactile check rejected the grasp before the squeeze: permit more attempts"
-        " (--attempts), or make more touches (--touches)",
+        " (`attempts`), or make more touches (`touches`)",
         "ejected": "closing the fingers drove the object out of the hand: try the next grasps"
-        " (lis-grasp lift --best 5), or make more touches (--touches)",
+        " (`best` of the lift), or make more touches (`touches`)",
         "not_lifted": "the hand rose without the object: it slid out, or is too heavy for the"
-        " grip; try the next grasps (lis-grasp lift --best 5), or a smaller --mass",
+        " grip; try the next grasps (`best` of the lift), or a smaller `mass`",
         "dropped": "the object was lifted and then lost: try the next grasps"
-        " (lis-grasp lift --best 5), or a smaller --mass",
+        " (`best` of the lift), or a smaller `mass`",
         "slipped": "the object is still in the hand, but moved or turned too far in it: try the"
-        " next grasps (lis-grasp lift --best 5), or a smaller --mass",
-        "no_arm_motion": "the arm has no collision-free path to the grasp: move its base (--base)",
+        " next grasps (`best` of the lift), or a smaller `mass`",
+        "no_arm_motion": "the arm has no collision-free path to the grasp: move its base (`base`)",
         "out_of_arm_reach": "a joint of the arm reached its limit during the motion: move its base"
-        " (--base)",
+        " (`base`)",
         "torque_limit": "a joint of the arm was at its largest effort for 50 ms: move its base"
-        " nearer to the object (--base), or try a smaller --mass",
-        "arm_collision": "a link of the arm touched something: move its base (--base)",
-        "diverged": "the simulation failed: try the next grasps (lis-grasp lift --best 5)",
+        " nearer to the object (`base`), or try a smaller `mass`",
+        "arm_collision": "a link of the arm touched something: move its base (`base`)",
+        "diverged": "the simulation failed: try the next grasps (`best` of the lift)",
     }
 )
 """A sentence for every reason of `LiftOutcome`, and for ``no_grasp``."""
@@ -51,9 +51,9 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " the pregrasps of the hand's YAML",
         "no_flat_supported_surface": "no touched and flat part of the estimate is large and high"
         " enough for a pad: turn the object so that more of it is above the table, or make"
-        " more touches (--touches)",
-        "no_force_closure": "the contacts could not resist every force: raise --friction, or make"
-        " more touches (--touches)",
+        " more touches (`touches`)",
+        "no_force_closure": "the contacts could not resist every force: raise `friction`, or make"
+        " more touches (`touches`)",
         "out_of_reach": "a finger does not get to its contact: the object is too wide or too narrow"
         " for this hand",
         "pad_does_not_face_the_surface": "a fingertip would touch with its edge, not its pad",
@@ -61,8 +61,8 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         " (lis-grasp hand view), and name concave links under convex_parts in the hand's YAML",
         "grasp_hits_support": "a link of the closed hand would be inside the table: the object is"
         " low for this hand",
-        "grasp_hits_obstacle": "a link of the closed hand would hit an obstacle (--obstacles)",
-        "lift_hits_obstacle": "the hand would hit an obstacle in the straight lift (--obstacles):"
+        "grasp_hits_obstacle": "a link of the closed hand would hit an obstacle (`obstacles`)",
+        "lift_hits_obstacle": "the hand would hit an obstacle in the straight lift (`obstacles`):"
         " there must be 10 cm above the hand",
         "grasp_hits_self": "two links of the closed hand would collide",
         "approach_hits_object": "the opened hand would hit the object during the approach: the"
@@ -70,7 +70,7 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "approach_hits_support": "the opened hand would hit the table during the approach: the"
         " object is low for this hand",
         "approach_hits_obstacle": "the opened hand would hit an obstacle during the approach"
-        " (--obstacles): there must be 12 cm behind the hand",
+        " (`obstacles`): there must be 12 cm behind the hand",
         "approach_hits_self": "two links of the opened hand would collide",
         "out_of_arm_reach": "the arm does not reach the pose of the hand: move its base, or turn"
         " the hand on the flange (mount in the hand's YAML)",
@@ -82,7 +82,7 @@ REJECTIONS: Mapping[str, str] = MappingProxyType(
         "arm_hits_table": "a link of the arm, or of the hand that it carries, would hit the table:"
         " put the arm's base higher",
         "arm_hits_obstacle": "a link of the arm, or of the hand that it carries, would hit an"
-        " obstacle (--obstacles)",
+        " obstacle (`obstacles`)",
         "arm_hits_self": "a link of the arm would hit another, or the hand",
         "outranked": "other grasps were better",
     }
@@ -99,7 +99,7 @@ def no_grasp_sentence(rejections: Mapping[str, int]) -> str:
     """Return that no grasp was found, and the reason of most rejections, with advice."""
     counts = {reason: count for reason, count in rejections.items() if count}
     if not counts:
-        return f"{LIFT_REASONS['no_grasp']}: make more touches (--touches)"
+        return f"{LIFT_REASONS['no_grasp']}: make more touches (`touches`)"
     most = max(counts, key=lambda reason: counts[reason])
     part = 100.0 * counts[most] / sum(counts.values())
     return (

@@ -34,10 +34,13 @@ _NEXT_GRASP = ("no_arm_motion", "out_of_arm_reach", "torque_limit", "arm_collisi
 class Stages:
     """The stages that an attempt repeats, in memory."""
 
-    def plan(self, scenario: Scenario, contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
-        """Estimate the surface from contacts, and plan grasps on it."""
-        _, mesh = estimate(scenario.known, contacts)
-        return mesh, plan(scenario.known, mesh)
+    def estimate(self, scenario: Scenario, contacts: Contacts) -> trimesh.Trimesh:
+        """Return the mesh of the surface estimated from contacts."""
+        return estimate(scenario.known, contacts)[1]
+
+    def plan(self, scenario: Scenario, mesh: trimesh.Trimesh) -> GraspSearch:
+        """Plan grasps on an estimate."""
+        return plan(scenario.known, mesh)
 
     def lift(
         self,
@@ -92,7 +95,8 @@ def grasp_with_tactile_check(
     measured: list[Contacts] = []  # of each attempt, in the frame E of the explored ones
     first_estimate, X_EF = None, np.eye(4)  # F moves with the object, as believed
     for left in reversed(range(known.attempts)):
-        mesh, search = stages.plan(scenario, contacts)
+        mesh = stages.estimate(scenario, contacts)
+        search = stages.plan(scenario, mesh)
         first_estimate = mesh if first_estimate is None else first_estimate
         if not search.grasps:
             yield Attempt(scenario, contacts, mesh, search, 0, None)

@@ -63,8 +63,8 @@ def results_folder(config: RunConfig, named: Path | str | None) -> Path:
     if differing:
         raise InvalidOptionError(
             f"{folder} has results of another {' and '.join(differing)}"
-            f" ({recorded[differing[0]]}): name another folder with --output",
-            option="--output",
+            f" ({recorded[differing[0]]}): name another by `folder`",
+            option="folder",
             value=str(folder),
         )
     for name in _RECOGNISED:
@@ -93,8 +93,7 @@ def require_own(path: Path) -> None:
     """Raise `InvalidFileError` if a file exists that this package did not write."""
     if path.exists() and not (read_facts(path) or _is_report(path)):
         raise InvalidFileError(
-            f"{path} would be replaced, and is not a file of lis_grasp: name another folder with"
-            " --output",
+            f"{path} would be replaced, and is not a file of lis_grasp: name another by `folder`",
             path=path,
         )
 

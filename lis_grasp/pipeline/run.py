@@ -15,6 +15,7 @@ from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.pipeline._stage_files import StoredStages
 from lis_grasp.pipeline.exploring import explore_into, say_object
+from lis_grasp.pipeline.known import require_record
 from lis_grasp.pipeline.lifting_stage import require_simulator
 from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.regrasp import grasp_with_tactile_check
@@ -23,7 +24,7 @@ from lis_grasp.pipeline.results import Run
 from lis_grasp.pipeline.results_folder import results_folder
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.run_scene import write_scene_of
-from lis_grasp.pipeline.scenario import Scenario, require_record
+from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import Stopwatch
 from lis_grasp.pipeline.summary import run_lines
 from lis_grasp.robots.inertias import require_possible_inertias

@@ -14,11 +14,11 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region, load_outcomes
 from lis_grasp.io.surface_files import load_growth
+from lis_grasp.pipeline.known import find_obstacles
 from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.results import Run
 from lis_grasp.pipeline.results_folder import LOG
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.scenario import find_obstacles
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.visualization.scene import Scene

@@ -30,6 +30,9 @@ from lis_grasp.exploration import (
     TargetPolicy,
     Workspace,
     explore,
+    stop_after,
+    stop_when_certain,
+    stop_when_covered,
     stop_when_graspable,
 )
 from lis_grasp.exploration.policy import POLICY_NAMES, PolicyKind, find_policy
@@ -38,7 +41,8 @@ from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
-from lis_grasp.pipeline.scenario import Known, Perception, Scenario, require_record
+from lis_grasp.pipeline.known import Known, Perception, require_record
+from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.surfaces import Estimator, ImplicitSurface
 from lis_grasp.surfaces import estimate as estimate_surface
 from lis_grasp.surfaces.carved_implicit_surface import above_table
@@ -181,7 +185,7 @@ def touch(
     prober = make_prober(scenario, recorded) if prober is None else prober
     setup = replace(
         exploration_setup(known),
-        stop=[*known.stop.rules(known.space), *grasp_rules(known)],
+        stop=stop_rules(known),
         tracker=make_tracker(scenario, prober),
     )
     return explore(
@@ -212,27 +216,33 @@ def exploration_rng(known: Known) -> np.random.Generator:
     return np.random.default_rng([known.seed, _TOUCH_STREAM])
 
 
-def grasp_rules(known: Known) -> list[StopRule]:
-    """Return the rule that stops once a good grasp is found on the estimate, if it is wanted.
+def stop_rules(known: Known) -> list[StopRule]:
+    """Return new rules that end the exploration of a known space early."""
+    rules = []
+    if known.until_coverage is not None:
+        rules.append(stop_when_covered(known.until_coverage, known.space))
+    if known.until_uncertainty is not None:
+        rules.append(stop_when_certain(known.until_uncertainty, known.space))
+    if known.max_seconds is not None:
+        rules.append(stop_after(known.max_seconds))
+    if known.until_success is not None:
+        rules.append(stop_when_graspable(known.until_success, partial(_best_success, known)))
+    return rules
 
-    Good is what succeeds as far as the surface decides it: touching does not show how much weight
-    a grasp must carry.
+
+def _best_success(known: Known, surface: ImplicitSurface) -> float:
+    """Return the predicted success of the best of a few grasps, as far as the surface decides it.
+
+    Touching does not show how much weight a grasp must carry.
     """
-    if known.stop.success is None:
-        return []
-    best = replace(known, grasps=1, station=None)
-
-    def predict(surface: ImplicitSurface) -> float:
-        try:
-            mesh = extract_mesh(above_table(surface, known.table))
-        except EstimationError:  # too few contacts for a closed surface
-            return 0.0
-        load = replace(known.load_prior(mesh), friction_spread=0.0, mass_spread=0.0)
-        certain = replace(best, load=load, mass_by_volume=False)
-        search = plan(certain, mesh, candidates=_FEW_SETS)
-        return search.grasps[0].quality["shape_probability"] if search.grasps else 0.0
-
-    return [stop_when_graspable(known.stop.success, predict)]
+    try:
+        mesh = extract_mesh(above_table(surface, known.table))
+    except EstimationError:  # too few contacts for a closed surface
+        return 0.0
+    load = replace(known.load_prior(mesh), friction_spread=0.0, mass_spread=0.0)
+    best = replace(known, load=load, mass_by_volume=False, grasps=1, station=None)
+    search = plan(best, mesh, candidates=_FEW_SETS)
+    return search.grasps[0].quality["shape_probability"] if search.grasps else 0.0
 
 
 def make_policy(

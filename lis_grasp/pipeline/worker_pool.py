@@ -37,7 +37,7 @@ def process_count(jobs: int | None) -> int:
     if jobs is None:
         return os.cpu_count() or 1
     if jobs < 1:
-        raise InvalidOptionError.out_of_range("--jobs", jobs, "at least 1")
+        raise InvalidOptionError.out_of_range("jobs", jobs, "at least 1")
     return jobs
 
 

@@ -67,7 +67,7 @@ def body_findings(
 
 
 def _masses(hand: Hand) -> Iterator[Finding]:
-    also = ", or write a corrected copy of the description with --repair OUT"
+    also = ", or write a corrected copy of the description with `lis-grasp doctor --repair`"
     yield from body_findings(hand.inertials, hand.hulls_of_visuals, also=also)
     weight = 0.05 <= hand.mass <= 10.0
     advice = "" if weight else ": masses must be in kg, 0.05 to 10 in all"

@@ -65,7 +65,7 @@ def find(name_or_path: str | Path, size: float | None = None, units: str = "m") 
         )
     if size is not None:
         raise InvalidOptionError(
-            f"size is for built-in shapes; the file {path} has its own: give its --units instead",
+            f"size is for built-in shapes; the file {path} has its own: give its `units` instead",
             option="size",
             value=size,
         )
@@ -169,7 +169,7 @@ def _mistaken_units(path: Path, extent: float, units: str) -> str:
         ]
         if fitting:
             break
-    advice = f"--units {' or --units '.join(fitting)} would fit" if fitting else "no unit would fit"
+    advice = f"`units` {' or '.join(fitting)} would fit" if fitting else "no unit would fit"
     return (
         f"{path} is {extent * UNITS[units]:.3g} m large when read in {units}, an object must be"
         f" {SMALLEST} to {LARGEST} m: {advice}"

@@ -18,6 +18,9 @@ GRAVITY = 9.81
 USUAL_MASS = 0.2
 """Mass of an object of which nothing else is known [kg]."""
 
+USUAL_FRICTION = 0.8
+"""Coulomb's coefficient of rubber fingertips on an object of which nothing else is known."""
+
 LARGEST_DENSITY = 2700.0
 """Density of aluminium [kg/m^3]: small objects of unknown material are not denser."""
 

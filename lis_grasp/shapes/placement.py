@@ -128,8 +128,8 @@ def _too_large(shape: Shape, extents: FloatArray, region: Sequence[float]) -> In
 
     return InvalidOptionError(
         f"the region must contain the object; {shape.name} at its pose is {text(extents)} and does"
-        f" not fit into the region of {text(region)}: give a larger one with --region, or check"
-        " --units and --pose",
+        f" not fit into the region of {text(region)}: give a larger one by `region`, or check"
+        " `units` and `pose`",
         option="region",
         value=list(region),
     )

@@ -64,7 +64,7 @@ def require_outward_normals(contacts: Contacts) -> None:
         raise InvalidContactsError(
             "normals must point out of the object; these point inward: seen from a contact,"
             f" {100 * fraction:.0f} % of the others are in front of it. Change their sign"
-            " (estimate --normals inward does), or keep them with --normals outward",
+            " (`normals` inward does), or keep them by `normals` outward",
             field="normals",
         )
 

@@ -180,7 +180,7 @@ def _estimate(centers: Contacts, inward: FloatArray) -> tuple[FloatArray, FloatA
     if _are_ambiguous(maxima):
         raise EstimationError(
             "the points do not say which side of the surface is outside: add directions of approach"
-            " (columns ax,ay,az), points in free space or on other sides, or give --position-noise"
+            " (columns ax,ay,az), points in free space or on other sides, or give `position_noise`"
         )
     return _mixture(maxima)
 

@@ -68,7 +68,7 @@ class SceneServer(ThreadingHTTPServer):
                     "host", host, f"an address of this machine ({error})"
                 ) from None
             raise InvalidOptionError(
-                f"port {port} of {host} cannot be used ({error}): give another by --port, such as 0"
+                f"port {port} of {host} cannot be used ({error}): give another by `port`, such as 0"
                 " for any",
                 option="port",
                 value=port,
@@ -95,7 +95,7 @@ class _SceneHandler(SimpleHTTPRequestHandler):
     def send_head(self) -> io.BytesIO | BinaryIO | None:
         """Send the headers and return the file; refuse other names of this machine."""
         if _host_name(self.headers.get("Host", LOCALHOST)) not in self.server.names:
-            self.send_error(403, "The scene is shown at localhost and --host only")
+            self.send_error(403, "The scene is shown at localhost and the given host only")
             return None
         self.server.renew()
         return super().send_head()

@@ -25,8 +25,9 @@ from lis_grasp.exploration import STEP_FRACTION, ProbeOutcome
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.json_lines import Row
 from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline.known import Perception
 from lis_grasp.pipeline.run_config import RunConfig
-from lis_grasp.pipeline.scenario import Perception, Scenario
+from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, placed
 from lis_grasp.surfaces import carved

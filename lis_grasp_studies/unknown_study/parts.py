@@ -63,14 +63,16 @@ class _StagesOfVariant(Stages):
     trial: Trial
     variant: Variant
 
-    def plan(self, scenario: Scenario, contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+    def estimate(self, scenario: Scenario, contacts: Contacts) -> trimesh.Trimesh:
         if not self.variant.free_space:
             contacts = replace(contacts, free_points=np.empty((0, 3)), free_radii=np.empty(0))
         mesh = estimate(self.trial, self.variant.estimator, contacts)
         if not self.variant.uncertainty:
             mesh.vertex_attributes.pop("uncertainty")
-        truth, hand = scenario.truth, scenario.known.hand
-        return mesh, plan(self.trial, mesh, truth.shape, hand)
+        return mesh
+
+    def plan(self, scenario: Scenario, mesh: trimesh.Trimesh) -> GraspSearch:
+        return plan(self.trial, mesh, scenario.truth.shape, scenario.known.hand)
 
 
 def measure(trial: Trial, name: str) -> Row:

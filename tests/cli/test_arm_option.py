@@ -42,7 +42,7 @@ def test_a_run_with_an_arm_records_it_and_its_grasps_repeat(tmp_path: Path) -> N
 
 
 def test_a_base_needs_an_arm_and_an_arm_needs_drake() -> None:
-    with pytest.raises(InvalidOptionError, match="--arm"):
+    with pytest.raises(InvalidOptionError, match="`arm`"):
         RunConfig(base=(-0.5, 0.0, 0.1))
     with pytest.raises(InvalidOptionError, match="base"):
         RunConfig(arm="iiwa14", base=(0.0, 0.0))

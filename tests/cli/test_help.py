@@ -7,7 +7,8 @@ import pytest
 from lis_grasp.cli.examples import EXAMPLES
 from lis_grasp.cli.main import _CORE_VERBS, _verb_registry, build_parser, main
 from lis_grasp.exploration import POLICIES
-from lis_grasp.pipeline.run_config import ESTIMATOR_MEANINGS, POLICY_MEANINGS, RunConfig, options
+from lis_grasp.pipeline.option import options_of
+from lis_grasp.pipeline.run_config import ESTIMATOR_MEANINGS, POLICY_MEANINGS, RunConfig
 from lis_grasp.surfaces import ESTIMATORS
 
 ADDED = {name: _verb_registry().find(name) for name in _verb_registry().names[len(_CORE_VERBS) :]}
@@ -53,7 +54,7 @@ def test_help_explains_every_estimator_and_policy(capsys: pytest.CaptureFixture[
 
 
 def test_an_option_of_the_parser_is_declared_with_its_field() -> None:
-    declared = options()
+    declared = options_of(RunConfig)
     assert list(declared) == list(RunConfig().facts())
     for name, option in declared.items():
         assert option.help, name

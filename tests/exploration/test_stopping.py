@@ -22,7 +22,7 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.pipeline import RunConfig, Scenario
-from lis_grasp.pipeline.stages import grasp_rules
+from lis_grasp.pipeline.stages import stop_rules
 from lis_grasp.surfaces import GaussianProcessImplicitSurface, ImplicitSurface
 
 BOX, HAND = shapes.build("box"), Hand.load("allegro")
@@ -169,7 +169,7 @@ def test_an_estimate_that_cannot_be_meshed_allows_no_grasp() -> None:
             return np.ones(points.shape[:-1])
 
     scenario = Scenario.from_config(RunConfig(until_success=0.5), BOX, HAND)
-    (rule,) = grasp_rules(scenario.known)
+    (rule,) = stop_rules(scenario.known)
     contacts = cap(0.5, 12)
     for _ in range(2):
         rule = rule.noted(contacts, Nothing())

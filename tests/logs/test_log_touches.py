@@ -224,7 +224,7 @@ def test_a_force_in_an_unknown_frame_has_no_direction() -> None:
     ("finger", "frames", "touch", "said"),
     [
         (Finger(force="/nothing"), LogFrames(), TOUCH, r"'/nothing' is not: the log has force"),
-        (Finger(), LogFrames(), TOUCH, r"has 2 topics of content 'pose' .* choose one with --tip"),
+        (Finger(), LogFrames(), TOUCH, r"has 2 topics of content 'pose' .* choose one by `tip`"),
         (Finger(tip="elbow"), LogFrames(), TOUCH, "'elbow' is not: the log has the topics object"),
         (
             Finger(),

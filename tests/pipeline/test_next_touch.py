@@ -69,7 +69,7 @@ def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
 
 
 def test_without_contacts_the_size_is_needed() -> None:
-    with pytest.raises(InvalidOptionError, match="--size"):
+    with pytest.raises(InvalidOptionError, match="`size`"):
         workspace_of(Contacts.empty())
     space = workspace_of(Contacts.empty(), size=0.1)
     found = next_touch(known(Hand.load("allegro"), space), Contacts.empty())
@@ -80,7 +80,7 @@ def test_without_contacts_the_size_is_needed() -> None:
 def test_a_place_that_cannot_be_approached_is_one_sentence(explored: Exploration) -> None:
     contacts = explored.contacts
     buried = Workspace(0.03, contacts.bounds.mean(axis=0), 0.12, support_height=1.0)
-    with pytest.raises(EstimationError, match="--support"):
+    with pytest.raises(EstimationError, match="`support`"):
         next_touch(known(Hand.load("allegro"), buried), contacts)
 
 

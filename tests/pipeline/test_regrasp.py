@@ -48,9 +48,12 @@ class _Script(Stages):
         self.calls: list[dict[str, Any]] = []
         self._left, self._grasps = iter(outcomes), grasps
 
-    def plan(self, scenario: Scenario, contacts: Contacts) -> tuple[trimesh.Trimesh, GraspSearch]:
+    def estimate(self, scenario: Scenario, contacts: Contacts) -> trimesh.Trimesh:
+        return BOX.mesh
+
+    def plan(self, scenario: Scenario, mesh: trimesh.Trimesh) -> GraspSearch:
         grasps = self._grasps
-        return BOX.mesh, GraspSearch(grasps=grasps, rejections={}, candidates=len(grasps))
+        return GraspSearch(grasps=grasps, rejections={}, candidates=len(grasps))
 
     def lift(
         self,

@@ -92,7 +92,7 @@ def test_named_tips_are_the_fingers_and_unknown_ones_are_refused() -> None:
     assert len(find_fingers(model, tips)) == 3
     with pytest.raises(InvalidHandError, match="elbow"):
         find_fingers(model, ["elbow"])
-    with pytest.raises(InvalidHandError, match="--tips"):
+    with pytest.raises(InvalidHandError, match="`tips`"):
         find_fingers(model, tips[:1])
 
 

@@ -419,10 +419,10 @@ def test_unknown_units_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("scale", "message"),
     [
-        (1000.0, r"80 m large when read in m.*--units mm \(then 0\.08 m\)"),
+        (1000.0, r"80 m large when read in m.*`units` mm \(then 0\.08 m\)"),
         # In centimetres it would be 0.8 m: no object of a hand.
-        (1000.0, r"m: --units mm \(then 0\.08 m\) would fit$"),
-        (30.0, r"m: --units cm \(then 0\.024 m\) or --units inch \(then 0\.061 m\) would fit$"),
+        (1000.0, r"m: `units` mm \(then 0\.08 m\) would fit$"),
+        (30.0, r"m: `units` cm \(then 0\.024 m\) or inch \(then 0\.061 m\) would fit$"),
         (0.01, r"0\.0008 m large when read in m.*no unit would fit"),
         (1e6, "no unit would fit"),
     ],

@@ -70,7 +70,7 @@ def test_a_pose_is_read_from_a_file_and_put_on_the_table(tmp_path: Path) -> None
 
 
 def test_a_region_that_is_too_small_is_refused() -> None:
-    with pytest.raises(InvalidOptionError, match="--region"):
+    with pytest.raises(InvalidOptionError, match="`region`"):
         draw_pose(shapes.build("box"), "stable", (0.05, 0.4, 0.3), rng=np.random.default_rng(0))
 
 

@@ -126,7 +126,7 @@ def find_fingers(model: RobotModel, tips: Sequence[str] = ()) -> tuple[Finger, .
         found = ", ".join(finger.link for finger in fingers)
         raise InvalidHandError(
             f"a hand must have 2 to {MOST_FINGERS} fingers; the movable leaf links are {found}:"
-            " name the link where the hand begins with --base, or the fingertips' links with --tips"
+            " name the link where the hand begins by `base`, or the fingertips' links by `tips`"
         )
     return tuple(_renamed(fingers))
 

@@ -96,7 +96,7 @@ def draft_hand(
     if not openings:
         raise InvalidHandError(
             f"{path.name}: no posture was found in which the pads of {', '.join(hand.fingers)} face"
-            " each other: name the fingertips' links with --tips, or write the pads by hand"
+            " each other: name the fingertips' links by `tips`, or write the pads by hand"
         )
     described.note_exclusions(hand)
     hand = _with_palm(hand, openings)
@@ -130,7 +130,7 @@ class _Described:
         if len(bases) > 1:
             raise InvalidHandError(
                 f"{self._path.name}: a description must have one hand; this robot's hands may begin"
-                f" at {', '.join(bases)}: name one with --base"
+                f" at {', '.join(bases)}: name one by `base`"
             )
         if bases:
             self.notes.append(

@@ -11,13 +11,12 @@ from lis_grasp.arms.station import Station
 from lis_grasp.contacts import Contacts
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.robots.hand import Hand
-from lis_grasp.shapes.object_mass import GRAVITY
+from lis_grasp.shapes.object_mass import GRAVITY, USUAL_FRICTION
 from lis_grasp.shapes.solids import merge_flat_faces
 from lis_grasp.simulation.drake._plant_scene import PlantScene
 from lis_grasp.simulation.drake._probe_carriers import ProbeArm, ProbeRail
 from lis_grasp.simulation.drake.hand_plant import add_hand
 from lis_grasp.simulation.drake.object_plant import (
-    FRICTION,
     FreeObject,
     add_object,
     add_support,
@@ -63,7 +62,7 @@ class ProbingScene:
             use_sampled_output_ports=False,  # contact results right after a placement
         )
         plant = scene.plant
-        friction = FRICTION if free is None else free.friction
+        friction = USUAL_FRICTION if free is None else free.friction
         self._hand = add_hand(plant, hand, friction=friction)
         self.carrier: ProbeRail | ProbeArm = (
             ProbeRail(plant, self._hand)

@@ -25,9 +25,10 @@ from pydrake.systems.framework import Context
 from lis_grasp.arms.station import Station
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.simulation.drake.hand_plant import LIFTING_SKIN, HandInPlant
 from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_skin
-from lis_grasp.simulation.drake.object_plant import FRICTION, spatial_inertia
+from lis_grasp.simulation.drake.object_plant import spatial_inertia
 from lis_grasp.typing import FloatArray
 
 
@@ -124,7 +125,7 @@ def add_arm(
         plant.GetJointActuatorByName(joint.name(), links.instance).set_controller_gains(gains)
     X_LB = RigidTransform(arm.X_LF @ station.mount.X_FB)
     plant.WeldFrames(links.bodies[arm.flange].body_frame(), hand.base.body_frame(), X_LB)
-    skin = add_skin(plant, arm, links, friction=FRICTION, modulus=LIFTING_SKIN)
+    skin = add_skin(plant, arm, links, friction=USUAL_FRICTION, modulus=LIFTING_SKIN)
     plant.set_gravity_enabled(hand.instance, True)
     return ArmInPlant(arm, hand, plant, links, skin, dynamics)
 

@@ -16,8 +16,8 @@ from pydrake.systems.framework import Context
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.robot_model import by_joint_kind
+from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.simulation.drake.link_plant import LinksInPlant, add_links, add_skin
-from lis_grasp.simulation.drake.object_plant import FRICTION
 from lis_grasp.typing import FloatArray, IndexArray
 
 PROBING_SKIN = 1e6
@@ -101,7 +101,7 @@ def add_hand(
     *,
     name: str = "hand",
     gains: tuple[FloatArray, FloatArray] | None = None,
-    friction: float = FRICTION,
+    friction: float = USUAL_FRICTION,
     modulus: float = PROBING_SKIN,
 ) -> HandInPlant:
     """Add a hand as a model instance; its base link floats until it is welded or jointed.

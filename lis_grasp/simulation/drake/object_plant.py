@@ -31,11 +31,8 @@ from pydrake.multibody.tree import (
 from scipy.spatial import ConvexHull, QhullError
 
 from lis_grasp.exceptions import require_positive
-from lis_grasp.shapes.object_mass import uniform_inertia
+from lis_grasp.shapes.object_mass import USUAL_FRICTION, uniform_inertia
 from lis_grasp.typing import FloatArray
-
-FRICTION = 0.8
-"""Coulomb's coefficient where none is given."""
 
 _TABLE_SIZE = 1.5  # [m]
 _TABLE_THICKNESS = 0.1  # [m]
@@ -89,7 +86,7 @@ def add_object(
     mesh: trimesh.Trimesh,
     *,
     mass: float,
-    friction: float = FRICTION,
+    friction: float = USUAL_FRICTION,
     name: str = "object",
 ) -> ObjectInPlant:
     """Add a model instance: one body of uniform density with the exact shape of a watertight mesh.
@@ -118,7 +115,11 @@ def spatial_inertia(mass: float, center: FloatArray, matrix: FloatArray) -> Spat
 
 
 def add_table(
-    plant: MultibodyPlant, height: float, friction: float = FRICTION, *, under: trimesh.Trimesh
+    plant: MultibodyPlant,
+    height: float,
+    friction: float = USUAL_FRICTION,
+    *,
+    under: trimesh.Trimesh,
 ) -> GeometryId:
     """Add a compliant table with its top at a height in W [m], and return its geometry.
 
