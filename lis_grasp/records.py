@@ -29,6 +29,18 @@ class Record:
         return self
 
 
+class FrozenArrays:
+    """Base of frozen dataclasses whose arrays are read-only, those in mappings too."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for value in fields_of(self).values():
+            for array in value.values() if isinstance(value, Mapping) else (value,):
+                if isinstance(array, np.ndarray):
+                    array.flags.writeable = False
+
+
 def read_only(array: _Array) -> _Array:
     """Make an array read-only and return it."""
     array.flags.writeable = False

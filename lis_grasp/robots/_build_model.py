@@ -14,7 +14,6 @@ import yourdfpy
 
 from lis_grasp.exceptions import InvalidHandError, LisGraspError
 from lis_grasp.geometry import unit
-from lis_grasp.records import read_only
 from lis_grasp.robots._description import DescriptionEdits, apply_edits, parse_description
 from lis_grasp.robots.inertias import (
     LEAST_MASS,
@@ -107,7 +106,7 @@ class _Builder:
         bodies += hulls
         _require_plausible_sizes(bodies, joints)
         inertials = self._inertials(names, joints, bodies)
-        lower, upper, effort = (read_only(column.copy()) for column in limits.T)
+        lower, upper, effort = (column.copy() for column in limits.T)
         return RobotModel(
             joint_names=tuple(self._names),
             lower=lower,
@@ -235,7 +234,7 @@ class _Builder:
             parent=joint.parent,
             child=joint.child,
             X_PJ=pose_matrix(joint.origin),
-            axis_J=read_only(axis),
+            axis_J=axis,
             index=self._names.index(leader) if kind != "fixed" else -1,
             follows=mimic is not None,
             multiplier=multiplier,
@@ -336,7 +335,7 @@ def link_inertial(link: Any) -> Inertial:
     """Return a link's mass properties in the link frame."""
     inertial = link.inertial
     if inertial is None or not inertial.mass:
-        return Inertial(0.0, read_only(np.zeros(3)), read_only(np.zeros((3, 3))))
+        return Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
     mass = float(inertial.mass)
     inertia = np.zeros((3, 3)) if inertial.inertia is None else np.asarray(inertial.inertia)
     if not (0.0 <= mass <= _HEAVIEST and np.all(np.abs(inertia) <= _HEAVIEST)):
@@ -346,7 +345,7 @@ def link_inertial(link: Any) -> Inertial:
         )
     X_LI = pose_matrix(inertial.origin)
     rotated = without_rounding(X_LI[:3, :3] @ inertia @ X_LI[:3, :3].T)
-    return Inertial(mass, read_only(X_LI[:3, 3].copy()), read_only(rotated))
+    return Inertial(mass, X_LI[:3, 3].copy(), rotated)
 
 
 def pose_matrix(matrix: FloatArray | None) -> FloatArray:
@@ -356,4 +355,4 @@ def pose_matrix(matrix: FloatArray | None) -> FloatArray:
         raise InvalidHandError(
             f"a pose must be finite, and within {LARGEST:g} m; it is at {X[:3, 3].tolist()}"
         )
-    return read_only(X)
+    return X

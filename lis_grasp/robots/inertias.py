@@ -9,7 +9,6 @@ import numpy.typing as npt
 import trimesh
 
 from lis_grasp.exceptions import InvalidHandError
-from lis_grasp.records import read_only
 from lis_grasp.robots.robot_model import Inertial
 from lis_grasp.typing import FloatArray
 
@@ -85,11 +84,11 @@ def repaired_inertial(inertial: Inertial, bodies: Sequence[trimesh.Trimesh]) -> 
     mass = inertial.mass if inertial.mass > 0.0 else max(_DENSITY * volume, LEAST_MASS)
     if not solids:
         ball = 0.4 * mass * _SMALL_BALL**2 * np.eye(3)
-        return Inertial(mass, inertial.center_L, read_only(ball))
+        return Inertial(mass, inertial.center_L, ball)
     center = sum(body.volume * body.center_mass for body in solids) / volume
     inertia = np.zeros((3, 3))
     for body in solids:
         offset = body.center_mass - center
         shifted = body.volume * (offset @ offset * np.eye(3) - np.outer(offset, offset))
         inertia += (mass / volume) * (body.moment_inertia + shifted)
-    return Inertial(mass, read_only(np.asarray(center)), read_only(without_rounding(inertia)))
+    return Inertial(mass, np.asarray(center), without_rounding(inertia))

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from lis_grasp.records import FrozenArrays
 from lis_grasp.typing import FloatArray
 
 JointKind = Literal["revolute", "prismatic", "fixed"]
@@ -19,7 +20,7 @@ HandKind = Literal["multi_finger", "parallel_jaw"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Joint:
+class Joint(FrozenArrays):
     """A joint of the hand's tree; its position is ``multiplier * q[index] + offset``."""
 
     name: str
@@ -54,7 +55,7 @@ def joints_to(joints: Sequence[Joint], link: str) -> tuple[Joint, ...]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Inertial:
+class Inertial(FrozenArrays):
     """Mass properties of a link."""
 
     mass: float  # [kg]; 0 for a frame without matter
@@ -63,7 +64,7 @@ class Inertial:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinkGeometry:
+class LinkGeometry(FrozenArrays):
     """One collision body of a link."""
 
     link: str
@@ -85,7 +86,7 @@ class LinkVisual:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pad:
+class Pad(FrozenArrays):
     """The part of a finger that is meant to touch.
 
     A surface is touched at p with outward normal n when the pad's centre is at ``p + radius * n``.
@@ -100,7 +101,7 @@ class Pad:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProbePosture:
+class ProbePosture(FrozenArrays):
     """A posture for touching, in which one fingertip is ahead of the rest of the hand."""
 
     finger: str
@@ -112,7 +113,7 @@ class ProbePosture:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RobotModel:
+class RobotModel(FrozenArrays):
     """Links, joints and collision bodies of a URDF or SDF; the fields are those of `Hand`."""
 
     joint_names: tuple[str, ...]

@@ -16,7 +16,7 @@ from lis_grasp.exceptions import InvalidArmError, InvalidFileError, InvalidHandE
 from lis_grasp.geometry import unit
 from lis_grasp.io.schemas import parse_entry
 from lis_grasp.io.yaml_files import read_yaml
-from lis_grasp.records import fields_of, read_only
+from lis_grasp.records import fields_of
 from lis_grasp.robots._build_model import build_model, read_description
 from lis_grasp.robots._description import (
     DescriptionEdits,
@@ -125,7 +125,7 @@ class _Checks:
         count = len(self.model.joint_names)
         if len(values) != count:
             self.fail(key, f"must be a list of {count} numbers; it has {len(values)}")
-        return read_only(np.array(values))
+        return np.array(values)
 
     def posture(self, key: str, values: Sequence[float]) -> FloatArray:
         model, positions = self.model, self.per_joint(key, values)
@@ -136,7 +136,7 @@ class _Checks:
                 f"must be within the joint limits; {model.joint_names[j]} is {positions[j]},"
                 f" outside [{model.lower[j]:g}, {model.upper[j]:g}]",
             )
-        return read_only(np.clip(positions, model.lower, model.upper))
+        return np.clip(positions, model.lower, model.upper)
 
     def link(self, key: str, name: str) -> str:
         if name not in self.model.links:
@@ -163,7 +163,7 @@ def _hand_fields(checks: _Checks) -> dict[str, Any]:
         Pad(
             finger=finger,
             link=checks.link(f"pads.{finger}.link", pad.link),
-            center_L=read_only(np.array(pad.center)),
+            center_L=np.array(pad.center),
             radius=pad.radius,
             axis_L=_unit(pad.axis),
             half_angle=pad.half_angle,
@@ -200,18 +200,18 @@ def _probe_postures(checks: _Checks) -> dict[str, ProbePosture]:
             joint_positions=checks.posture(f"{key}.positions", probe.positions),
             direction_H=_unit(probe.direction),
             link=checks.link(f"{key}.tip.link", probe.tip.link),
-            center_L=read_only(np.array(probe.tip.center)),
+            center_L=np.array(probe.tip.center),
             radius=probe.tip.radius,
         )
     return postures
 
 
 def _unit(vector: Sequence[float]) -> FloatArray:
-    return read_only(unit(np.array(vector, np.float64)))
+    return unit(np.array(vector, np.float64))
 
 
 def _pose(entry: Any) -> FloatArray:
-    return read_only(rpy_pose(entry.translation, entry.rpy))
+    return rpy_pose(entry.translation, entry.rpy)
 
 
 def _arm_fields(checks: _Checks, numbers: Sequence[JointNumbers]) -> dict[str, Any]:
@@ -222,9 +222,7 @@ def _arm_fields(checks: _Checks, numbers: Sequence[JointNumbers]) -> dict[str, A
         checks.fail("urdf", f"must have joints of their own only; {followers[0]} mimics another")
     checks.model = model = _with_position_limits(checks)
     X_LF = (
-        read_only(flange_frame(model, entry.flange))
-        if entry.flange_pose is None
-        else _pose(entry.flange_pose)
+        flange_frame(model, entry.flange) if entry.flange_pose is None else _pose(entry.flange_pose)
     )
     speeds = _limits(checks, "velocity", numbers, by_joint_kind(model, **_SPEED))
     exclusions = find_arm_exclusions(model) | checks.exclusions()
@@ -238,18 +236,16 @@ def _arm_fields(checks: _Checks, numbers: Sequence[JointNumbers]) -> dict[str, A
         "home": (
             checks.posture("home", entry.home)
             if entry.home is not None
-            else read_only(
-                find_home(model, ArmKinematics(model.joints, entry.flange, X_LF), exclusions)
-            )
+            else find_home(model, ArmKinematics(model.joints, entry.flange, X_LF), exclusions)
         ),
         "velocity_limits": speeds,
         "acceleration_limits": _limits(checks, "acceleration", numbers, speeds / _RISE),
-        "rotor_inertias": read_only(np.array([n.reflected_inertia for n in numbers])),
-        "damping": read_only(np.array([n.damping or 0.0 for n in numbers])),
+        "rotor_inertias": np.array([n.reflected_inertia for n in numbers]),
+        "damping": np.array([n.damping or 0.0 for n in numbers]),
         "stiffness": (
             checks.per_joint("stiffness", entry.stiffness)
             if entry.stiffness is not None
-            else read_only(_STIFFNESS * effort / effort.max())
+            else _STIFFNESS * effort / effort.max()
         ),
         "speed_fraction": entry.speed_fraction,
         "self_collision_exclusions": exclusions,
@@ -265,9 +261,7 @@ def _limits(
     limits = [getattr(joint, kind) for joint in numbers]
     limits = [o if limit is None else limit for limit, o in zip(limits, otherwise, strict=True)]
     names = checks.model.joint_names
-    return read_only(
-        np.array([given.get(name, limit) for name, limit in zip(names, limits, strict=True)])
-    )
+    return np.array([given.get(name, limit) for name, limit in zip(names, limits, strict=True)])
 
 
 def _with_position_limits(checks: _Checks) -> RobotModel:
@@ -278,8 +272,7 @@ def _with_position_limits(checks: _Checks) -> RobotModel:
         if not low < high:
             checks.fail(f"position_limits.{name}", f"must be [lower, upper]; it is {[low, high]}")
         limits[model.joint_names.index(name)] = low, high
-    lower, upper = (read_only(column.copy()) for column in limits.T)
-    return replace(model, lower=lower, upper=upper)
+    return replace(model, lower=limits[:, 0].copy(), upper=limits[:, 1].copy())
 
 
 def _cut_at_flange(robot: yourdfpy.Robot, entry: ArmEntry) -> None:
