@@ -71,7 +71,7 @@ class InvalidMeshError(InvalidInputError):
 
 
 class InvalidHandError(InvalidInputError):
-    """A hand description (YAML, URDF or SDF) that is incomplete or contradicts itself.
+    """A hand description (YAML, URDF, SDF or MJCF) that is incomplete or contradicts itself.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class InvalidHandError(InvalidInputError):
 
 
 class InvalidArmError(InvalidInputError):
-    """An arm's description (YAML, URDF or SDF) that is incomplete or contradicts itself.
+    """An arm's description (YAML, URDF, SDF or MJCF) that is incomplete or contradicts itself.
 
     Attributes
     ----------

@@ -21,9 +21,9 @@ from lis_grasp.robots.model_uri import resolve_uri
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's two actions to its parser."""
     actions = parser.add_subparsers(metavar="ACTION", required=True)
-    new = actions.add_parser("new", help="write the YAML of a hand from its URDF or SDF")
+    new = actions.add_parser("new", help="write the YAML of a hand from its URDF, SDF or MJCF")
     new.add_argument(
-        "description", metavar="FILE", help="URDF or SDF: a path, or package://NAME/..."
+        "description", metavar="FILE", help="URDF, SDF or MJCF: a path, or package://NAME/..."
     )
     new.add_argument("--output", type=Path, metavar="YAML", help="(default: NAME.yaml here)")
     new.add_argument("--name", metavar="NAME", help="of the hand (default: that of the file)")
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def write_draft(options: argparse.Namespace) -> None:
     """Write the YAML, and print the findings on it; existing files are not replaced."""
-    path = resolve_uri(options.description, Path(), "the URDF or SDF")
+    path = resolve_uri(options.description, Path(), "the URDF, SDF or MJCF")
     name = options.name or path.stem
     output = options.output or Path(f"{name}.yaml")
     if output.exists():

@@ -23,6 +23,7 @@ from lis_grasp.robots.inertias import (
 )
 from lis_grasp.robots.link_bodies import (
     LARGEST,
+    GivenMesh,
     convex_body,
     load_mesh,
     load_visual,
@@ -148,6 +149,8 @@ class _Builder:
                     body = self._geometry(link, visual)
                     if body is not None:
                         yield LinkVisual(link, X_LG, body.mesh)
+                elif isinstance(shape.mesh, GivenMesh):
+                    yield LinkVisual(link, X_LG, shape.mesh.mesh)
                 else:
                     file = resolve_uri(shape.mesh.filename, self._path.parent, self._path.name)
                     scale = None if shape.mesh.scale is None else np.atleast_1d(shape.mesh.scale)
@@ -163,8 +166,11 @@ class _Builder:
                 if body is not None:
                     yield body
             else:
-                file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
-                mesh = load_mesh(file, geometry.mesh.scale)
+                if isinstance(geometry.mesh, GivenMesh):
+                    mesh = geometry.mesh.mesh
+                else:
+                    file = resolve_uri(geometry.mesh.filename, self._path.parent, self._path.name)
+                    mesh = load_mesh(file, geometry.mesh.scale)
                 yield from self._convex(link, pose_matrix(collision.origin), mesh)
 
     def _hulls(self, visual: LinkVisual) -> Iterator[LinkGeometry]:

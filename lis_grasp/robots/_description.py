@@ -1,4 +1,4 @@
-"""Robot descriptions, URDF or SDF: their links and joints, edits of them, and numbers of joints."""
+"""Robot descriptions: their links and joints, edits of them, and numbers of joints."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import yourdfpy
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.geometry import make_pose, unit
+from lis_grasp.robots._mjcf_reader import parse_mjcf
 from lis_grasp.robots._sdf import parse_sdf
 from lis_grasp.robots._urdf import parse_urdf, parse_xml
 
@@ -25,24 +26,27 @@ _UNLIMITED = 1e6
 
 
 def parse_description(path: Path) -> yourdfpy.Robot:
-    """Return the links and joints of a URDF or SDF, unchecked; its root element says which."""
+    """Return the links and joints that a URDF, SDF or MJCF has, unchecked."""
     root = parse_xml(path)
     match root.tag:
         case "robot":
             return parse_urdf(root, path)
         case "sdf":
             return parse_sdf(root, path)
+        case "mujoco":
+            return parse_mjcf(path)
     named = root.findtext("sdf", "").strip()  # of Gazebo's model.config
+    kinds = "a URDF (<robot>), SDF (<sdf>) or MJCF (<mujoco>)"
     advice = f": give {named}, which it names" if named else ""
     raise InvalidFileError(
-        f"{path} must be a URDF (<robot>) or SDF (<sdf>); it begins with <{root.tag}>{advice}",
+        f"{path} must be {kinds}; it begins with <{root.tag}>{advice}",
         path=path,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class DescriptionEdits:
-    """What a hand's YAML changes of the URDF or SDF that it names."""
+    """What a hand's YAML changes of the URDF, SDF or MJCF that it names."""
 
     base_link: str | None = None
     """The root of the hand: links before it, an arm's for example, are left out."""
@@ -177,7 +181,7 @@ class JointNumbers:
 
 
 def read_joint_numbers(path: Path) -> Mapping[str, JointNumbers]:
-    """Return what a URDF or SDF says of each joint, by its name; an unusable number is None.
+    """Return what a URDF, SDF or MJCF says of each joint, by its name; an unusable number is None.
 
     Raises `InvalidFileError` if the file is not XML.
     """

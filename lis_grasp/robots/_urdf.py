@@ -20,7 +20,7 @@ from lis_grasp.exceptions import InvalidFileError, InvalidHandError
 from lis_grasp.io.limits import MEBIBYTE, require_file_size
 from lis_grasp.robots.model_uri import package_folders
 
-_MOST_BYTES = 64 * MEBIBYTE  # of a URDF or SDF that is read
+_MOST_BYTES = 64 * MEBIBYTE  # of a URDF, SDF or MJCF that is read
 _NAMESPACES = {b"drake": b"http://drake.mit.edu"}
 _START = 400  # bytes in which other files are recognised
 # Other files by their start in small letters, and the way out.

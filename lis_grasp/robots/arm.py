@@ -22,7 +22,7 @@ from lis_grasp.typing import BoolArray, FloatArray
 @made_by("load")
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Arm(RobotModel):
-    """A robot arm, read by `Arm.load` from a URDF or SDF and one YAML file.
+    """A robot arm, read by `Arm.load` from a URDF, SDF or MJCF and one YAML file.
 
     Frames: A the base link, L a link, F the flange, whose +z points out of it. J joints, from the
     base to the flange. A gripper or anything else beyond the flange is left out.
@@ -36,7 +36,7 @@ class Arm(RobotModel):
     name
         Its name.
     path
-        The URDF or SDF.
+        The URDF, SDF or MJCF.
     flange
         The link that carries the hand.
     X_LF

@@ -29,7 +29,7 @@ from lis_grasp.typing import FloatArray
 @made_by("load")
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
 class Hand(RobotModel):
-    """A robot hand, read by `Hand.load` from a URDF or SDF and one YAML file.
+    """A robot hand, read by `Hand.load` from a URDF, SDF or MJCF and one YAML file.
 
     Frames: O the frame in which poses are given (the object's, or any other), H the palm frame,
     L a link frame. F fingers, J actuated joints, in the URDF's order.

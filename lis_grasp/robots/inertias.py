@@ -34,6 +34,11 @@ def is_possible(inertial: Inertial) -> bool:
     return bool(low > 0.0 and high <= low + middle)
 
 
+def small_ball(mass: float) -> FloatArray:
+    """Return the inertia (3, 3) [kg m^2] of a ball of 1 cm radius."""
+    return np.asarray(0.4 * mass * _SMALL_BALL**2 * np.eye(3))
+
+
 def impossible_inertias(inertials: Mapping[str, Inertial]) -> list[str]:
     """Return the names of the links whose inertia no body can have."""
     return [link for link, inertial in inertials.items() if not is_possible(inertial)]
@@ -83,8 +88,7 @@ def repaired_inertial(inertial: Inertial, bodies: Sequence[trimesh.Trimesh]) -> 
     volume = sum(body.volume for body in solids)
     mass = inertial.mass if inertial.mass > 0.0 else max(_DENSITY * volume, LEAST_MASS)
     if not solids:
-        ball = 0.4 * mass * _SMALL_BALL**2 * np.eye(3)
-        return Inertial(mass, inertial.center_L, ball)
+        return Inertial(mass, inertial.center_L, small_ball(mass))
     center = sum(body.volume * body.center_mass for body in solids) / volume
     inertia = np.zeros((3, 3))
     for body in solids:

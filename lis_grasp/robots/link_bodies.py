@@ -35,6 +35,14 @@ class Capsule(yourdfpy.Cylinder):
     """A cylinder with round ends, which SDF has and URDF lacks."""
 
 
+class GivenMesh(yourdfpy.Mesh):
+    """A mesh in memory [m], instead of a file."""
+
+    def __init__(self, mesh: trimesh.Trimesh) -> None:
+        super().__init__(filename="")
+        self.mesh = mesh
+
+
 def shape_and_sizes(geometry: Any) -> tuple[GeometryKind | None, list[float]]:
     """Return the kind and sizes of a simple shape; None for no shape."""
     if geometry is None:

@@ -12,12 +12,10 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.robots.hand import Hand
-from lis_grasp.robots.inertias import LEAST_MASS
+from lis_grasp.robots.inertias import LEAST_MASS, small_ball
 from lis_grasp.robots.robot_model import Inertial, Joint, LinkGeometry, by_joint_kind
 from lis_grasp.typing import FloatArray
 
-# As in Drake: a link without inertia gets that of a ball of a gram.
-_SMALL_BALL = 0.4 * LEAST_MASS * 0.01**2 * np.eye(3)  # [kg m^2], of 1 cm radius
 # With MuJoCo's default, coupled joints of a squeezing hand are off by 2 degrees, and the grip is a
 # tenth weaker; with a time constant of 2 ms [s] they chatter, and held objects creep.
 _COUPLING = {"solref": "0.005 1", "solimp": "0.999 0.9999 0.0001 0.5 2"}
@@ -110,7 +108,7 @@ def _body(hand: Hand, link: str, X: FloatArray, prefix: str) -> Element:
     body = Element("body", {"name": prefix + link, **pose(X), "gravcomp": "1"})
     given = hand.inertials.get(link)
     if given is None or given.mass < LEAST_MASS:
-        given = Inertial(LEAST_MASS, np.zeros(3), _SMALL_BALL)
+        given = Inertial(LEAST_MASS, np.zeros(3), small_ball(LEAST_MASS))  # as in Drake
     body.append(inertial(given.mass, given.center_L, given.inertia_L))
     return body
 

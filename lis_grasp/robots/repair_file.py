@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lis_grasp.exceptions import InvalidHandError
 from lis_grasp.io.atomic_writing import write_text
 from lis_grasp.robots._build_model import read_description
 from lis_grasp.robots._description import DescriptionEdits
@@ -36,7 +37,13 @@ def write_repaired(path: Path, edits: DescriptionEdits, output: Path) -> list[st
     """
     repaired = read_description(path, replace(edits, repair=True)).inertials
     root = parse_xml(path)
-    form = "sdf" if root.tag == "sdf" else "urdf"
+    form = {"sdf": "sdf", "robot": "urdf"}.get(root.tag)
+    if form is None:
+        raise InvalidHandError(
+            f"{path.name} must be a URDF or SDF to be rewritten; `repair: true` in the YAML does"
+            " the same for an MJCF",
+            file=path.name,
+        )
     changed = []
     for link in root.iter("link"):
         name = link.get("name", "")

@@ -76,9 +76,11 @@ class _RobotEntry(_Record):
     """What the YAML files of hands and arms have in common."""
 
     name: Name
-    urdf: Name = Field(description="URDF or SDF file: a path from this file, or package://NAME/...")
+    urdf: Name = Field(
+        description="URDF, SDF or MJCF: a path from this file, or package://NAME/..."
+    )
     model_from: str = Field(
-        default="", description="How to get the URDF or SDF, for the message when it is missing."
+        default="", description="How to get that file, for the message when it is missing."
     )
     base_link: Name | None = Field(
         default=None, description="Root of the hand or arm: links before it are left out."
@@ -139,7 +141,7 @@ class FlangePose(_Record):
 
 
 class ArmEntry(_RobotEntry):
-    """An arm's YAML file; what is left out comes from the URDF or SDF."""
+    """An arm's YAML file; what is left out comes from the URDF, SDF or MJCF."""
 
     flange: Name = Field(description="Link that carries the hand; links beyond it are left out.")
     flange_pose: FlangePose | None = Field(

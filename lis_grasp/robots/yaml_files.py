@@ -1,4 +1,4 @@
-"""Reading of the YAML files of hands and arms, and of the URDF or SDF that they name."""
+"""Reading of the YAML files of hands and arms, and of the URDF, SDF or MJCF that they name."""
 
 from __future__ import annotations
 
@@ -68,14 +68,14 @@ def read_arm_file(path_or_name: str | Path) -> dict[str, Any]:
 
 
 def description_of(path_or_name: str | Path) -> tuple[Path, DescriptionEdits]:
-    """Return the URDF or SDF of a hand, and what its YAML changes of it; errors as `Hand.load`."""
+    """Return the description of a hand, and what its YAML changes of it; errors as `Hand.load`."""
     file = _read_file(hand_path(path_or_name), "hand", HandEntry, InvalidHandError)
     return file.description, DescriptionEdits.of(file.entry)
 
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """A YAML file, its content by the schema, and the URDF or SDF that it names."""
+    """A YAML file, its content by the schema, and the URDF, SDF or MJCF that it names."""
 
     name: str
     entry: Any

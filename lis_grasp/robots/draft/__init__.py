@@ -1,1 +1,1 @@
-"""First description of a hand, found from its URDF or SDF by geometry, sampling and search."""
+"""First description of a hand, found from its file by geometry, sampling and search."""

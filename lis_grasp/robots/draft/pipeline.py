@@ -1,4 +1,4 @@
-"""Draft of a hand from its URDF or SDF: fingers, pads, palm frame, postures, exclusions."""
+"""Draft of a hand from its URDF, SDF or MJCF: fingers, pads, palm frame, postures, exclusions."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def draft_hand(
     Parameters
     ----------
     path
-        URDF or SDF of the hand, or of a robot with it.
+        URDF, SDF or MJCF of the hand, or of a robot with it.
     name
         Of the hand.
     base_link
@@ -115,7 +115,7 @@ class _Described:
 
     def __init__(self, path: Path, tips: Sequence[str], base_link: str | None) -> None:
         self._path, self._tips, self._robot = path, tips, parse_description(path)
-        self.notes: list[str] = []
+        self.notes = list(getattr(self._robot, "notes", ()))  # of an MJCF
         self.edits = DescriptionEdits(base_link=base_link, repair=True)
         self._set_missing_efforts()
         self.model = self._built(self.edits)
