@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, say
+from lis_grasp.cli.view import watched
 from lis_grasp.pipeline.exploring import explore_object
 from lis_grasp.pipeline.report_json import exploration_facts
 from lis_grasp.pipeline.results_folder import LOG, results_folder
+from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.summary import exploration_lines
 
 
@@ -18,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     opt.add_conditions(parser)
     opt.add_options(parser, *opt.TOUCH)
     opt.add_fresh(parser)
+    opt.add_watch(parser)
     opt.add_output(parser, "results/<run>")
     parser.set_defaults(execute=execute)
 
@@ -26,7 +30,12 @@ def execute(options: argparse.Namespace) -> None:
     """Explore, and print the summary."""
     config = opt.configure_touch(options)
     folder = results_folder(config, options.output)
-    scenario, exploration = explore_object(config, folder, progress=PRINTED, fresh=options.fresh)
+    with watched(folder if options.watch else None):
+        _explore(config, folder, fresh=options.fresh)
+
+
+def _explore(config: RunConfig, folder: Path, *, fresh: bool) -> None:
+    scenario, exploration = explore_object(config, folder, progress=PRINTED, fresh=fresh)
     for line in exploration_lines(exploration_facts(scenario, exploration)):
         say(line)
     path = folder / "contacts.ply"

@@ -180,6 +180,15 @@ def add_fresh(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_watch(parser: argparse.ArgumentParser) -> None:
+    """Add the option to show the exploration while it goes on."""
+    parser.add_argument(
+        "--watch",
+        action="store_true",
+        help="show touches, estimates, grasps and lift in the browser as they come, until Ctrl-C",
+    )
+
+
 def add_jobs(parser: argparse.ArgumentParser) -> None:
     """Add the number of processes."""
     parser.add_argument(

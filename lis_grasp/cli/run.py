@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from lis_grasp import pipeline
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, say, say_search
+from lis_grasp.cli.view import watched
+from lis_grasp.pipeline.results_folder import results_folder
 from lis_grasp.pipeline.summary import run_lines
 
 
@@ -16,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     opt.add_conditions(parser)
     opt.add_options(parser, *opt.TOUCH, "free_space", "grasps", "attempts", "simulator")
     opt.add_fresh(parser)
+    opt.add_watch(parser)
     opt.add_output(parser, "results/<run>")
     parser.set_defaults(execute=execute)
 
@@ -23,7 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Run every stage, and print the summary."""
     config = opt.configure_touch(options)
-    run = pipeline.run(config, options.output, progress=PRINTED, fresh=options.fresh)
+    folder = results_folder(config, options.output)
+    with watched(folder if options.watch else None):
+        _run(config, folder, fresh=options.fresh)
+
+
+def _run(config: pipeline.RunConfig, folder: Path, *, fresh: bool) -> None:
+    run = pipeline.run(config, folder, progress=PRINTED, fresh=fresh)
     if run.grasps is not None and not run.grasps.grasps:
         say_search(run.grasps)
     for line in run_lines(run.report or {}):

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from lis_grasp.cli.progress import complain, say
-from lis_grasp.exceptions import InvalidFileError, LisGraspError
+from lis_grasp.exceptions import InvalidFileError
+from lis_grasp.pipeline.following import Watched, follow, renewer
 from lis_grasp.pipeline.results_folder import scene_is_outdated
 from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.visualization.scene_server import LOCALHOST, SCENE_FILE
@@ -25,6 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="address to listen on; 0.0.0.0 in a container whose port is published, else this"
         f" machine alone (default: {LOCALHOST})",
     )
+    parser.add_argument(
+        "--follow",
+        action="store_true",
+        help="show what another command writes there as it comes; the folder may be missing yet",
+    )
     parser.set_defaults(execute=execute)
 
 
@@ -35,30 +45,37 @@ def execute(options: argparse.Namespace) -> None:
     """
     from lis_grasp.visualization import serve_scene
 
-    if not os.path.isdir(options.directory):
-        raise InvalidFileError(
-            f"{options.directory} is not a folder: name a folder of results",
-            path=options.directory,
-        )
+    folder = options.directory
+    if options.follow:
+        follow(folder, port=options.port, host=options.host)
+        return
+    if not os.path.isdir(folder):
+        raise InvalidFileError(f"{folder} is not a folder: name a folder of results", path=folder)
     with TemporaryDirectory(prefix="lis-grasp-") as temporary:
-        scene = options.directory / SCENE_FILE
-        if not os.access(options.directory, os.W_OK):
+        scene = folder / SCENE_FILE
+        if not os.access(folder, os.W_OK):
             scene = Path(temporary) / SCENE_FILE
-        if _renew(options.directory, scene):
+        if scene_is_outdated(folder, scene):
+            scene_of(folder).save(scene)
             say(f"wrote {scene}")
-
-        def renew() -> None:
-            try:
-                _renew(options.directory, scene)
-            except LisGraspError as error:  # the folder is being written to, perhaps
-                complain(f"lis-grasp: the scene is of earlier results: {error}")
-
+        renew = renewer(folder, scene, _complain)
         serve_scene(scene.parent, port=options.port, host=options.host, renew=renew)
 
 
-def _renew(directory: Path, scene: Path) -> bool:
-    """Write the scene of a folder's results if it is outdated; return whether it was."""
-    outdated = scene_is_outdated(directory, scene)
-    if outdated:
-        scene_of(directory).save(scene)
-    return outdated
+def _complain(text: str) -> None:
+    complain(f"lis-grasp: the scene is of earlier results: {text}")
+
+
+@contextmanager
+def watched(folder: Path | None) -> Iterator[None]:
+    """Show what is written to a folder in the browser, then until Ctrl-C; nothing for None."""
+    if folder is None:
+        yield
+        return
+    with Watched(folder) as page:
+        complain(f"watch: {page.address}")
+        if sys.platform == "darwin" or os.environ.keys() & {"DISPLAY", "WAYLAND_DISPLAY"}:
+            webbrowser.open(page.address)
+        yield
+        complain(f"the page stays at {page.address} until Ctrl-C")
+        page.wait()

@@ -17,6 +17,7 @@ from lis_grasp._moved import new_place
 from lis_grasp.pipeline.contact_sources import ContactSource, join_sources, load_source
 from lis_grasp.pipeline.exploring import explore_object
 from lis_grasp.pipeline.file_stages import estimate_file, grasp_file, lift_file
+from lis_grasp.pipeline.following import Watched
 from lis_grasp.pipeline.known import Known, Perception
 from lis_grasp.pipeline.lifting_stage import lift, lift_each, require_simulator
 from lis_grasp.pipeline.progress import SILENT, Progress
@@ -44,6 +45,7 @@ __all__ = [
     "Scenario",
     "Stopwatch",
     "Truth",
+    "Watched",
     "estimate",
     "estimate_file",
     "explore_object",

@@ -26,7 +26,7 @@ from lis_grasp.shapes import Shape, find, placed_as_recorded
 from lis_grasp.surfaces import ImplicitSurface
 
 # Files whose headers say where the object is, the last that is written first.
-_SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
+SOURCES = ("grasps.json", "surface.ply", "contacts.ply")
 
 
 @dataclass(frozen=True, eq=False)  # no slots: for cached_property
@@ -63,10 +63,10 @@ class Run:
         """
         folder = Path(folder)
         files = {path.name: path for path in folder.glob("*.*")}
-        source = next((files[name] for name in _SOURCES if name in files), None)
+        source = next((files[name] for name in SOURCES if name in files), None)
         if source is None:
             raise InvalidFileError(
-                f"{folder} has no results ({', '.join(_SOURCES)}): name a folder that `lis-grasp"
+                f"{folder} has no results ({', '.join(SOURCES)}): name a folder that `lis-grasp"
                 " run` or another verb wrote",
                 path=folder,
             )

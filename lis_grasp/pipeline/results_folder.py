@@ -141,6 +141,6 @@ def scene_is_outdated(directory: Path, scene: Path | None = None) -> bool:
     scene = scene or directory / "scene.html"
     if not scene.exists():
         return True
-    shown = ("contacts.ply", "surface.ply", "grasps.json", "motion.npz")
+    shown = (LOG, "contacts.ply", "surface.ply", "grasps.json", "motion.npz")
     times = [p.stat().st_mtime_ns for p in (directory / name for name in shown) if p.exists()]
     return max(times, default=0) > scene.stat().st_mtime_ns

@@ -26,7 +26,6 @@ from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.pipeline.run_scene import write_scene_of
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.pipeline.stages import Stopwatch
-from lis_grasp.pipeline.summary import run_lines
 from lis_grasp.robots.inertias import require_possible_inertias
 
 _LOG = logging.getLogger(__name__)
@@ -94,7 +93,7 @@ def run(
             _LOG.info("comparing the estimate and the grasps with the true object")
             report = build_report(after, exploration, attempts, arm_use)
             _LOG.info("drawing the scene")
-            write_scene_of(folder, summary=run_lines(report))
+            write_scene_of(folder, report)
         report["timings"] = {name: round(seconds, 3) for name, seconds in watch.seconds.items()}
         report["timings"]["total"] = round(sum(watch.seconds.values()), 3)
         write_json(folder / "report.json", report)

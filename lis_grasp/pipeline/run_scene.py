@@ -13,36 +13,44 @@ from lis_grasp.arms.station import Station, Table
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidFileError, LisGraspError
 from lis_grasp.exploration import Exploration, ProbeOutcome, Region, load_outcomes
+from lis_grasp.io.json_lines import read_lines
 from lis_grasp.io.surface_files import load_growth
 from lis_grasp.pipeline.known import find_obstacles
 from lis_grasp.pipeline.recorded_facts import read_facts
-from lis_grasp.pipeline.results import Run
+from lis_grasp.pipeline.results import SOURCES, Run
 from lis_grasp.pipeline.results_folder import LOG
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.summary import headline, run_lines
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
 from lis_grasp.visualization.scene import Scene
 
 
-def write_scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Path:
+def write_scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Path:
     """Write scene.html from the results in a folder, and return its path; see `scene_of`."""
     path = directory / "scene.html"
-    scene_of(directory, summary=summary).save(path)
+    scene_of(directory, report).save(path)
     return path
 
 
-def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
-    """Return the scene of the results in a folder.
+def scene_of(directory: Path, report: Mapping[str, Any] | None = None) -> Scene:
+    """Return the scene of the results in a folder, of an unfinished exploration too.
+
+    Its texts are of `report`; None for the report in the folder, if there is one.
 
     Raises
     ------
     InvalidFileError
-        If the folder has neither contacts nor a surface nor grasps.
+        If the folder has neither contacts nor a surface nor grasps nor a touch log.
     """
-    run = Run.load(directory)
+    log = directory / LOG
+    run = _unfinished(log) or Run.load(directory)
     facts, contacts = run.facts, run.contacts
     hand = Hand.load(facts.get("hand", "allegro"))
-    content: dict[str, Any] = {"support_height": facts.get("support_height"), "summary": summary}
+    content: dict[str, Any] = {"support_height": facts.get("support_height")}
+    report = report or run.report
+    if report is not None:
+        content |= {"headline": headline(report), "summary": run_lines(report)}
     content |= {"title": f"lis_grasp: {directory.name}", "hand": hand, "motion": run.motion}
     with suppress(InvalidFileError):  # a mesh that is elsewhere now: the scene lacks the truth
         if run.truth is not None:
@@ -55,19 +63,33 @@ def scene_of(directory: Path, *, summary: tuple[str, ...] = ()) -> Scene:
         content["station"] = Station.make(Arm.load(facts["arm"]), hand, facts["X_EA"], table=table)
     if contacts is not None:
         content["contacts"] = contacts
-        made, log = read_facts(directory / "contacts.ply"), directory / LOG
+        file = directory / "contacts.ply"
+        made = read_facts(file) if file.exists() else facts
         if log.exists() and made.get("hand") == facts.get("hand"):
             outcomes = _outcomes(log)
             content["touches"] = _touches(outcomes, contacts, made, hand)
             content |= _search(outcomes, made)
+    known = 0 if contacts is None else len(contacts)
     if run.mesh is not None:
         content["estimate"] = run.mesh
         growth = load_growth(directory, read_facts(directory / "surface.ply"))
-        known = 0 if contacts is None else len(contacts)
         content["growth"] = [(count, mesh) for count, mesh in growth if count < known]
+    elif run.grasps is None and log.exists():
+        growth = load_growth(directory, facts)
+        content["growth"] = [(count, mesh) for count, mesh in growth if count <= known]
     if run.grasps is not None:
         content["grasps"] = run.grasps.grasps
     return Scene(**content)
+
+
+def _unfinished(log: Path) -> Run | None:
+    """Return the results of an exploration that has only its log so far; None if there are more."""
+    folder = log.parent
+    if not log.exists() or any((folder / name).exists() for name in SOURCES):
+        return None
+    outcomes = _outcomes(log) or ()
+    contacts = Exploration.replay(outcomes).contacts if outcomes else None
+    return Run(folder, read_lines(log)[0], contacts, None, None, None, None)
 
 
 def _outcomes(log: Path) -> tuple[ProbeOutcome, ...] | None:

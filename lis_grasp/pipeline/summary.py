@@ -88,6 +88,19 @@ def run_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(lines)
 
 
+def headline(report: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Return the numbers of a run that matter most, each with what it is."""
+    lift, predicted = report["lift"], report["attempts"][-1]["success_probability"]
+    outcome = "held" if lift["held"] else lift["reason"].replace("_", " ")
+    numbers = [(outcome, "lifted and shaken")]
+    if report["surface"]["rmsd"] is not None:
+        numbers.append((f"{1e3 * report['surface']['rmsd']:.1f} mm", "error of the estimate"))
+    numbers.append((f"{report['touches']}", "touches"))
+    if predicted is not None:
+        numbers.append((f"{100 * predicted:.0f} %", "predicted success"))
+    return tuple(numbers)
+
+
 def _arm_line(report: Mapping[str, Any]) -> str:
     """Return the sentence about what touches and lifts demanded of the arm."""
     arm, lift = report["arm"], report["lift"].get("arm")

@@ -24,7 +24,7 @@ _SCRIPTS = ("appearance.js", "story.js", "camera.js", "scene.js")
 
 _RAMP = f"linear-gradient(90deg,{','.join(VIRIDIS)})"
 _EXPLAINED = {
-    "touch": "the hand touches the object and the estimate grows",
+    "touch": "the contacts are made one by one, and the estimate grows",
     "grasp": "grasps are planned on the estimate",
     "lift": "the best one lifts the true object and shakes it",
 }
@@ -103,6 +103,7 @@ def build_overlay(
     title: str,
     summary: Sequence[str],
     *,
+    headline: Sequence[tuple[str, str]] = (),
     layers: Sequence[Layer],
     scale: ColourScale | None,
     grid: float,
@@ -112,21 +113,20 @@ def build_overlay(
 ) -> str:
     """Return the overlay's HTML, with all text escaped.
 
-    The layers of grasps are those of the best of the `planned` ones, or of a hand's postures if
-    `postures` is set. `scale` colours the estimate's uncertainty; `grid` is the spacing of the
-    table's grid [m].
+    The lines of `summary` are folded below the numbers of a `headline`. The layers of grasps are
+    those of the best of the `planned` ones, or of a hand's postures if `postures` is set. `scale`
+    colours the estimate's uncertainty; `grid` is the spacing of the table's grid [m].
     """
     grasps = [layer for layer in layers if _is_grasp(layer)]
     others = [layer for layer in layers if not _is_grasp(layer)]
     explained = "; then ".join(_EXPLAINED[chapter.name] for chapter in story.chapters)
     if postures:
         explained = "the hand takes one posture after the other"
-    lines = "".join(f"<p>{escape(line)}</p>" for line in summary)
     parts = [
         '<details id="panel" open>',
         f"<summary><h1>{escape(title)}</h1></summary>",
         '<div class="content">',
-        f'<h2>Result</h2><div class="lines">{lines}</div>' if lines else "",
+        _results(headline, summary),
         f'<p class="explained">Press play: {explained}.</p>' if explained else "",
         f'<ul class="layers">{"".join(_row(layer, scale) for layer in others)}</ul>',
         _listed_grasps(grasps, planned=planned, postures=postures),
@@ -140,6 +140,17 @@ def build_overlay(
         "</noscript>",
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _results(headline: Sequence[tuple[str, str]], summary: Sequence[str]) -> str:
+    """Return the numbers that matter most, and the lines of the summary, folded below them."""
+    lines = "".join(f"<p>{escape(line)}</p>" for line in summary)
+    lines = f'<div class="lines">{lines}</div>' if lines else ""
+    if not headline:
+        return lines
+    numbers = (f"<li><b>{escape(n)}</b><small>{escape(is_)}</small></li>" for n, is_ in headline)
+    folded = f"<details><summary>All results</summary>{lines}</details>"
+    return f'<ul class="headline">{"".join(numbers)}</ul>{folded}'
 
 
 def _listed_grasps(grasps: Sequence[Layer], *, planned: int, postures: bool) -> str:

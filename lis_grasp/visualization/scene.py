@@ -78,7 +78,8 @@ class Scene:
         Contacts in O, in the order of the touches.
     growth
         Earlier estimates, each with its number of contacts; the numbers increase, and are less than
-        that of all contacts. A contact is shown together with the first estimate from it.
+        that of all contacts, unless `estimate` is still missing. A contact is shown together with
+        the first estimate from it.
     touches
         The probe outcome that made each contact, None where it is unknown; or empty. The hand is
         drawn at its `hand_pose`, and approaches along the probe's direction.
@@ -99,8 +100,9 @@ class Scene:
         to the first contact; drawn with the touches.
     moved
         The outcomes of an exploration that moved the object, to draw its tracked and true path.
-    title, summary
-        Plain text: a heading and the lines below it.
+    title, headline, summary
+        Plain text: a heading, the numbers that matter most, each with what it is, and the lines
+        that are folded below them.
 
     Raises
     ------
@@ -129,6 +131,7 @@ class Scene:
     search: Sequence[ProbeOutcome] = ()
     moved: Sequence[ProbeOutcome] = ()
     title: str = "lis_grasp"
+    headline: Sequence[tuple[str, str]] = ()
     summary: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -153,10 +156,12 @@ class Scene:
                     value=self.hand.name,
                 )
         counts = [0, *(count for count, _ in self.growth), contacts]
-        if self.growth and (self.estimate is None or np.any(np.diff(counts) <= 0)):
+        if self.estimate is None:
+            counts[-1] += 1  # the last of them may be from all contacts
+        if self.growth and np.any(np.diff(counts) <= 0):
             raise InvalidOptionError(
-                "growth needs an estimate, and numbers of contacts that increase and stay below"
-                f" {contacts}; it has {counts[1:-1]}",
+                "the growth of an estimate needs numbers of contacts that increase and stay below"
+                f" {counts[-1]}; it has {counts[1:-1]}",
                 option="growth",
                 value=counts[1:-1],
             )
@@ -215,6 +220,7 @@ class Scene:
         overlay = build_overlay(
             self.title,
             self.summary,
+            headline=self.headline,
             layers=canvas.layers,
             scale=scale,
             grid=grid,

@@ -8,7 +8,9 @@ import os
 import socket
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
 from pathlib import Path
 from threading import Lock
 from typing import Any, BinaryIO
@@ -26,10 +28,12 @@ _EVERY_ADDRESS = ("", "0.0.0.0")
 class SceneServer(ThreadingHTTPServer):
     """Web server for the scene.html of a folder, which is read at each request.
 
-    It listens on this machine alone, unless `host` is another address of it, such as 0.0.0.0 in a
-    container. Port 0 takes a free port. `renew` is called before each answer, one call at a time,
-    and may write the scene again. Requests by another name than localhost and `host` are refused:
-    a page of another site, whose name was made to point to this machine, cannot read the scene.
+    With `follow` its page shows each new state of the scene, which may be missing at first, and
+    `state` changes with it. It listens on this machine alone, unless `host` is another address of
+    it, such as 0.0.0.0 in a container. Port 0 takes a free port. `renew` is called before each
+    answer, one call at a time, and may write the scene again. Requests by another name than
+    localhost and `host` are refused: a page of another site, whose name was made to point to this
+    machine, cannot read the scene.
 
     Raises
     ------
@@ -50,12 +54,13 @@ class SceneServer(ThreadingHTTPServer):
         port: int,
         host: str = LOCALHOST,
         renew: Callable[[], None] = lambda: None,
+        follow: bool = False,
     ) -> None:
-        self.scene = Path(directory) / SCENE_FILE
+        self.scene, self.follow = Path(directory) / SCENE_FILE, follow
         self._renew, self._renewing = renew, Lock()
         self._host = LOCALHOST if host in _EVERY_ADDRESS else host
         self.names = {LOCALHOST, "localhost", self._host.lower()}
-        if not os.path.isfile(self.scene):
+        if not follow and not os.path.isfile(self.scene):
             raise InvalidFileError(f"{self.scene} does not exist", path=self.scene)
         if not 0 <= port <= 65535:
             raise InvalidOptionError.out_of_range("port", port, "from 0 to 65535")
@@ -79,6 +84,13 @@ class SceneServer(ThreadingHTTPServer):
         with self._renewing:
             self._renew()
 
+    def state(self) -> str:
+        """Return what distinguishes the scene from earlier ones; "" if there is none yet."""
+        self.renew()
+        with suppress(FileNotFoundError):
+            return str(self.scene.stat().st_mtime_ns)
+        return ""
+
     @property
     def address(self) -> str:
         """Address of the scene for a browser."""
@@ -90,14 +102,25 @@ class _SceneHandler(SimpleHTTPRequestHandler):
 
     def translate_path(self, path: str) -> str:
         """Return the file of the scene; an empty path, which is not found, for all others."""
-        return str(self.server.scene) if path.split("?")[0] in ("/", f"/{SCENE_FILE}") else ""
+        named = path.split("?")[0]
+        if named == "/" and self.server.follow:
+            return str(resources.files(__package__) / "assets" / "follow.html")
+        return str(self.server.scene) if named in ("/", f"/{SCENE_FILE}") else ""
 
     def send_head(self) -> io.BytesIO | BinaryIO | None:
         """Send the headers and return the file; refuse other names of this machine."""
         if _host_name(self.headers.get("Host", LOCALHOST)) not in self.server.names:
             self.send_error(403, "The scene is shown at localhost and the given host only")
             return None
-        self.server.renew()
+        if not self.server.follow:
+            self.server.renew()
+        elif self.path == "/state":
+            text = self.server.state().encode("ascii")
+            self.send_response(200)
+            self.send_header("Content-Type", "text/plain")
+            self.send_header("Content-Length", str(len(text)))
+            self.end_headers()
+            return io.BytesIO(text)
         return super().send_head()
 
     def end_headers(self) -> None:

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
@@ -166,7 +167,7 @@ def test_the_estimate_is_absent_at_first_grows_and_is_there_after_the_touches(
 
 
 def test_the_result_is_read_without_scrolling(browser: Browser, page: str) -> None:
-    browser.open(page, (1280, 600))
+    browser.open(f"{page}#panel=1", (1280, 600))
     bottom = "document.querySelector('.lines').getBoundingClientRect().bottom"
     assert 0.0 < browser.evaluate(bottom) < 300.0
 
@@ -241,6 +242,8 @@ def test_without_the_lift_everything_stays_where_it_was(browser: Browser, page: 
 
 def test_play_tells_the_story_from_its_beginning_and_pauses(browser: Browser, page: str) -> None:
     browser.open(page, (900, 700))
+    assert _time(browser) < STORY.rest  # it plays
+    browser.open(f"{page}#panel=1", (900, 700))
     assert _time(browser) == pytest.approx(STORY.rest)
     browser.press("#play")
     assert _time(browser) < STORY.rest / 2.0
@@ -263,7 +266,7 @@ def test_a_story_that_is_played_ends_and_can_be_played_again(browser: Browser, p
 
 
 def test_chapters_lead_to_where_they_begin(browser: Browser, page: str) -> None:
-    browser.open(page, (900, 700))
+    browser.open(f"{page}#panel=1", (900, 700))
     for number, chapter in enumerate(STORY.chapters):
         browser.press(f"[data-chapter='{number}']")
         assert _time(browser) == pytest.approx(chapter.start, abs=2e-3)
@@ -294,7 +297,7 @@ def test_legend_and_player_are_in_view(
 
 
 def test_a_phone_names_the_colours_without_unfolding_anything(browser: Browser, page: str) -> None:
-    browser.open(page, PHONE, touch=True)
+    browser.open(f"{page}#t={STORY.rest}", PHONE, touch=True)
     assert not browser.evaluate("document.getElementById('panel').open")
     left, top, right, bottom = (round(v) for v in browser.box(".chips"))
     chips = browser.picture()[top:bottom, left:right]
@@ -369,6 +372,33 @@ def test_the_server_shows_the_same_as_the_file(browser: Browser, page: str, tmp_
             server.shutdown()
             thread.join()
     assert np.abs(served - file).max() < 0.02
+
+
+def test_a_followed_scene_goes_on_where_it_was(browser: Browser, tmp_path: Path) -> None:
+    frame = "document.querySelector('iframe.shown')?.contentWindow.lisGrasp?.now"
+
+    def wait(condition: str) -> None:
+        end = monotonic() + 60.0
+        while not browser.evaluate(f"Boolean({condition})"):
+            assert monotonic() < end, condition
+            sleep(0.1)
+
+    with SceneServer(tmp_path, port=0, follow=True) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            browser.send("Page.navigate", url=server.address)
+            wait("document.getElementById('waiting')")
+            _write(replace(scenes.scene(), grasps=(), motion=None), tmp_path)
+            wait(f"{frame}?.chapter === 'touch' && {frame}.turn > 1")
+            first = browser.evaluate("document.querySelector('iframe.shown').src")
+            _write(scenes.scene(), tmp_path)
+            wait(f"document.querySelector('iframe.shown').src !== {first!r} && {frame}")
+            assert browser.evaluate(f"{frame}.chapter !== 'touch' || {frame}.turn > 1")
+            wait(f"{frame}.chapter === 'lift'")
+        finally:
+            server.shutdown()
+            thread.join()
 
 
 def test_pages_of_one_thing_alone_draw_it(browser: Browser, tmp_path: Path) -> None:

@@ -73,9 +73,11 @@ def test_growth_of_unordered_or_too_many_contacts_is_refused(counts: tuple[int, 
     assert (error.value.option, error.value.value) == ("growth", list(counts))
 
 
-def test_growth_without_an_estimate_is_refused() -> None:
+def test_growth_may_reach_all_contacts_while_the_estimate_is_missing() -> None:
+    growing = scenes.scene(estimate=None, growth=((6, scenes.estimate()),))
+    assert growing.growth
     with pytest.raises(InvalidOptionError) as error:
-        scenes.scene(estimate=None)
+        scenes.scene(estimate=None, growth=((7, scenes.estimate()),))
     assert error.value.option == "growth"
 
 
@@ -148,6 +150,24 @@ def test_growth_is_the_estimate_from_the_first_contacts(explored: Path) -> None:
         expected = extract_mesh(surface, resolution=cell)
         assert_array_equal(mesh.vertices, expected.vertices)
         assert_array_equal(mesh.faces, expected.faces)
+
+
+def test_a_growing_exploration_has_a_scene(folder: Path) -> None:
+    whole = scene_of(folder)
+    for name in ("contacts.ply", "surface.ply"):
+        (folder / name).unlink()
+    growing = scene_of(folder)
+    assert growing.estimate is None
+    assert_array_equal(growing.contacts.points, whole.contacts.points)
+    assert [count for count, _ in growing.growth] == GROWTH
+    lines = (folder / "touches.jsonl").read_text().splitlines(keepends=True)
+    (folder / "touches.jsonl").write_text(lines[0])
+    assert not len(scene_of(folder).contacts)  # the true object alone
+    (folder / "touches.jsonl").write_text("".join(lines[:4]) + lines[4][:20])  # half a line
+    growing = scene_of(folder)
+    assert [count for count, _ in growing.growth] == [3]
+    assert len(growing.touches) == len(growing.contacts) == 3
+    assert "<!DOCTYPE html>" in growing.html()
 
 
 def test_recorded_hands_touch_the_object_at_their_contacts(explored: Path) -> None:

@@ -381,6 +381,26 @@ def test_server_shows_the_scene_as_it_is_now_and_nothing_else(tmp_path: Path) ->
             thread.join()
 
 
+def test_server_that_follows_says_when_the_scene_changes(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.html"
+    with SceneServer(tmp_path, port=0, follow=True) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            assert b"fetch(" in _get(server.address)[1]  # the page that asks again and again
+            assert _get(server.address + "state") == (200, b"")
+            assert _get(server.address + "scene.html")[0] == 404
+            states = set()
+            for text in (b"first", b"second"):
+                scene.write_bytes(text)
+                states.add(_get(server.address + "state"))
+                assert _get(server.address + "scene.html") == (200, text)
+            assert len(states) == 2
+        finally:
+            server.shutdown()
+            thread.join()
+
+
 def test_server_answers_to_names_of_this_machine_only(tmp_path: Path) -> None:
     (tmp_path / "scene.html").write_text("mine")
     renewed = []

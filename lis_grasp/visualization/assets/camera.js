@@ -115,6 +115,15 @@ const Eye = (viewer, scene, story) => {
   return {
     frame, place, clearness, reach,
     get touched() { return touched; },
+    // Where the user moved the camera; null if nowhere. Another page of the object can take it over.
+    get held() { return touched ? { position: viewer.camera.position.toArray(), target: viewer.controls.target.toArray() } : null; },
+    hold({ position, target }) {
+      viewer.camera.position.fromArray(position);
+      viewer.controls.target.fromArray(target);
+      viewer.controls.update();
+      touched = true;
+      viewer.set_dirty();
+    },
     set view(chosen) { view = chosen; },
   };
 };

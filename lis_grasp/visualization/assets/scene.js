@@ -273,7 +273,9 @@
     document.body.classList.toggle("bare", asked.get("panel") === "0");
     playing = false;
     for (const input of document.querySelectorAll("[data-layer]")) input.checked = wanted.get(input.dataset.layer);
-    return asked.get("play") === "1";
+    // A page that is opened as it is plays; frames, addresses with a view, and quiet systems do not.
+    const still = window.top !== window || location.hash || matchMedia("(prefers-reduced-motion: reduce)").matches;
+    return asked.get("play") === "1" || !still;
   }
 
   const graspShown = () => wanted.get("hand") && [...wanted].some(([id, on]) => on && id.startsWith("grasp-"));
@@ -305,5 +307,7 @@
       else show();
     });
   }
+  // For a page that follows a run, shows this one in a frame, and goes on in the next one.
+  window.lisGrasp = { eye, get now() { return { open: element("panel").open, ...story.place(time) }; } };
   document.body.dataset.ready = "true";
 })();

@@ -50,11 +50,17 @@ const Story = (facts) => {
     return now.name === "lift" ? "The best grasp lifts the true object" : "";
   }
 
+  // The chapter of a time, and the touches or seconds since its start.
+  function place(time) {
+    const current = chapters.reduce((found, c) => (time > c.start ? c : found), chapters[0]);
+    return current && { chapter: current.name, turn: (time - current.start) / (current === touch ? touch.step : 1) };
+  }
+
   // A time at which a grasp is shown.
   const turnOf = (rank) => (grasp ? grasp.start + (grasp.grasps - rank + 0.5) * grasp.step : rest);
 
   // Time since the start of a chapter [s]; negative before it or without it.
   const into = (name, time) => (chapter(name) ? time - chapter(name).start : -1);
 
-  return { at, caption, turnOf, into, chapters, duration, rest, lasts: lift ? lift.end - lift.start : 0 };
+  return { at, place, caption, turnOf, into, chapters, duration, rest, lasts: lift ? lift.end - lift.start : 0 };
 };
