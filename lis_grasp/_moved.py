@@ -46,6 +46,7 @@ _PLACES = {
     "simulation.probing_scene": "lis_grasp.simulation.drake.object_plant",
     "simulation.simulate_lift": "lis_grasp.simulation.drake.lift",
     "surfaces.contact_thinning": "lis_grasp.surfaces.contact_preparation",
+    "surfaces.gaussian_process": "lis_grasp.surfaces.gaussian_process_implicit_surface",
     "surfaces.noise_estimation": "lis_grasp.surfaces.contact_preparation",
     "visualization.run_scene": "lis_grasp.pipeline.run_scene",
 }

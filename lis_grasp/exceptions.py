@@ -158,7 +158,7 @@ class InvalidFileError(InvalidInputError):
     Attributes
     ----------
     path
-        Of the file; None if it is none in particular.
+        The file; None if it is none in particular.
     """
 
     def __init__(self, message: str, *, path: Path | None = None) -> None:

@@ -223,8 +223,8 @@ def _displacements(mesh: trimesh.Trimesh) -> FloatArray:
         faces = mesh.vertex_faces[vertex]
         normals = mesh.face_normals[faces[faces >= 0]]
         normals = normals[normals.any(axis=1)]  # a face without area has none
-        found = np.linalg.lstsq(normals, np.ones(len(normals)))[0]
-        displacements[vertex] = found * min(1.0, _LONGEST_MITRE / np.linalg.norm(found))
+        moved = np.linalg.lstsq(normals, np.ones(len(normals)))[0]
+        displacements[vertex] = moved * min(1.0, _LONGEST_MITRE / np.linalg.norm(moved))
     return displacements
 
 

@@ -102,7 +102,7 @@ def reached(station: Station, targets: FloatArray) -> BoolArray:
 def _directions(approach_H: FloatArray) -> FloatArray:
     """Return rotations R_WH with the approach down and oblique, turned about it, (D, T, 3, 3)."""
     R_HT = np.column_stack([*tangent_frame(approach_H), approach_H])  # tool frame: +z approaches
-    found = []
+    rotations = []
     for tilt in (0.0, _TILT):
         for around in 2.0 * np.pi * np.arange(_AROUND if tilt else 1) / _AROUND:
             out = np.array(
@@ -114,8 +114,8 @@ def _directions(approach_H: FloatArray) -> FloatArray:
             for turn in 2.0 * np.pi * np.arange(_TURNS) / _TURNS:
                 c, s = np.cos(turn), np.sin(turn)
                 turns.append(R_WT @ [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] @ R_HT.T)
-            found.append(turns)
-    return np.array(found)
+            rotations.append(turns)
+    return np.array(rotations)
 
 
 def _middle(table: Table) -> FloatArray:

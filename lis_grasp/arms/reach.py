@@ -72,9 +72,9 @@ def track(station: Station, q: FloatArray, X_WH: FloatArray, moved: FloatArray) 
         before = positions[active, step - 1]
         # Going on as before is near the next position.
         guess = before if step == 1 else 2.0 * before - positions[active, step - 2]
-        found, solved = station.follow(station.arm.clipped(guess), target)
-        positions[active, step:] = found[:, None]
-        followed[active] = solved & (np.abs(found - before).max(axis=1) <= JUMP)
+        q_next, solved = station.follow(station.arm.clipped(guess), target)
+        positions[active, step:] = q_next[:, None]
+        followed[active] = solved & (np.abs(q_next - before).max(axis=1) <= JUMP)
     return Tracked(positions, followed)
 
 
@@ -247,11 +247,11 @@ class ProbeReach:
         back = track(station, q, X_WH[pose], -approach[pose])
         ahead = track(station, q, X_WH[pose], motion)
         for i in np.flatnonzero(back.followed & ahead.followed):
-            found = ArmProbe(back.q[i, ::-1], ahead.q[i])
-            ends = np.array([found.approach[0], found.motion[0], found.motion[-1]])
-            path = np.concatenate([ends, found.approach[1:-1:3], found.motion[1:-1:3]])
+            probe = ArmProbe(back.q[i, ::-1], ahead.q[i])
+            ends = np.array([probe.approach[0], probe.motion[0], probe.motion[-1]])
+            path = np.concatenate([ends, probe.approach[1:-1:3], probe.motion[1:-1:3]])
             if not self._checker.free(path, q_hand[pose[i]]).all():
                 continue
             if not occupied(self._checker.arm_points(path)).any():
-                return int(pose[i]), found
+                return int(pose[i]), probe
         return None

@@ -83,7 +83,7 @@ def _require_own(folder: Path, name: str, formats: Iterable[str], mesh: Path) ->
     meshes = [folder / VISUAL, *folder.glob("part_*.obj")]
     if ours:
         ours.update(meshes)
-    for path in (*meshes, *(folder / f"{name}{FORMATS[each][0]}" for each in formats)):
+    for path in (*meshes, *(folder / f"{name}{FORMATS[f][0]}" for f in formats)):
         if path.exists() and (path not in ours or path.samefile(mesh)):
             raise InvalidFileError(
                 f"{path} would be replaced, and is not a model that lis_grasp wrote: name another"

@@ -161,7 +161,7 @@ def execute(options: argparse.Namespace) -> None:
         return
     with Stage("Detecting touches") as stage:
         contacts, touches = contacts_from_log(log, fingers, frames, detection)
-        lost = sum(each.unposed for each in touches)
+        lost = sum(t.unposed for t in touches)
         stage.result = f"{len(contacts)} contacts" + (f", {lost} without a pose" if lost else "")
     _write(options, contacts)
 

@@ -100,7 +100,7 @@ def surface_error(
         The true object in O [m], or its name or path for `shapes.find`; a mesh has the edges that
         `shapes.sharp_edges` finds.
     contacts
-        Of the estimate, in O; None if everything is explored.
+        Contacts of the estimate, in O; None if everything is explored.
     explored_radius
         Points nearer to a contact than this count as explored [m]; required with contacts.
     samples

@@ -64,7 +64,7 @@ def reachable_coverage(
     contacts
         In O.
     tip_radius
-        Of the fingertip [m].
+        Radius of the fingertip [m].
     radius
         Largest distance to a contact on the point's side [m], mostly `touch_radius`.
     support_height

@@ -48,7 +48,7 @@ class WrenchModel:
         normal force (Salisbury and Roth 1983). The torque shrinks as sideways friction is used:
         the linear limit surface, inside the elliptic one (Howe and Cutkosky 1996).
     torsion
-        Of a soft finger [m].
+        Torsional coefficient of a soft finger [m].
     origin
         Shape (3,) [m]: reference point of torques; None for the centroid of the contacts.
     length_scale

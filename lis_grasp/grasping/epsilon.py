@@ -104,7 +104,7 @@ def epsilon_by_expanding_polytope(
     points, normals
         Shape (B, C, 3): grasps of equally many contacts [m], and unit, outward of the object.
     model
-        Of the wrenches.
+        The contacts' model.
     tolerance
         Fraction of epsilon by which the result (B,) may be too small. With 0.05 it takes 7 % less
         time, and is mostly off by less than a hundredth.

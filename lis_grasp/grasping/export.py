@@ -70,7 +70,7 @@ def save_moveit_grasps(
     Parameters
     ----------
     path
-        Of the file.
+        The file to write.
     search, hand
         The grasps, and their hand.
     name

@@ -34,7 +34,7 @@ def is_force_closure(
     Parameters
     ----------
     points, normals, friction, model, torsion, edges
-        As in `epsilon_quality`.
+        The arguments of `epsilon_quality`.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def min_weight(points: npt.ArrayLike, normals: npt.ArrayLike, model: WrenchModel
     points, normals
         Shape (C, 3), as in `epsilon_quality`.
     model
-        Of the wrenches.
+        The contacts' model.
 
     References
     ----------
@@ -90,13 +90,13 @@ def resisted_force(
     points, normals
         Shape (C, 3), as in `epsilon_quality`.
     direction
-        Shape (3,), unit: of the force on the object.
+        Shape (3,), unit: direction of the force on the object.
     model
-        Of the wrenches. Its origin is the point that the force passes through; its length scale
+        The contacts' model. Its origin is the point that the force passes through; its length scale
         does not matter.
     """
-    found = resisted_forces(np.asarray(points)[None], np.asarray(normals)[None], direction, model)
-    return float(found[0])
+    points, normals = np.asarray(points)[None], np.asarray(normals)[None]
+    return float(resisted_forces(points, normals, direction, model)[0])
 
 
 def resisted_forces(
@@ -133,8 +133,8 @@ def resisted_forces(
         return np.asarray(solution.x[is_force])
     if count == 1:
         return np.zeros(1)
-    each = zip(np.asarray(points), np.asarray(normals), strict=True)
-    return np.concatenate([resisted_forces(p[None], n[None], direction, model) for p, n in each])
+    alone = zip(np.asarray(points)[:, None], np.asarray(normals)[:, None], strict=True)
+    return np.concatenate([resisted_forces(p, n, direction, model) for p, n in alone])
 
 
 def _cancelling_weights(W: FloatArray) -> FloatArray | None:

@@ -24,7 +24,7 @@ def read_mesh(
     Parameters
     ----------
     path
-        Of the file.
+        The file.
     formats
         Permitted endings, such as ``.stl``.
     merge

@@ -41,7 +41,7 @@ class TouchDetection:
     release
         Fraction of the threshold below which it ends (hysteresis).
     tip_radius
-        Of the spherical tip [m]; 0 if the tip's origin is on the surface.
+        Radius of the spherical tip [m]; 0 if the tip's origin is on the surface.
     spacing
         A touch that slides gives another contact after this distance [m] on the object; None gives
         one contact for each touch.

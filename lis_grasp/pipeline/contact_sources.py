@@ -25,7 +25,7 @@ class ContactSource:
     path
         The file.
     units, normals, fingertip_radius
-        As of `load_contacts`.
+        The arguments of `load_contacts`.
     position_noise, normal_noise
         Noise of contacts that do not carry their own [m], [rad]; None for what the file's header
         says of its sensor, or else the estimate from the file's contacts.

@@ -328,8 +328,8 @@ def _findings(contacts: Contacts, paths: Sequence[Path], *, checked: bool) -> It
     files = [file for file in map(read_point_file, paths) if file["normals"] is None]
     if files and contacts.normal_noise is not None:
         degrees = np.rad2deg(np.nanmedian(contacts.normal_noise))
-        known = all(file["approach"] is not None for file in files)
-        advice = "" if known else "; directions of approach in columns ax,ay,az make it smaller"
+        have_all = all(file["approach"] is not None for file in files)
+        advice = "" if have_all else "; directions of approach in columns ax,ay,az make it smaller"
         yield f"normals: estimated, with a median standard deviation of {degrees:.0f} deg{advice}"
     doubt = 0.0 if checked else fraction_in_front(contacts)
     if doubt > DOUBTFUL:

@@ -35,7 +35,7 @@ _DECISIONS = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Perception:
-    """What an estimate from contacts depends on, beside them.
+    """The settings of an estimate from contacts.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Perception:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Known(Perception):
-    """What the robot knows, and how it decides; nothing of the true object is part of it.
+    """The robot's knowledge, and how it decides; nothing of the true object is part of it.
 
     Poses and heights are in the frame E of the contacts.
 

@@ -126,8 +126,8 @@ def next_touch(
     contacts
         Those made before the outcomes, in O.
     outcomes
-        Of probes, if known: they make contacts too, and missed and blocked ones are not tried
-        again.
+        Outcomes of probes, if known: they make contacts too, and missed and blocked ones are not
+        tried again.
 
     Raises
     ------

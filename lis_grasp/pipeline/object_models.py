@@ -35,7 +35,7 @@ class ObjectModel:
     Parameters
     ----------
     name
-        Of the model: letters, digits, ``_``, ``-`` and ``.``.
+        Name of the model: letters, digits, ``_``, ``-`` and ``.``.
     mesh
         What is drawn, and the mass is spread over: watertight, in metres.
     parts

@@ -34,7 +34,7 @@ _Config = TypeVar("_Config", bound=type)
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """What the command line, the documentation and the checks need of one field."""
+    """The declaration of one field, for the command line, the documentation and the checks."""
 
     help: str  #: what it means
     group: str = ""  #: title in the help of a verb; empty for none

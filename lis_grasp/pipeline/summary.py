@@ -27,9 +27,9 @@ def exploration_lines(facts: dict[str, Any]) -> tuple[str, ...]:
     lines = []
     search = facts.get("search")
     if search is not None:
-        found = "found     after" if search["found"] else "found     nothing in the region after"
+        first = "found     after" if search["found"] else "found     nothing in the region after"
         probes = f"{search['probes']} probe" + ("" if search["probes"] == 1 else "s")
-        lines.append(f"{found} {probes}, {search['seconds']:.0f} s of motion")
+        lines.append(f"{first} {probes}, {search['seconds']:.0f} s of motion")
     lines += [f"touched   {made} of {asked} contacts, from {facts['probes']} probes"]
     if made < asked:
         lines.append(f"ended     before {asked} contacts: {facts['ended']}")

@@ -175,14 +175,14 @@ class ApproachPlanner:
         """Return the first of the approaches that the arm can follow."""
         if self._reach is None or not approaches:
             return None
-        found = self._reach.first(
+        reached = self._reach.first(
             np.array([approach.X_OH for approach in approaches]),
             np.array([approach.posture.joint_positions for approach in approaches]),
             approach=np.array([approach.distance * approach.axis for approach in approaches]),
             motion=(probe.standoff + probe.overshoot) * probe.direction,
             occupied=obstacles.occupies,
         )
-        return None if found is None else replace(approaches[found[0]], arm=found[1])
+        return None if reached is None else replace(approaches[reached[0]], arm=reached[1])
 
     def starts(self, probe: Probe) -> Iterator[Approach]:
         """Yield every hand at the start of a probe, without an approach and without a check."""

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.records import made_by, reduce_record
+from lis_grasp.records import made_by
 from lis_grasp.robots.kinematics import ArmKinematics, Kinematics, link_kinematics
 from lis_grasp.robots.pose_ik import ArmIK
 from lis_grasp.robots.robot_model import RobotModel, joints_before, links_fixed_to
@@ -32,7 +31,7 @@ class Arm(RobotModel):
     joint_names, lower, upper, effort_limits
         The J joints: names, position limits (J,) [rad or m], largest efforts (J,) [N m or N].
     links, joints, inertials, link_geometries, visuals, hulls_of_visuals
-        As of a `Hand`.
+        The fields of a `Hand`.
     name
         Its name.
     path
@@ -83,9 +82,6 @@ class Arm(RobotModel):
 
     def __repr__(self) -> str:
         return f"Arm({self.name!r}, {len(self.joint_names)} joints, flange: {self.flange})"
-
-    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
-        return reduce_record(self)
 
     @property
     def base_link(self) -> str:

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from lis_grasp.records import made_by, reduce_record
+from lis_grasp.records import made_by
 from lis_grasp.robots.kinematics import Kinematics
 from lis_grasp.robots.robot_model import (
     HandKind,
@@ -100,9 +99,6 @@ class Hand(RobotModel):
     def __repr__(self) -> str:
         joints, fingers = len(self.joint_names), ", ".join(self.fingers)
         return f"Hand({self.name!r}, {self.kind}, {joints} joints, fingers: {fingers})"
-
-    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
-        return reduce_record(self)
 
     @property
     def fingers(self) -> tuple[str, ...]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from lis_grasp.records import FrozenArrays
+from lis_grasp.records import FrozenArrays, reduce_record
 from lis_grasp.typing import FloatArray
 
 JointKind = Literal["revolute", "prismatic", "fixed"]
@@ -126,6 +126,9 @@ class RobotModel(FrozenArrays):
     link_geometries: tuple[LinkGeometry, ...]
     visuals: tuple[LinkVisual, ...]
     hulls_of_visuals: tuple[str, ...]
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return reduce_record(self)
 
 
 def by_joint_kind(model: RobotModel, *, revolute: float, prismatic: float) -> FloatArray:

@@ -79,7 +79,7 @@ def convex_parts(
     most
         Largest number of parts.
     voxels
-        Of the search: fewer are faster and coarser.
+        Number of voxels of the search: fewer are faster and coarser.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces.blended_implicit_surface import BlendedImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import above_table, carved
-from lis_grasp.surfaces.gaussian_process import GaussianProcessImplicitSurface
+from lis_grasp.surfaces.gaussian_process_implicit_surface import GaussianProcessImplicitSurface
 from lis_grasp.surfaces.implicit_surface import ImplicitSurface
 from lis_grasp.surfaces.local_implicit_surface import LocalImplicitSurface
 from lis_grasp.surfaces.patch_implicit_surface import PatchImplicitSurface
@@ -113,7 +113,7 @@ def estimate(
     Parameters
     ----------
     contacts
-        Of one object, in its frame O.
+        Contacts of one object, in its frame O.
     estimator
         "blend", "gpis", "lis", "patch", or a plug-in: its name, ``my.module:Class``, or what is
         called with contacts.

@@ -85,7 +85,7 @@ def motion_paths(
     Parameters
     ----------
     outcomes
-        Of an exploration with a tracked pose.
+        Outcomes of an exploration with a tracked pose.
     center
         Shape (3,): the point, in that frame [m].
     """

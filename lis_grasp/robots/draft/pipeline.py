@@ -73,7 +73,7 @@ def draft_hand(
     path
         URDF, SDF or MJCF of the hand, or of a robot with it.
     name
-        Of the hand.
+        Name of the hand.
     base_link
         The root of the hand, if the file has more; by default an arm before all fingers is left
         out, and a wrist is locked.

@@ -117,7 +117,7 @@ def add_hand(
     hand
         The hand.
     name
-        Of the model instance: another one for each hand.
+        Name of the model instance: another one for each hand.
     gains
         Stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; or N/m, N s/m]; None for
         those of probing.

@@ -91,7 +91,7 @@ class TouchSensor(LeafSystem):
     noise
         Model of the sensor's noise; None for an ideal sensor.
     seed
-        Of the noise.
+        Seed of the noise.
     space
         The object's place and size in E. Balls of free space that the hand sweeps there are
         recorded; None for none.
