@@ -7,18 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import Stage, say
 from lis_grasp.contacts import Contacts
-from lis_grasp.exploration import Exploration, ProbeOutcome, Region, Workspace, load_outcomes
+from lis_grasp.exceptions import shown
+from lis_grasp.exploration import Exploration, ProbeOutcome, load_outcomes
 from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.json_lines import read_lines
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
 from lis_grasp.pipeline.known import Known
-from lis_grasp.pipeline.next_touch import NextTouch, next_touch, workspace_of
+from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch
 from lis_grasp.pipeline.recorded_facts import read_facts
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.hand import Hand
@@ -55,9 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--support",
-        type=float,
+        type=_height,
         metavar="METRES",
-        help="height of the table that the hand avoids (default: as recorded, else there is none)",
+        help="height of the table that the hand avoids, or none for an object that is held in the"
+        " air (default: as recorded, else that of the lowest contact)",
     )
     parser.add_argument(
         "--region",
@@ -79,19 +80,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Choose the next touch, print it, and write it."""
+    """Choose the next touch, print it, and write it; or answer requests for touches."""
     before, outcomes, recorded = _read(options.contacts, options.position_noise)
+    place = _place(options, recorded)
+    config = _configuration(options, recorded)
     contacts = before.append(Exploration.replay(outcomes).contacts)
-    space = _space(options, contacts, recorded)
-    options.size = None  # in a configuration it is the size of a built-in shape
-    options.region = None  # in a configuration it needs a pose of the true object
-    config = RunConfig.from_facts(vars(options), recorded)
+    space = place.space(contacts)
     hand = Hand.load(config.hand)
     config = replace(config, arm=None, base=None)  # the robot carries the hand as it can
     known = Known.for_hand(config, hand, space, 0.0)
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         touch = next_touch(known, before, outcomes)
         stage.result = f"policy {config.policy}"
+    if place.doubt(contacts):
+        say(f"warning: {place.doubt(contacts)}")
     for line in _lines(touch):
         say(line)
     path = options.output or (options.contacts or Path()).parent
@@ -101,21 +103,26 @@ def execute(options: argparse.Namespace) -> None:
     say(f"wrote {path}")
 
 
-def _space(
-    options: argparse.Namespace, contacts: Contacts, recorded: dict[str, Any]
-) -> Workspace | Region:
+def _height(text: str) -> float | str:
+    try:
+        return text if text == "none" else float(text)
+    except ValueError:
+        message = f"must be a number, or none; it is {shown(text)}"
+        raise argparse.ArgumentTypeError(message) from None
+
+
+def _place(options: argparse.Namespace, recorded: dict[str, Any]) -> ObjectPlace:
     """Return what the options say of the object's place and the table, else what is recorded."""
     given = (options.center, options.size, options.support)
     region = options.region or (recorded.get("region") if given == (None, None, None) else None)
-    if region is not None:
-        return Region(region)
     support = recorded.get("support_height") if options.support is None else options.support
-    return workspace_of(
-        contacts,
-        center=None if options.center is None else np.array(options.center),
-        size=options.size,
-        support_height=support,
-    )
+    held = support == "none"
+    return ObjectPlace(options.center, options.size, None if held else support, held, region)
+
+
+def _configuration(options: argparse.Namespace, recorded: dict[str, Any]) -> RunConfig:
+    # In a configuration, size is that of a built-in shape, and a region needs a true pose.
+    return RunConfig.from_facts({**vars(options), "size": None, "region": None}, recorded)
 
 
 def _read(

@@ -14,6 +14,7 @@ from lis_grasp.exploration import (
     STEP_FRACTION,
     Probe,
     ProbeOutcome,
+    Region,
     Workspace,
     advance,
     begin,
@@ -24,7 +25,6 @@ from lis_grasp.pipeline.stages import exploration_rng, exploration_setup
 from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
 from lis_grasp.probing.guarded_motion import NO_FREE_APPROACH
 from lis_grasp.robots.hand import Hand
-from lis_grasp.typing import FloatArray
 
 # Probes that cannot be approached, before the search is given up.
 _MOST_BLOCKED = 20
@@ -73,42 +73,79 @@ class NextTouch:
         }
 
 
-def workspace_of(
-    contacts: Contacts,
-    *,
-    center: FloatArray | None = None,
-    size: float | None = None,
-    support_height: float | None = None,
-) -> Workspace:
-    """Return the workspace of an object that is known by contacts so far.
+@dataclass(frozen=True, slots=True)
+class ObjectPlace:
+    """What is known of the place of an object, beside contacts.
 
     Parameters
     ----------
-    contacts
-        In O.
     center
         Shape (3,) [m], centre of the object; None for that of the contacts.
     size
         Largest extent of the object [m]; None for 1.2 extents of the contacts.
-    support_height
-        Height of the table in O [m]; None for none.
-
-    Raises
-    ------
-    InvalidOptionError
-        If fewer than two contacts leave the size unknown.
+    support
+        Height of the table in O [m]; None if it is unknown.
+    held
+        Whether the object is held in the air, without a table.
+    region
+        Lengths of the box on the table z = 0 that contains the object [m]; replaces all others.
     """
-    if size is None and not contacts.extent:
-        raise InvalidOptionError(
-            f"{len(contacts)} contacts do not show the object's size: give it by `size`",
-            option="size",
+
+    center: Sequence[float] | None = None
+    size: float | None = None
+    support: float | None = None
+    held: bool = False
+    region: Sequence[float] | None = None
+
+    def table(self, contacts: Contacts) -> float | None:
+        """Return the height of the table in O [m], that of the lowest contact if it is unknown.
+
+        None for an object that is held. Raises `InvalidOptionError` without contacts.
+        """
+        if self.region is not None:
+            return 0.0
+        if self.support is not None or self.held:
+            return self.support
+        if not len(contacts):
+            raise InvalidOptionError(
+                "without contacts nothing shows where the table is: give its height by `support`,"
+                " or `support` none for an object that is held in the air",
+                option="support",
+            )
+        return float(contacts.bounds[0, 2])
+
+    def doubt(self, contacts: Contacts) -> str:
+        """Return what was assumed of the table, in words; empty if it is known."""
+        if self.region is not None or self.support is not None or self.held:
+            return ""
+        return (
+            "no table is known: the hand stays above the lowest contact, z ="
+            f" {1e3 * contacts.bounds[0, 2]:.1f} mm; give the table's height by `support`, or"
+            " `support` none for an object that is held in the air"
         )
-    if size is not None:
-        require_positive(size=size)
-    if center is None:
-        center = contacts.bounds.mean(axis=0) if len(contacts) else np.zeros(3)
-    size = _BEYOND_CONTACTS * contacts.extent if size is None else size
-    return Workspace(STEP_FRACTION * size, center, size, support_height)
+
+    def space(self, contacts: Contacts) -> Workspace | Region:
+        """Return the region, or the workspace of the object that the contacts show.
+
+        Raises
+        ------
+        InvalidOptionError
+            If fewer than two contacts leave the size unknown, or none the table.
+        """
+        if self.region is not None:
+            return Region(self.region)
+        if self.size is None and not contacts.extent:
+            raise InvalidOptionError(
+                f"{len(contacts)} contacts do not show the object's size: give it by `size`",
+                option="size",
+            )
+        if self.size is not None:
+            require_positive(size=self.size)
+        center = np.zeros(3) if self.center is None else np.array(self.center)
+        if self.center is None and len(contacts):
+            center = contacts.bounds.mean(axis=0)
+        size = _BEYOND_CONTACTS * contacts.extent if self.size is None else self.size
+        return Workspace(STEP_FRACTION * size, center, size, self.table(contacts))
 
 
 def next_touch(

@@ -15,7 +15,7 @@ from lis_grasp.exceptions import EstimationError, InvalidOptionError
 from lis_grasp.exploration import Exploration, Region, Workspace
 from lis_grasp.exploration.planar_motion import PoseBelief
 from lis_grasp.io import provenance
-from lis_grasp.pipeline.next_touch import next_touch, workspace_of
+from lis_grasp.pipeline.next_touch import ObjectPlace, next_touch
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def known(hand: Hand, space: Workspace | Region) -> pipeline.Known:
 @pytest.mark.parametrize("name", ["allegro", "wsg50"])
 def test_the_hand_is_at_the_start_of_the_probe(name: str, explored: Exploration) -> None:
     hand, contacts = Hand.load(name), explored.contacts
-    space = workspace_of(contacts)
+    space = ObjectPlace(held=True).space(contacts)
     found = next_touch(known(hand, space), Contacts.empty(), explored.outcomes)
     posture, probe = found.approach.posture, found.probe
     X_OL = hand.forward_kinematics(found.approach.X_OH, posture.joint_positions)[posture.link]
@@ -62,7 +62,7 @@ def test_the_next_touch_is_that_of_the_exploration(policy: str) -> None:
 def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
     contacts, hand = explored.contacts, Hand.load("allegro")
     lost = replace(explored.outcomes[-1], tracked=replace(PoseBelief.start(), trust="lost"))
-    space, others = workspace_of(contacts), explored.outcomes[::-1]
+    space, others = ObjectPlace(held=True).space(contacts), explored.outcomes[::-1]
     found = next_touch(known(hand, space), Contacts.empty(), [*others, lost])
     again = next_touch(known(hand, space), contacts, [*explored.outcomes, lost])
     assert again.facts(hand) == found.facts(hand)
@@ -70,8 +70,10 @@ def test_what_was_before_a_loss_does_not_count(explored: Exploration) -> None:
 
 def test_without_contacts_the_size_is_needed() -> None:
     with pytest.raises(InvalidOptionError, match="`size`"):
-        workspace_of(Contacts.empty())
-    space = workspace_of(Contacts.empty(), size=0.1)
+        ObjectPlace(held=True).space(Contacts.empty())
+    with pytest.raises(InvalidOptionError, match="`support` none"):
+        ObjectPlace(size=0.1).space(Contacts.empty())
+    space = ObjectPlace(size=0.1, held=True).space(Contacts.empty())
     found = next_touch(known(Hand.load("allegro"), space), Contacts.empty())
     assert found.distance is None
     assert "no contacts" in found.why()
@@ -89,7 +91,7 @@ def test_the_command_writes_the_touch(explored: Exploration, tmp_path: Path) -> 
     explored.contacts.save(path)
     assert main(["next", str(path), "--hand", "wsg50"]) == 0
     written = json.loads((tmp_path / "next.json").read_text())
-    hand, space = Hand.load("wsg50"), workspace_of(explored.contacts)
+    hand, space = Hand.load("wsg50"), ObjectPlace().space(explored.contacts)
     found = next_touch(known(hand, space), explored.contacts)
     assert written == json.loads(json.dumps(found.facts(hand)))
     assert main(["next", str(path), "--size", "0"]) == 2
@@ -118,10 +120,38 @@ def test_the_command_uses_the_region_and_the_table_that_a_file_records(
     def expected(space: Workspace | Region) -> object:
         return json.loads(json.dumps(next_touch(known(hand, space), contacts).facts(hand)))
 
-    table = expected(workspace_of(contacts, support_height=low))
+    table = expected(ObjectPlace(support=low).space(contacts))
     assert written({"support_height": low}) == table
     assert written({"support_height": low - 1.0}, "--support", str(low)) == table
     lengths = [0.4, 0.4, 0.3]
     placed = {"support_height": 0.0, "region": lengths, "pose": "stable"}
     assert written(placed) == expected(Region(lengths))
     assert written(placed, "--support", str(low)) == table
+
+
+def test_without_a_table_the_hand_stays_above_the_lowest_contact(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # A mug on z = 0, touched at its side: the palm went below z = 0.
+    hand, heights = Hand.load("allegro"), [0.02, 0.05, 0.08]
+    angles = np.linspace(0.0, 5.0, 12)
+    normals = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(12)])
+    points = 0.04 * normals + np.column_stack([np.zeros((12, 2)), np.tile(heights, 4)])
+    path = tmp_path / "mug.ply"
+    Contacts(points, normals).save(path)
+    for seed in range(3):
+        assert main(["next", str(path), "--seed", str(seed)]) == 0
+        assert "z = 20.0 mm" in capsys.readouterr().out
+        written = json.loads((tmp_path / "next.json").read_text())
+        q = np.array(written["joint_positions"])
+        for name in ("X_OH_outside", "X_OH"):
+            links = hand.forward_kinematics(np.array(written[name]), q)
+            lowest = min(
+                float((g.mesh.vertices @ X[2, :3] + X[2, 3]).min())
+                for g in hand.link_geometries
+                for X in [links[g.link] @ g.X_LG]
+            )
+            # Points of the hand are at most 15 mm apart.
+            assert lowest > 0.02 - 0.0075
+    assert main(["next", str(path), "--support", "none"]) == 0
+    assert "no table" not in capsys.readouterr().out
