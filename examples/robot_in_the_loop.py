@@ -1,8 +1,9 @@
-"""Explore with a robot in the loop: a process that answers over a pipe stands for it.
+"""Explore with a robot in the loop: it asks a service for touches, and a process stands for it.
 
     python examples/robot_in_the_loop.py --output results/robot_in_the_loop
 
-The program of your robot takes the place of robots/feel_box.py.
+The program of your robot takes the place of robots/feel_box.py, in any language: it writes and
+reads lines of JSON.
 """
 
 import argparse
@@ -11,48 +12,41 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
-
-from lis_grasp import BlendedImplicitSurface, Contacts, Hand, extract_mesh
-from lis_grasp.exploration import ExplorationSetup, ProbeOutcome, TargetPolicy, Workspace, explore
-from lis_grasp.probing.approach_planner import ApproachPlanner
-
 ROBOT = Path(__file__).parent / "robots" / "feel_box.py"
+# A hand knows that there is a box of at most 12 cm about the origin, held in the air.
+SERVICE = ["next", "--serve", "--hand", "allegro", "--center", "0", "0", "0", "--size", "0.12"]
+COMMAND = [sys.executable, "-m", "lis_grasp.cli.main", *SERVICE, "--support", "none"]
+PIPES = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
 
 
-class PipeProber:
-    def __init__(self, hand, robot):
-        self.planner, self.robot = ApproachPlanner(hand), robot
-
-    def probe(self, probe, obstacles=None):
-        approach = self.planner.plan(probe, obstacles)
-        if approach is None:
-            return ProbeOutcome(probe, "blocked", reason="no approach is free of collision")
-        motion = {"X_OH": approach.X_OH, "q": approach.posture.joint_positions}
-        motion |= {"start": probe.start, "end": probe.end}
-        line = json.dumps({name: value.tolist() for name, value in motion.items()})
-        print(line, file=self.robot.stdin, flush=True)
-        answer = json.loads(self.robot.stdout.readline())
-        contacts = Contacts(answer["points"], answer["normals"])
-        status = "touched" if len(contacts) else "missed"
-        return ProbeOutcome(probe, status, contacts, free_points=answer["free"])
+def ask(process, **request):
+    print(json.dumps(request), file=process.stdin, flush=True)
+    answer = json.loads(process.stdout.readline())
+    if not answer.get("ok", True):
+        raise SystemExit(answer["error"])
+    return answer
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", type=Path, default=Path("results/robot_in_the_loop"))
     output = parser.parse_args().output
-    space = Workspace(step=0.03, center=np.zeros(3), size=0.12)  # where the object is [m]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen([sys.executable, ROBOT], **pipes) as robot:
-        prober = PipeProber(Hand.load("allegro"), robot)
-        estimate, rng = BlendedImplicitSurface.from_contacts, np.random.default_rng(0)
-        setup = ExplorationSetup(TargetPolicy(space), estimate, touches=20, space=space)
-        exploration = explore(prober, setup, rng=rng)
-    exploration.contacts.save(output / "contacts.ply")
-    extract_mesh(estimate(exploration.contacts)).export(output / "surface.ply")
-    print(exploration.summary())
-    print(f"wrote contacts.ply and surface.ply in {output}")
+    with (
+        subprocess.Popen([*COMMAND, "--output", output], **PIPES) as service,
+        subprocess.Popen([sys.executable, ROBOT], **PIPES) as robot,
+    ):
+        touch = ask(service, request="next")
+        while touch["contacts"] < 20:
+            felt = ask(robot, **touch)  # a robot moves its hand to X_OH, and then from start to end
+            if felt["points"]:
+                report = {"points": felt["points"], "normals": felt["normals"]}
+            else:
+                report = {"status": "missed"}
+            touch = ask(service, request="next", free_points=felt["free"], **report)
+        surface = ask(service, request="estimate")
+        grasps = ask(service, request="grasp", grasps=3)["grasps"]
+    print(f"{touch['contacts']} contacts; extents {surface['extents']} m; {len(grasps)} grasps")
+    print(f"wrote contacts.ply, surface.ply and grasps.json in {output}")
 
 
 if __name__ == "__main__":

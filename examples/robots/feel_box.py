@@ -13,7 +13,7 @@ from lis_grasp import shapes
 
 box = shapes.build("box", 0.12).mesh
 for line in sys.stdin:
-    motion = json.loads(line)  # a robot moves its palm to X_OH, its joints to q, and then ahead
+    motion = json.loads(line)  # a robot moves its palm to X_OH, its joints to joint_positions
     start, end = np.array(motion["start"]), np.array(motion["end"])
     points, _, faces = box.ray.intersects_location([start], [end - start], multiple_hits=False)
     reached = np.linalg.norm(points - start, axis=1) <= np.linalg.norm(end - start)

@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from scipy.spatial.transform import Rotation
 
 from lis_grasp.cli import options as opt
-from lis_grasp.cli.progress import Stage, say
+from lis_grasp.cli.progress import Stage, complain, say
 from lis_grasp.contacts import Contacts
-from lis_grasp.exceptions import shown
-from lis_grasp.exploration import Exploration, ProbeOutcome, load_outcomes
+from lis_grasp.exceptions import InvalidOptionError, shown
+from lis_grasp.exploration import Exploration, ProbeOutcome, TouchLog, load_outcomes
 from lis_grasp.io.atomic_writing import write_json
+from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.json_lines import read_lines
+from lis_grasp.io.request_lines import answer_lines, serve_socket
 from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.next_touch import NextTouch, ObjectPlace, next_touch
 from lis_grasp.pipeline.recorded_facts import read_facts
+from lis_grasp.pipeline.results_folder import LOG
 from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.pipeline.touch_service import TouchService
 from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes import STABLE
 from lis_grasp.surfaces import load_contacts
 from lis_grasp.typing import FloatArray
 
@@ -76,6 +85,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="a .json file, or the folder for next.json (default: the folder of CONTACTS)",
     )
+    serving = parser.add_argument_group(
+        "service", "answer requests, a JSON object a line: next, estimate, grasp, stop"
+    )
+    serving.add_argument("--serve", action="store_true", help="on standard input and output")
+    serving.add_argument("--port", type=int, metavar="N", help="on a port of 127.0.0.1; 0 for any")
+    serving.add_argument("--socket", type=Path, metavar="PATH", help="on a Unix socket")
     parser.set_defaults(execute=execute)
 
 
@@ -84,10 +99,12 @@ def execute(options: argparse.Namespace) -> None:
     before, outcomes, recorded = _read(options.contacts, options.position_noise)
     place = _place(options, recorded)
     config = _configuration(options, recorded)
+    if options.serve or options.port is not None or options.socket is not None:
+        _serve(options, place, config)
+        return
     contacts = before.append(Exploration.replay(outcomes).contacts)
     space = place.space(contacts)
     hand = Hand.load(config.hand)
-    config = replace(config, arm=None, base=None)  # the robot carries the hand as it can
     known = Known.for_hand(config, hand, space, 0.0)
     with Stage(f"Choosing touch {len(contacts) + 1} of {hand.name}") as stage:
         touch = next_touch(known, before, outcomes)
@@ -122,7 +139,8 @@ def _place(options: argparse.Namespace, recorded: dict[str, Any]) -> ObjectPlace
 
 def _configuration(options: argparse.Namespace, recorded: dict[str, Any]) -> RunConfig:
     # In a configuration, size is that of a built-in shape, and a region needs a true pose.
-    return RunConfig.from_facts({**vars(options), "size": None, "region": None}, recorded)
+    config = RunConfig.from_facts({**vars(options), "size": None, "region": None}, recorded)
+    return replace(config, arm=None, base=None)  # the robot carries the hand as it can
 
 
 def _read(
@@ -133,11 +151,63 @@ def _read(
         return Contacts.empty(), (), {}
     if path.suffix.lower() == ".jsonl":
         outcomes, recorded = load_outcomes(path), read_lines(path)[0]
-        cloud = recorded.get("cloud")
-        before = prior_contacts(load_source(ContactSource(cloud))) if cloud else Contacts.empty()
-        return before, outcomes, recorded
+        return _cloud(recorded.get("cloud")), outcomes, recorded
     recorded = read_facts(path)
     return load_contacts(path, position_noise=position_noise), (), recorded
+
+
+def _cloud(path: Path | str | None) -> Contacts:
+    """Return the contacts that are known before the first touch, as an exploration reads them."""
+    return Contacts.empty() if path is None else prior_contacts(load_source(ContactSource(path)))
+
+
+def _serve(options: argparse.Namespace, place: ObjectPlace, config: RunConfig) -> None:
+    """Answer requests until one is to stop, or the standard input ends."""
+    source, hand = options.contacts, Hand.load(config.hand)
+    folder = options.output or (source or Path()).parent
+    resumed = source is not None and source.suffix.lower() == ".jsonl"
+    path = source if resumed else folder / LOG
+    if path.exists() and not resumed:
+        message = f"{path} is of other touches: name it as CONTACTS, or another folder"
+        raise InvalidOptionError(f"{message} with --output", option="--output", value=str(folder))
+    if source is not None and source.resolve() == (folder / "contacts.ply").resolve():
+        message = f"{source} would be replaced: name another folder with --output"
+        raise InvalidOptionError(message, option="--output", value=str(folder))
+    names = ("hand", "estimator", "policy", "position_noise", "normal_noise", "seed")
+    facts = {name: getattr(config, name) for name in names}
+    if place.region is not None:
+        facts |= {"region": list(place.region), "pose": STABLE}
+    if place.support is not None:
+        facts["support_height"] = place.support
+    if not resumed and source is not None:
+        facts["cloud"] = str(source)
+    log = TouchLog(path, facts)
+    with sole_writer(folder):
+        before, outcomes, _ = _read(path, None) if resumed else (_cloud(source), (), {})
+        service = TouchService(config, hand, place, folder, log, before, outcomes)
+        if options.port is None and options.socket is None:
+            with _own_output() as answers:
+                complain("ready: requests on standard input, one JSON object a line")
+                answer_lines(service.answer, sys.stdin.buffer, answers)
+        else:
+            address = options.socket if options.port is None else options.port
+            serve_socket(service.answer, address, lambda name: say(f"ready: {name}"))
+    held = " --support none" if place.held else ""
+    complain(f"next: lis-grasp next {path}{held} --serve")
+
+
+@contextmanager
+def _own_output() -> Iterator[BinaryIO]:
+    """Open the standard output for answers alone; what else is printed goes to the error stream."""
+    sys.stdout.flush()
+    copy = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with os.fdopen(copy, "wb", closefd=False) as answers:
+            yield answers
+    finally:
+        os.dup2(copy, 1)
+        os.close(copy)
 
 
 def _lines(touch: NextTouch) -> tuple[str, ...]:

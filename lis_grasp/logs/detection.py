@@ -21,7 +21,7 @@ FORCES_ON: tuple[str, ...] = get_args(ForceOn)
 # Standard deviations of each component of a normal [rad]: of the inward direction of a force in a
 # friction cone with coefficient 0.5, and of an approach with the cosine law (a mean square sine of
 # a half in two components).
-_FORCE_NOISE, _APPROACH_NOISE = 0.25, 0.5
+_FORCE_NOISE, APPROACH_NOISE = 0.25, 0.5
 
 # The approach is the motion over the last of these lengths before contact [m], or a fifth of it at
 # least.
@@ -194,7 +194,7 @@ def contacts_of_touches(fingers: list[Touches], detection: TouchDetection) -> Co
     else:
         normals = outward if detection.normals == "force" else -joined["approach"]
         kept = np.any(normals, axis=1)
-        noise = _FORCE_NOISE if detection.normals == "force" else _APPROACH_NOISE
+        noise = _FORCE_NOISE if detection.normals == "force" else APPROACH_NOISE
         contacts = Contacts(
             joined["centers"] - radius * normals,
             np.where(kept[:, None], normals, [0.0, 0.0, 1.0]),

@@ -12,6 +12,8 @@ from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import EstimationError, InvalidOptionError, require_positive
 from lis_grasp.exploration import (
     STEP_FRACTION,
+    ExplorationSetup,
+    ExplorationState,
     Probe,
     ProbeOutcome,
     Region,
@@ -171,11 +173,19 @@ def next_touch(
     EstimationError
         If no probe can be approached, or the policy has none left.
     """
-    hand, planner = known.hand, ApproachPlanner(known.hand)
-    setup = exploration_setup(replace(known, cloud=None))
-    setup = replace(setup, touches=None, prior=contacts)
-    state, rng = begin(setup, outcomes), exploration_rng(known)
-    rng.spawn(len(outcomes) or len(contacts))  # the generators of the probes so far
+    setup = touch_setup(known, contacts)
+    return next_touch_after(known, setup, begin(setup, outcomes))
+
+
+def touch_setup(known: Known, contacts: Contacts) -> ExplorationSetup:
+    """Return the exploration without limit that begins with contacts, as of `next_touch`."""
+    return replace(exploration_setup(replace(known, cloud=None)), touches=None, prior=contacts)
+
+
+def next_touch_after(known: Known, setup: ExplorationSetup, state: ExplorationState) -> NextTouch:
+    """Return the next touch in a state of an exploration; see `next_touch`."""
+    hand, planner, rng = known.hand, ApproachPlanner(known.hand), exploration_rng(known)
+    rng.spawn(len(state.outcomes) or len(state.prior))  # the generators of the probes so far
     blocked = 0
     while blocked < _MOST_BLOCKED:
         chosen = choose(setup, state, rng=rng.spawn(1)[0])

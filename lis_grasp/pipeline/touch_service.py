@@ -1,0 +1,219 @@
+"""Exploration by requests: the next touch, the estimate and grasps, asked by a robot's program."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import InitVar, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.exceptions import InvalidInputError
+from lis_grasp.exploration import (
+    ExplorationSetup,
+    ExplorationState,
+    Probe,
+    ProbeOutcome,
+    Region,
+    TouchLog,
+    Workspace,
+    advance,
+    begin,
+)
+from lis_grasp.io import provenance
+from lis_grasp.io.schemas import Number, Vector, first_mistake
+from lis_grasp.logs.detection import APPROACH_NOISE
+from lis_grasp.pipeline.contact_sources import ContactSource
+from lis_grasp.pipeline.file_stages import estimate_file, grasp_file
+from lis_grasp.pipeline.known import Known
+from lis_grasp.pipeline.next_touch import (
+    NextTouch,
+    ObjectPlace,
+    next_touch_after,
+    touch_setup,
+)
+from lis_grasp.pipeline.results_folder import result_file
+from lis_grasp.pipeline.run_config import RunConfig
+from lis_grasp.robots.hand import Hand
+from lis_grasp.typing import FloatArray
+
+_MOST_ROWS, _MOST_GRASPS = 1000, 100  # of a request
+_Rows = Annotated[list[Vector], Field(max_length=_MOST_ROWS)]
+
+
+class _Request(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    id: Any = None
+
+
+class NextRequest(_Request):
+    """What the last probe met, if it was carried out; the answer is the next one."""
+
+    request: Literal["next"] = "next"
+    status: Literal["touched", "missed", "blocked"] | None = None
+    points: _Rows = Field(default_factory=list)
+    normals: _Rows | None = None
+    free_points: _Rows = Field(default_factory=list)
+    free_radii: Annotated[list[Number], Field(max_length=_MOST_ROWS)] = Field(default_factory=list)
+    position_noise: Number | None = None
+    normal_noise: Number | None = None
+
+
+class EstimateRequest(_Request):
+    """The surface of all contacts so far, in surface.ply."""
+
+    request: Literal["estimate"]
+
+
+class GraspRequest(_Request):
+    """Grasps on the surface of all contacts so far, in grasps.json."""
+
+    request: Literal["grasp"]
+    grasps: Annotated[int, Field(ge=1, le=_MOST_GRASPS)] | None = None
+    mass: float | None = None
+    friction: float | None = None
+
+
+_REQUESTS: Mapping[str, type[_Request]] = {
+    "next": NextRequest,
+    "estimate": EstimateRequest,
+    "grasp": GraspRequest,
+}
+
+
+@dataclass(slots=True, eq=False)
+class TouchService:
+    """Answers requests for touches, estimates and grasps of one object.
+
+    Each outcome is on the disk, in the log, before its answer is made. Files are written to the
+    folder only, under fixed names.
+
+    Parameters
+    ----------
+    config, hand
+        The configuration, and its hand.
+    place
+        What is known of the object's place.
+    folder
+        For contacts.ply, surface.ply and grasps.json.
+    log
+        Of the outcomes; its facts are those of the files too.
+    before, outcomes
+        Contacts and outcomes of probes so far.
+    """
+
+    config: RunConfig
+    hand: Hand
+    place: ObjectPlace
+    folder: Path
+    log: TouchLog
+    before: Contacts = field(default_factory=Contacts.empty)
+    outcomes: InitVar[Sequence[ProbeOutcome]] = ()
+    _state: ExplorationState = field(init=False)
+    _touch: NextTouch | None = field(default=None, init=False)  # not carried out yet
+
+    def __post_init__(self, outcomes: Sequence[ProbeOutcome]) -> None:
+        # The state does not depend on the place of the object.
+        setup = self._setup(Workspace(1.0, np.zeros(3), 1.0))[1]
+        self._state = begin(setup, outcomes)
+
+    def answer(self, content: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the answer to a request, as plain values.
+
+        Raises
+        ------
+        LisGraspError
+            If the request is not valid, or cannot be carried out.
+        """
+        kind = content.get("request", "next")
+        if not isinstance(kind, str) or kind not in _REQUESTS:
+            raise InvalidInputError(
+                f"request must be one of {', '.join(_REQUESTS)} or stop; it is {str(kind)[:40]!r}"
+            )
+        try:
+            request = _REQUESTS[kind].model_validate(content)
+        except ValidationError as invalid:
+            key, reason = first_mistake(invalid, _REQUESTS[kind].model_fields)
+            raise InvalidInputError(f"{key or 'a request'} {reason}") from None
+        if isinstance(request, NextRequest):
+            return self._next(request)
+        surface = self._estimate()
+        return surface if not isinstance(request, GraspRequest) else self._grasp(request)
+
+    def _setup(self, space: Workspace | Region) -> tuple[Known, ExplorationSetup]:
+        known = Known.for_hand(self.config, self.hand, space, 0.0)
+        return known, touch_setup(known, self.before)
+
+    def _next(self, request: NextRequest) -> dict[str, Any]:
+        if request.model_fields_set - {"request", "id"}:
+            outcome = self._outcome(request)
+            self.log.append(outcome)
+            setup = self._setup(Workspace(1.0, np.zeros(3), 1.0))[1]
+            self._state, self._touch = advance(setup, self._state, outcome), None
+        contacts = self._state.known
+        if self._touch is None:
+            known, setup = self._setup(self.place.space(contacts))
+            self._touch = next_touch_after(known, setup, self._state)
+        doubt = self.place.doubt(contacts)
+        return {
+            **self._touch.facts(self.hand),
+            "contacts": len(contacts),
+            **({"warning": doubt} if doubt else {}),
+        }
+
+    def _outcome(self, request: NextRequest) -> ProbeOutcome:
+        points = np.array(request.points, dtype=np.float64).reshape(-1, 3)
+        if request.status is None and not len(points):
+            raise InvalidInputError("without points, status must be missed or blocked")
+        status = request.status or "touched"
+        normals, normal_noise = request.normals, request.normal_noise
+        if self._touch is not None:
+            probe = self._touch.probe
+            if normals is None:
+                normals = [(-probe.direction).tolist()] * len(points)
+                normal_noise = APPROACH_NOISE if normal_noise is None else normal_noise
+        elif normals and len(points):
+            probe = Probe(points[0], -np.array(normals[0]), 0.0, 0.0)
+        else:
+            raise InvalidInputError(
+                "no touch was asked for: points then need normals, and nothing can be missed"
+            )
+
+        def each(noise: float | None) -> FloatArray | None:
+            return None if noise is None else np.full(len(points), noise)
+
+        contacts = Contacts(
+            points,
+            np.array(normals, dtype=np.float64).reshape(-1, 3),
+            position_noise=each(request.position_noise),
+            normal_noise=each(normal_noise),
+        )
+        free = np.array(request.free_points, dtype=np.float64).reshape(-1, 3)
+        radii = np.array(request.free_radii, dtype=np.float64)
+        reason = "reported" if status == "blocked" else ""
+        return ProbeOutcome(probe, status, contacts, free, reason=reason, free_radii=radii)
+
+    def _estimate(self) -> dict[str, Any]:
+        contacts, path = self._state.known, self.folder / "contacts.ply"
+        if not len(contacts):
+            raise InvalidInputError("there is no contact yet: ask for the next touch")
+        facts = {name: value for name, value in self.log.facts.items() if name != "cloud"}
+        table = self.place.table(contacts)
+        facts |= {} if table is None else {"support_height": table}
+        with result_file(path) as temporary:
+            contacts.save(temporary, header=provenance.describe(**facts))
+        made = estimate_file([ContactSource(path, normals="outward")])
+        extents = made.mesh.extents.tolist()
+        return {"file": made.path.name, "contacts": len(contacts), "extents": extents}
+
+    def _grasp(self, request: GraspRequest) -> dict[str, Any]:
+        options = request.model_dump(include={"grasps", "mass", "friction"})
+        made = grasp_file(self.folder / "surface.ply", **options)
+        written = json.loads(made.path.read_text(encoding="utf-8"))
+        names = ("grasps", "candidates", "rejections")
+        return {"file": made.path.name, **{name: written[name] for name in names}}
