@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"convex parts at most; 1 is the convex hull (default: {_MOST_PARTS})",
     )
-    opt.add_options(parser, "units")
+    opt.add_options(parser, "units", "up")
     opt.add_options(parser, "mass", "friction", recorded=True)
     opt.add_output(parser, "model in the folder of MESH")
     parser.set_defaults(execute=execute)
@@ -52,7 +52,7 @@ def execute(options: argparse.Namespace) -> None:
     recorded = read_facts(options.mesh, usual="surface.ply")
     require_at_least(1, parts=options.parts)
     config = RunConfig.from_facts(vars(options), recorded)
-    mesh = load_mesh(options.mesh, options.units, recorded, PRINTED)
+    mesh = load_mesh(options.mesh, vars(options), recorded, PRINTED)
     folder = options.output or options.mesh.parent / "model"
     name = options.name or Path(recorded.get("object", options.mesh)).stem
     name = re.sub(r"[^\w.-]", "_", name)

@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also write the folder dexgraspbench, for the benchmark of that name: the grasps, the"
         " hand, and the true object if it is recorded, else MESH; needs the extra mujoco",
     )
-    opt.add_options(parser, "units")
+    opt.add_options(parser, "units", "up")
     opt.add_options(parser, *PLANNED_WITH, recorded=True)
     opt.add_output(parser, "the folder of MESH")
     parser.set_defaults(execute=execute)
@@ -63,7 +63,7 @@ def execute(options: argparse.Namespace) -> None:
     """Plan grasps, and print what was written."""
     if options.dexgraspbench:
         require_packages("mujoco", extra="mujoco", option="--dexgraspbench")
-    used = opt.given(options, "units", *PLANNED_WITH)
+    used = opt.given(options, "units", "up", *PLANNED_WITH)
     support, output = options.support, options.output
     made = grasp_file(options.mesh, output, support=support, progress=PRINTED, **used)
     say_search(made.search)

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Simulate the lift with each of the best grasps, and print the outcomes."""
-    used = opt.given(options, "best", "jobs", "object", "size", "units", *_OPTIONS)
+    used = opt.given(options, "best", "jobs", "object", "size", "units", "up", *_OPTIONS)
     made = lift_file(options.grasps_file, options.output, progress=PRINTED, **used)
     held = sum(lift["held"] for lift in made.lifts)
     say(f"held {held} of {len(made.lifts)} grasps, {made.mass:.3g} kg")

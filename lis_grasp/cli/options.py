@@ -149,7 +149,7 @@ def add_object(parser: argparse.ArgumentParser, *, required_name: bool = True) -
         parser.add_argument("object", metavar="OBJECT", help=text)
     else:
         parser.add_argument("--object", metavar="OBJECT", help=f"{text} (default: as recorded)")
-    add_options(parser, "size", "units")
+    add_options(parser, "size", "units", "up")
 
 
 def add_estimator(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from plyfile import PlyData, PlyElement, PlyParseError
 
-from lis_grasp.io.limits import MEBIBYTE, reading, require_announced_rows
+from lis_grasp.io.limits import MEBIBYTE, announced_rows, reading
 
 _MOST_BYTES = 512 * MEBIBYTE
 
@@ -30,7 +30,7 @@ def read_ply(path: Path) -> PlyData:
         than it has bytes.
     """
     with reading(path, "PLY", most=_MOST_BYTES):
-        require_announced_rows(path)
+        announced_rows(path)
         with suppress(PlyParseError, ValueError, OverflowError):
             return PlyData.read(str(path), known_list_len=_TRIANGLES)
         return PlyData.read(str(path), mmap=False)

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import re
 import stat
-import struct
 import zipfile
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import IO, Any
-from urllib.parse import unquote
 
 import numpy as np
 import numpy.typing as npt
@@ -35,12 +30,9 @@ MOST_NODES = 50_000
 MOST_CHARACTERS = 10_000
 """Length of a value of a YAML file: PyYAML reads 1:59:59:... in the square of it."""
 
-_MOST_BYTES = 512 * MEBIBYTE  # of a glTF's buffer
-_MOST_TEXT = 128 * MEBIBYTE  # of a glTF's JSON
 _MOST_UNPACKED = 256 * MEBIBYTE  # of the arrays of an .npz file
-_GLB = struct.Struct("<4sIII4s")  # magic, version, length, length of the first chunk, its type
 _PLY_HEADER = 65_536  # bytes
-_PLY_ELEMENT = re.compile(rb"^element[ \t]+\S+[ \t]+(\d{1,18})", re.MULTILINE)
+_PLY_ELEMENT = re.compile(rb"^element[ \t]+(\S+)[ \t]+(\d{1,18})", re.MULTILINE)
 _ARRAY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -89,13 +81,23 @@ def reading(
         raise InvalidFileError(message, path=path) from None
 
 
-def require_announced_rows(path: Path) -> None:
-    """Raise ValueError for a PLY file that announces more rows than it has bytes."""
+def announced_rows(path: Path) -> dict[str, int]:
+    """Return the numbers of rows that a PLY file announces, by element.
+
+    Raises ValueError if they are more than it has bytes.
+    """
     with path.open("rb") as file:
         head = file.read(_PLY_HEADER).partition(b"end_header")[0]
-    announced = sum(int(count) for count in _PLY_ELEMENT.findall(head))
-    if announced > path.stat().st_size:
-        raise ValueError(f"it announces {announced} rows, more than it has bytes")
+    rows = {name.decode("ascii", "replace"): int(n) for name, n in _PLY_ELEMENT.findall(head)}
+    if sum(rows.values()) > path.stat().st_size:
+        raise ValueError(f"it announces {sum(rows.values())} rows, more than it has bytes")
+    return rows
+
+
+def require_small_archive(members: Iterable[zipfile.ZipInfo]) -> None:
+    """Raise ValueError for members of an archive that unpack to more than 256 MiB."""
+    if sum(member.file_size for member in members) > _MOST_UNPACKED:
+        raise ValueError(f"it unpacks to more than {_MOST_UNPACKED // MEBIBYTE} MiB")
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
@@ -109,8 +111,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
     # An archive leaves its file open while a member is: the file is closed here in any case.
     with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:
         members = [archive.getinfo(f"{name}.npy") for name in names]
-        if sum(member.file_size for member in members) > _MOST_UNPACKED:
-            raise ValueError(f"it unpacks to more than {_MOST_UNPACKED // MEBIBYTE} MiB")
+        require_small_archive(members)
         for member in members:
             with archive.open(member) as packed:
                 _require_announced_array(packed, member.file_size)
@@ -125,73 +126,6 @@ def _require_announced_array(packed: IO[bytes], size: int) -> None:
     shape, _, dtype = _ARRAY_HEADERS[version](packed)
     if dtype.hasobject or math.prod(shape) * max(dtype.itemsize, 1) > size:
         raise ValueError("an array announces more than it has")
-
-
-def require_small_gltf(path: Path) -> None:
-    """Refuse a .gltf or .glb file that would take much memory, before it is read.
-
-    Raises
-    ------
-    InvalidFileError
-        If its accessors, or the meshes of its nodes together, have more than `MOST_ELEMENTS`, a
-        node is inside of itself, or a buffer is no file of at most 512 MiB.
-    ValueError
-        If the file has no header.
-    """
-    try:
-        header = _gltf_header(path)
-        counts = [accessor["count"] for accessor in header.get("accessors", [])]
-        permitted = all(type(count) is int and 0 <= count <= MOST_ELEMENTS for count in counts)
-        if not permitted or max(sum(counts), _gltf_elements(header, counts)) > MOST_ELEMENTS:
-            raise InvalidFileError(
-                f"{path} must announce at most {MOST_ELEMENTS} vectors and indices; it announces"
-                " more, or no number: export it with fewer triangles",
-                path=path,
-            )
-        uris = [buffer.get("uri", "data:") for buffer in header.get("buffers", [])]
-        files = [path.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
-    except CycleError:
-        raise InvalidFileError(f"{path} has a node inside of itself", path=path) from None
-    except (AttributeError, LookupError, TypeError):
-        raise InvalidFileError(f"{path} must follow glTF 2.0; it does not", path=path) from None
-    for file in files:
-        if not os.path.isfile(file):
-            raise InvalidFileError(f"{path} needs the file {file}, which is missing", path=path)
-        require_file_size(file, _MOST_BYTES)
-
-
-def _gltf_header(path: Path) -> Any:
-    with path.open("rb") as file:
-        if path.suffix.lower() == ".gltf":
-            require_file_size(path, _MOST_TEXT)
-            return json.load(file)
-        magic, _, _, length, kind = _GLB.unpack(file.read(_GLB.size))
-        if magic != b"glTF" or kind != b"JSON":
-            raise ValueError("it has no header of GLB 2")
-        return json.loads(file.read(min(length, _MOST_TEXT)))
-
-
-def _gltf_elements(header: Mapping[str, Any], counts: Sequence[int]) -> int:
-    """Return the number of elements of all meshes, counted at each node that uses them."""
-    meshes = [
-        sum(
-            counts[number]
-            for primitive in mesh["primitives"]
-            for number in (*primitive["attributes"].values(), primitive.get("indices"))
-            if number is not None
-        )
-        for mesh in header.get("meshes", [])
-    ]
-    nodes = header.get("nodes", [])
-    children = {number: node.get("children", []) for number, node in enumerate(nodes)}
-    sizes: dict[int, int] = {}  # with all nodes below
-    for number in TopologicalSorter(children).static_order():  # children first
-        node_mesh = nodes[number].get("mesh")
-        size = 0 if node_mesh is None else meshes[node_mesh]
-        sizes[number] = 1 + size + sum(sizes[child] for child in children[number])
-    scenes = [number for scene in header.get("scenes", []) for number in scene.get("nodes", [])]
-    roots = set(children).difference(*children.values())
-    return sum(meshes) + max(sum(sizes[n] for n in scenes), sum(sizes[n] for n in roots))
 
 
 class _LimitedLoader(yaml.SafeLoader):

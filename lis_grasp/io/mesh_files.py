@@ -1,24 +1,72 @@
-"""Mesh files: reading by trimesh within limits, with one error for everything that it refuses."""
+"""Mesh files: triangles, and what the format or the file states of units and of the axis upwards.
+
+trimesh reads glTF, COLLADA, OBJ and PLY of triangles with their colours. Other faces are cut into
+triangles here first, and what was read is compared with what the file announces.
+"""
 
 from __future__ import annotations
 
+import io
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
+import numpy as np
 import trimesh
 
 from lis_grasp.exceptions import InvalidFileError
-from lis_grasp.io.limits import MEBIBYTE, reading, require_small_gltf
+from lis_grasp.io._gltf import require_readable_gltf
+from lis_grasp.io._mesh_archives import Stated, plain_dae, read_3mf
+from lis_grasp.io._mesh_text import plain_obj, read_off, read_ply_polygons, read_stl
+from lis_grasp.io._polygons import as_triangles
+from lis_grasp.io.content_kinds import kind_of
+from lis_grasp.io.limits import MEBIBYTE, announced_rows, reading
+from lis_grasp.typing import FloatArray, IntArray
+
+TO_Z_UP: Mapping[str, FloatArray] = MappingProxyType(
+    {
+        "z": np.eye(3),
+        "y": np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]),
+        "x": np.array([[0, -1.0, 0], [0, 0, -1.0], [1.0, 0, 0]]),
+    }
+)
+"""Rotations that turn an axis which points up to z, the others as COLLADA orders them."""
 
 _MOST_BYTES = 512 * MEBIBYTE
-_LFS = b"version https://git-lfs.github.com/spec"
+_CONVERTERS = {
+    "a CAD program such as FreeCAD": (".step", ".stp", ".iges", ".igs", ".brep", ".fcstd"),
+    "Blender": (".usd", ".usda", ".usdc", ".usdz", ".fbx", ".blend", ".abc"),
+    "MeshLab": (".wrl", ".vrml", ".x3d", ".3ds"),
+    "the program that made it": (".sldprt", ".sldasm", ".ipt", ".prt", ".amf", ".skp"),
+}
+_PACKED = (".zip", ".gz", ".7z", ".rar", ".bz2", ".xz", ".tar", ".zae")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshFile:
+    """Everything in a mesh file as one mesh, in its own units and axes.
+
+    Attributes
+    ----------
+    mesh
+        The triangles.
+    metres
+        Length of the unit that the file or its format states [m]; None if it does not.
+    up
+        Axis that the file or its format states to point up, "x", "y" or "z"; None if it does not.
+    """
+
+    mesh: trimesh.Trimesh
+    metres: float | None = None
+    up: str | None = None
 
 
 def read_mesh(
     path: Path, formats: Sequence[str], *, merge: bool = False, materials: bool = False
-) -> trimesh.Trimesh:
+) -> MeshFile:
     """Return everything in a mesh file as one mesh, in its units and frame.
 
     Parameters
@@ -30,43 +78,101 @@ def read_mesh(
     merge
         Whether equal vertices are merged.
     materials
-        Whether colours and textures are read too.
+        Whether colours and textures are read too, where the file has triangles only.
 
     Raises
     ------
     InvalidFileError
-        If the file is missing, empty, of another format, larger than 512 MiB, or damaged, or a
-        glTF announces more than `limits.MOST_ELEMENTS`.
+        If the file is missing, empty, of another format, larger than 512 MiB, or damaged, has less
+        than it announces, requires an extension that is not read, or is a glTF that announces more
+        than `limits.MOST_ELEMENTS`.
     """
     ending = path.suffix.lower()
     if ending not in formats:
-        raise InvalidFileError(
-            f"{path} must end in one of {', '.join(formats)}; convert other formats, for example"
-            " with MeshLab",
-            path=path,
-        )
+        raise InvalidFileError(_other_format(path, formats), path=path)
     if not os.path.isfile(path):
         raise InvalidFileError(f"{path} is missing, or is no file: check the path", path=path)
-    with reading(path, ending[1:].upper(), most=_MOST_BYTES, advice="export it again"):
-        with path.open("rb") as content:
-            start = content.read(len(_LFS))
-        if not start:
-            raise ValueError("it is empty")
-        if start == _LFS:
-            raise InvalidFileError(
-                f"{path} must be a mesh; it is the pointer of Git LFS to one: run `git lfs pull` in"
-                " its repository",
-                path=path,
-            )
-        if ending in (".gltf", ".glb"):
-            require_small_gltf(path)
-        with warnings.catch_warnings():
-            # Warnings about textures and colours do not matter here.
-            warnings.simplefilter("ignore")
-            mesh = trimesh.load_scene(
-                str(path), file_type=ending[1:], process=merge, skip_materials=not materials
-            ).to_mesh()
-        for array in (mesh.vertices, mesh.faces):
-            if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
-                raise ValueError("its rows are not of three numbers")
-        return mesh
+    try:
+        with reading(path, ending[1:].upper(), most=_MOST_BYTES, advice="export it again"):
+            if not path.stat().st_size:
+                raise ValueError("it is empty")
+            with warnings.catch_warnings():
+                # Warnings about textures and colours do not matter here.
+                warnings.simplefilter("ignore")
+                mesh, stated = _read(path, ending, merge, materials)
+            for array in (mesh.vertices, mesh.faces):
+                if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
+                    raise ValueError("its rows are not of three numbers")
+            return MeshFile(mesh, *stated)
+    except InvalidFileError:
+        require_kind(path)
+        raise
+
+
+def require_kind(path: Path) -> None:
+    """Raise `InvalidFileError` for a file that is of another known kind than its name says."""
+    ending = path.suffix.lower()
+    kind = kind_of(path, ending)
+    if kind and not (ending == ".3mf" and "ZIP" in kind):
+        raise InvalidFileError(f"{path} must be {ending[1:].upper()}; it is {kind}", path=path)
+
+
+def _read(path: Path, ending: str, merge: bool, materials: bool) -> tuple[trimesh.Trimesh, Stated]:
+    match ending:
+        case ".stl":
+            return _mesh(*read_stl(path), merge), Stated()
+        case ".off":
+            vertices, polygons = read_off(path)
+            return _mesh(vertices, as_triangles(vertices, polygons), merge), Stated()
+        case ".3mf":
+            vertices, faces, stated = read_3mf(path)
+            return _mesh(vertices, faces, merge), stated
+        case ".ply":
+            return _read_ply(path, merge, materials), Stated()
+        case ".obj":
+            content = plain_obj(path.read_bytes())
+            return _load(path, content, merge, materials), Stated()
+        case ".dae":
+            content, stated = plain_dae(path.read_bytes())
+            return _load(path, content, merge, materials), stated
+    announced = require_readable_gltf(path)
+    mesh = _load(path, None, merge, materials)
+    if not merge and len(mesh.faces) != announced:
+        raise ValueError(f"it announces {announced} triangles; {len(mesh.faces)} could be read")
+    return mesh, Stated(1.0, "y")
+
+
+def _read_ply(path: Path, merge: bool, materials: bool) -> trimesh.Trimesh:
+    announced = announced_rows(path).get("face")
+    try:
+        mesh = _load(path, None, False, materials)
+        if len(mesh.faces) == announced:  # triangles only
+            if merge:
+                mesh.merge_vertices()
+            return mesh
+    except Exception:  # noqa: BLE001 - polygons of several sizes raise anything
+        pass
+    return _mesh(*read_ply_polygons(path), merge)
+
+
+def _mesh(vertices: FloatArray, faces: IntArray, merge: bool) -> trimesh.Trimesh:
+    return trimesh.Trimesh(np.asarray(vertices), np.asarray(faces), process=merge, validate=False)
+
+
+def _load(path: Path, content: bytes | None, merge: bool, materials: bool) -> trimesh.Trimesh:
+    """Return the mesh that trimesh reads of a file, or of other content in its place."""
+    return trimesh.load_scene(
+        str(path) if content is None else io.BytesIO(content),
+        file_type=path.suffix[1:].lower(),
+        resolver=trimesh.resolvers.FilePathResolver(str(path)),
+        process=merge,
+        skip_materials=not materials,
+    ).to_mesh()
+
+
+def _other_format(path: Path, formats: Sequence[str]) -> str:
+    ending = path.suffix.lower()
+    programs = [name for name, endings in _CONVERTERS.items() if ending in endings]
+    advice = f"export it as STL or 3MF from {programs[0]}" if programs else "convert it"
+    advice = "unpack it" if ending in _PACKED else advice
+    return f"{path} must end in one of {', '.join(formats)}: {advice}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -31,28 +32,28 @@ _GRASPABLE = 0.5
 _LENGTHS = ("points", "free_points", "free_radii", "position_noise")
 
 
-def chosen_units(path: Path, stated: str | None, given: str | None) -> str:
-    """Return the units of a file: those that it states, else those given, else metres.
+def unit_name(metres: float) -> str:
+    """Return the name of a unit of this length [m], such as mm, or the length itself."""
+    found = [name for name, length in UNITS.items() if math.isclose(length, metres)]
+    return found[0] if found else f"units of {metres:g} m"
+
+
+def chosen_unit(path: Path, stated: float | None, given: str | None) -> float:
+    """Return the length of a file's unit [m]: as the file states, else as given, else a metre.
 
     Raises
     ------
     InvalidOptionError
         If there are no such units, or the given ones contradict the file.
-    InvalidFileError
-        If the file states others than those in `UNITS`.
     """
     if given is not None and given not in UNITS:
         raise InvalidOptionError.not_one_of("units", given, UNITS)
     if stated is None:
-        return given or "m"
-    if stated not in UNITS:
-        raise InvalidFileError(
-            f"{path} is in {stated}; units that are read are {', '.join(UNITS)}", path=path
-        )
-    if given not in (None, stated):
+        return UNITS[given or "m"]
+    if given is not None and not math.isclose(stated, UNITS[given]):
         raise InvalidOptionError(
-            f"units must be {stated}, as {path} states; they are {given}: leave out `units`, or"
-            " correct the file",
+            f"units must be {unit_name(stated)}, as {path} or its format states; they are {given}:"
+            " leave out `units`, or correct the file",
             option="units",
             value=given,
         )
@@ -60,18 +61,20 @@ def chosen_units(path: Path, stated: str | None, given: str | None) -> str:
 
 
 def in_metres(path: Path, fields: dict[str, Any], units: str | None) -> tuple[dict[str, Any], str]:
-    """Return the fields of contacts in a file, in metres, and the file's units.
+    """Return the fields of contacts in a file, in metres, and the name of the file's units.
 
-    `fields["units"]` are those that the file states, or None. Errors are of `chosen_units`.
+    `fields["units"]` is the name that the file states, or None. Raises `InvalidFileError` if it is
+    not in `UNITS`, and errors of `chosen_unit`.
     """
     stated = fields.pop("units", None)
-    units = chosen_units(path, stated, units)
-    if stated not in (None, "m"):
-        note(f"{path}: in {units}, as its columns state")
-    if UNITS[units] == 1.0:
-        return fields, units
-    lengths = {name: fields[name] for name in _LENGTHS if fields.get(name) is not None}
-    return fields | {name: UNITS[units] * values for name, values in lengths.items()}, units
+    if stated is not None and stated not in UNITS:
+        message = f"{path} is in {stated}; units that are read are {', '.join(UNITS)}"
+        raise InvalidFileError(message, path=path)
+    metres = chosen_unit(path, None if stated is None else UNITS[stated], units)
+    if stated is not None and metres != 1.0:
+        note(f"{path}: in {stated}, as its columns state")
+    lengths = [name for name in _LENGTHS if metres != 1.0 and fields.get(name) is not None]
+    return fields | {name: metres * fields[name] for name in lengths}, unit_name(metres)
 
 
 def require_plausible_size(points: FloatArray, units: str, least: float = _LEAST_EXTENT) -> None:

@@ -39,7 +39,7 @@ AnyHand: TypeAlias = str | Path | Hand
 _HAND = RunConfig().hand
 
 # Fields of RunConfig that each stage uses, beside its hand and the name of its object.
-_LOAD = ("size", "units", "mass", "friction", "load", "arm", "base")
+_LOAD = ("size", "units", "up", "mass", "friction", "load", "arm", "base")
 _RUN = tuple(f.name for f in fields(RunConfig) if f.name not in ("object", "hand", "obstacles"))
 _EXPLORE = tuple(n for n in _RUN if n not in ("free_space", "grasps", "attempts", "simulator"))
 
@@ -71,7 +71,7 @@ def run(
     options
         Fields of `RunConfig`, which replace those of a configuration. The usual ones are
         ``touches``, ``seed``, ``estimator``, ``prober``, ``friction``, ``mass`` [kg], ``size`` [m],
-        ``units``, ``pose``, ``region``, ``arm`` and ``simulator``.
+        ``units``, ``up``, ``pose``, ``region``, ``arm`` and ``simulator``.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def explore(
     options
         Fields of `RunConfig`. The usual ones are ``touches``, ``prober`` ("kinematic" needs no
         simulator), ``estimator``, ``policy``, ``position_noise`` [m], ``normal_noise`` [rad],
-        ``pose``, ``region``, ``free``, ``cloud``, ``size`` [m], ``units`` and ``arm``.
+        ``pose``, ``region``, ``free``, ``cloud``, ``size`` [m], ``units``, ``up`` and ``arm``.
 
     Raises
     ------
@@ -165,8 +165,8 @@ def plan(
         Seed, or a generator that draws it.
     options
         Fields of `RunConfig`: ``grasps`` (their number), ``friction``, ``mass`` [kg] or else
-        ``load="unknown"``, ``size`` [m], ``units``, ``arm``, ``base`` [m], and ``obstacles``, the
-        path of a mesh [m] in O that hand and arm must not hit.
+        ``load="unknown"``, ``size`` [m], ``units``, ``up``, ``arm``, ``base`` [m], and
+        ``obstacles``, the path of a mesh [m] in O that hand and arm must not hit.
 
     Raises
     ------
@@ -217,7 +217,8 @@ def lift(
         The grasp, such as ``plan(mesh, hand).best``.
     options
         Fields of `RunConfig`: ``friction``, ``mass`` [kg], ``load`` (what the hand knows of both),
-        ``simulator`` ("drake" or "mujoco"), ``size`` [m], ``units``, ``arm`` and ``base`` [m].
+        ``simulator`` ("drake" or "mujoco"), ``size`` [m], ``units``, ``up``, ``arm`` and
+        ``base`` [m].
 
     Raises
     ------

@@ -46,7 +46,7 @@ from lis_grasp.typing import FloatArray
 
 # Fields that distinguish contacts.
 _COMPARED = ("points", "normals", *NOISE)
-_LIFTED_WITH = ("object", "size", "units", "arm", "base", "mass", "friction", "simulator")
+_LIFTED_WITH = ("object", "size", "units", "up", "arm", "base", "mass", "friction", "simulator")
 # Fewer contacts show hardly more than position and size: a run plans no grasp on them either.
 _FEW = 10
 
@@ -156,10 +156,10 @@ def grasp_file(
     >>> made.path.name, len(made.search)
     ('grasps.json', 1)
     """
-    require_used(grasp_file, options, (*PLANNED_WITH, "units"))
+    require_used(grasp_file, options, (*PLANNED_WITH, "units", "up"))
     recorded = read_facts(path, usual="surface.ply")
     config = RunConfig.from_facts({"hand": None, **options}, recorded)
-    mesh = load_mesh(path, options.get("units"), recorded, progress)
+    mesh = load_mesh(path, options, recorded, progress)
     hand = Hand.load(config.hand)
     if support is None:
         support = recorded.get("support_height", float(mesh.bounds[0, 2]))
@@ -185,7 +185,7 @@ def lift_file(
 
     The motion of the first lift is written as motion.npz. The folder is that of the grasps for
     None. `best` is the number of grasps to lift with, `jobs` the number of processes, None for as
-    many as the machine has cores. The options are ``object``, ``size``, ``units``, ``arm``,
+    many as the machine has cores. The options are ``object``, ``size``, ``units``, ``up``, ``arm``,
     ``base``, ``mass``, ``friction`` and ``simulator``; those that are missing or None are as
     recorded in the file, else as in `RunConfig`.
 
@@ -234,13 +234,17 @@ def lift_file(
 
 
 def load_mesh(
-    path: Path, units: str | None, recorded: Mapping[str, Any], progress: Progress = SILENT
+    path: Path,
+    options: Mapping[str, Any],
+    recorded: Mapping[str, Any],
+    progress: Progress = SILENT,
 ) -> trimesh.Trimesh:
     """Return the mesh of a file [m]: an estimate with recorded facts, or repaired."""
     # A surface of this package has an uncertainty, and is in metres already.
-    if recorded and units is None:
+    units, up = options.get("units"), options.get("up")
+    if recorded and units is None and up is None:
         return load_surface(path)
-    shape = load(path, units=units or "m")
+    shape = load(path, units, up)
     _say_repairs(shape, progress)
     return shape.mesh
 

@@ -97,7 +97,7 @@ class Run:
         facts = self.facts
         if "object" not in facts:
             return None
-        shape = find(facts["object"], size=facts.get("size"), units=facts.get("units", "m"))
+        shape = find(facts["object"], *(facts.get(name) for name in ("size", "units", "up")))
         return placed_as_recorded(shape, facts)
 
     @cached_property

@@ -29,6 +29,7 @@ from lis_grasp.pipeline.option import (
 )
 from lis_grasp.robots.shipped_models import arm_path, hand_path
 from lis_grasp.shapes import NAMES, UNITS, default_mass
+from lis_grasp.shapes.loading import UP_AXES
 from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.surfaces.estimators import ESTIMATOR_NAMES, find_estimator
 
@@ -101,7 +102,8 @@ class RunConfig:
     """
 
     object: str = option(
-        "box", f"built-in shape ({', '.join(NAMES)}) or mesh file (OBJ, STL, PLY, glTF, OFF)"
+        "box",
+        f"built-in shape ({', '.join(NAMES)}) or mesh file (STL, OBJ, PLY, 3MF, glTF, OFF, DAE)",
     )
     size: float | None = option(
         None,
@@ -110,7 +112,12 @@ class RunConfig:
         words="graspable",
         check=POSITIVE,
     )
-    units: str = option("m", "length unit of a mesh file", choices=tuple(UNITS))
+    units: str | None = option(
+        None, "length unit of a mesh file", choices=tuple(UNITS), words="what it states, else m"
+    )
+    up: str | None = option(
+        None, "axis of a mesh file that points up", choices=UP_AXES, words="what it states, else z"
+    )
     hand: str = option(
         "allegro",
         "a hand's YAML file, or a name: allegro, wsg50, barrett; of vendors' hands allegro_right,"
@@ -313,7 +320,7 @@ class RunConfig:
         """
         left_out = {name for name in ("estimator", "policy", "hand") if name not in given}
         if given.get("object") not in (None, recorded.get("object")):
-            left_out |= {"size", "units"}
+            left_out |= {"size", "units", "up"}
         facts = cls().facts()
         for values in ({k: v for k, v in recorded.items() if k not in left_out}, given):
             facts |= {name: values[name] for name in facts if values.get(name) is not None}

@@ -92,7 +92,8 @@ class Scenario:
         Raises
         ------
         InvalidOptionError
-            If the object does not fit into its region, or `units` are given for a built-in shape.
+            If the object does not fit into its region, or `units` or `up` are given for a built-in
+            shape.
         InvalidMeshError, InvalidHandError, InvalidArmError, InvalidFileError
             If a file cannot be used.
         """
@@ -148,18 +149,19 @@ def find_object(config: RunConfig) -> Shape:
     Raises
     ------
     InvalidOptionError
-        If there is none of that name, or `units` are given for a built-in shape.
+        If there is none of that name, or `units` or `up` are given for a built-in shape.
     InvalidFileError, InvalidMeshError
         If its file cannot be used.
     """
-    if config.units != "m" and config.object in NAMES:
-        raise InvalidOptionError(
-            f"`units` is for mesh files; it is {config.units} for the built-in {config.object}:"
-            " leave it out, or give the largest extent in metres by `size`",
-            option="units",
-            value=config.units,
-        )
-    return find(config.object, size=config.size, units=config.units)
+    for name, value, usual in (("units", config.units, "m"), ("up", config.up, "z")):
+        if value not in (None, usual) and config.object in NAMES:
+            raise InvalidOptionError(
+                f"`{name}` is for mesh files; it is {value} for the built-in {config.object}: leave"
+                " it out (the largest extent is `size`)",
+                option=name,
+                value=value,
+            )
+    return find(config.object, size=config.size, units=config.units, up=config.up)
 
 
 def place_object(shape: Shape, config: RunConfig) -> tuple[Shape, FloatArray]:

@@ -13,7 +13,8 @@ import yourdfpy
 from scipy.spatial import QhullError
 
 from lis_grasp.exceptions import InvalidFileError, InvalidHandError, LisGraspError, shown
-from lis_grasp.io.mesh_files import read_mesh
+from lis_grasp.geometry import make_pose
+from lis_grasp.io.mesh_files import TO_Z_UP, read_mesh
 from lis_grasp.robots.robot_model import GeometryKind, LinkGeometry, LinkVisual
 from lis_grasp.typing import FloatArray
 
@@ -25,9 +26,7 @@ LARGEST = 1e3
 """Largest length or position in a hand [m or rad]; more is a mistake."""
 _MOST_VERTICES = 200  # of a mesh's convex hull
 _LEAST_HEIGHT = 2e-5  # of a triangle of a hull [m]
-# glTF has +y up, robot descriptions +z.
-_FROM_GLTF = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
-_FORMATS = (".obj", ".stl", ".dae", ".ply", ".gltf", ".glb", ".off")
+_FORMATS = (".obj", ".stl", ".dae", ".ply", ".gltf", ".glb", ".off", ".3mf")
 _SMALLEST = 1e-6  # size of a body [m]
 
 
@@ -94,11 +93,15 @@ def load_mesh(file: Path, scale: npt.ArrayLike | None) -> trimesh.Trimesh:
             f"the scale of {file.name} must be 1 or 3 finite numbers other than 0; it is"
             f" {shown(factors.tolist())}"
         )
-    loaded = read_mesh(file, _FORMATS, merge=True, materials=True)
+    read = read_mesh(file, _FORMATS, merge=True, materials=True)
+    loaded = read.mesh
     if len(loaded.faces) == 0:
         raise InvalidFileError(f"the mesh {file} has no triangles", path=file)
     if file.suffix.lower() in (".gltf", ".glb"):
-        loaded.apply_transform(_FROM_GLTF)
+        # As Drake and RViz do; the axis that COLLADA states they ignore.
+        loaded.apply_transform(make_pose(TO_Z_UP["y"], np.zeros(3)))
+    if read.metres not in (None, 1.0):
+        loaded.apply_scale(read.metres)
     if factors is not None:
         with np.errstate(all="ignore"):
             loaded.apply_scale(factors if len(factors) == 3 else float(factors[0]))

@@ -15,16 +15,19 @@ from lis_grasp.exceptions import (
     nearest_of,
 )
 from lis_grasp.io.contact_files import POINT_FORMATS
-from lis_grasp.io.mesh_files import read_mesh
+from lis_grasp.io.mesh_files import TO_Z_UP, MeshFile, read_mesh, require_kind
 from lis_grasp.io.surface_files import no_faces_error
-from lis_grasp.io.units import LARGEST, SMALLEST, UNITS
+from lis_grasp.io.units import LARGEST, SMALLEST, UNITS, chosen_unit, unit_name
 from lis_grasp.shapes._repair import repair_mesh
 from lis_grasp.shapes.builtin import BUILDERS, NAMES, build
 from lis_grasp.shapes.shape import Shape, sharp_edges
 from lis_grasp.typing import FloatArray, IntArray
 
-FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
+FORMATS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off", ".3mf", ".dae")
 """Endings of the mesh files that can be read."""
+
+UP_AXES = ("z", "y")
+"""Axes that may point up in a mesh file."""
 
 # Largest extents of objects that hands hold [m]: units that give one of these are proposed first.
 _HANDY = (0.02, 0.5)
@@ -33,7 +36,12 @@ _FARTHEST_OBSTACLE = 50.0  # from the origin [m]: a room; in millimetres it is b
 _FARTHEST = 1e12
 
 
-def find(name_or_path: str | Path, size: float | None = None, units: str = "m") -> Shape:
+def find(
+    name_or_path: str | Path,
+    size: float | None = None,
+    units: str | None = None,
+    up: str | None = None,
+) -> Shape:
     """Return a built-in shape by name, or else the object in a mesh file.
 
     Parameters
@@ -42,8 +50,8 @@ def find(name_or_path: str | Path, size: float | None = None, units: str = "m") 
         One of `NAMES`, or the path of a mesh file; write ``./box`` for a file called box.
     size
         Largest extent of a built-in shape [m]; None for a graspable one.
-    units
-        Length unit of a mesh file, a key of `UNITS`.
+    units, up
+        Of a mesh file, see `load`.
 
     Raises
     ------
@@ -73,22 +81,24 @@ def find(name_or_path: str | Path, size: float | None = None, units: str = "m") 
         raise InvalidFileError(
             f"{path} is a folder; a mesh file is needed ({', '.join(FORMATS)})", path=path
         )
-    return load(path, units)
+    return load(path, units, up)
 
 
-def load(path: str | Path, units: str = "m") -> Shape:
+def load(path: str | Path, units: str | None = None, up: str | None = None) -> Shape:
     """Return the object in a mesh file, closed and outward whatever state the file is in.
 
-    The frame O is the file's own, scaled to metres and neither shifted nor turned: the object
-    rests on its lowest z there. Several parts are one object. Repairs are listed in
-    `Shape.repairs`.
+    The frame O is the file's own, scaled to metres and not shifted: the object rests on its lowest
+    z there. glTF has y upwards, and COLLADA states its axis: these are turned to z. Several parts
+    are one object. `Shape.repairs` lists the scale and turn that a file states, and repairs.
 
     Parameters
     ----------
     path
-        An OBJ, STL, PLY, glTF, GLB or OFF file with triangles or polygons.
+        An OBJ, STL, PLY, glTF, GLB, OFF, 3MF or COLLADA file with triangles or polygons.
     units
-        Length unit of the file, a key of `UNITS`.
+        Length unit of the file, a key of `UNITS`; None for what it states, or else metres.
+    up
+        Axis that points up in the file, "z" or "y"; None for what it states, or else z.
 
     Raises
     ------
@@ -97,17 +107,19 @@ def load(path: str | Path, units: str = "m") -> Shape:
     InvalidMeshError
         If its size fits no object of a hand (mistaken units, mostly), or it encloses no volume.
     InvalidOptionError
-        If there is no such unit.
+        If there is no such unit or axis, or the file states others.
     """
     path = Path(path)
-    if units not in UNITS:
+    if units is not None and units not in UNITS:
         raise InvalidOptionError.not_one_of("units", units, UNITS)
+    if up is not None and up not in UP_AXES:
+        raise InvalidOptionError.not_one_of("up", up, UP_AXES)
     if str(path) in BUILDERS and not path.exists():
         raise InvalidFileError(
             f"there is no file {path}; of the built-in shape, write shapes.find('{path}')",
             path=path,
         )
-    vertices, faces = _read(path)
+    read, vertices, faces, metres, changes = _read(path, units, up)
     corners = vertices[faces.ravel()]
     if not np.all(np.abs(corners) < _FARTHEST):
         raise InvalidMeshError(
@@ -115,17 +127,19 @@ def load(path: str | Path, units: str = "m") -> Shape:
             " export it again"
         )
     extent = float(np.ptp(corners, axis=0).max())
-    if not SMALLEST <= extent * UNITS[units] <= LARGEST:
-        raise InvalidMeshError(_mistaken_units(path, extent, units))
+    if not SMALLEST <= extent * metres <= LARGEST:
+        raise InvalidMeshError(_mistaken_units(path, extent, metres, read.metres is not None))
     try:
-        mesh, repairs = repair_mesh(vertices * UNITS[units], faces)
+        mesh, repairs = repair_mesh(vertices * metres, faces)
     except InvalidMeshError as error:
         raise InvalidMeshError(f"{path} {error}") from None
-    return Shape(path.stem, mesh, sharp_edges(mesh), repairs)
+    return Shape(path.stem, mesh, sharp_edges(mesh), (*changes, *repairs))
 
 
 def load_obstacles(path: str | Path) -> trimesh.Trimesh:
     """Return the mesh of a file [m] as it is: it may be open, and of several parts.
+
+    Units and axes that the file states are used, as `load` does; else it is in metres, z upwards.
 
     Raises
     ------
@@ -134,9 +148,9 @@ def load_obstacles(path: str | Path) -> trimesh.Trimesh:
     InvalidMeshError
         If it is too large for metres, or has vertices that are no finite numbers.
     """
-    vertices, faces = _read(Path(path))
-    mesh = trimesh.Trimesh(vertices, faces)  # equal vertices are merged
-    extent = float(np.abs(vertices[faces.ravel()]).max())
+    _, vertices, faces, metres, _ = _read(Path(path), None, None)
+    mesh = trimesh.Trimesh(vertices * metres, faces)  # equal vertices are merged
+    extent = float(np.abs(metres * vertices[faces.ravel()]).max())
     if not extent <= _FARTHEST_OBSTACLE:
         raise InvalidMeshError(
             f"obstacles must be in metres, within {_FARTHEST_OBSTACLE:g} m of the origin; {path}"
@@ -145,24 +159,34 @@ def load_obstacles(path: str | Path) -> trimesh.Trimesh:
     return mesh
 
 
-def _read(path: Path) -> tuple[FloatArray, IntArray]:
-    """Return the triangles of a file as vertices (V, 3) in its units and faces (F, 3)."""
+def _read(
+    path: Path, units: str | None, up: str | None
+) -> tuple[MeshFile, FloatArray, IntArray, float, tuple[str, ...]]:
+    """Return a file, its vertices with z up (V, 3), faces (F, 3), unit [m], and what it stated."""
     if path.suffix.lower() in set(POINT_FORMATS) - set(FORMATS):
         raise no_faces_error(path)
-    mesh = read_mesh(path, FORMATS)
-    vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
-    faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
+    read = read_mesh(path, FORMATS)
+    faces = np.array(read.mesh.faces, dtype=np.int64).reshape(-1, 3)
     if not len(faces):
+        require_kind(path)
         raise no_faces_error(path)
-    if faces.min() < 0 or faces.max() >= len(vertices):
+    if faces.min() < 0 or faces.max() >= len(read.mesh.vertices):
         raise InvalidFileError(
             f"{path} has faces that name vertices it lacks: export it again", path=path
         )
-    return vertices, faces
+    metres = chosen_unit(path, read.metres, units)
+    if up is not None and read.up not in (None, up):
+        message = f"up must be {read.up}, as {path} or its format states; it is {up}: leave it out"
+        raise InvalidOptionError(message, option="up", value=up)
+    axis = up or read.up or "z"
+    vertices = np.array(read.mesh.vertices, dtype=np.float64) @ TO_Z_UP[axis].T
+    changes = [f"scaled from {unit_name(metres)} to metres"] if read.metres and metres != 1 else []
+    changes += [f"turned from {axis} up to z up"] if read.up and axis != "z" else []
+    return read, vertices, faces, metres, tuple(f"{c}, as the file states" for c in changes)
 
 
-def _mistaken_units(path: Path, extent: float, units: str) -> str:
-    sizes = {name: extent * metres for name, metres in UNITS.items()}
+def _mistaken_units(path: Path, extent: float, metres: float, stated: bool) -> str:
+    sizes = {name: extent * length for name, length in UNITS.items()}
     for low, high in (_HANDY, (SMALLEST, LARGEST)):
         fitting = [
             f"{name} (then {size:.3g} m)" for name, size in sizes.items() if low <= size <= high
@@ -170,7 +194,9 @@ def _mistaken_units(path: Path, extent: float, units: str) -> str:
         if fitting:
             break
     advice = f"`units` {' or '.join(fitting)} would fit" if fitting else "no unit would fit"
+    if stated:
+        advice = "the file states this unit: scale it in the program that made it"
     return (
-        f"{path} is {extent * UNITS[units]:.3g} m large when read in {units}, an object must be"
-        f" {SMALLEST} to {LARGEST} m: {advice}"
+        f"{path} is {extent * metres:.3g} m large when read in {unit_name(metres)}, an object must"
+        f" be {SMALLEST} to {LARGEST} m: {advice}"
     )

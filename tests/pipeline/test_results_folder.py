@@ -213,6 +213,7 @@ def test_every_option_gives_a_default_folder_of_its_own() -> None:
         "object": "mallet",
         "size": 0.2,
         "units": "mm",
+        "up": "y",
         "hand": "wsg50",
         "estimator": "lis",
         "prober": "kinematic",

@@ -1,0 +1,127 @@
+"""Meshes in OBJ, OFF, STL and PLY files: what trimesh does not read, or reads as another shape."""
+
+from __future__ import annotations
+
+import re
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from lis_grasp.io._ply import read_ply
+from lis_grasp.io._polygons import as_triangles, triangulate
+from lis_grasp.typing import FloatArray, IntArray
+
+Triangles = tuple[FloatArray, IntArray]
+
+# Of OBJ: a face of more than three corners, a relative index, a line that goes on in the next.
+_OBJ_ODD = re.compile(rb"^[ \t]*f(?:[ \t]+\S+){4}|^[ \t]*f[^\n]*-\d|\\[ \t]*\r?$", re.MULTILINE)
+_OFF_START = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
+_STL_NAME = re.compile(rb"^[ \t]*(?:end)?solid\b[^\r\n]*", re.IGNORECASE | re.MULTILINE)
+_STL_VERTEX = re.compile(rb"\bvertex\s+(\S{1,40})\s+(\S{1,40})\s+(\S{1,40})(?!\S)", re.IGNORECASE)
+_STL_EXPONENT = re.compile(rb"(\d)d([-+]?\d)", re.IGNORECASE)  # Fortran writes 1.0D-02
+_STL_FACET = re.compile(rb"\bfacet\s+normal\b", re.IGNORECASE)
+_STL_ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_STL_START = 84  # bytes before the first triangle, the last four of them the count
+
+
+def plain_obj(content: bytes) -> bytes:
+    """Return an OBJ with triangles and positive indices only, as trimesh reads it without fault.
+
+    A relative index counts from the vertex before its line, wherever the groups are. Raises
+    ValueError if an index is out of range, or a face crosses itself.
+    """
+    if not _OBJ_ODD.search(content):
+        return content
+    text = re.sub(r"\\[ \t]*\r?\n", " ", content.decode("utf-8", "replace"))
+    lines = text.splitlines()
+    counts = {"v": 0, "vt": 0, "vn": 0}
+    vertices: list[list[float]] = []
+    faces: dict[int, list[str]] = {}  # by line
+    for number, line in enumerate(lines):
+        kind, *words = line.split("#")[0].split() or [""]
+        if kind in counts:
+            counts[kind] += 1
+        if kind == "v":
+            vertices.append([float(word) for word in words[:3]])
+        elif kind == "f":
+            faces[number] = [_absolute(corner, counts) for corner in words]
+    polygons = [[int(corner.split("/")[0]) - 1 for corner in face] for face in faces.values()]
+    cut = triangulate(np.array(vertices, np.float64).reshape(-1, 3), polygons)
+    for (number, face), triangles in zip(faces.items(), cut, strict=True):
+        lines[number] = "\n".join(f"f {face[a]} {face[b]} {face[c]}" for a, b, c in triangles)
+    return "\n".join(lines).encode()
+
+
+def _absolute(corner: str, counts: dict[str, int]) -> str:
+    """Return a corner v/vt/vn with indices from the start of the file."""
+    indices = []
+    for name, text in zip(counts, corner.split("/"), strict=False):
+        index = int(text) if text else 0
+        if index < 0:
+            index += counts[name] + 1
+            if index <= 0:
+                raise ValueError(f"the face corner {corner} names a line before the first {name}")
+        indices.append(str(index) if text else "")
+    return "/".join(indices)
+
+
+def read_off(path: Path) -> tuple[FloatArray, list[list[int]]]:
+    """Return the vertices (V, 3) and polygons of an OFF file; other columns are left out."""
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    lines = [line.split("#")[0].split() for line in text.splitlines()]
+    lines = [words for words in lines if words]
+    if not lines or not _OFF_START.fullmatch(lines[0][0]) or "BINARY" in lines[0]:
+        raise ValueError("it must begin with OFF, as text")
+    lines = [words for words in (lines[0][1:], *lines[1:]) if words]
+    vertex_count, face_count = (int(word) for word in lines[0][:2])
+    if len(lines) - 1 < vertex_count + face_count:
+        raise ValueError(
+            f"it announces {vertex_count} vertices and {face_count} faces, and has"
+            f" {len(lines) - 1} lines of them"
+        )
+    rows = lines[1 : 1 + vertex_count + face_count]
+    vertices = np.array([row[:3] for row in rows[:vertex_count]], np.float64).reshape(-1, 3)
+    polygons = [[int(word) for word in row[1 : 1 + int(row[0])]] for row in rows[vertex_count:]]
+    for polygon, row in zip(polygons, rows[vertex_count:], strict=True):
+        if len(polygon) != int(row[0]):
+            raise ValueError(f"a face announces {row[0]} corners and has {len(polygon)}")
+    return vertices, polygons
+
+
+def read_stl(path: Path) -> Triangles:
+    """Return the triangles of an STL file, text or binary, each with vertices of its own."""
+    content = path.read_bytes()
+    (count,) = struct.unpack_from("<I", content, _STL_START - 4) if len(content) >= 84 else (0,)
+    held = (len(content) - _STL_START) // _STL_ROW.itemsize
+    is_exact = len(content) == _STL_START + _STL_ROW.itemsize * count
+    if b"\0" not in content and not is_exact:
+        corners = _corners_in_text(content)
+    elif held < 0 or count > held or (count == 0 and held > 0):
+        raise ValueError(f"it announces {count} triangles, and has bytes for {max(held, 0)}")
+    else:  # bytes after the last triangle are of other programs
+        rows = np.frombuffer(content, _STL_ROW, count, _STL_START)
+        corners = rows["corners"].reshape(-1, 3).astype(np.float64)
+    return corners, np.arange(len(corners)).reshape(-1, 3)
+
+
+def _corners_in_text(content: bytes) -> FloatArray:
+    content = _STL_NAME.sub(b"", content)  # the name may have any words
+    found = _STL_VERTEX.findall(_STL_EXPONENT.sub(rb"\1E\2", content))
+    facets = len(_STL_FACET.findall(content))
+    if len(found) != 3 * facets:
+        raise ValueError(f"it has {facets} facets and {len(found)} vertices, not three for each")
+    return np.array(found).astype(np.float64).reshape(-1, 3)
+
+
+def read_ply_polygons(path: Path) -> Triangles:
+    """Return the vertices and triangles of a PLY file with faces of any numbers of corners."""
+    elements = {element.name: element.data for element in read_ply(path).elements}
+    if "tristrips" in elements and "face" not in elements:
+        raise ValueError("it has triangle strips and no faces: write it with faces")
+    vertex, face = elements["vertex"], elements.get("face")
+    names = ("vertex_indices", "vertex_index")
+    name = next((n for n in names if face is not None and n in face.dtype.names), None)
+    vertices = np.column_stack([vertex[axis].astype(np.float64) for axis in "xyz"])
+    rows = [] if face is None or name is None else face[name]
+    return vertices, as_triangles(vertices, [list(map(int, row)) for row in rows])
