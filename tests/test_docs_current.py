@@ -18,7 +18,7 @@ from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import POLICIES, pose_tracking
 from lis_grasp.exploration.probe import ProbeStatus
 from lis_grasp.pipeline import RunConfig, reasons
-from lis_grasp.probing import approach_planner, guarded_motion
+from lis_grasp.probing import approach_planner, guarded_motion, probe_planner
 from lis_grasp.robots.shipped_models import READY_HANDS
 from lis_grasp.shapes import NAMES
 from lis_grasp.simulation.drake import dynamic_prober
@@ -88,7 +88,7 @@ def test_every_reason_is_explained() -> None:
     named = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
     assert named == {*sentences, *get_args(ProbeStatus)}
     of_probes = [approach_planner.NO_FREE_START, approach_planner.NO_FREE_APPROACH]
-    of_probes += [approach_planner.OUT_OF_ARM_REACH, guarded_motion.NO_ARM_TRANSIT]
+    of_probes += [approach_planner.OUT_OF_ARM_REACH, probe_planner.NO_ARM_TRANSIT]
     of_probes += [guarded_motion.AT_TABLE, pose_tracking.MOVED, pose_tracking.LOST]
     of_probes += [dynamic_prober.ARM_STOPPED, dynamic_prober.GRAZED]
     assert not [reason for reason in of_probes if f"| {reason} |" not in page]

@@ -24,8 +24,7 @@ from lis_grasp.exploration import (
 )
 from lis_grasp.pipeline.known import Known
 from lis_grasp.pipeline.stages import exploration_rng, exploration_setup
-from lis_grasp.probing.approach_planner import Approach, ApproachPlanner
-from lis_grasp.probing.guarded_motion import NO_FREE_APPROACH
+from lis_grasp.probing.approach_planner import NO_FREE_APPROACH, Approach, ApproachPlanner
 from lis_grasp.robots.hand import Hand
 
 # Probes that cannot be approached, before the search is given up.

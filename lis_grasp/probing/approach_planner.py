@@ -110,14 +110,15 @@ class ApproachPlanner:
                 key="probe_postures",
             )
         postures = hand.probe_postures.values()
-        points = _points_on_links(hand, postures)
+        joints = [posture.joint_positions for posture in postures]
+        points = points_on_links(hand, joints)
         self._bodies = [
             (posture, leading_center(hand, posture), points_H)
             for posture, points_H in zip(postures, points, strict=True)
         ]
         self._inner: dict[str, FloatArray] = {}  # by finger: only an arm needs them
         if station is not None:
-            inner = _points_on_links(hand, postures, hand.fingertip_links)
+            inner = points_on_links(hand, joints, hand.fingertip_links)
             self._inner = {p.finger: points for p, points in zip(postures, inner, strict=True)}
 
     def place_station(self, station: Station) -> None:
@@ -266,10 +267,10 @@ class KeepOut:
         return int(self._levels[i, j, k].max(initial=FREE))
 
 
-def _points_on_links(
-    hand: Hand, postures: Iterable[ProbePosture], left_out: Collection[str] = ()
+def points_on_links(
+    hand: Hand, postures: Iterable[FloatArray], left_out: Collection[str] = ()
 ) -> list[FloatArray]:
-    """Return points on a hand's links, at most 15 mm apart, for each posture, (P, 3), in H [m]."""
+    """Return points on a hand's links, at most 15 mm apart, (P, 3), in H [m], for postures (J,)."""
     bodies = [
         (body.link, apply_pose(body.X_LG, body.mesh.subdivide_to_size(_SPACING).vertices))
         for body in hand.link_geometries
@@ -277,7 +278,7 @@ def _points_on_links(
     ]
     every = []
     for posture in postures:
-        links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
+        links = hand.forward_kinematics(np.eye(4), posture)
         points = [apply_pose(links[link], points_L) for link, points_L in bodies]
         joined = np.concatenate([np.empty((0, 3)), *points])
         # One point in each cell of half the spacing is enough.

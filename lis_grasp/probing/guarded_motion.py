@@ -3,34 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import trimesh
 
-from lis_grasp.arms.placement import home_of
 from lis_grasp.arms.station import Station
-from lis_grasp.arms.trajectory import JointTrajectory, time_path
-from lis_grasp.arms.transit import TransitPlanner
 from lis_grasp.exceptions import InvalidMeshError
 from lis_grasp.exploration.probe import Probe, ProbeOutcome
-from lis_grasp.exploration.probe_motions import (
-    ARM_APPROACH_SPEED,
-    ARM_PROBE_SPEED,
-    PROBE_SPEED,
-    TRANSIT_SPEED,
-)
-from lis_grasp.exploration.workspace import ObstacleModel, Workspace
+from lis_grasp.exploration.probe_motions import PROBE_SPEED
+from lis_grasp.exploration.workspace import ObstacleModel
 from lis_grasp.geometry import apply_pose, inverse_pose, rotate
-from lis_grasp.probing.approach_planner import (
-    NO_FREE_APPROACH,
-    NO_FREE_START,
-    OUT_OF_ARM_REACH,
-    Approach,
-    ApproachPlanner,
-    leading_center,
-)
+from lis_grasp.probing.approach_planner import NO_FREE_START, Approach, leading_center
 from lis_grasp.probing.course import Course, Leg
+from lis_grasp.probing.probe_planner import ProbePlanner
 from lis_grasp.robots.collision import HandCollisionChecker, NearestLink
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.pose_filter import balls_inside
@@ -41,10 +26,6 @@ from lis_grasp.typing import FloatArray
 TOUCHING = 2e-5
 """Distance below which two bodies touch [m]."""
 
-# An arm keeps the hand off the table by this [m]: it sags by a part of that.
-_ARM_ERROR = 0.003
-
-NO_ARM_TRANSIT = "the arm has no collision-free path from its home to the approach"
 AT_TABLE = "the table ended the motion"
 
 
@@ -67,10 +48,7 @@ class GuardedMotion:
         *,
         probe_speed: float = PROBE_SPEED,
     ) -> None:
-        self._probe_speed = probe_speed
-        self._planner = ApproachPlanner(hand, station)
-        self._transits = None if station is None else ArmTransits(station)
-        self._blocked = NO_FREE_APPROACH if station is None else OUT_OF_ARM_REACH
+        self._planner = ProbePlanner(hand, station, probe_speed=probe_speed)
         if not mesh.is_watertight:
             raise InvalidMeshError("touching needs a watertight mesh: load it with `shapes.load`")
         self._mesh = mesh
@@ -92,7 +70,6 @@ class GuardedMotion:
     def place_station(self, station: Station) -> None:
         """Place the station of the arm in the frame E."""
         self._planner.place_station(station)
-        self._transits = ArmTransits(station)
 
     def run(self, probe: Probe, obstacles: ObstacleModel | None = None) -> Course | str:
         """Move up to the first contact; return the course, or the reason that blocks the probe.
@@ -101,24 +78,23 @@ class GuardedMotion:
         object, and stops above the table. Without, it starts where no link touches the object.
         """
         way = None
-        if obstacles is not None and self._transits is not None:
-            obstacles = _with_higher_table(obstacles)
         if obstacles is None:
             approach = self._free_start(probe)
             if approach is None:
                 return NO_FREE_START
         else:
-            approach = self._planner.plan(probe, obstacles)
-            if approach is None:
-                return self._blocked
+            obstacles = self._planner.kept_off(obstacles)
+            planned = self._planner.approach(probe, obstacles)
+            if isinstance(planned, str):
+                return planned
+            approach = planned
             if self._place(approach, approach.X_OH_outside):
                 return NO_FREE_START
-            if self._transits is not None and approach.arm is not None:
-                begin, q_hand = approach.arm.approach[0], approach.posture.joint_positions
-                way = self._transits.plan(begin, q_hand, obstacles.space)
-                if way is None:
-                    return NO_ARM_TRANSIT
-        way_in, ahead = self._legs(approach, probe)
+            transit = self._planner.transit(approach, obstacles.space)
+            if isinstance(transit, str):
+                return transit
+            way = transit
+        way_in, ahead = self._planner.legs(approach, probe)
         posture, touched = approach.posture, None
         if way_in.planned > 0.0:
             way_in, touched = self._moved(way_in, way_in.planned)
@@ -126,23 +102,10 @@ class GuardedMotion:
         at_table = False
         if touched is None:
             self._place(approach, approach.X_OH)
-            end = min(ahead.planned, self._above_table(approach, probe, obstacles))
+            end = min(ahead.planned, self._planner.above_table(approach, probe, obstacles))
             ahead, touched = self._moved(ahead, end)
             legs, at_table = (way_in, ahead), touched is None and end < probe.standoff
         return Course(posture.finger, posture.joint_positions, legs, touched, at_table, way)
-
-    def _legs(self, approach: Approach, probe: Probe) -> tuple[Leg, Leg]:
-        """Return the approach and the probe's motion as planned, without a contact."""
-        begin, axis, distance = approach.X_OH_outside, approach.axis, approach.distance
-        X_OH, along, length = approach.X_OH, probe.direction, probe.standoff + probe.overshoot
-        if approach.arm is None:
-            slow = self._probe_speed
-            return Leg(begin, axis, distance, TRANSIT_SPEED), Leg(X_OH, along, length, slow)
-        q_in, q_ahead = approach.arm.approach, approach.arm.motion
-        return (
-            Leg(begin, axis, distance, ARM_APPROACH_SPEED, q_in),
-            Leg(X_OH, along, length, ARM_PROBE_SPEED, q_ahead),
-        )
 
     def _moved(self, leg: Leg, end: float) -> tuple[Leg, NearestLink | None]:
         """Move the placed hand along a leg up to `end` [m]; return its part, and what touched."""
@@ -185,16 +148,6 @@ class GuardedMotion:
             np.concatenate([np.full(len(tip), balls[0, 3]), radii]),
         )
 
-    def _above_table(
-        self, approach: Approach, probe: Probe, obstacles: ObstacleModel | None
-    ) -> float:
-        """Return how far the hand can move before it would enter the table [m]."""
-        height = None if obstacles is None else obstacles.space.support_height
-        if height is None or probe.direction[2] >= 0.0:
-            return np.inf
-        lowest = float(self._checker.lowest(approach.X_OH @ self._poses[approach.posture.finger]))
-        return max(lowest - height, 0.0) / -float(probe.direction[2])
-
     def _place(self, approach: Approach, X_OH: FloatArray) -> bool:
         """Place the hand; return whether a link touches the object's surface."""
         X_OH = X_OH if self._X_OE is None else self._X_OE @ X_OH
@@ -228,15 +181,6 @@ class GuardedMotion:
             travelled = min(travelled + nearest.distance, length)
 
 
-def _with_higher_table(obstacles: ObstacleModel) -> ObstacleModel:
-    """Return obstacles with a table that is higher by what an arm may err."""
-    height = obstacles.space.support_height
-    if height is None:
-        return obstacles
-    space = replace(obstacles.space, support_height=height + _ARM_ERROR)
-    return replace(obstacles, space=space)
-
-
 def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:
     """Return balls inside the links, centres in H and radii [m], shape (S, 4); the leader first."""
     links = hand.forward_kinematics(np.eye(4), posture.joint_positions)
@@ -247,58 +191,3 @@ def _balls_in_hand(hand: Hand, posture: ProbePosture) -> FloatArray:
         inside = np.column_stack([centers_H, radii])
         balls.append(inside[np.linalg.norm(inside - balls[0], axis=1) > TOUCHING])
     return np.concatenate(balls)
-
-
-# The leading fingertip of an approach begins at the ball that contains the object: transits keep
-# off a ball that is smaller by these [m], and where the hand begins inside, by fractions of it.
-_INSIDE = (0.015, 0.03)
-_FRACTIONS = (0.6, 0.3)
-# The same transit is planned for the same probe.
-_SEED = 0
-
-
-class ArmTransits:
-    """Plans an arm's way from home to the approach of each probe, outside of the object's ball.
-
-    What is in the ball is unknown, and only approach and probe enter it. The arm returns the same
-    way, so that a probe does not depend on the one before.
-    """
-
-    def __init__(self, station: Station) -> None:
-        self._station, self._home = station, home_of(station)
-        self._planners: dict[tuple[float, ...], TransitPlanner] = {}
-
-    def plan(
-        self, goal: FloatArray, q_hand: FloatArray, space: Workspace
-    ) -> JointTrajectory | None:
-        """Return the motion from home to a posture (J,); None if there is no path.
-
-        `q_hand` (K,) are the hand's joint positions.
-        """
-        radii = [space.radius - inside for inside in _INSIDE]
-        for radius in [*radii, *(fraction * radii[-1] for fraction in _FRACTIONS)]:
-            planner = self._planner(space, radius)
-            rng = np.random.default_rng(_SEED)
-            corners = planner.plan(self._home, goal, q_hand, rng=rng)
-            if corners is not None:
-                return time_path(
-                    self._station.arm,
-                    corners,
-                    is_free=partial(planner.is_free, q_hand=q_hand),
-                )
-        return None
-
-    def _planner(self, space: Workspace, radius: float) -> TransitPlanner:
-        in_air = space.support_height is None
-        key = (*space.center, radius, in_air)
-        if key not in self._planners:
-            if len(self._planners) >= len(_INSIDE) + len(_FRACTIONS):
-                self._planners.clear()
-            ball = None
-            if radius > 0.0:
-                ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
-                ball.apply_translation(space.center)
-            # An object that is held in the air is touched without a table.
-            station = replace(self._station, table=None) if in_air else self._station
-            self._planners[key] = TransitPlanner(station, ball)
-        return self._planners[key]

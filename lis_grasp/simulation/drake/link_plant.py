@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
@@ -16,7 +15,6 @@ from pydrake.geometry import (
     Convex,
     Cylinder,
     GeometryId,
-    InMemoryMesh,
     Mesh,
     ProximityProperties,
     Shape,
@@ -40,7 +38,7 @@ from lis_grasp.robots.inertias import LEAST_MASS
 from lis_grasp.robots.link_bodies import load_visual
 from lis_grasp.robots.robot_model import Inertial, LinkGeometry, RobotModel
 from lis_grasp.robots.robot_model import Joint as TreeJoint
-from lis_grasp.simulation.drake.object_plant import spatial_inertia
+from lis_grasp.simulation.drake.object_plant import in_memory, spatial_inertia
 from lis_grasp.typing import FloatArray
 
 _GREY = (0.6, 0.6, 0.63, 1.0)
@@ -134,7 +132,7 @@ def add_visuals(plant: MultibodyPlant, tree: RobotModel, links: LinksInPlant) ->
         if mesh is not None:
             seen.add(visual.link)
             plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-            shape = Mesh(_in_memory(plain, visual.link))
+            shape = Mesh(in_memory(plain, visual.link))
             _show(plant, links, visual.link, visual.X_LG, shape, number)
     for number, geometry in enumerate(tree.link_geometries):
         if geometry.link not in seen:
@@ -157,14 +155,9 @@ def _show(
 def _collision_shape(geometry: LinkGeometry) -> Shape:
     """Return Drake's shape of a collision body; a mesh is convex."""
     if geometry.kind == "mesh":
-        return Convex(_in_memory(geometry.mesh, geometry.link))
+        return Convex(in_memory(geometry.mesh, geometry.link))
     primitives = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
     return primitives[geometry.kind](*geometry.dimensions)
-
-
-def _in_memory(mesh: trimesh.Trimesh, name: str) -> InMemoryMesh:
-    obj = mesh.export(file_type="obj", include_normals=False)
-    return InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", name))
 
 
 def _compliant(geometry: LinkGeometry, friction: float, modulus: float) -> ProximityProperties:

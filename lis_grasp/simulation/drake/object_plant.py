@@ -99,13 +99,18 @@ def add_object(
     instance = plant.AddModelInstance(name)
     inertia = spatial_inertia(mass, mesh.center_mass, uniform_inertia(mesh, mass))
     body = plant.AddRigidBody(name, instance, inertia)
-    obj = mesh.export(file_type="obj", include_normals=False, include_texture=False)
-    shape = Mesh(InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", name)))
+    shape = Mesh(in_memory(mesh, name))
     properties = ProximityProperties()
     AddContactMaterial(friction=CoulombFriction(friction, friction), properties=properties)
     AddRigidHydroelasticProperties(properties)
     geometry = plant.RegisterCollisionGeometry(body, RigidTransform(), shape, name, properties)
     return ObjectInPlant(body, geometry)
+
+
+def in_memory(mesh: trimesh.Trimesh, name: str) -> InMemoryMesh:
+    """Return a mesh as Drake's, without colours."""
+    obj = mesh.export(file_type="obj", include_normals=False, include_texture=False)
+    return InMemoryMesh(mesh_file=MemoryFile(obj.encode(), ".obj", name))
 
 
 def spatial_inertia(mass: float, center: FloatArray, matrix: FloatArray) -> SpatialInertia:

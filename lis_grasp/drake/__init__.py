@@ -1,0 +1,16 @@
+"""Touch, estimate, exploration and grasp as systems in the user's own Drake Diagram."""
+
+from lis_grasp.drake.bodies import add_hand, add_object
+from lis_grasp.drake.grasp_planner import GraspPlanner
+from lis_grasp.drake.haptic_explorer import HapticExplorer
+from lis_grasp.drake.surface_estimator import SurfaceEstimator
+from lis_grasp.simulation.drake.touch_sensor import TouchSensor
+
+__all__ = [
+    "GraspPlanner",
+    "HapticExplorer",
+    "SurfaceEstimator",
+    "TouchSensor",
+    "add_hand",
+    "add_object",
+]

@@ -1,0 +1,74 @@
+"""Ports of records: checked reading, and what is made of a value once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context, DependencyTicket, InputPort, LeafSystem, OutputPort
+
+from lis_grasp.typing import FloatArray
+
+_Value = TypeVar("_Value")
+_Made = TypeVar("_Made")
+
+
+def add_output(
+    system: LeafSystem,
+    name: str,
+    empty: object,
+    calculate: Callable[[Context], Any],
+    needs: set[DependencyTicket],
+) -> OutputPort:
+    """Declare an output port that is calculated again only if what it `needs` has changed."""
+    port: OutputPort = system.DeclareAbstractOutputPort(
+        name,
+        lambda: AbstractValue.Make(empty),
+        lambda context, output: output.set_value(calculate(context)),
+        needs,
+    )
+    return port
+
+
+def read(port: InputPort, context: Context, kind: type[_Value], source: str) -> _Value:
+    """Return the value of an input port.
+
+    Drake connects ports of any two Python values. So the type is checked here.
+
+    Raises
+    ------
+    TypeError
+        If the value is not of a `kind`; the message names system, port and its right `source`.
+    """
+    value = port.Eval(context)
+    if not isinstance(value, kind):
+        raise TypeError(
+            f"input port '{port.get_name()}' of {port.get_system().get_name()} takes"
+            f" {kind.__name__}; it has a {type(value).__name__}: connect {source}"
+        )
+    return value
+
+
+def rigid(X: FloatArray) -> RigidTransform:
+    """Return a pose (4, 4), a rotation but for rounding, as Drake's."""
+    return RigidTransform(RotationMatrix.ProjectToRotationMatrix(X[:3, :3]), X[:3, 3])
+
+
+class MadeOnce(Generic[_Value, _Made]):
+    """What a function makes of a value, kept until it is called with another object.
+
+    Drake calculates an output again after any update of any system's state; records keep their
+    identity.
+    """
+
+    def __init__(self, make: Callable[[_Value], _Made]) -> None:
+        self._make = make
+        self._last: tuple[_Value, _Made] | None = None
+
+    def __call__(self, value: _Value) -> _Made:
+        """Return what is made of a value."""
+        if self._last is None or self._last[0] is not value:
+            self._last = value, self._make(value)
+        return self._last[1]

@@ -1,0 +1,144 @@
+"""Hands and objects in the user's plant, ready to touch and to be seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import trimesh
+from pydrake.geometry import Mesh
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
+
+from lis_grasp.robots.hand import Hand
+from lis_grasp.shapes import Shape, default_mass, find
+from lis_grasp.shapes.solids import merge_flat_faces
+from lis_grasp.simulation.drake import hand_plant, object_plant
+from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN, HandInPlant
+from lis_grasp.simulation.drake.link_plant import add_visuals
+from lis_grasp.simulation.drake.object_plant import FRICTION, in_memory
+from lis_grasp.typing import FloatArray
+
+_WOOD = (0.8, 0.62, 0.4, 1.0)
+
+
+def add_hand(
+    plant: MultibodyPlant,
+    hand: Hand | str | Path,
+    *,
+    name: str = "hand",
+    instance: ModelInstanceIndex | None = None,
+    parent: Frame | None = None,
+    X_PG: RigidTransform | None = None,
+    gains: tuple[FloatArray, FloatArray] | None = None,
+    friction: float = FRICTION,
+    modulus: float = PROBING_SKIN,
+) -> HandInPlant:
+    """Add a hand to a plant, or find one that a parser has added, and return it.
+
+    Links get compliant skin and visuals, do not collide with each other, and bear no weight. Joints
+    get motors with implicit PD control: connect
+    ``plant.get_desired_state_input_port(hand.instance)``. Frame G is that of the base link's body;
+    it floats unless there is a `parent`.
+
+    Parameters
+    ----------
+    plant
+        The plant, with a SceneGraph, not finalized yet.
+    hand
+        The hand, its name or the path of its YAML file.
+    name
+        Of the new model instance: another one for each hand.
+    instance
+        The model instance of a hand that is in the plant already, by ``Parser`` or directives: its
+        links and joints are found by their names, and nothing is added. The plant may be finalized.
+    parent, X_PG
+        A frame to which G is welded, and the pose of G in it; None for the identity.
+    gains
+        Stiffness and damping of the joints, each (J,) [N m/rad, N m s/rad; or N/m, N s/m]; None for
+        those of probing.
+    friction
+        Coulomb's coefficient of every link.
+    modulus
+        Hydroelastic modulus of the skin [Pa].
+
+    Raises
+    ------
+    InvalidOptionError
+        If the instance lacks a link, a joint or a motor of the hand.
+    InvalidHandError
+        If there is no such hand.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
+    >>> hand = add_hand(plant, "wsg50", name="left", parent=plant.world_frame())
+    >>> plant.GetModelInstanceName(hand.instance), hand.base.name()
+    ('left', 'body')
+    """
+    found = hand if isinstance(hand, Hand) else Hand.load(hand)
+    if instance is not None:
+        return hand_plant.find_hand(plant, found, instance)
+    added = hand_plant.add_hand(
+        plant, found, name=name, gains=gains, friction=friction, modulus=modulus
+    )
+    add_visuals(plant, found, added.links)
+    if parent is not None:
+        plant.WeldFrames(parent, added.base.body_frame(), X_PG or RigidTransform())
+    return added
+
+
+def add_object(
+    plant: MultibodyPlant,
+    obj: Shape | trimesh.Trimesh | str | Path,
+    *,
+    mass: float | None = None,
+    friction: float = FRICTION,
+    name: str = "object",
+    units: str = "m",
+) -> RigidBody:
+    """Add an object with its exact shape, ready for contact, and return its body.
+
+    The mesh is rigid and hydroelastic, so bores and corners are felt. Coplanar triangles are
+    merged: contact of a flat face with a table costs by its triangles. The body floats; weld it, or
+    set its pose by ``plant.SetDefaultFloatingBaseBodyPose``.
+
+    Parameters
+    ----------
+    plant
+        The plant, with a SceneGraph, not finalized yet.
+    obj
+        A built-in shape's name, a mesh file, a `Shape`, or a watertight mesh [m].
+    mass
+        [kg], of uniform density; None for the usual one of its size.
+    friction
+        Coulomb's coefficient.
+    name
+        Of the model instance and of its body.
+    units
+        Length unit of a file.
+
+    Raises
+    ------
+    InvalidFileError, InvalidMeshError
+        If the object cannot be used.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
+    >>> round(add_object(plant, "box", mass=0.3).default_mass(), 6)
+    0.3
+    """
+    if isinstance(obj, trimesh.Trimesh):
+        obj = Shape.from_mesh(obj)
+    shape = obj if isinstance(obj, Shape) else find(str(obj), units=units)
+    mass = default_mass(shape.mesh) if mass is None else mass
+    flat = merge_flat_faces(shape.mesh)
+    body = object_plant.add_object(plant, flat, mass=mass, friction=friction, name=name).body
+    look = Mesh(in_memory(shape.mesh, name))
+    plant.RegisterVisualGeometry(body, RigidTransform(), look, f"{name}_visual", _WOOD)
+    return body

@@ -1,0 +1,317 @@
+"""Haptic explorer: a Drake system that moves a hand from touch to touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+
+from lis_grasp.arms.station import Station
+from lis_grasp.contacts import Contacts
+from lis_grasp.drake._hand_motions import ArmMover, FreeMover, HandMotion, Mover
+from lis_grasp.drake._ports import add_output, read
+from lis_grasp.drake.surface_estimator import Estimate
+from lis_grasp.exceptions import InvalidOptionError, require_positive
+from lis_grasp.exploration import (
+    Exploration,
+    ExplorationSetup,
+    ExplorationState,
+    HandPose,
+    Policy,
+    Probe,
+    ProbeOutcome,
+    Region,
+    StopRule,
+    TactileSensor,
+    Workspace,
+    advance,
+    begin,
+    choose,
+)
+from lis_grasp.exploration.probe_motions import GENTLE_SPEED
+from lis_grasp.geometry import inverse_pose
+from lis_grasp.pipeline import Perception, make_policy
+from lis_grasp.probing.guarded_motion import AT_TABLE
+from lis_grasp.probing.probe_planner import ProbePlanner
+from lis_grasp.records import Record
+from lis_grasp.simulation.drake.hand_plant import HandInPlant
+from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.typing import FloatArray
+
+# Probes without a way are passed over, so many in one update.
+_PASSED_OVER = 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Progress(Record):
+    """Where the exploration is; the whole memory of the system."""
+
+    phase: Literal["begin", "out", "back", "done"]
+    motion: HandMotion
+    began: float = 0.0  # the motion [s]
+    left: float = 0.0  # when the probe began [s]
+    probe: Probe | None = None
+    touched: HandPose | None = None  # where the hand turned back
+    known: int = 0  # contacts when the probe began
+    free: int = 0  # and free points
+    exploration: ExplorationState | None = None
+    ended: str = ""
+
+
+class HapticExplorer(LeafSystem):
+    """Explores an object by touch: chooses probes, moves the hand to them, and back.
+
+    .. code-block:: text
+
+        contacts, estimate -> HapticExplorer -> X_WG, joint_state, arm_state, listening, done,
+                                                exploration
+
+    It is `lis_grasp.exploration.explore` in a Diagram, with the same step: the same outcomes lead
+    to the same probe. ``contacts`` are those of a `TouchSensor`, ``estimate`` is that of a
+    `SurfaceEstimator` of the same contacts. ``X_WG`` is the desired pose of the hand's base link,
+    continuous in time. ``joint_state`` (2J,) has desired positions and rates in the order of the
+    hand's actuators, for ``plant.get_desired_state_input_port(hand.instance)``. ``listening`` is 1
+    on approach and probe; connect it to the sensor's ``enable``. ``done`` is 1 at the end, and
+    ``exploration`` is the `Exploration` so far. With a station there is also ``arm_state`` (2K,).
+    Outputs depend on the system's state and the time alone, so loops through the plant are no
+    algebraic loops. It plans within an update of its state, for some tenths of a second.
+
+    Contacts that the sensor has before the first probe are prior knowledge.
+
+    Parameters
+    ----------
+    hand
+        The hand in the plant, as `add_hand` returns it; it needs a probe posture.
+    space
+        The object's place and size in E, or the region that contains it.
+    X_WE
+        Pose of the contacts' frame E in the world; None for the identity.
+    home
+        Pose X_WG at which the hand begins; needed without a station.
+    q_home
+        Joint positions (J,) at which the hand begins; None for those of a probe posture.
+    policy
+        Name of a policy, or a function of a `Workspace` that makes one.
+    touches
+        Wanted number of contacts.
+    stop
+        Rules that end the exploration early.
+    noise
+        Noise of the sensor, as the policy's own estimate is given it; None for none.
+    seed
+        Of all random draws.
+    probe_speed
+        Of a free hand on the probe's own motion [m/s].
+    station
+        Arm, mount and table, the arm's base in the world. The arm begins at its home,
+        `station.arm.home` where that is free; its ways are checked for collisions.
+    period
+        Between two looks at the contacts [s].
+
+    Raises
+    ------
+    InvalidHandError
+        If the hand has no probe posture.
+    InvalidOptionError
+        If there is neither home nor station, or an option is out of range.
+    """
+
+    def __init__(
+        self,
+        hand: HandInPlant,
+        space: Workspace | Region,
+        *,
+        X_WE: RigidTransform | None = None,
+        home: RigidTransform | None = None,
+        q_home: FloatArray | None = None,
+        policy: str | Callable[[Workspace], Policy] = "spread",
+        touches: int = 15,
+        stop: Sequence[StopRule] = (),
+        noise: TactileSensor | None = None,
+        seed: int = 0,
+        probe_speed: float = GENTLE_SPEED,
+        station: Station | None = None,
+        period: float = 0.01,
+    ) -> None:
+        super().__init__()
+        self.set_name("haptic_explorer")
+        require_positive(probe_speed=probe_speed, period=period)
+        X_WE = X_WE or RigidTransform()
+        sensor, self._seed, self._X_WE = noise or TactileSensor(), seed, X_WE.GetAsMatrix4()
+        self._X_LH, self._actuated = hand.hand.X_LH, hand.actuated
+        self._setup = ExplorationSetup(
+            make_policy(policy, space, sensor), _unknown, touches, space, sensor=sensor, stop=stop
+        )
+        self._mover: Mover
+        if station is not None:
+            station = station.moved(inverse_pose(self._X_WE) @ station.X_WA)
+            self._mover = ArmMover(station, ProbePlanner(hand.hand, station), X_WE)
+        elif home is None:
+            raise InvalidOptionError(
+                "HapticExplorer needs the pose at which the hand begins: give home=X_WG, or the"
+                " station of its arm",
+                option="home",
+            )
+        else:
+            planner = ProbePlanner(hand.hand, probe_speed=probe_speed)
+            q = next(iter(hand.hand.probe_postures.values())).joint_positions
+            start = home, q if q_home is None else np.asarray(q_home, np.float64)
+            self._mover = FreeMover(hand.hand, planner, X_WE, start, probe_speed)
+        self._declare(0 if station is None else len(station.arm.joint_names), period)
+
+    def _declare(self, arm_joints: int, period: float) -> None:
+        """Declare ports, state and update."""
+        empty = Contacts.empty()
+        estimate = Estimate(empty, Perception())
+        self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(empty))
+        self._estimate = self.DeclareAbstractInputPort("estimate", AbstractValue.Make(estimate))
+        start = _Progress("begin", self._mover.home())
+        index = self.DeclareAbstractState(AbstractValue.Make(start))
+        state = {self.abstract_state_ticket(index)}
+        moving = state | {self.time_ticket()}
+        self.X_WG = add_output(self, "X_WG", RigidTransform(), self._pose, moving)
+        joints = 2 * len(self._actuated)
+        self.DeclareVectorOutputPort("joint_state", joints, self._joint_state, moving)
+        if arm_joints:
+            self.DeclareVectorOutputPort("arm_state", 2 * arm_joints, self._arm_state, moving)
+        self.DeclareVectorOutputPort("listening", 1, self._listening, moving)
+        self.DeclareVectorOutputPort("done", 1, self._done, state)
+        self.exploration = add_output(
+            self, "exploration", Exploration(empty, ()), self._explored, state
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+
+    def _update(self, context: Context, state: State) -> EventStatus:
+        """Turn back at a touch or at the end of a probe, and begin the next one."""
+        before = _progress(context)
+        now, motion = context.get_time(), before.motion
+        elapsed = now - before.began
+        after = before
+        if before.phase == "out":
+            touched = len(self._read_contacts(context)) > before.known
+            if touched or elapsed >= motion.duration:
+                back = self._mover.back(motion, min(elapsed, motion.duration))
+                turned = self._hand_pose(motion, elapsed) if touched else None
+                after = replace(before, phase="back", motion=back, began=now, touched=turned)
+        elif before.phase == "begin" or (before.phase == "back" and elapsed >= motion.duration):
+            after = self._next(context, before)
+        if after is before:
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(0).set_value(after)
+        return EventStatus.Succeeded()
+
+    def _next(self, context: Context, before: _Progress) -> _Progress:
+        """Return the progress after a probe: the next probe's motion, or the end."""
+        contacts, now = self._read_contacts(context), context.get_time()
+        source = "the output 'estimate' of a SurfaceEstimator"
+        estimate = read(self._estimate, context, Estimate, source)
+
+        def estimated(known: Contacts) -> ImplicitSurface:
+            assert estimate.estimated is not None
+            return estimate.estimated
+
+        setup, explored = replace(self._setup, estimate=estimated), before.exploration
+        if explored is None or len(contacts) < before.known:  # the sensor was reset
+            explored = begin(replace(setup, prior=contacts))
+        elif before.probe is not None:
+            explored = advance(setup, explored, self._outcome(before, contacts, now))
+        progress = replace(before, phase="begin", touched=None, probe=None)
+        for _ in range(_PASSED_OVER):
+            draws = np.random.SeedSequence(self._seed, spawn_key=(len(explored.outcomes),))
+            chosen = choose(setup, explored, rng=np.random.default_rng(draws))
+            if isinstance(chosen, str):
+                return replace(progress, phase="done", exploration=explored, ended=chosen)
+            motion = self._mover.out(chosen, before.motion)
+            if not isinstance(motion, str):
+                return replace(
+                    progress,
+                    phase="out",
+                    motion=motion,
+                    began=now,
+                    left=now,
+                    probe=chosen.probe,
+                    known=len(contacts),
+                    free=len(contacts.free_points),
+                    exploration=explored,
+                )
+            explored = advance(
+                setup, explored, ProbeOutcome(chosen.probe, "blocked", reason=motion)
+            )
+        return replace(progress, exploration=explored)
+
+    def _outcome(self, before: _Progress, contacts: Contacts, now: float) -> ProbeOutcome:
+        """Return the outcome of the probe that has ended: what the sensor has felt since."""
+        assert before.probe is not None
+        free = slice(before.free, None)
+        made = contacts[before.known :]
+        times = None if made.times is None else made.times - before.left
+        made = replace(made, times=times, free_points=np.empty((0, 3)), free_radii=np.empty(0))
+        at_table = not len(made) and before.motion.at_table
+        return ProbeOutcome(
+            before.probe,
+            "touched" if len(made) else "blocked" if at_table else "missed",
+            contacts=made,
+            free_points=contacts.free_points[free],
+            free_radii=contacts.free_radii[free],
+            duration=now - before.left,
+            reason=AT_TABLE if at_table else "",
+            hand_pose=before.touched,
+        )
+
+    def _hand_pose(self, motion: HandMotion, time: float) -> HandPose:
+        """Return the commanded pose of the hand in E."""
+        X_EH = inverse_pose(self._X_WE) @ motion.X_WG(time).GetAsMatrix4() @ self._X_LH
+        joints = motion.state(motion.joints, time)
+        return HandPose(X_EH, joints[: len(joints) // 2])
+
+    def _read_contacts(self, context: Context) -> Contacts:
+        return read(self._contacts, context, Contacts, "the output 'contacts' of a TouchSensor")
+
+    def _pose(self, context: Context) -> RigidTransform:
+        progress, elapsed = _at(context)
+        return progress.motion.X_WG(elapsed)
+
+    def _joint_state(self, context: Context, output: object) -> None:
+        progress, elapsed = _at(context)
+        state = progress.motion.state(progress.motion.joints, elapsed).reshape(2, -1)
+        output.SetFromVector(state[:, self._actuated].ravel())  # type: ignore[attr-defined]
+
+    def _arm_state(self, context: Context, output: object) -> None:
+        progress, elapsed = _at(context)
+        state = progress.motion.state(progress.motion.arm, elapsed)
+        output.SetFromVector(state)  # type: ignore[attr-defined]
+
+    def _listening(self, context: Context, output: object) -> None:
+        progress, elapsed = _at(context)
+        listens = progress.phase == "out" and elapsed >= progress.motion.guarded
+        output.SetFromVector([float(listens)])  # type: ignore[attr-defined]
+
+    def _done(self, context: Context, output: object) -> None:
+        done = _progress(context).phase == "done"
+        output.SetFromVector([float(done)])  # type: ignore[attr-defined]
+
+    def _explored(self, context: Context) -> Exploration:
+        progress = _progress(context)
+        explored = progress.exploration or ExplorationState()
+        return Exploration(explored.contacts, explored.outcomes, progress.ended)
+
+
+def _progress(context: Context) -> _Progress:
+    progress: _Progress = context.get_abstract_state(0).get_value()
+    return progress
+
+
+def _at(context: Context) -> tuple[_Progress, float]:
+    """Return the progress, and the time since its motion began [s]."""
+    progress = _progress(context)
+    return progress, context.get_time() - progress.began
+
+
+def _unknown(contacts: Contacts) -> ImplicitSurface:
+    """Stand for an estimate before there is a Diagram; it is not called."""
+    raise AssertionError

@@ -1,0 +1,162 @@
+"""Surface estimator: a Drake system from contacts to the estimated surface of the object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import trimesh
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from lis_grasp.contacts import Contacts
+from lis_grasp.drake._drawing import Drawing, draw_contacts, draw_estimate
+from lis_grasp.drake._ports import MadeOnce, add_output, read
+from lis_grasp.exceptions import EstimationError
+from lis_grasp.exploration import TactileSensor
+from lis_grasp.meshing import extract_mesh
+from lis_grasp.pipeline import Perception, make_estimator
+from lis_grasp.records import Record
+from lis_grasp.surfaces import Estimator, ImplicitSurface
+from lis_grasp.surfaces import estimate as estimate_surface
+
+_DRAWN_EVERY = 0.25  # [s] of simulated time
+
+
+@dataclass(frozen=True, eq=False)  # no slots: for cached_property
+class Estimate(Record):
+    """The estimate of contacts; each part is made at its first use."""
+
+    contacts: Contacts
+    perception: Perception
+
+    @cached_property
+    def estimated(self) -> ImplicitSurface | None:
+        """The surface before free space is removed; None without contacts."""
+        make = make_estimator(self.perception.estimator, self.perception.sensor)
+        return make(self.contacts) if len(self.contacts) else None
+
+    @cached_property
+    def surface(self) -> ImplicitSurface | None:
+        """The surface without free space, above the table; None without contacts."""
+        known, estimated = self.perception, self.estimated
+        if estimated is None:
+            return None
+        return estimate_surface(
+            self.contacts,
+            lambda contacts: estimated,
+            free_space=known.free_space,
+            margin=known.sensor.free_margin,
+            table=known.table,
+        )
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh | None:
+        """The closed mesh of the surface; None where contacts are too few for one."""
+        try:
+            return None if self.surface is None else extract_mesh(self.surface)
+        except EstimationError:
+            return None
+
+    def draw(self, meshcat: Meshcat, path: str = "lis_grasp/estimate") -> None:
+        """Draw the mesh, coloured by its uncertainty, and the contacts, in E."""
+        if len(self.contacts):
+            draw_contacts(meshcat, f"{path}/contacts", self.contacts)
+        if self.mesh is not None:
+            draw_estimate(meshcat, f"{path}/mesh", self.mesh)
+
+
+class SurfaceEstimator(LeafSystem):
+    """Estimates the surface of an object from its contacts.
+
+    .. code-block:: text
+
+        contacts -> SurfaceEstimator -> estimate
+
+    ``contacts`` are those of a `TouchSensor`. ``estimate`` is a frozen record with ``contacts``,
+    ``surface`` (None without contacts) and ``mesh`` (None while it is not closed), all in E; what
+    is not used is not computed, and nothing is computed twice for the same contacts. The system has
+    no state. Several estimators on one port compare methods.
+
+    Parameters
+    ----------
+    estimator
+        "blend", "gpis", "lis", "patch", a plug-in, or a function of contacts.
+    noise
+        The sensor's noise, which the estimator is given; None for none.
+    table
+        Height in E of a table that closes the estimate from below [m]; None for none.
+    free_space
+        Whether the contacts' free space is removed from the estimate.
+    meshcat
+        Draws contacts and estimate, whenever a contact is added; None for no drawing.
+    path
+        Of the drawing.
+    X_WE
+        Pose of E in the world, for the drawing; None for the identity.
+    replay
+        Keeps every version of the drawing, for Meshcat's recording.
+
+    Raises
+    ------
+    InvalidOptionError
+        If there is no such estimator.
+
+    Examples
+    --------
+    >>> system = SurfaceEstimator("gpis")
+    >>> context = system.CreateDefaultContext()
+    >>> _ = system.GetInputPort("contacts").FixValue(context, contacts)
+    >>> system.estimate.Eval(context).mesh.is_watertight
+    True
+    """
+
+    def __init__(
+        self,
+        estimator: str | Estimator = "blend",
+        *,
+        noise: TactileSensor | None = None,
+        table: float | None = None,
+        free_space: bool = True,
+        meshcat: Meshcat | None = None,
+        path: str = "lis_grasp/estimate",
+        X_WE: RigidTransform | None = None,
+        replay: bool = False,
+    ) -> None:
+        super().__init__()
+        self.set_name("surface_estimator")
+        perception = Perception(
+            estimator=estimator,
+            sensor=noise or TactileSensor(),
+            free_space=free_space,
+            table=table,
+        )
+        make_estimator(estimator, perception.sensor)  # an unknown name is an error now
+        empty = Contacts.empty()
+        self._contacts = self.DeclareAbstractInputPort("contacts", AbstractValue.Make(empty))
+        self._made = MadeOnce[Contacts, Estimate](lambda contacts: Estimate(contacts, perception))
+        self.estimate = add_output(
+            self,
+            "estimate",
+            Estimate(empty, perception),
+            lambda context: self._made(self._read(context)),
+            {self._contacts.ticket()},
+        )
+        if meshcat is not None:
+            self._drawing = Drawing(meshcat, path, X_WE or RigidTransform(), replay=replay)
+            self.DeclarePeriodicPublishEvent(_DRAWN_EVERY, 0.0, self._draw)
+            self.DeclareForcedPublishEvent(self._draw)
+
+    def _read(self, context: Context) -> Contacts:
+        source = "the output 'contacts' of a TouchSensor"
+        return read(self._contacts, context, Contacts, source)
+
+    def _draw(self, context: Context) -> EventStatus:
+        """Draw the estimate if there are new contacts."""
+        contacts = self._read(context)
+        if len(contacts):
+            key = contacts.points.tobytes()  # new free space alone is not drawn
+            self._drawing.show(key, context.get_time(), self._made(contacts).draw)
+        return EventStatus.Succeeded()
