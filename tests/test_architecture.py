@@ -42,6 +42,7 @@ LAYERS = [
     ["evaluation"],
     ["visualization"],
     ["pipeline"],
+    ["drake"],
     ["cli"],
     ["lis_grasp"],
 ]
@@ -119,7 +120,7 @@ def test_imports_follow_the_flow_without_circles() -> None:
 @pytest.mark.parametrize(
     ("package", "folders"),
     [
-        ("pydrake", {"lis_grasp.simulation.drake"}),
+        ("pydrake", {"lis_grasp.simulation.drake", "lis_grasp.drake"}),
         ("mujoco", {"lis_grasp.simulation.mujoco", "lis_grasp.robots"}),  # robots: reads MJCF
         ("coacd", {"lis_grasp.simulation.mujoco"}),
     ],

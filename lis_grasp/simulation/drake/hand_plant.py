@@ -31,6 +31,7 @@ LIFTING_SKIN = 1e7
 
 _STIFFNESS = {"revolute": 5.0, "prismatic": 5_000.0}  # [N m/rad], [N/m]
 _DAMPING = {"revolute": 0.1, "prismatic": 50.0}  # [N m s/rad], [N s/m]
+_NAMED = 4  # of the parts that a found hand lacks, so many are named
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,9 +50,8 @@ class HandInPlant:
     @property
     def actuated(self) -> IndexArray:
         """Indices in `Hand.joint_names` of the joints by actuator, shape (J,)."""
-        plant, names = self.base.GetParentPlant(), self.hand.joint_names
-        actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices(self.instance))
-        return np.array([names.index(each.joint().name()) for each in actuators], dtype=np.intp)
+        driven = _driven_joints(self.base.GetParentPlant(), self.instance)
+        return np.array([self.hand.joint_names.index(name) for name in driven], dtype=np.intp)
 
     @property
     def base(self) -> RigidBody:
@@ -158,14 +158,15 @@ def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -
     name = plant.GetModelInstanceName(instance)
     followers = [joint for joint in hand.joints if joint.follows]
     moving = [*hand.joint_names, *(joint.name for joint in followers)]
-    indices = plant.GetJointActuatorIndices(instance)
-    driven = [plant.get_joint_actuator(index).joint().name() for index in indices]
+    driven = _driven_joints(plant, instance)
     lacks = [f"link {n}" for n in hand.links if not plant.HasBodyNamed(n, instance)]
     lacks += [f"joint {n}" for n in moving if not plant.HasJointNamed(n, instance)]
     lacks += [f"actuator of {n}" for n in hand.joint_names if n not in driven]
     others = [n for n in driven if n not in hand.joint_names]
     if lacks or others:
-        wrong = f"lacks {', '.join(lacks)}" if lacks else f"also drives {', '.join(others)}"
+        more = f" and {len(lacks) - _NAMED} more" if len(lacks) > _NAMED else ""
+        named = f"lacks {', '.join(lacks[:_NAMED])}{more}"
+        wrong = named if lacks else f"also drives {', '.join(others)}"
         raise InvalidOptionError(
             f"model instance '{name}' must be hand {hand.name} with its motors; it {wrong}: correct"
             " the description file, or let add_hand add the hand",
@@ -198,6 +199,12 @@ def find_hand(plant: MultibodyPlant, hand: Hand, instance: ModelInstanceIndex) -
                 stacklevel=2,
             )
     return HandInPlant(hand, links, link_of_geometry)
+
+
+def _driven_joints(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[str]:
+    """Return the names of an instance's joints with an actuator, in the actuators' order."""
+    every = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    return [each.joint().name() for each in every if each.model_instance() == instance]
 
 
 def _ignore_self_collision(plant: MultibodyPlant, added: HandInPlant) -> None:
