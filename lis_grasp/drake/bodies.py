@@ -12,11 +12,12 @@ from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
 
 from lis_grasp.robots.hand import Hand
 from lis_grasp.shapes import Shape, default_mass, find
+from lis_grasp.shapes.object_mass import USUAL_FRICTION
 from lis_grasp.shapes.solids import merge_flat_faces
 from lis_grasp.simulation.drake import hand_plant, object_plant
 from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN, HandInPlant
 from lis_grasp.simulation.drake.link_plant import add_visuals
-from lis_grasp.simulation.drake.object_plant import FRICTION, in_memory
+from lis_grasp.simulation.drake.object_plant import in_memory
 from lis_grasp.typing import FloatArray
 
 _WOOD = (0.8, 0.62, 0.4, 1.0)
@@ -31,7 +32,7 @@ def add_hand(
     parent: Frame | None = None,
     X_PG: RigidTransform | None = None,
     gains: tuple[FloatArray, FloatArray] | None = None,
-    friction: float = FRICTION,
+    friction: float = USUAL_FRICTION,
     modulus: float = PROBING_SKIN,
 ) -> HandInPlant:
     """Add a hand to a plant, or find one that a parser has added, and return it.
@@ -95,7 +96,7 @@ def add_object(
     obj: Shape | trimesh.Trimesh | str | Path,
     *,
     mass: float | None = None,
-    friction: float = FRICTION,
+    friction: float = USUAL_FRICTION,
     name: str = "object",
     units: str = "m",
 ) -> RigidBody:
