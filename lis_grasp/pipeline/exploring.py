@@ -25,7 +25,6 @@ from lis_grasp.io.folder_lock import sole_writer
 from lis_grasp.io.surface_files import remove_growth, save_growth
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.contact_sources import ContactSource, load_source
 from lis_grasp.pipeline.progress import SILENT, Progress, StageProgress
 from lis_grasp.pipeline.results_folder import LOG, remove_made_from, results_folder
 from lis_grasp.pipeline.run_config import RunConfig
@@ -64,7 +63,7 @@ def explore_into(
     `arm_use`.
     """
     config, known = scenario.config, scenario.known
-    cloud = None if known.cloud is None else load_source(ContactSource(known.cloud))
+    cloud = known.cloud_contacts
     header = _header(scenario)
     log = TouchLog(folder / LOG, provenance.parse(header) | _content(config))
     recorded, ending = _recorded(log, config, progress, fresh=fresh)
@@ -84,7 +83,7 @@ def explore_into(
             log.end(exploration.ended)
         stage.result = exploration.summary()
     contacts = exploration.contacts
-    if cloud is not None and not any(outcome.lost for outcome in exploration.outcomes):
+    if len(cloud) and not any(outcome.lost for outcome in exploration.outcomes):
         contacts = contacts.append(cloud)
     facts = provenance.parse(header) | scenario.after(exploration).facts()
     contacts.save(folder / "contacts.ply", header=provenance.describe(**facts))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ import trimesh
 
 from lis_grasp.arms.placement import choose_base
 from lis_grasp.arms.station import Station, Table
+from lis_grasp.contacts import Contacts
 from lis_grasp.exploration import Policy, Region, TactileSensor, Workspace
 from lis_grasp.geometry import inverse_pose, make_pose, require_pose
 from lis_grasp.grasping.grasps import LoadPrior
+from lis_grasp.pipeline.contact_sources import ContactSource, load_source
 from lis_grasp.pipeline.run_config import RunConfig
 from lis_grasp.robots.arm import Arm
 from lis_grasp.robots.hand import Hand
@@ -138,6 +141,11 @@ class Known(Perception):
         if self.station is None:
             return self
         return replace(self, station=self.station.moved(inverse_pose(X_EF) @ self.station.X_WA))
+
+    @cached_property
+    def cloud_contacts(self) -> Contacts:
+        """Contacts that are known before the first touch; errors are those of `load_source`."""
+        return Contacts.empty() if self.cloud is None else load_source(ContactSource(self.cloud))
 
     def load_prior(self, mesh: trimesh.Trimesh) -> LoadPrior:
         """Return the distribution of mass and friction of an estimated object."""

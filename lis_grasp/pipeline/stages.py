@@ -40,7 +40,7 @@ from lis_grasp.grasping.grasps import GraspSearch
 from lis_grasp.grasping.sampler import CANDIDATES, ForceClosureSampler
 from lis_grasp.lifting.arm_use import ArmUse
 from lis_grasp.meshing import extract_mesh
-from lis_grasp.pipeline.contact_sources import ContactSource, load_source, prior_contacts
+from lis_grasp.pipeline.contact_sources import prior_contacts
 from lis_grasp.pipeline.known import Known, Perception, require_record
 from lis_grasp.pipeline.scenario import Scenario
 from lis_grasp.surfaces import Estimator, ImplicitSurface
@@ -200,13 +200,12 @@ def touch(
 
 def exploration_setup(known: Known) -> ExplorationSetup:
     """Return the known setup of an exploration, without stop rules and tracker."""
-    cloud = None if known.cloud is None else prior_contacts(load_source(ContactSource(known.cloud)))
     return ExplorationSetup(
         make_policy(known.policy, known.space, known.sensor),
         make_estimator(known.estimator, known.sensor),
         known.touches,
         space=known.space,
-        prior=cloud,
+        prior=prior_contacts(known.cloud_contacts),
         sensor=known.sensor,
     )
 
