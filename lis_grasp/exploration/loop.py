@@ -25,9 +25,9 @@ from lis_grasp.exploration.probe import (
 from lis_grasp.exploration.region import Region
 from lis_grasp.exploration.stopping import StopRule, StopRuleWithMemory
 from lis_grasp.exploration.tactile_sensor import TactileSensor
-from lis_grasp.exploration.workspace import ObstacleModel, Workspace
+from lis_grasp.exploration.workspace import Estimate, ObstacleModel, Workspace
 from lis_grasp.records import Record, short_repr
-from lis_grasp.surfaces import ImplicitSurface, carved
+from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.implicit_surface import DeferredSurface
 from lis_grasp.typing import FloatArray, IndexArray, Seed
 
@@ -35,6 +35,8 @@ from lis_grasp.typing import FloatArray, IndexArray, Seed
 _SAME_CONTACT = 1e-3
 # An exploration gives up after this many probes for each touch, and these on top.
 _PROBES_PER_TOUCH, _SPARE_PROBES = 4, 20
+# The surface is estimated anew when the touches have grown by this fraction, or by one.
+_GROWTH = 1.0 / 16.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,8 +48,9 @@ class ExplorationSetup:
     policy
         Chooses probes.
     estimate
-        Estimates the surface from at least one contact; called at most once for the contacts so
-        far, when the estimate is first used. What it raises, that use raises.
+        Estimates the surface from at least one contact, when the estimate is first used: after
+        every contact, and beyond 31 touches only after a sixteenth more. What it raises, that use
+        raises.
     touches
         Wanted number of contacts; None for any, until a stop rule or the policy ends.
     space
@@ -95,9 +98,9 @@ class ExplorationState(Record):
     contacts: Contacts = field(default_factory=Contacts.empty)  #: made by touches, in O
     prior: Contacts = field(default_factory=Contacts.empty)  #: known before the first touch
     #: estimated from both, before free space is removed; None without contacts
-    estimated: ImplicitSurface | None = None
+    estimated: Estimate | None = None
     surface: ImplicitSurface | None = None  #: the estimate without the free space
-    is_new: bool = False  #: whether the last outcome added contacts to the estimate
+    is_new: bool = False  #: whether the surface was estimated anew after the last outcome
     rules: tuple[StopRule, ...] = ()  #: stop rules, with their memory of earlier estimates
     #: poses (4, 4) of the object's new frames by the last outcome, each in the one before
     frames: tuple[FloatArray, ...] = ()
@@ -304,13 +307,16 @@ def _estimated(
     setup: ExplorationSetup, state: ExplorationState, *, is_new: bool
 ) -> ExplorationState:
     """Return the state with the surface of its contacts, estimated at the first use."""
-    known, estimated = state.known, state.estimated
+    known, estimated, surface, rules = state.known, state.estimated, None, state.rules
+    if is_new and estimated is not None:
+        made = len(estimated.contacts) - len(state.prior)
+        is_new = len(state.contacts) >= made + max(1, int(_GROWTH * made))
     if is_new:
-        estimated = DeferredSurface(partial(setup.estimate, known))
-    surface, rules = None, state.rules
-    if estimated is not None:
         margin = 0.0 if setup.sensor is None else setup.sensor.free_margin
-        surface = DeferredSurface(partial(carved, estimated, known, margin=margin))
+        estimated = Estimate(setup.estimate, known, margin)
+    if estimated is not None:
+        surface = DeferredSurface(partial(estimated.without_free_space, known))
+    if is_new and surface is not None:
         rules = tuple(
             rule.noted(known, surface) if isinstance(rule, StopRuleWithMemory) else rule
             for rule in rules

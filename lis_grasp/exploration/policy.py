@@ -23,7 +23,7 @@ from lis_grasp.exploration.probe_motions import (
 )
 from lis_grasp.exploration.region import Region, search_probe
 from lis_grasp.exploration.targets import Targets
-from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
 from lis_grasp.plugins import Guarded, Registry, errors_of
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.typing import FloatArray
@@ -147,7 +147,8 @@ class TargetPolicy:
         rng: np.random.Generator,
     ) -> Probe:
         """Return the next probe; see `Policy`. There always is one."""
-        space = self.space.fitted_to(contacts)
+        known = contacts if surface is None else as_estimate(surface, contacts).contacts
+        space = self.space.fitted_to(known)
         made = sum(len(outcome.contacts) for outcome in outcomes)
         if len(outcomes) < len(AXES) and len(contacts) <= made:
             opening = axis_probe(space, outcomes, rng)
@@ -155,16 +156,19 @@ class TargetPolicy:
                 return opening
         if surface is None or not len(contacts):
             return random_pass(space, rng)
-        searched = surface if self.guess is None else self.guess(contacts)
+        own = searched = as_estimate(surface, contacts)
+        guess = self.guess
+        if guess is not None:
+            searched = own.derived("guess", None, lambda: Estimate(guess, known))
         sideways = concavity_probe(space, contacts, searched, outcomes, rng)
         if sideways is not None:
             return sideways
         best = self._target(space, searched, contacts, outcomes, rng)
         flat = is_flat(contacts, space)
-        if self.guess is not None and (flat or best is None or best[2] <= space.step):
-            own = self._target(space, surface, contacts, outcomes, rng)
-            if own is not None and (best is None or own[2] > best[2]):
-                best, searched = own, surface
+        if guess is not None and (flat or best is None or best[2] <= space.step):
+            other = self._target(space, own, contacts, outcomes, rng)
+            if other is not None and (best is None or other[2] > best[2]):
+                best, searched = other, own
         if best is None:
             return random_pass(space, rng)
         point, normal, _ = best
@@ -179,7 +183,7 @@ class TargetPolicy:
         rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, float] | None:
         """Return the selected target, its normal, and its distance to the nearest contact [m]."""
-        targets = Targets.find(space, contacts, surface, outcomes, rng=rng)
+        targets = Targets.find(space, contacts, surface, outcomes)
         i = self.select(targets, surface, rng=rng)
         return None if i is None else (targets.points[i], targets.normals[i], targets.nearest[i])
 
@@ -264,7 +268,10 @@ class RegionPolicy:
         """Return the next probe, or None if the object is nowhere; see `Policy`."""
         if not len(contacts):
             return search_probe(self.region, outcomes, rng=rng)
-        space = self.region.grown(contacts)
+        known = contacts if surface is None else as_estimate(surface, contacts).contacts
+        space = self.region.grown(known)
+        if np.any(np.linalg.norm(contacts.points - space.center, axis=1) > space.radius):
+            space = self.region.grown(contacts)
         since = _since_first_contact(outcomes)
         if len(contacts) <= sum(len(outcome.contacts) for outcome in since):  # none of a camera
             opening = _opening_probe(space, since)

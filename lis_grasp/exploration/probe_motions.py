@@ -35,6 +35,8 @@ SAME_DIRECTION = float(np.cos(np.radians(50.0)))
 
 # Distance between the points checked along a tip's path, in steps.
 _SPACING = 0.25
+# The paths of so many probes are searched for concavities.
+_RECENT = 16
 # Random offset of the first probes from the centre, in sizes of the object, so that seeds differ.
 _AXIS_SPREAD = 0.05
 # Length of the motion beyond the target, in steps.
@@ -202,7 +204,7 @@ def _bridged_points(
     Points (K, 3) [m] and unit directions (K, 3) are in the order of `outcomes`, and only within
     the contacts' convex hull, because the estimate is extrapolated outside.
     """
-    points, directions = _tip_path(outcomes, step)
+    points, directions = _tip_path(outcomes[-_RECENT:], step)
     if not len(points):
         return points, directions
     hull = ContactHull.of(contacts)

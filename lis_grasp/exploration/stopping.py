@@ -32,7 +32,7 @@ class StopRuleWithMemory(Protocol):
         """Return the reason to stop, or None to continue."""
 
     def noted(self, contacts: Contacts, surface: ImplicitSurface, /) -> StopRule:
-        """Return the rule after another estimate; called once for each state, before the check."""
+        """Return the rule after another estimate; called once for each, before the check."""
 
 
 # Contacts from which a grasp is planned, and after how many more another one.

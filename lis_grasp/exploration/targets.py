@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from lis_grasp.contacts import Contacts
 from lis_grasp.exploration.probe import ProbeOutcome
@@ -19,7 +20,7 @@ from lis_grasp.exploration.probe_motions import (
     level_targets,
     retreats,
 )
-from lis_grasp.exploration.workspace import Workspace
+from lis_grasp.exploration.workspace import Estimate, Workspace, as_estimate
 from lis_grasp.surfaces import ImplicitSurface
 from lis_grasp.surfaces.carved_implicit_surface import depths_in_free_space
 from lis_grasp.surfaces.contact_places import box_lengths
@@ -27,6 +28,8 @@ from lis_grasp.typing import BoolArray, FloatArray
 
 # A target equals an earlier one within this fraction of its gap, if their directions agree.
 _SAME_TARGET = 0.4
+# Largest spacing of samples, in spacings of the contacts.
+_SPACING = 0.75
 # So many failed probes of a target are enough.
 _OFTEN = 3
 # A start equals that of a blocked probe within this distance, in steps.
@@ -48,6 +51,37 @@ _FACES_ALIKE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Samples of an estimate, and how each is approached: what its contacts alone decide."""
+
+    points: FloatArray  # (P, 3) [m]
+    normals: FloatArray  # (P, 3), unit, outward
+    away: FloatArray  # (P, 3): directions of retreats
+    targets: FloatArray  # (P, 3) [m]: targets of probes, which a table may raise
+    depths: FloatArray  # (P,) [m] in free space; negative outside
+
+    @classmethod
+    def of(cls, space: Workspace, estimate: Estimate) -> Candidates:
+        """Return those of an estimate, made once."""
+        known = estimate.contacts
+
+        def make() -> Candidates:
+            rng, spacing = np.random.default_rng(len(known)), _SPACING * known.spacing
+            points, normals = space.sample(estimate, near=known, rng=rng, spacing=spacing)
+            away = retreats(points, normals, space, known, estimate)
+            depths = depths_in_free_space(points, estimate, known)
+            return cls(points, normals, away, level_targets(points, away, space), depths)
+
+        key = (*space.center, space.size, space.step)
+        return estimate.derived("candidates", key, make)
+
+    def depths_with(self, estimate: Estimate, contacts: Contacts) -> FloatArray:
+        """Return the depths in the free space that is known now, shape (P,) [m]."""
+        later = depths_in_free_space(self.points, estimate, estimate.later(contacts))
+        return np.maximum(self.depths, later)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Targets:
     """Points of an estimate that may be touched next."""
 
@@ -65,22 +99,19 @@ class Targets:
         contacts: Contacts,
         surface: ImplicitSurface,
         outcomes: Sequence[ProbeOutcome],
-        *,
-        rng: np.random.Generator,
     ) -> Targets:
         """Return the targets of an estimate, given before free space is removed."""
-        points, normals = space.sample(surface, near=contacts, rng=rng)
+        estimate = as_estimate(surface, contacts)
+        candidates = Candidates.of(space, estimate)
+        points, normals, away = candidates.points, candidates.normals, candidates.away
         flat = is_flat(contacts, space)
         least_cosine = _FACES_ALIKE if flat else _FACES_AWAY
         nearest = gaps(points, normals, contacts, least_cosine=least_cosine)
         eligible = _distance_to_misses(points, outcomes) > _FREE_RADIUS * space.step
-        depths = depths_in_free_space(points, surface, contacts)
-        eligible &= depths < _IN_FREE_SPACE * space.step
+        eligible &= candidates.depths_with(estimate, contacts) < _IN_FREE_SPACE * space.step
         eligible &= space.touchable(points, normals)
-        away = retreats(points, normals, space, contacts, surface)
-        targets = level_targets(points, away, space)
-        eligible &= ~_tried(targets, away, np.minimum(nearest, space.step), outcomes)
-        eligible &= ~_starts_blocked(targets, away, space.step, outcomes)
+        eligible &= ~_tried(candidates.targets, away, np.minimum(nearest, space.step), outcomes)
+        eligible &= ~_starts_blocked(candidates.targets, away, space.step, outcomes)
         misses = sum(outcome.status == "missed" for outcome in outcomes)
         if misses >= _MISSES * len(contacts):  # most surface beside the hull is extrapolated
             beside = _BESIDE_LONG if flat and _is_long(contacts) else _BESIDE
@@ -117,7 +148,7 @@ def gaps(
 
     Contacts on its side have normals with at least this cosine to the point's.
     """
-    distances = np.linalg.norm(points[:, None] - contacts.points, axis=-1)  # (P, N)
+    distances = cdist(points, contacts.points)  # (P, N)
     distances[normals @ contacts.normals.T < least_cosine] = np.inf
     return np.asarray(distances.min(axis=1))
 
@@ -132,7 +163,7 @@ def _tried(
     failed = np.array([outcome.status != "touched" for outcome in outcomes], dtype=np.bool_)
     targets = np.array([outcome.probe.target for outcome in outcomes]).reshape(-1, 3)
     directions = np.array([outcome.probe.direction for outcome in outcomes]).reshape(-1, 3)
-    near = np.linalg.norm(points[:, None] - targets, axis=-1) < _SAME_TARGET * gap[:, None]
+    near = cdist(points, targets) < _SAME_TARGET * gap[:, None]
     same = near & (-away @ directions.T > SAME_DIRECTION)
     return np.asarray(same.any(axis=1) | ((near & failed).sum(axis=1) >= _OFTEN))
 

@@ -22,6 +22,16 @@ from lis_grasp.typing import FloatArray
 _END = "ended"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """Content of a touch log."""
+
+    outcomes: tuple[ProbeOutcome, ...]  #: of every probe, in order; none if facts have changed
+    ending: str | None  #: reason for which the exploration ended; None if it did not
+    #: facts that prevent resuming: for each, the recorded value and the present one
+    changes: Mapping[str, tuple[Any, Any]]
+
+
 @dataclass(frozen=True, slots=True)
 class TouchLog:
     """A file of probes and their outcomes: a header, then one JSON object a line.
@@ -33,6 +43,30 @@ class TouchLog:
     path: Path  #: of a file that need not exist
     facts: Mapping[str, Any]  #: configuration of the exploration, as plain values: the header
 
+    def read(self) -> Recording:
+        """Return the content of the file; it stays as it is.
+
+        Raises
+        ------
+        InvalidFileError
+            If the file exists and is no touch log.
+        """
+        header, rows = read_lines(self.path)
+        if header and "touch_log" not in header:
+            raise InvalidFileError(
+                f"{self.path} must be a touch log, to resume or to replace; it is something else:"
+                " write to another folder",
+                path=self.path,
+            )
+        ours = self._header() if header else header
+        changes = {
+            name: (header.get(name), ours.get(name))
+            for name in sorted({*header, *ours})
+            if header.get(name) != ours.get(name)
+        }
+        probes = [] if changes else [row for row in rows if _END not in row]
+        return Recording(_outcomes(self.path, probes), _ending(rows), changes)
+
     def resume(self) -> tuple[ProbeOutcome, ...]:
         """Return the outcomes of an exploration with the same facts, interrupted or finished.
 
@@ -43,57 +77,18 @@ class TouchLog:
         InvalidFileError
             If the file exists and is no touch log.
         """
-        header, rows = self._read()
-        if header != self._header():
-            self.path.unlink(missing_ok=True)
-            return ()
-        return _outcomes(self.path, [row for row in rows if _END not in row])
-
-    def ending(self) -> str | None:
-        """Return the reason for which the exploration in the file ended; None if it did not.
-
-        Raises
-        ------
-        InvalidFileError
-            If the file exists and is no touch log.
-        """
-        _, rows = self._read()
-        return _ending(rows)
-
-    def changes(self) -> dict[str, tuple[Any, Any]]:
-        """Return the facts that prevent resuming: for each, the recorded value and the present one.
-
-        Raises
-        ------
-        InvalidFileError
-            If the file exists and is no touch log.
-        """
-        header, rows = self._read()
-        ours = self._header() if rows else header
-        return {
-            name: (header.get(name), ours.get(name))
-            for name in sorted({*header, *ours})
-            if header.get(name) != ours.get(name)
-        }
-
-    def _read(self) -> tuple[Row, list[Row]]:
-        header, rows = read_lines(self.path)
-        if header and "touch_log" not in header:
-            raise InvalidFileError(
-                f"{self.path} must be a touch log, to resume or to replace; it is something else:"
-                " write to another folder",
-                path=self.path,
-            )
-        return header, rows
+        recording = self.read()
+        if recording.changes:
+            self.path.unlink()
+        return recording.outcomes
 
     def append(self, outcome: ProbeOutcome) -> None:
         """Add an outcome; it is on the disk when this returns."""
         append_lines(self.path, self._header(), [_row(outcome)])
 
     def end(self, reason: str) -> None:
-        """Mark the exploration as ended, with the reason, unless it is marked already."""
-        if self.ending() is None:
-            append_lines(self.path, self._header(), [{_END: reason}])
+        """Mark the exploration as ended, with the reason."""
+        append_lines(self.path, self._header(), [{_END: reason}])
 
     def _header(self) -> Row:
         return {"touch_log": 1, **self.facts}

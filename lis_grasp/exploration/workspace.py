@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -10,8 +13,9 @@ from scipy.spatial import cKDTree
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidOptionError, require_positive
 from lis_grasp.records import read_only
-from lis_grasp.surfaces import ImplicitSurface
+from lis_grasp.surfaces import ImplicitSurface, carved
 from lis_grasp.surfaces.contact_places import box_area
+from lis_grasp.surfaces.implicit_surface import DeferredSurface
 from lis_grasp.typing import BoolArray, FloatArray
 
 STEP_FRACTION = 0.25
@@ -34,6 +38,8 @@ _FACES_DOWN = -float(np.sqrt(0.5))
 _TIP_CLEARANCE = 0.0015
 # Fewer contacts show no size.
 _FEW = 4
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,14 +136,15 @@ class Workspace:
         *,
         near: Contacts | None = None,
         rng: np.random.Generator | None = None,
+        spacing: float = np.inf,
     ) -> tuple[FloatArray, FloatArray]:
         """Return points and unit outward normals of an estimate here, shapes (P, 3).
 
-        The points are a quarter of a step apart; those `near` contacts are within a quarter of the
-        size of the contacts' box. With `rng`, the grid is shifted at random, which keeps its
-        pattern out of the touches.
+        The points are a quarter of a step apart, and at most `spacing` [m]; those `near` contacts
+        are within a quarter of the size of the contacts' box. With `rng`, the grid is shifted at
+        random, which keeps its pattern out of the touches.
         """
-        cell = self.step / _CELLS_PER_STEP
+        cell = min(self.step / _CELLS_PER_STEP, spacing)
         half = (0.5 + _MARGIN) * self.size
         shift = 0.0 if rng is None else cell * rng.random(3)
         low, high = self.center - half, self.center + half
@@ -154,6 +161,57 @@ class Workspace:
 def lowest_tip(tip_radius: float) -> float:
     """Return the lowest height of a tip's centre above a table that it does not touch [m]."""
     return tip_radius + _TIP_CLEARANCE
+
+
+class Estimate(DeferredSurface):
+    """Surface that guides touches: estimated at the first use, and kept while few contacts come.
+
+    What is derived from it for each touch, the free space of its contacts too, is computed once.
+
+    Parameters
+    ----------
+    make
+        Estimates a surface from contacts.
+    contacts
+        At least one, in O, with the free space known then.
+    margin
+        Reduction of the radii of free space [m].
+    """
+
+    def __init__(
+        self, make: Callable[[Contacts], ImplicitSurface], contacts: Contacts, margin: float = 0.0
+    ) -> None:
+        super().__init__(partial(make, contacts))
+        self.contacts, self.margin = contacts, margin
+        self._derived: dict[str, tuple[Hashable, Any]] = {}
+
+    def derived(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what a function makes of the estimate, made once while its key is the same."""
+        if name not in self._derived or self._derived[name][0] != key:
+            self._derived[name] = key, make()
+        return cast(T, self._derived[name][1])
+
+    @cached_property
+    def _carved(self) -> ImplicitSurface:
+        return carved(self.surface, self.contacts, margin=self.margin)
+
+    def without_free_space(self, contacts: Contacts) -> ImplicitSurface:
+        """Return the estimate without the free space of the contacts so far; see `carved`."""
+        return carved(self._carved, self.later(contacts), margin=self.margin)
+
+    def later(self, contacts: Contacts) -> Contacts:
+        """Return the contacts so far, with the free space alone that came after the estimate."""
+        known = len(self.contacts.free_points)
+        return replace(
+            contacts,
+            free_points=contacts.free_points[known:],
+            free_radii=contacts.free_radii[known:],
+        )
+
+
+def as_estimate(surface: ImplicitSurface, contacts: Contacts) -> Estimate:
+    """Return the estimate that a surface is; any other is one from the contacts."""
+    return surface if isinstance(surface, Estimate) else Estimate(lambda _: surface, contacts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -78,7 +78,7 @@ def explore_into(
             exploration = replace(replayed, ended=ending)
         else:
             prober = make_prober(scenario, recorded, arm_use)
-            watch = _Recorder(log, scenario, header, stage)
+            watch = _Recorder(log, scenario, header, stage, recorded)
             exploration = touch(scenario, prober=prober, recorded=recorded, watch=watch)
             log.end(exploration.ended)
         stage.result = exploration.summary()
@@ -149,11 +149,16 @@ class _Recorder:
     """Watch that writes the log and some intermediate estimates, and reports the progress."""
 
     def __init__(
-        self, log: TouchLog, scenario: Scenario, header: str, stage: StageProgress
+        self,
+        log: TouchLog,
+        scenario: Scenario,
+        header: str,
+        stage: StageProgress,
+        recorded: Sequence[ProbeOutcome],
     ) -> None:
         self._log, self._known, self._header, self._stage = log, scenario.known, header, stage
         self._counts = growth_counts(scenario.known.touches)
-        earlier = log.resume()[:-1]
+        earlier = recorded[:-1]
         replayed = Exploration.replay(earlier, touches=scenario.known.touches)
         self._last, self._losses = len(replayed.contacts), sum(o.lost for o in earlier)
 
@@ -187,18 +192,18 @@ def _recorded(
     log: TouchLog, config: RunConfig, progress: Progress, *, fresh: bool
 ) -> tuple[tuple[ProbeOutcome, ...], str | None]:
     """Return the outcomes to continue or reuse, and why they ended; say which, or why none."""
-    changes = log.changes()
+    recording = log.read()
+    recorded, ending, why = recording.outcomes, recording.ending, None
     if fresh and log.path.exists():
+        why = ", as asked"
+    elif recording.changes:
+        why = f": {_reason(recording.changes, config)}"
+    elif ending is not None and config.arm is not None:
+        why = ": the log lacks what touches demand of the arm"
+    if why is not None:
         log.path.unlink()
-        progress.say("starting from the beginning, as asked")
-    elif changes:
-        progress.say(f"starting from the beginning: {_reason(changes, config)}")
-    ending = log.ending()
-    if ending is not None and config.arm is not None and not changes:
-        # What touches demand of an arm is not in the log.
-        log.path.unlink()
-        progress.say("starting from the beginning: the log lacks what touches demand of the arm")
-    recorded = log.resume()
+        progress.say(f"starting from the beginning{why}")
+        return (), None
     if recorded and ending is not None:
         progress.say(f"using the {len(recorded)} probes of the same exploration in {log.path}")
     elif recorded:

@@ -504,8 +504,8 @@ def test_no_target_is_in_free_space() -> None:
             Probe([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.1, 0.1), "touched", touched.subset([2])
         )
     ]
-    before = Targets.find(space, touched, Ball(1.0), outcomes, rng=np.random.default_rng(0))
-    after = Targets.find(space, carving, Ball(1.0), outcomes, rng=np.random.default_rng(0))
+    before = Targets.find(space, touched, Ball(1.0), outcomes)
+    after = Targets.find(space, carving, Ball(1.0), outcomes)
     near = np.linalg.norm(after.points - pole, axis=1) < 0.3
     far = np.linalg.norm(after.points - pole, axis=1) > 0.9
     assert near.any()

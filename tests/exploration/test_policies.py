@@ -253,7 +253,7 @@ def test_a_place_above_a_table_that_was_blocked_is_left_alone() -> None:
         surface_probe(target, out, space, contacts, column, []), "blocked", reason="the table"
     )
     for outcomes, left in (([], True), ([blocked], False)):
-        targets = Targets.find(space, contacts, column, outcomes, rng=np.random.default_rng(0))
+        targets = Targets.find(space, contacts, column, outcomes)
         near = np.linalg.norm(targets.points - target, axis=1) < 0.3 * space.step
         assert near.sum() > 3
         assert targets.eligible[near].any() == left

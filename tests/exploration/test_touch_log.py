@@ -28,7 +28,7 @@ from lis_grasp.exploration import (
 from lis_grasp.exploration.planar_motion import PoseBelief, PoseTrust, planar_pose
 from lis_grasp.probing.kinematic_prober import KinematicProber
 from lis_grasp.robots.hand import Hand
-from lis_grasp.surfaces import ESTIMATORS
+from lis_grasp.surfaces import ESTIMATORS, ImplicitSurface
 
 FACTS = {"object": "pentagon", "seed": 3}
 
@@ -97,6 +97,29 @@ def test_a_resumed_exploration_equals_one_without_interruption(
     assert_same(explored(log), undisturbed)
 
 
+def test_a_long_exploration_estimates_seldom_and_can_be_resumed() -> None:
+    shape = shapes.build("box", None)
+    made: list[int] = []
+
+    def estimate(contacts: Contacts) -> ImplicitSurface:
+        made.append(len(contacts))
+        return ESTIMATORS["gpis"](contacts)
+
+    def touched(recorded: Sequence[ProbeOutcome] = ()) -> Exploration:
+        space = Workspace(0.25 * shape.size, shape.mesh.bounds.mean(axis=0), shape.size)
+        setup = ExplorationSetup(TargetPolicy(space), estimate, touches=48)
+        prober = KinematicProber(Hand.load("wsg50"), shape.mesh)
+        return explore(prober, setup, rng=1, recorded=recorded)
+
+    whole = touched()
+    # After every contact, and after a sixteenth more beyond 31; not where no probe used it.
+    assert len(made) == len(set(made)) > 30
+    assert set(made) <= {n for n in range(1, 48) if n <= 32 or n % 2 == 0}
+    made.clear()
+    assert_same(touched(whole.outcomes[:-4]), whole)
+    assert len(made) <= 3
+
+
 def test_a_log_replays_into_the_same_contacts(undisturbed: Exploration, tmp_path: Path) -> None:
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
     for outcome in undisturbed.outcomes:
@@ -120,10 +143,10 @@ def test_a_finished_exploration_is_not_touched_again(
     log = TouchLog(tmp_path / "touches.jsonl", FACTS)
     for outcome in undisturbed.outcomes:
         log.append(outcome)
-    assert log.ending() is None
+    assert log.read().ending is None
     log.end(undisturbed.ended)
     before = log.path.read_bytes()
-    assert log.ending() == undisturbed.ended
+    assert log.read().ending == undisturbed.ended
     # A new probe would raise KeyboardInterrupt.
     assert_same(explored(log, stop_after=1), undisturbed)
     assert log.path.read_bytes() == before

@@ -199,13 +199,13 @@ def test_a_finished_exploration_is_used_again(
 
 def test_changed_facts_of_a_log_are_listed(tmp_path: Path) -> None:
     path = tmp_path / "touches.jsonl"
-    assert TouchLog(path, {"seed": 1}).changes() == {}
+    assert TouchLog(path, {"seed": 1}).read().changes == {}
     path.write_text('{"touch_log": 0, "seed": 1, "hand": "a"}\n{"row": 1}\n')
     changed = {"seed": (1, 2), "touch_log": (0, 1)}
-    assert TouchLog(path, {"seed": 2, "hand": "a"}).changes() == changed
+    assert TouchLog(path, {"seed": 2, "hand": "a"}).read().changes == changed
     path.write_text('{"touch_log": 1, "seed": 1}\n{"ended": "8 contacts made"}\n')
-    assert TouchLog(path, {"seed": 2}).changes() == {"seed": (1, 2)}
-    assert TouchLog(path, {"seed": 1}).changes() == {}
+    assert TouchLog(path, {"seed": 2}).read().changes == {"seed": (1, 2)}
+    assert TouchLog(path, {"seed": 1}).read().changes == {}
 
 
 def test_every_option_gives_a_default_folder_of_its_own() -> None:
