@@ -161,16 +161,7 @@ def gravity_efforts(station: Station, q: FloatArray, *, load: float = 0.0) -> Fl
     """Return the efforts that hold arm, hand and a load against gravity, (N, J) [N m or N].
 
     The effort of joint j is ``sum_i m_i g dz_i/dq_j`` over the masses that it moves, whose centres
-    rise by dz_i. The load [kg] is at the middle of the hand's pads.
-
-    Parameters
-    ----------
-    station
-        The station; gravity is along W's -z.
-    q
-        Shape (N, J): the arm's joint positions.
-    load
-        Mass of what the hand carries [kg].
+    rise by dz_i. The load [kg] is at the middle of the hand's pads; the arm is at q (N, J).
     """
     hand = station.hand
     posture = next(iter(hand.pregrasps.values()))

@@ -37,17 +37,8 @@ class StationChecker:
     Many postures are checked at once by balls that cover the links; what they do not show to be
     free is checked by FCL. Checked are the arm's links with each other, with the hand, with the
     table, its obstacles and the object, and the hand with these too; not the hand with itself.
-
-    Parameters
-    ----------
-    station
-        The station.
-    mesh
-        Closed mesh of the object, true or estimated, in W [m]; None for none.
-    margin
-        By which the object is enlarged, and the hand kept farther from the table [m].
-    arm_only
-        Whether contacts of the hand with the object and the table are left out, as at a grasp.
+    The object is a closed mesh in W [m], true or estimated, enlarged by a margin [m] that the hand
+    also keeps from the table. With `arm_only` the hand may touch both, as at a grasp.
     """
 
     def __init__(

@@ -39,19 +39,9 @@ def plan_grasp_motion(
 ) -> GraspMotion | str:
     """Return the motion for a grasp, or the reason that there is none.
 
-    The arm goes from home to the beginning of the approach around the object, then straight to the
-    grasp, and from there straight up.
-
-    Parameters
-    ----------
-    station
-        The station.
-    mesh
-        Closed mesh of the object's estimate in W [m]; None for none.
-    grasp
-        The grasp, in W.
-    rng
-        For the path around the object.
+    The arm goes from home to the beginning of the approach around the object, whose estimate is a
+    closed mesh in W [m], then straight to the grasp in W, and from there straight up. `rng` is for
+    the path around the object.
     """
     planned = plan_transit(station, mesh, grasp, rng=rng)
     if isinstance(planned, str):

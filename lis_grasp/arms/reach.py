@@ -45,18 +45,9 @@ class Tracked:
 
 
 def track(station: Station, q: FloatArray, X_WH: FloatArray, moved: FloatArray) -> Tracked:
-    """Track straight motions of the palm without turning.
+    """Track straight motions of the palm without turning, by translations (3,) or (B, 3) in W [m].
 
-    Parameters
-    ----------
-    station
-        The station.
-    q
-        Shape (B, J): joint positions at the start.
-    X_WH
-        Shape (B, 4, 4): the palm's poses there.
-    moved
-        Shape (3,) or (B, 3): translations in W [m].
+    They start at the joint positions q (B, J), with the palm at X_WH (B, 4, 4).
     """
     moved = np.broadcast_to(moved, (len(q), 3))
     longest = float(np.linalg.norm(moved, axis=1).max(initial=0.0))
@@ -102,12 +93,7 @@ class ReachFilter:
     - ``arm_hits_object``, ``_table``, ``_obstacle``, ``_self``: a link of the arm collides on the
       way. The hand's contacts with these are left to the filter of grasp candidates.
 
-    Parameters
-    ----------
-    station
-        The station.
-    mesh
-        Closed mesh of the object's estimate in W [m]; None for none.
+    The object is the closed mesh of its estimate in W [m]; None for none.
     """
 
     def __init__(self, station: Station, mesh: trimesh.Trimesh | None = None) -> None:
@@ -119,12 +105,8 @@ class ReachFilter:
     ) -> list[ArmGrasp | str]:
         """Return the arm's motion for each of N grasps, or the reason that there is none.
 
-        Parameters
-        ----------
-        X_WH
-            Shape (N, 4, 4): the palm's poses at the grasps.
-        q_open, q_closed
-            Shape (N, K): the hand's joint positions on the approach, and at the grasp and lift.
+        `X_WH` (N, 4, 4) are the palm's poses, `q_open` and `q_closed` (N, K) the hand's joint
+        positions on the approach, and at the grasp and lift.
         """
         solutions = self._station.solve_ik(X_WH, seeds=SEEDS, first=self._station.arm.home)
         pose, q = best_solutions(self._station, solutions, kept=KEPT)
@@ -225,19 +207,9 @@ class ProbeReach:
     ) -> tuple[int, ArmProbe] | None:
         """Return the first of R poses that the arm can carry out, with its joint positions.
 
-        Parameters
-        ----------
-        X_WH
-            Shape (R, 4, 4): the palm's poses at the start of the probe.
-        q_hand
-            Shape (R, K): the hand's joint positions.
-        approach
-            Shape (R, 3) [m], in W: translations of the approaches to the start.
-        motion
-            Shape (3,) [m], in W: translation of the probe.
-        occupied
-            Says which points are inside of known object, which the arm must avoid. The hand is
-            not checked.
+        The palm is at `X_WH` (R, 4, 4) at the start of the probe, the hand's joints at `q_hand`
+        (R, K); it comes by the translations `approach` (R, 3), and probes by `motion` (3,), in W
+        [m]. The arm, not the hand, avoids the points that are `occupied`.
         """
         station = self._station
         solutions = station.solve_ik(X_WH, seeds=SEEDS, first=station.arm.home)

@@ -172,17 +172,6 @@ class Station:
     Frames: W world, in which the object is estimated and grasps are planned; A the arm's base
     link, F its flange, B the hand's base link, H the palm. J joints of the arm.
 
-    Parameters
-    ----------
-    arm, hand
-        Arm and hand.
-    X_WA
-        Shape (4, 4): pose of the arm's base.
-    mount
-        Pose of the hand on the flange.
-    table
-        The table; None for none.
-
     Raises
     ------
     InvalidOptionError
@@ -191,8 +180,8 @@ class Station:
 
     arm: Arm
     hand: Hand
-    X_WA: FloatArray
-    mount: ArmMount
+    X_WA: FloatArray  #: (4, 4), pose of the arm's base
+    mount: ArmMount  #: of the hand on the flange
     table: Table | None = None
 
     @classmethod

@@ -57,21 +57,9 @@ def time_path(
 ) -> JointTrajectory:
     """Return the fastest motion along a path from rest to rest within the arm's limits.
 
-    Corners are rounded by parabolas. Where the rounded path is not free, the arm stops at each
-    corner.
-
-    Parameters
-    ----------
-    arm
-        Its speed and acceleration limits are kept.
-    corners
-        Shape (W, J): the path [rad or m].
-    is_free
-        Returns whether a densely sampled path (N, J) is free; without it, all are.
-    fraction
-        Fraction of the limits that is used; by default `Arm.speed_fraction`.
-    step
-        Between two points of the trajectory [s].
+    The path has corners (W, J) [rad or m], which are rounded by parabolas. If it is then not free,
+    as `is_free` says of a densely sampled path (N, J), the arm stops at each corner. A `fraction`
+    of the arm's limits is used, `Arm.speed_fraction` for None; points are a `step` [s] apart.
     """
     corners = without_repeats(np.asarray(corners, np.float64))
     fraction = arm.speed_fraction if fraction is None else fraction

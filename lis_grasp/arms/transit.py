@@ -25,15 +25,8 @@ class TransitPlanner:
     """Plans paths from posture to posture around the object.
 
     The straight line is tried first, then two trees of random postures grow until both reach one
-    (after RRT-Connect, Kuffner and LaValle, 2000), and random shortcuts shorten the path.
-
-    Parameters
-    ----------
-    station
-        The station.
-    mesh
-        Closed mesh of what is to be avoided, the object's estimate or a hull of unknown space, in
-        W [m]; None for none.
+    (after RRT-Connect, Kuffner and LaValle, 2000), and random shortcuts shorten the path. The mesh
+    of what is avoided, the object's estimate or a hull of unknown space, is closed and in W [m].
     """
 
     def __init__(self, station: Station, mesh: trimesh.Trimesh | None = None) -> None:
@@ -50,14 +43,8 @@ class TransitPlanner:
     ) -> FloatArray | None:
         """Return the corners of a path from `start` to `goal`, (W, J); None if none is found.
 
-        Parameters
-        ----------
-        start, goal
-            Shape (J,): joint positions of the arm [rad or m].
-        q_hand
-            Shape (K,): joint positions of the hand, all the way.
-        rng
-            For the trees and shortcuts.
+        These are joint positions of the arm (J,) [rad or m]; the hand's are `q_hand` (K,) all the
+        way. Trees and shortcuts draw from `rng`.
         """
         ends = np.array([start, goal])
         checker = self._wide

@@ -29,51 +29,36 @@ class ArmShake:
 class ArmUse:
     """Largest use of an arm's limits in a simulated motion, checked at every step.
 
-    Parameters
-    ----------
-    effort, speed
-        Largest fractions of a joint's effort and speed limits.
-    effort_joint, speed_joint
-        The joints that came closest to them.
-    palm_error
-        Largest distance of the palm from its commanded place [m].
-    contact_force
-        Largest force of a link of the hand on the object [N].
-    steps
-        Number of time steps that were checked.
-    contacts
-        Number of steps with a contact of each unwanted pair: ``"palm with table"``, say.
-        Unwanted are those of the arm's links with anything, of the hand with the table, of the
-        object with any link but fingertips and pads, and of the object with any link of the hand
-        on a transit or the approach to a grasp.
-    shakes
-        What the arm made of each shake.
+    Unwanted contacts are those of the arm's links with anything, of the hand with the table, of the
+    object with any link but fingertips and pads, and of the object with any link of the hand on a
+    transit or the approach to a grasp.
     """
 
-    effort: float = 0.0
-    effort_joint: str = ""
-    speed: float = 0.0
+    effort: float = 0.0  #: largest fraction of a joint's effort limit
+    effort_joint: str = ""  #: the joint that came closest to it
+    speed: float = 0.0  #: largest fraction of a joint's speed limit
     speed_joint: str = ""
-    palm_error: float = 0.0
-    contact_force: float = 0.0
-    steps: int = 0
+    palm_error: float = 0.0  #: largest distance of the palm from its commanded place [m]
+    contact_force: float = 0.0  #: largest force of a link of the hand on the object [N]
+    steps: int = 0  #: that were checked
+    #: steps with a contact of each unwanted pair, such as ``"palm with table"``
     contacts: dict[str, int] = field(default_factory=dict)
     shakes: list[ArmShake] = field(default_factory=list)
 
 
 def violations(uses: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return what the plain values of `ArmUse` violate, in words: contacts, efforts and speeds."""
-    found: dict[str, int] = {}
+    touched: dict[str, int] = {}
     limits = []
     for use in uses:
         for pair, steps in use["contacts"].items():
-            found[pair] = found.get(pair, 0) + steps
+            touched[pair] = touched.get(pair, 0) + steps
         if use["effort"] >= EFFORT_LIMIT:
             limits.append(f"{use['effort_joint']} at its largest effort")
         if use["speed"] > 1.0:
             limits.append(f"{use['speed_joint']} at {100 * use['speed']:.0f} % of its speed")
     contacts = [
         f"{pair} in {steps} step{'' if steps == 1 else 's'}"
-        for pair, steps in sorted(found.items())
+        for pair, steps in sorted(touched.items())
     ]
     return [*contacts, *dict.fromkeys(limits)]

@@ -35,73 +35,40 @@ Reason = Literal[
 
 @dataclass(frozen=True, slots=True)
 class LiftOptions:
-    """Options of a simulated lift.
+    """Options of a simulated lift: lengths [m], times [s], and what counts as held."""
 
-    Parameters
-    ----------
-    standoff
-        Length of the straight approach [m].
-    approach_time, squeeze_time, lift_time, hold_time
-        Durations [s]; closing takes as long as the fingers need, and holding ends early once the
-        object rests in the hand.
-    lift_height
-        Rise of the wrist [m].
-    shake_accelerations
-        Peak accelerations of the wrist in successive shakes, increasing [m/s^2]; each is applied
-        along x, y and z of W, in both directions, and then as rotations about x, y and z.
-    turn_arm
-        Distance from the axis of a rotation at which it accelerates by as much [m]: an arm that
-        reaches 0.65 m turns its palm by at most 15 rad/s^2 while it accelerates it by 1 g.
-    shake_frequency, shake_cycles
-        Frequency and number of periods of the shaking along one axis [Hz, 1].
-    grip_margin
-        The fingers' normal forces add up to `grip_margin` times what the largest shake needs, by
-        Coulomb's law, ``m (g + a) / friction``, or by the load that the planned grasp carries per
-        newton, its quality ``"load_per_grip"``: a robot measures the weight with its wrist.
-    least_grip_force
-        Lower bound of that sum [N]; its upper bounds are the hand's efforts and contact force.
-    assumed_friction
-        Coulomb coefficient with which the grip forces are planned; None for the true one. When the
-        object slips over the pads in the first centimetre of the lift, the grip force is raised.
-    assumed_mass
-        Mass with which the grip forces are planned until the hand has weighed the object, at one
-        centimetre [kg]; None for the true one.
-    search_distance
-        Largest motion of a finger beyond its planned contact to find the object [m].
-    largest_slip
-        Largest motion in the palm frame, after the grasp has closed, of the centre of mass of an
-        object that counts as held [m].
-    largest_turn
-        Largest rotation of such an object in the palm frame, after the grasp has closed [rad].
-    largest_push
-        Largest motion of the object's centre of mass in a collision-free approach [m]; the palm has
-        to arrive within the same distance of its goal.
-    time_step
-        Time step of the simulation [s].
-    frame_rate
-        Frame rate of the recorded motion [Hz].
-    """
-
-    standoff: float = 0.12
+    standoff: float = 0.12  #: length of the straight approach
     approach_time: float = 0.6
-    squeeze_time: float = 0.3
+    squeeze_time: float = 0.3  #: after closing, which takes as long as the fingers need
     lift_time: float = 1.0
-    hold_time: float = 3.0
-    lift_height: float = 0.10
+    hold_time: float = 3.0  #: at most: holding ends once the object rests in the hand
+    lift_height: float = 0.10  #: rise of the wrist
+    #: peak accelerations of the wrist in successive shakes, increasing [m/s^2]; each is applied
+    #: along x, y and z of W, in both directions, and then as rotations about x, y and z
     shake_accelerations: tuple[float, ...] = (4.905, 9.81)
+    #: distance from the axis of a rotation at which it accelerates by as much: an arm that reaches
+    #: 0.65 m turns its palm by at most 15 rad/s^2 while it accelerates it by 1 g
     turn_arm: float = 0.65
-    shake_frequency: float = 4.0
-    shake_cycles: int = 2
+    shake_frequency: float = 4.0  #: [Hz]
+    shake_cycles: int = 2  #: periods along one axis
+    #: the fingers' normal forces add up to so many times what the largest shake needs, by Coulomb's
+    #: law, ``m (g + a) / friction``, or by the load that the planned grasp carries per newton, its
+    #: quality ``"load_per_grip"``: a robot measures the weight with its wrist
     grip_margin: float = 3.0
-    least_grip_force: float = 6.0
+    least_grip_force: float = 6.0  #: of that sum [N]; it is limited by efforts and contact force
+    #: Coulomb coefficient with which the grip forces are planned; None for the true one. When the
+    #: object slips over the pads in the first centimetre of the lift, the grip force is raised
     assumed_friction: float | None = None
+    #: mass with which they are planned until the hand has weighed the object, at one centimetre
+    #: [kg]; None for the true one
     assumed_mass: float | None = None
-    search_distance: float = 0.02
-    largest_slip: float = 0.02
-    largest_turn: float = float(np.deg2rad(15.0))
+    search_distance: float = 0.02  #: of a finger beyond its planned contact to find the object
+    largest_slip: float = 0.02  #: of a held object's centre of mass in the palm after the grasp
+    largest_turn: float = float(np.deg2rad(15.0))  #: of a held object in the palm [rad]
+    #: motion of the object in a collision-free approach; the palm arrives as near to its goal
     largest_push: float = 0.01
-    time_step: float = 0.005
-    frame_rate: float = 30.0
+    time_step: float = 0.005  #: of the simulation
+    frame_rate: float = 30.0  #: of the recorded motion [Hz]
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -125,50 +92,26 @@ class LiftOptions:
 class LiftOutcome:
     """Outcome of a simulated lift.
 
-    Parameters
-    ----------
-    lifted
-        Whether the object, after the lift, was off the table by at least half the lift, touched by
-        two links of the hand or more, and had moved less than `LiftOptions.largest_slip` and turned
-        less than `LiftOptions.largest_turn` in it.
-    held
-        Whether the same was true after shaking and holding.
-    slip
-        Motion of the object's centre of mass in the palm frame, from the closed grasp to the end
-        [m]; 0 if the grasp never closed, or the simulation diverged.
-    turn
-        Angle of the object's rotation in the palm frame in the same time [rad].
-    reason
-        Why the trial ended; see `Reason`.
-    acceleration_survived
-        The largest shake after which the object was still held [m/s^2]; 0 for none.
-    duration
-        Simulated time [s].
-    motion
-        Poses of the hand's links and the object, in W: the frame in which the grasp was planned.
-    closed
-        Whether the fingers closed; if not, the trial ended before.
-    measured_contacts
-        First contacts with the object, in W: of the closed fingers, at most one each, tagged with
-        the finger; on an approach that was stopped, of the links, tagged with the link.
-    X_WO
-        Shape (4, 4): final pose of the object; if the simulation diverged, the last recorded one.
-    arm
-        What was demanded of the arm; None for a hand on a free wrist.
+    In the hand is an object that at least two links of the hand touch, and that has moved and
+    turned in the palm frame less than `LiftOptions.largest_slip` and `largest_turn`.
     """
 
-    lifted: bool
-    held: bool
+    lifted: bool  #: after the lift it was in the hand, off the table by at least half the lift
+    held: bool  #: whether it was so after shaking and holding too
+    #: motion of its centre of mass in the palm frame, from the closed grasp to the end [m]; 0 if
+    #: the grasp never closed, or the simulation diverged
     slip: float
-    turn: float
-    reason: Reason
-    acceleration_survived: float
-    duration: float
-    motion: Motion
-    closed: bool
+    turn: float  #: angle of its rotation in the palm frame in the same time [rad]
+    reason: Reason  #: why the trial ended
+    acceleration_survived: float  #: largest shake after which it was held [m/s^2]; 0 for none
+    duration: float  #: simulated time [s]
+    motion: Motion  #: of hand and object, in the frame W in which the grasp was planned
+    closed: bool  #: whether the fingers closed; if not, the trial ended before
+    #: first contacts with the object, in W: of the closed fingers, at most one each, tagged with
+    #: the finger; on an approach that was stopped, of the links, tagged with the link
     measured_contacts: Contacts
-    X_WO: FloatArray
-    arm: ArmUse | None = None
+    X_WO: FloatArray  #: (4, 4), final pose of the object; the last recorded one if it diverged
+    arm: ArmUse | None = None  #: what was demanded of the arm; None for a hand on a free wrist
 
     @classmethod
     def not_begun(cls, reason: Reason, X_WO: FloatArray) -> LiftOutcome:

@@ -38,46 +38,15 @@ _SEED = 0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmLift:
-    """The arm's part of a lift.
-
-    Parameters
-    ----------
-    station
-        The arm with its base, the hand on its flange.
-    transit
-        Joint path from the arm's home to where the straight approach begins.
-    """
+    """The arm's part of a lift."""
 
     station: Station
-    transit: JointTrajectory
+    transit: JointTrajectory  #: from the arm's home to where the straight approach begins
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiftSetup:
     """A hand, its grasp, and the true, free object on a table.
-
-    Parameters
-    ----------
-    mesh
-        The true object in its frame O, upright [m]; watertight.
-    hand
-        The hand of the grasp.
-    grasp
-        The grasp, in O.
-    support_height
-        Height of the table's top in O [m].
-    mass, friction
-        Mass of the object [kg], and Coulomb's coefficient between object and hand and between
-        object and table.
-    options
-        Options of the trial.
-    X_WO
-        Shape (4, 4): true pose of the object in the frame in which the grasp was planned.
-    arm
-        The arm that carries the hand, with its path to where the approach begins. It stops at a
-        contact of its own links or when a joint needs more than its largest effort. It shakes as
-        far as its limits allow, and forces on the object make up for the rest. None for a free
-        wrist.
 
     Raises
     ------
@@ -87,14 +56,18 @@ class LiftSetup:
         If mass or friction is not positive, or the grasp is for another hand.
     """
 
-    mesh: trimesh.Trimesh
+    mesh: trimesh.Trimesh  #: the true object in its frame O, upright [m]; watertight
     hand: Hand
-    grasp: Grasp
-    support_height: float
-    mass: float = USUAL_MASS
-    friction: float = USUAL_FRICTION
+    grasp: Grasp  #: in O
+    support_height: float  #: height of the table's top in O [m]
+    mass: float = USUAL_MASS  #: of the object [kg]
+    friction: float = USUAL_FRICTION  #: Coulomb's coefficient of the object on hand and table
     options: LiftOptions = field(default_factory=LiftOptions)
+    #: (4, 4), true pose of the object in the frame in which the grasp was planned
     X_WO: FloatArray = field(default_factory=lambda: np.eye(4))
+    #: the arm that carries the hand, with its path to where the approach begins; None for a free
+    #: wrist. It stops at a contact of its own links or when a joint needs more than its largest
+    #: effort, and shakes as far as its limits allow: forces on the object make up for the rest
     arm: ArmLift | None = None
 
     def __post_init__(self) -> None:
@@ -170,14 +143,8 @@ def useful_efforts(hand: Hand, q: npt.ArrayLike) -> FloatArray:
     """Return the joints' effort limits (J,) [N m or N], without what no contact force needs.
 
     Files often give efforts far above those of the real motors. Three times the largest contact
-    force, at the longest lever of a pad about a joint of that kind, is the most that counts.
-
-    Parameters
-    ----------
-    hand
-        The hand.
-    q
-        Shape (J,): the joint positions [rad or m] in which the levers are taken.
+    force, at the longest lever of a pad about a joint of that kind, is the most that counts. Levers
+    are taken at the joint positions q (J,).
     """
     _, _, jacobian, _ = hand.pad_jacobians(np.eye(4), q)  # (F, 3, 6 + J)
     levers = np.linalg.norm(jacobian[:, :, 6:], axis=1).max(axis=0)  # (J,) [m or 1]
