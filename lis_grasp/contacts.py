@@ -224,7 +224,7 @@ class Contacts(Record):
 
     @classmethod
     def load(cls, path: Path | str, *, units: str | None = None) -> Contacts:
-        """Read contacts from a .ply (oriented point cloud) or .csv file; see `io.contact_files`.
+        """Read contacts from a file of points with normals; see `io.contact_files`.
 
         `load_contacts` also reads points without normals, and checks the side of the normals.
 

@@ -338,7 +338,7 @@ def ply_text(properties: str, row: str, *, comment: str = "none") -> str:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.txt", "x", "end in"),
+        ("a.las", "x", "end in"),
         ("a.ply", "", "PLY"),
         ("a.ply", "solid nonsense", "PLY"),
         ("a.ply", ply_text("x y z nx ny nz", "1 2"), "PLY"),

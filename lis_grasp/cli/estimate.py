@@ -28,8 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CONTACTS",
         help="points and outward normals: a .ply oriented point cloud, or a .csv with"
         " columns x,y,z,nx,ny,nz; without normals they are estimated, from the direction of"
-        " approach too if there are columns ax,ay,az (.off and .xyz: points only); several files,"
-        " one for each sensor, are joined",
+        " approach too if there are columns ax,ay,az; also .pcd, .npy, .npz, .off, .xyz and .pts;"
+        " several files, one for each sensor, are joined",
     )
     parser.add_argument(
         "--fingertip-radius",

@@ -66,27 +66,33 @@ def _absolute(corner: str, counts: dict[str, int]) -> str:
     return "/".join(indices)
 
 
-def read_off(path: Path) -> tuple[FloatArray, list[list[int]]]:
-    """Return the vertices (V, 3) and polygons of an OFF file; other columns are left out."""
+def off_rows(path: Path) -> tuple[list[list[str]], list[list[str]]]:
+    """Return the rows of words of an OFF file: of vertices, and of faces."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     lines = [line.split("#")[0].split() for line in text.splitlines()]
     lines = [words for words in lines if words]
     if not lines or not _OFF_START.fullmatch(lines[0][0]) or "BINARY" in lines[0]:
         raise ValueError("it must begin with OFF, as text")
     lines = [words for words in (lines[0][1:], *lines[1:]) if words]
-    vertex_count, face_count = (int(word) for word in lines[0][:2])
-    if len(lines) - 1 < vertex_count + face_count:
+    if not lines:
+        raise ValueError("it has no counts")
+    vertices, faces = (int(word) for word in lines[0][:2])
+    if min(vertices, faces) < 0 or len(lines) - 1 < vertices + faces:
         raise ValueError(
-            f"it announces {vertex_count} vertices and {face_count} faces, and has"
-            f" {len(lines) - 1} lines of them"
+            f"it announces {vertices} vertices and {faces} faces, and has {len(lines) - 1} lines of"
+            " them"
         )
-    rows = lines[1 : 1 + vertex_count + face_count]
-    vertices = np.array([row[:3] for row in rows[:vertex_count]], np.float64).reshape(-1, 3)
-    polygons = [[int(word) for word in row[1 : 1 + int(row[0])]] for row in rows[vertex_count:]]
-    for polygon, row in zip(polygons, rows[vertex_count:], strict=True):
+    return lines[1 : 1 + vertices], lines[1 + vertices : 1 + vertices + faces]
+
+
+def read_off(path: Path) -> tuple[FloatArray, list[list[int]]]:
+    """Return the vertices (V, 3) and polygons of an OFF file; other columns are left out."""
+    vertices, faces = off_rows(path)
+    polygons = [[int(word) for word in row[1 : 1 + int(row[0])]] for row in faces]
+    for polygon, row in zip(polygons, faces, strict=True):
         if len(polygon) != int(row[0]):
             raise ValueError(f"a face announces {row[0]} corners and has {len(polygon)}")
-    return vertices, polygons
+    return np.array([row[:3] for row in vertices], np.float64).reshape(-1, 3), polygons
 
 
 def read_stl(path: Path) -> Triangles:

@@ -7,8 +7,8 @@ round it. CSV as written: a header row ``x,y,z,nx,ny,nz``, then force, time, pos
 normal_noise (empty where unknown) and finger where known, and ``kind`` (contact or free) and
 ``radius`` if there are free points. Both formats restore every number exactly, and equal contacts
 make equal bytes. As read: any order and precision of properties, text or binary; other properties
-are ignored. Points without normals may have the direction of approach, ax ay az, instead. .off and
-.xyz files have points only.
+are noted. Names are those of other programs too (`_point_columns`). Points without normals may have
+the direction of approach, ax ay az, instead. PCD, NPY, NPZ, OFF and texts of numbers are read too.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
 from lis_grasp.exceptions import InvalidFileError, shown
+from lis_grasp.io._mesh_text import off_rows
 from lis_grasp.io._ply import ply_bytes, ply_element, read_ply
 from lis_grasp.io._point_columns import (
     NOISE,
@@ -36,22 +36,23 @@ from lis_grasp.io._point_columns import (
     stated_unit,
     table,
 )
+from lis_grasp.io._point_readers import positional, read_npy, read_npz, read_pcd, read_rows
 from lis_grasp.io.atomic_writing import write_bytes
-from lis_grasp.io.csv_tables import cell_number, read_table
+from lis_grasp.io.csv_tables import cell_number, read_table, text_of, uncommented
 from lis_grasp.io.limits import reading
 from lis_grasp.typing import FloatArray
 
 _FINGERS = "fingers "
-_POINTS_ONLY = (".off", ".xyz")
-POINT_FORMATS = (".ply", ".csv", *_POINTS_ONLY)
+_TEXTS = (".xyz", ".xyzn", ".pts", ".txt")  # of numbers without names
+POINT_FORMATS = (".ply", ".csv", ".pcd", ".npy", ".npz", ".off", *_TEXTS)
 """Endings of the files of points that can be read."""
 
 _LINE_END = re.compile(r"[\r\n]")
 
 
 def read_contact_file(path: Path) -> dict[str, Any]:
-    """Return the fields of `Contacts` in a .ply or .csv file; errors as of `Contacts.load`."""
-    fields = _read_fields(path)
+    """Return the fields of `Contacts` in a file of points; errors as of `Contacts.load`."""
+    fields = read_point_file(path)
     del fields["approach"]
     if fields["normals"] is None:
         message = (
@@ -66,34 +67,37 @@ def read_point_file(path: Path) -> dict[str, Any]:
     """Return the fields of `Contacts` in a file that may lack normals, and `approach`.
 
     `normals` and `approach`, the direction of motion at contact, are of shape (N, 3), or None where
-    the file lacks them. .ply and .csv files are read as those of contacts; .off and .xyz files have
-    points only.
+    the file lacks them. `units` is the unit that names of columns state, or None. What is left out
+    is noted.
 
     Raises
     ------
     InvalidFileError
         If the file is missing, of another format, damaged, or lacks points.
     """
-    ending = path.suffix.lower()
-    if ending not in POINT_FORMATS:
-        raise InvalidFileError(
-            f"files of points end in one of {', '.join(POINT_FORMATS)}; {path} does not: convert"
-            f" it, or plan on a mesh directly by `lis-grasp grasp {path}`",
-            path=path,
-        )
-    if ending in _POINTS_ONLY:
-        return {"points": _load_points(path), "normals": None, "approach": None}
-    return _read_fields(path)
+    match path.suffix.lower():
+        case ".ply":
+            return _load_ply(path)
+        case ".csv":
+            return _load_csv(path)
+        case ending if ending not in POINT_FORMATS:
+            raise InvalidFileError(
+                f"files of points end in one of {', '.join(POINT_FORMATS)}; {path} does not: write"
+                f" points as columns x,y,z of a .csv; `lis-grasp grasp {path}` plans on a mesh",
+                path=path,
+            )
+        case ".txt" if _has_names(path):
+            return _load_csv(path)
+        case ending:
+            with reading(path, f"{ending[1:].upper()}", advice="write columns x,y,z as .csv"):
+                columns = _READERS.get(ending, read_rows)(path)
+                return _of_columns(path, columns)
 
 
 def write_contact_file(contacts: Mapping[str, Any], path: Path, *, header: str = "") -> None:
     """Write the fields of `Contacts`; arguments and errors as of `Contacts.save`."""
     content = _to_ply(contacts, header) if _is_ply(path) else _to_csv(contacts)
     write_bytes(path, content)
-
-
-def _read_fields(path: Path) -> dict[str, Any]:
-    return _load_ply(path) if _is_ply(path) else _load_csv(path)
 
 
 def _is_ply(path: Path) -> bool:
@@ -129,10 +133,10 @@ def _load_ply(path: Path) -> dict[str, Any]:
     elements = {element.name: element.data for element in data.elements}
     if "vertex" not in elements:
         raise InvalidFileError(f"{path} has no element 'vertex', so no points", path=path)
-    columns, unit = _numbers(path, elements["vertex"])
+    columns, unit = _numbers(path, _by_name(elements["vertex"]))
     index = columns.pop("finger", None)
     fingers = () if index is None else _finger_names(path, data.comments, index)
-    free = _numbers(path, elements["free_point"])[0] if "free_point" in elements else {}
+    free = _numbers(path, _by_name(elements["free_point"]))[0] if "free_point" in elements else {}
     return {
         **contact_fields(path, columns, fingers),
         "free_points": table(path, free, POINT) if free else np.empty((0, 3)),
@@ -141,15 +145,51 @@ def _load_ply(path: Path) -> dict[str, Any]:
     }
 
 
-def _numbers(path: Path, rows: npt.NDArray[Any]) -> tuple[dict[str, FloatArray], str | None]:
-    """Return the known columns of a table of rows, and the unit that their names state."""
-    known = known_columns(path, rows.dtype.names or ())
-    lists = [name for name, column in known.items() if rows[column.name].dtype == object]
+def _by_name(rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
+    return {name: rows[name] for name in rows.dtype.names or ()}
+
+
+def _numbers(
+    path: Path, columns: Mapping[str, npt.NDArray[Any]]
+) -> tuple[dict[str, FloatArray], str | None]:
+    """Return the known columns as numbers, and the unit that their names state."""
+    known = known_columns(path, columns)
+    lists = [name for name, column in known.items() if columns[column.name].dtype == object]
     if lists:
         message = f"{path} has lists where {', '.join(lists)} must be numbers"
         raise InvalidFileError(message, path=path)
-    columns = {name: c.factor * rows[c.name].astype(np.float64) for name, c in known.items()}
-    return columns, stated_unit(path, known)
+    numbers = {n: c.factor * columns[c.name].astype(np.float64) for n, c in known.items()}
+    lengths = {len(column) for column in numbers.values()}
+    if len(lengths) > 1:
+        message = f"{path} has columns of {' and '.join(map(str, sorted(lengths)))} rows"
+        raise InvalidFileError(message, path=path)
+    return numbers, stated_unit(path, known)
+
+
+def _of_columns(path: Path, columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
+    """Return the fields of columns by their names in a file."""
+    numbers, unit = _numbers(path, columns)
+    index = numbers.pop("finger", None)
+    fingers = () if index is None else _finger_names(path, [], index)
+    fields = contact_fields(path, numbers, fingers)
+    if not len(fields["points"]):
+        raise InvalidFileError(f"{path} has no points", path=path)
+    return fields | {"units": unit}
+
+
+def _has_names(path: Path) -> bool:
+    """Return whether a text begins with a row or a comment that names columns."""
+    with reading(path, "TXT"):
+        comments, lines = uncommented(text_of(path, ascii_only=True))
+    words = re.split(r"[\s,;#]+", " ".join([*comments[-1:], *lines[:1]]).lower())
+    return {"x", "y", "z"} <= set(words)
+
+
+def _vertices_of_off(path: Path) -> dict[str, npt.NDArray[Any]]:
+    return positional(path, off_rows(path)[0])
+
+
+_READERS = {".pcd": read_pcd, ".npy": read_npy, ".npz": read_npz, ".off": _vertices_of_off}
 
 
 def _finger_names(path: Path, comments: list[str], index: FloatArray) -> tuple[str, ...]:
@@ -225,28 +265,3 @@ def _load_csv(path: Path) -> dict[str, Any]:
         "free_radii": free.get("radius", np.empty(0)),
         "units": stated_unit(path, known),
     }
-
-
-def _load_points(path: Path) -> FloatArray:
-    """Return the points of an .off or .xyz file, in the file's order."""
-    with reading(path, "points", advice="write columns x,y,z as .csv"):
-        rows = _vertices_of_off(path) if path.suffix.lower() == ".off" else _rows_of_xyz(path)
-    points = np.asarray(rows, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise InvalidFileError(f"{path} has no points", path=path)
-    return points
-
-
-def _vertices_of_off(path: Path) -> Any:
-    with path.open("rb") as file:
-        loaded = trimesh.load(file, file_type="off", process=False)
-    return getattr(loaded, "vertices", None)
-
-
-def _rows_of_xyz(path: Path) -> FloatArray:
-    """Return the first three columns; others, such as colours, may hold anything."""
-    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    rows = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    if not rows:
-        return np.empty((0, 3))
-    return np.loadtxt(rows, usecols=(0, 1, 2), ndmin=2, delimiter="," if "," in rows[0] else None)

@@ -67,15 +67,18 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     return [name.strip().lower() for name in header], [[cell.strip() for cell in r] for r in rows]
 
 
-def text_of(path: Path) -> str:
-    """Return the text of a file; `InvalidFileError` if it is not UTF-8, but for comments."""
+def text_of(path: Path, *, ascii_only: bool = False) -> str:
+    """Return the text of a file; `InvalidFileError` if it is not UTF-8, but for comments.
+
+    With `ascii_only` other characters may be of any encoding, for they are not used.
+    """
     content = path.read_bytes()
     text = content.decode("utf-8-sig", "replace")
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         kind = "UTF-16 text"
     elif "\0" in text:
         kind = "binary"
-    elif "\ufffd" in "".join(uncommented(text)[1]):
+    elif not ascii_only and "\ufffd" in "".join(uncommented(text)[1]):
         kind = "not UTF-8 text"
     else:
         return text

@@ -21,6 +21,9 @@ from lis_grasp.exceptions import InvalidFileError, shown
 MEBIBYTE = 2**20
 """Bytes."""
 
+MOST_UNPACKED = 256 * MEBIBYTE
+"""Size of a text, and of what an archive unpacks to."""
+
 MOST_ELEMENTS = 20_000_000
 """Vectors and indices of a glTF's accessors, and of its meshes wherever a node uses them."""
 
@@ -30,7 +33,6 @@ MOST_NODES = 50_000
 MOST_CHARACTERS = 10_000
 """Length of a value of a YAML file: PyYAML reads 1:59:59:... in the square of it."""
 
-_MOST_UNPACKED = 256 * MEBIBYTE  # of the arrays of an .npz file
 _PLY_HEADER = 65_536  # bytes
 _PLY_ELEMENT = re.compile(rb"^element[ \t]+(\S+)[ \t]+(\d{1,18})", re.MULTILINE)
 _ARRAY_HEADERS = {
@@ -58,7 +60,7 @@ def require_file_size(path: Path, most: int) -> None:
 
 @contextmanager
 def reading(
-    path: Path, kind: str, *, most: int = _MOST_UNPACKED, advice: str = "write it again"
+    path: Path, kind: str, *, most: int = MOST_UNPACKED, advice: str = "write it again"
 ) -> Iterator[None]:
     """Refuse a file of more than `most` bytes, or whose reader raises an error in this context.
 
@@ -96,8 +98,8 @@ def announced_rows(path: Path) -> dict[str, int]:
 
 def require_small_archive(members: Iterable[zipfile.ZipInfo]) -> None:
     """Raise ValueError for members of an archive that unpack to more than 256 MiB."""
-    if sum(member.file_size for member in members) > _MOST_UNPACKED:
-        raise ValueError(f"it unpacks to more than {_MOST_UNPACKED // MEBIBYTE} MiB")
+    if sum(member.file_size for member in members) > MOST_UNPACKED:
+        raise ValueError(f"it unpacks to more than {MOST_UNPACKED // MEBIBYTE} MiB")
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
@@ -116,6 +118,18 @@ def read_arrays(path: Path, names: Sequence[str]) -> list[npt.NDArray[Any]]:
             with archive.open(member) as packed:
                 _require_announced_array(packed, member.file_size)
         return [np.load(archive.open(member), allow_pickle=False) for member in members]
+
+
+def array_names(path: Path) -> list[str]:
+    """Return the names of the arrays in an .npz file; errors as of `read_arrays`."""
+    with reading(path, "NPZ"), path.open("rb") as file, zipfile.ZipFile(file) as archive:
+        return [n.removesuffix(".npy") for n in archive.namelist() if n.endswith(".npy")]
+
+
+def announced_array(path: Path) -> None:
+    """Raise ValueError for an .npy file that announces more than it has, or pickled objects."""
+    with path.open("rb") as file:
+        _require_announced_array(file, path.stat().st_size)
 
 
 def _require_announced_array(packed: IO[bytes], size: int) -> None:

@@ -221,7 +221,7 @@ class RunConfig:
     cloud: str | None = option(
         None,
         "contacts known before the first touch, in the object's frame: a point cloud with normals,"
-        " .ply or .csv; touches go where it lacks the surface",
+        " of any format that estimate reads; touches go where it lacks the surface",
         TOUCHING,
         metavar="FILE",
     )

@@ -93,7 +93,7 @@ def load_contacts(
     ----------
     path
         A contact file (`Contacts.load`), or a file of points without normals
-        (`io.contact_files.read_point_file`): .ply, .csv, .off or .xyz.
+        (`io.contact_files.read_point_file`): PLY, CSV, PCD, NPY, NPZ, OFF or a text of numbers.
     units
         Length unit of the file, a key of `shapes.UNITS`, None for what its columns state or else
         metres; other arguments are in metres.

@@ -103,6 +103,7 @@ def _box(ending: str) -> Callable[[Path], Path]:
         path = folder / f"mesh.{ending}"
         box = trimesh.creation.box(extents=(0.05, 0.06, 0.07)).subdivide()
         if ending != "gltf":
+            box.apply_scale(1e3 if ending == "3mf" else 1.0)
             box.export(path)
             return path
         files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(box))
@@ -213,12 +214,16 @@ def _write_yaml(folder: Path, model: str) -> Path:
 
 def _save_points(path: Path) -> None:
     points = 0.04 * random_directions(16, np.random.default_rng(0))
+    if path.suffix in (".npy", ".npz"):
+        np.save(path, points) if path.suffix == ".npy" else np.savez(path, points=points)
+        return
     separator = "," if path.suffix == ".csv" else " "
     rows = [separator.join(f"{value:.6f}" for value in point) for point in points]
     names = [f"property double {axis}" for axis in "xyz"]
     heads = {
         ".csv": ["x,y,z"],
         ".off": ["OFF", "16 0 0"],
+        ".pcd": ["FIELDS x y z", "SIZE 4 4 4", "TYPE F F F", "POINTS 16", "DATA ascii"],
         ".ply": ["ply", "format ascii 1.0", "element vertex 16", *names, "end_header"],
     }
     path.write_text("\n".join([*heads.get(path.suffix, []), *rows]) + "\n")
@@ -347,7 +352,7 @@ READERS: dict[str, Reader] = {
     },
     **{
         f"mesh {ending}": Reader(_box(ending), lambda path: check_shape(shapes.load(path)))
-        for ending in ("stl", "obj", "ply", "off", "glb", "gltf")
+        for ending in ("stl", "obj", "ply", "off", "glb", "gltf", "dae", "3mf")
     },
     "body dae": Reader(_box("dae"), lambda path: load_mesh(path, None)),
     "surface.ply": Reader(_surface, _check_surface),
@@ -362,7 +367,7 @@ READERS: dict[str, Reader] = {
     "hand sdf": Reader(partial(write_hand, model="claw"), check_hand_file),
     **{
         f"points {ending}": Reader(_saved(f"points.{ending}", _save_points), _check_points)
-        for ending in ("csv", "off", "ply", "xyz")
+        for ending in ("csv", "off", "ply", "xyz", "pcd", "npy", "npz")
     },
     **{
         f"log {ending}": Reader(_saved(f"log.{ending}", _save_log), _check_log)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -162,11 +163,14 @@ def test_a_cloud_and_fingertip_centres_are_joined(centers: FloatArray, tmp_path:
         ("a.csv", "x,y,z,ax,ay\n1,2,3,0,1\n", "lacks az"),
         ("a.off", "OFF\n0 0 0\n", "a.off "),
         ("a.off", "no points", "a.off "),
-        ("a.xyz", "1 2\n", "a.xyz "),
-        ("a.xyz", "0.1,,0.3,255\n", "a.xyz cannot be read as points"),
-        ("a.xyz", "0,5 1,0 2,0\n", "a.xyz cannot be read as points"),
+        ("a.xyz", "1 2\n", "row 1 has 2 numbers"),
+        ("a.xyz", "0.1,,0.3,255\n", "has no points: all 1 rows are nan or blank"),
+        ("a.xyz", "0,5 1,0 2,0\n", "decimal comma"),
+        ("a.pts", "3\n0 0 0\n", "announces 3 points, and has 1"),
+        ("a.npy", "", "a.npy cannot be read as NPY"),
         ("a.xyz", "# nothing\n", "a.xyz has no points"),
-        ("a.pcd", "", ".ply, .csv, .off, .xyz"),
+        ("a.pcd", "", "has no line DATA"),
+        ("a.las", "", ".ply, .csv, .pcd"),
         ("a.stl", "", "lis-grasp grasp .*a.stl"),
         ("a.csv", "x,y,z,nx,ny,nz\n0,0,0,0,0,2\n", "by its length"),
     ],
@@ -365,3 +369,88 @@ def test_tables_of_other_kinds_are_refused_by_their_kind(
     (tmp_path / "a.csv").write_bytes(content)
     with pytest.raises(InvalidFileError, match=said):
         load_contacts(tmp_path / "a.csv")
+
+
+def _pcd(rows: FloatArray, kind: str) -> bytes:
+    """Return a PCD with normals and curvature as PCL writes it."""
+    fields = "x y z normal_x normal_y normal_z curvature"
+    head = (
+        f"# .PCD v0.7\nVERSION 0.7\nFIELDS {fields}\nSIZE{' 4' * 7}\nTYPE{' F' * 7}\n"
+        f"COUNT{' 1' * 7}\nWIDTH {len(rows)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
+        f"POINTS {len(rows)}\nDATA {kind}\n"
+    ).encode()
+    table = np.column_stack([rows, np.zeros(len(rows))]).astype("<f4")
+    if kind == "ascii":
+        return head + "".join(" ".join(map(str, row)) + "\n" for row in table).encode()
+    if kind == "binary":
+        return head + table.tobytes()
+    data = table.T.tobytes()
+    literal = 24 * len(rows)  # the curvature after it is a zero, and a reference that repeats it
+    packed = b"".join(b"\x1f" + data[k : k + 32] for k in range(0, literal, 32))
+    packed += b"\x00\x00" + bytes([7 << 5, len(data) - literal - 10, 0])
+    return head + np.array([len(packed), len(data)], "<u4").tobytes() + packed
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary", "binary_compressed"])
+def test_point_clouds_of_pcl_are_read_with_their_normals(kind: str, tmp_path: Path) -> None:
+    rows = np.vstack([_ROWS, _ROWS + [[0, 0, 0.02, 0, 0, 0]]])
+    (tmp_path / "a.pcd").write_bytes(_pcd(rows, kind))
+    contacts = load_contacts(tmp_path / "a.pcd", normals="outward")
+    np.testing.assert_allclose(contacts.points, rows[:, :3], atol=1e-8)
+    np.testing.assert_array_equal(contacts.normals, rows[:, 3:])
+    np.testing.assert_array_equal(Contacts.load(tmp_path / "a.pcd").points, contacts.points)
+    (tmp_path / "a.pcd").write_bytes(_pcd(rows, kind).replace(b"POINTS 24", b"POINTS 25"))
+    with pytest.raises(InvalidFileError, match="announces 25 points, and has 24"):
+        load_contacts(tmp_path / "a.pcd")
+
+
+def test_arrays_of_numpy_are_points_with_normals(tmp_path: Path) -> None:
+    named = np.zeros(len(_ROWS), dtype=[(name, "f4") for name in ("x", "y", "z", "nx", "ny", "nz")])
+    for name, column in zip(named.dtype.names, _ROWS.T, strict=True):
+        named[name] = column
+    np.save(tmp_path / "plain.npy", _ROWS)
+    np.save(tmp_path / "image.npy", _ROWS.reshape(3, 4, 6))
+    np.save(tmp_path / "named.npy", named)
+    np.savez(tmp_path / "two.npz", points=_ROWS[:, :3], normals=_ROWS[:, 3:], label=["a"])
+    np.savez_compressed(tmp_path / "one.npz", _ROWS)
+    for name in ("plain.npy", "image.npy", "named.npy", "two.npz", "one.npz"):
+        contacts = load_contacts(tmp_path / name)
+        np.testing.assert_allclose(contacts.points, _ROWS[:, :3], atol=1e-8)
+        np.testing.assert_array_equal(contacts.normals, _NORMALS)
+    with pytest.warns(LisGraspWarning, match="not used: label"):
+        load_contacts(tmp_path / "two.npz")
+    for array, said in (
+        (_ROWS.T, r"shape \(N, 3\), or \(N, 6\) with normals; it is \(6, 12\)"),
+        (np.array([{}]), "cannot be read as NPY"),
+        (np.array(["a", "b", "c"]), "of numbers"),
+    ):
+        np.save(tmp_path / "a.npy", array, allow_pickle=True)
+        with pytest.raises(InvalidFileError, match=said):
+            load_contacts(tmp_path / "a.npy")
+    np.savez(tmp_path / "a.npz", points=_ROWS[:, :3], normals=_ROWS[:5, 3:])
+    with pytest.raises(InvalidFileError, match="columns of 5 and 12 rows"):
+        load_contacts(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("name", ["a.xyz", "a.xyzn", "a.pts", "a.txt", "a.off"])
+def test_columns_without_names_are_normals_if_their_lengths_are_1(
+    name: str, tmp_path: Path
+) -> None:
+    head = {".pts": ["12"], ".off": ["NOFF", "12 0 0"]}.get(name[1:], [])
+
+    def write(rows: FloatArray) -> None:
+        lines = [" ".join(f"{value:.9g}" for value in row) for row in rows]
+        (tmp_path / name).write_text("\n".join([*head, *lines]) + "\n")
+
+    write(_ROWS)
+    with pytest.warns(LisGraspWarning, match="columns 4 to 6 have length 1"):
+        contacts = load_contacts(tmp_path / name)
+    np.testing.assert_array_equal(contacts.normals, _NORMALS)
+    assert contacts.normal_noise is None
+    write(_ROWS * [[1, 1, 1, 255, 128, 0]])  # colours
+    with pytest.warns(LisGraspWarning, match="from the fourth on are not used"):
+        assert load_contacts(tmp_path / name).normal_noise is not None
+    write(_ROWS[:, :3])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(load_contacts(tmp_path / name)) == 12

@@ -1,0 +1,189 @@
+"""Points in PCD, NPY and NPZ files and in texts without a header, as columns by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lis_grasp.exceptions import InvalidFileError, note
+from lis_grasp.io._point_columns import NORMAL, POINT
+from lis_grasp.io.csv_tables import cell_number, text_of, uncommented
+from lis_grasp.io.limits import MEBIBYTE, MOST_UNPACKED, announced_array, array_names, read_arrays
+
+Columns = dict[str, npt.NDArray[Any]]
+
+# A cell with a decimal comma, where blanks separate.
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+# Columns without names are normals if their lengths are within this of 1.
+_UNIT_TOLERANCE = 1e-2
+_SIDES = {"points": POINT, "normals": NORMAL, "approach": ("ax", "ay", "az")}
+# Names of arrays of an NPZ that mean the same.
+_NAMES = {
+    **dict.fromkeys(("xyz", "point", "positions", "pcd", "pc", "point_cloud", "arr_0"), "points"),
+    **dict.fromkeys(("normal", "n"), "normals"),
+    "forces": "force",
+    "times": "time",
+}
+
+
+def read_rows(path: Path) -> Columns:
+    """Return the columns of a text of numbers: points, then perhaps normals, then anything.
+
+    Cells are separated by blanks or commas; a first row of one number is the count of rows.
+    """
+    _, lines = uncommented(text_of(path, ascii_only=True))
+    if lines and lines[0].strip().isdecimal():
+        count = int(lines.pop(0))
+        if count != len(lines):
+            message = f"{path} announces {count} points, and has {len(lines)} rows"
+            raise InvalidFileError(message, path=path)
+    by_comma = bool(lines) and "," in lines[0]
+    if by_comma and all(map(_DECIMAL_COMMA.fullmatch, lines[0].split()[:3])):
+        by_comma = False
+    return positional(path, [line.split("," if by_comma else None) for line in lines])
+
+
+def positional(path: Path, rows: Sequence[Sequence[str]]) -> Columns:
+    """Return columns without names: a point, and a normal where all lengths are 1."""
+    short = next((number for number, row in enumerate(rows) if len(row) < len(POINT)), None)
+    if short is not None:
+        message = f"{path}: row {short + 1} has {len(rows[short])} numbers, and a point has 3"
+        raise InvalidFileError(message, path=path)
+    points = np.array(
+        [
+            [cell_number(path, row[k].strip(), n + 1, name) for k, name in enumerate(POINT)]
+            for n, row in enumerate(rows)
+        ]
+    ).reshape(-1, 3)
+    columns = dict(zip(POINT, points.T, strict=True))
+    width = min(map(len, rows), default=0)
+    if width <= len(POINT):
+        return columns
+    try:
+        others = np.array([row[3:6] for row in rows], dtype=np.float64)
+    except ValueError:
+        others = np.empty((len(rows), 0))
+    if others.shape[1] == len(NORMAL):
+        lengths = np.linalg.norm(others, axis=1)
+        known = lengths[np.isfinite(lengths) & (lengths > 0.0)]
+        if len(known) and (np.abs(known - 1.0) < _UNIT_TOLERANCE).all():
+            note(f"{path}: columns 4 to 6 have length 1, and are read as normals")
+            return columns | dict(zip(NORMAL, others.T, strict=True))
+    note(f"{path}: columns from the fourth on are not used: they are no normals of length 1")
+    return columns
+
+
+def read_npy(path: Path) -> Columns:
+    """Return the columns of an array of shape (..., 3), (..., 6) with normals, or with names."""
+    announced_array(path)
+    return _named(path, "points", np.load(path, allow_pickle=False))
+
+
+def read_npz(path: Path) -> Columns:
+    """Return the columns of an archive of arrays: `points`, and perhaps `normals` and others."""
+    names = array_names(path)
+    columns: Columns = {}
+    for name, array in zip(names, read_arrays(path, names), strict=True):
+        meaning = _NAMES.get(name.lower(), name.lower())
+        columns |= _named(path, meaning, array)
+    return columns
+
+
+def _named(path: Path, name: str, array: npt.NDArray[Any]) -> Columns:
+    """Return an array as columns: by its names, by its meaning, or as one column."""
+    if array.dtype.names:
+        return {column: np.ravel(array[column]) for column in array.dtype.names}
+    if name in _SIDES and array.dtype.kind not in "fiu":
+        raise InvalidFileError(f"{path}: the array {name} must be of numbers", path=path)
+    if name == "points" and array.ndim > 1 and array.shape[-1] == 6:
+        return _named(path, "points", array[..., :3]) | _named(path, "normals", array[..., 3:])
+    if name in _SIDES:
+        if array.ndim < 2 or array.shape[-1] != 3:
+            raise InvalidFileError(
+                f"{path}: {name} must have shape (N, 3), or (N, 6) with normals; it is"
+                f" {array.shape}",
+                path=path,
+            )
+        return dict(zip(_SIDES[name], array.reshape(-1, 3).T, strict=True))
+    return {name: np.ravel(array)}
+
+
+def read_pcd(path: Path) -> Columns:
+    """Return the fields of a PCD file of PCL: text, binary, or binary compressed by LZF.
+
+    Raises ValueError or LookupError if it is damaged, or has less than it announces.
+    """
+    content = path.read_bytes()
+    start = re.search(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", content, re.MULTILINE)
+    if start is None:
+        raise ValueError("it has no line DATA")
+    lines = content[: start.start()].decode("ascii", "replace").splitlines()
+    head = {words[0]: words[1:] for line in lines if (words := line.split())}
+    names, sizes, kinds = head["FIELDS"], map(int, head["SIZE"]), head["TYPE"]
+    counts = [int(count) for count in head.get("COUNT", ["1"] * len(names))]
+    formats = [f"<{kind.lower()}{size}" for kind, size in zip(kinds, sizes, strict=True)]
+    unique = [f"{name}.{number}" for number, name in enumerate(names)]
+    row = np.dtype([(n, f, (c,)) for n, f, c in zip(unique, formats, counts, strict=True)])
+    points = int(head["POINTS"][0] if "POINTS" in head else head["WIDTH"][0])
+    body = content[start.end() :]
+    match start[1]:
+        case b"ascii":
+            cells = [line.split() for line in body.decode("ascii", "replace").splitlines()]
+            cells = [words for words in cells if words]
+            _require_points(points, len(cells))
+            table = np.array(cells[:points], dtype=np.float64).reshape(points, sum(counts))
+            starts = np.cumsum([0, *counts[:-1]])
+            columns = [table[:, start : start + 1] for start in starts]
+        case b"binary":
+            _require_points(points, len(body) // row.itemsize)
+            data = np.frombuffer(body, row, points)
+            columns = [data[name] for name in unique]
+        case b"binary_compressed":
+            packed, size = (int(n) for n in np.frombuffer(body, "<u4", 2))
+            _require_points(points, size // row.itemsize)
+            body, at, columns = _unpack_lzf(body[8 : 8 + packed], size), 0, []
+            for form, count in zip(formats, counts, strict=True):
+                columns.append(np.frombuffer(body, form, points * count, at).reshape(points, -1))
+                at += columns[-1].nbytes
+        case other:
+            raise ValueError(f"its data are {other.decode('ascii', 'replace')!r}")
+    # Fields of several numbers are descriptors, and _ is padding.
+    scalars = zip(names, columns, counts, strict=True)
+    return {n: values[:, 0] for n, values, count in scalars if count == 1 and n != "_"}
+
+
+def _require_points(announced: int, held: int) -> None:
+    if not 0 <= announced <= held:
+        raise ValueError(f"it announces {announced} points, and has {held}")
+
+
+def _unpack_lzf(packed: bytes, size: int) -> bytes:
+    """Return what LZF (Marc Lehmann's liblzf) packed: literal runs and references backwards."""
+    if size > MOST_UNPACKED:
+        raise ValueError(f"it unpacks to more than {MOST_UNPACKED // MEBIBYTE} MiB")
+    out, at = bytearray(), 0
+    while at < len(packed) and len(out) <= size:
+        control = packed[at]
+        at += 1
+        if control < 32:
+            out += packed[at : at + control + 1]
+            at += control + 1
+            continue
+        length = control >> 5
+        if length == 7:
+            length += packed[at]
+            at += 1
+        back = ((control & 31) << 8) + packed[at] + 1
+        at, start = at + 1, len(out) - back
+        if start < 0:
+            raise ValueError("its compressed data are damaged")
+        for k in range(start, start + length + 2):  # it may reach into what it writes
+            out.append(out[k])
+    if len(out) != size:
+        raise ValueError(f"its data unpack to {len(out)} bytes, and {size} are announced")
+    return bytes(out)
