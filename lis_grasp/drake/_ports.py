@@ -44,8 +44,9 @@ def read(port: InputPort, context: Context, kind: type[_Value], source: str) -> 
     """
     value = port.Eval(context)
     if not isinstance(value, kind):
+        system = port.get_system()
         raise TypeError(
-            f"input port '{port.get_name()}' of {port.get_system().get_name()} takes"
+            f"input port '{port.get_name()}' of {type(system).__name__} '{system.get_name()}' takes"
             f" {kind.__name__}; it has a {type(value).__name__}: connect {source}"
         )
     return value

@@ -77,7 +77,6 @@ class GraspPlanner(LeafSystem):
         path: str = "lis_grasp/grasps",
     ) -> None:
         super().__init__()
-        self.set_name("grasp_planner")
         self._hand, self._table, self._count, self._seed = hand.hand, table, count, seed
         self._sampler = ForceClosureSampler(
             hand.hand, prior, candidates=candidates, station=station

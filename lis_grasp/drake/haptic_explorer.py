@@ -139,7 +139,6 @@ class HapticExplorer(LeafSystem):
         period: float = 0.01,
     ) -> None:
         super().__init__()
-        self.set_name("haptic_explorer")
         require_positive(probe_speed=probe_speed, period=period)
         X_WE = X_WE or RigidTransform()
         sensor, self._seed, self._X_WE = noise or TactileSensor(), seed, X_WE.GetAsMatrix4()

@@ -126,7 +126,6 @@ class SurfaceEstimator(LeafSystem):
         replay: bool = False,
     ) -> None:
         super().__init__()
-        self.set_name("surface_estimator")
         perception = Perception(
             estimator=estimator,
             sensor=noise or TactileSensor(),

@@ -17,11 +17,19 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from lis_grasp import Contacts, pipeline
-from lis_grasp.drake import GraspPlanner, HapticExplorer, SurfaceEstimator, add_hand, add_object
+from lis_grasp.drake import (
+    GraspPlanner,
+    HapticExplorer,
+    SurfaceEstimator,
+    TouchSensor,
+    add_hand,
+    add_object,
+)
 from lis_grasp.exceptions import InvalidOptionError
 from lis_grasp.exploration import ExplorationSetup, TactileSensor, Workspace, begin, choose
-from lis_grasp.robots.shipped_models import model_path
+from lis_grasp.robots.shipped_models import HAND_NAMES, model_path
 from lis_grasp.simulation import DynamicProber
+from lis_grasp.simulation.drake.hand_plant import PROBING_SKIN
 from lis_grasp.surfaces import estimate
 
 BOX = trimesh.creation.box([0.06, 0.08, 0.12])
@@ -144,9 +152,10 @@ def test_a_hundred_publishes_without_a_contact_estimate_once() -> None:
 
 def test_a_value_of_the_wrong_kind_names_system_port_and_cure() -> None:
     estimator = SurfaceEstimator()
+    estimator.set_name("blend")
     context = estimator.CreateDefaultContext()
     estimator.GetInputPort("contacts").FixValue(context, "contacts.ply")
-    with pytest.raises(TypeError, match=r"'contacts' of surface_estimator takes Contacts.*Touch"):
+    with pytest.raises(TypeError, match=r"'contacts' of .* 'blend' takes Contacts.*Touch"):
         estimator.estimate.Eval(context)
     with pytest.raises(InvalidOptionError, match="estimator"):
         SurfaceEstimator("best")
@@ -202,16 +211,67 @@ def test_meshcat_shows_contacts_and_estimate_drawn_once() -> None:
     assert len(page) > 100_000
 
 
-def test_a_hand_from_a_parser_is_found_or_what_it_lacks_is_named() -> None:
+@pytest.mark.parametrize("name", HAND_NAMES)
+def test_the_packages_own_hand_from_a_parser_is_the_one_that_is_added(name: str) -> None:
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
+    (instance,) = Parser(plant).AddModels(str(model_path(f"hands/{name}/{name}.urdf")))
+    added = add_hand(plant, name, name="added")
+    found = add_hand(plant, name, instance=instance)  # a link without skin would warn
+    inspector = scene_graph.model_inspector()
+    np.testing.assert_array_equal(found.actuated, added.actuated)
+    for first, second in zip(found.joints, added.joints, strict=True):
+        one, two = (
+            plant.GetJointActuatorByName(joint.name(), joint.model_instance())
+            for joint in (first, second)
+        )
+        assert one.effort_limit() == two.effort_limit()
+        assert one.get_controller_gains().p == two.get_controller_gains().p
+        assert one.get_controller_gains().d == two.get_controller_gains().d
+    links = [*found.link_of_geometry]
+    assert sorted(found.link_of_geometry.values()) == sorted(added.link_of_geometry.values())
+    assert all(inspector.CollisionFiltered(links[0], other) for other in links[1:])
+    for hand in (found, added):
+        for geometry in hand.link_of_geometry:
+            contact = inspector.GetProximityProperties(geometry)
+            modulus = contact.GetProperty("hydroelastic", "hydroelastic_modulus")
+            assert modulus == PROBING_SKIN
+
+
+def test_what_a_hand_in_a_plant_lacks_is_named() -> None:
     plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.002)
-    (ours,) = Parser(plant).AddModels(str(model_path("hands/wsg50/wsg50.urdf")))
     left = add_hand(plant, "wsg50", name="left", parent=plant.world_frame())
     with pytest.raises(InvalidOptionError, match=r"lacks link palm, .* and \d+ more"):
-        add_hand(plant, "allegro", instance=ours)
-    found = add_hand(plant, "wsg50", instance=left.instance)
-    assert found.links.bodies == left.links.bodies
-    assert found.link_of_geometry == left.link_of_geometry
-    assert found.actuated.tolist() == [0, 1]
+        add_hand(plant, "allegro", instance=left.instance)
+
+
+def test_of_two_hands_in_one_plant_only_the_one_that_touches_feels() -> None:
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.002)
+    body = add_object(plant, BOX, name="brick")
+    plant.WeldFrames(plant.world_frame(), body.body_frame())
+    sensors = {}
+    for name, height in (("left", 0.5), ("right", -0.125)):  # the right one reaches into the box
+        X_WG = RigidTransform([0.0, 0.0, height])
+        hand = add_hand(plant, "wsg50", name=name, parent=plant.world_frame(), X_PG=X_WG)
+        sensors[name] = hand
+    plant.Finalize()
+    for name, hand in sensors.items():
+        sensors[name] = builder.AddSystem(TouchSensor(plant, hand, feels=[body]))
+        port = plant.get_contact_results_output_port()
+        builder.Connect(port, sensors[name].GetInputPort("contact_results"))
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    for name in sensors:
+        instance = plant.GetModelInstanceByName(name)
+        plant.get_desired_state_input_port(instance).FixValue(context, np.zeros(4))
+    simulator.AdvanceTo(0.01)
+    felt = {
+        name: sensor.contacts.Eval(sensor.GetMyContextFromRoot(simulator.get_context()))
+        for name, sensor in sensors.items()
+    }
+    assert len(felt["left"]) == 0
+    assert len(felt["right"]) >= 1
+    assert plant.GetModelInstanceName(body.model_instance()) == "brick"
 
 
 def test_what_is_added_is_seen_and_ready_for_contact() -> None:

@@ -47,6 +47,8 @@ def test_drake_reads_mass_inertia_and_parts(name: str, box: ObjectModel, tmp_pat
     # Drake's MJCF parser also registers geometry that MuJoCo draws only.
     assert len(collisions) == len(box.parts) + (name == "mjcf" and len(collisions) > 1)
     assert len(plant.GetVisualGeometriesForBody(body)) >= 1
+    properties = [scene.model_inspector().GetProximityProperties(part) for part in collisions]
+    assert all(each.HasGroup("hydroelastic") for each in properties) or name == "mjcf"
 
 
 def test_a_convex_object_is_one_part_and_a_hollow_one_keeps_its_hole() -> None:

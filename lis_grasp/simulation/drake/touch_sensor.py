@@ -120,7 +120,6 @@ class TouchSensor(LeafSystem):
         period: float | None = None,
     ) -> None:
         super().__init__()
-        self.set_name("touch_sensor")
         if not plant.is_finalized():
             raise InvalidOptionError(
                 "TouchSensor needs a finalized plant: call plant.Finalize() first", option="plant"
@@ -261,9 +260,10 @@ class TouchSensor(LeafSystem):
         if not self._warned and any(contact.surface is None for contact in strong):
             self._warned = True
             warn(
-                f"{self.get_name()} feels point contact: meshes are felt as their convex hulls, and"
-                " forces begin large. For exact contact give both bodies hydroelastic properties,"
-                " and the plant contact_model='hydroelastic_with_fallback'",
+                f"TouchSensor {self.get_name()} feels point contact: meshes are felt as their"
+                " convex hulls, and forces begin large. For exact contact give both bodies"
+                " hydroelastic properties, and the plant"
+                " contact_model='hydroelastic_with_fallback'",
                 stacklevel=2,
             )
         return strong
