@@ -24,6 +24,7 @@ GUIDES = (
     "own-estimator",
     "arm",
     "real-robot",
+    "moveit",
     "unknown-place",
 )
 UNRUN = {"cluster", "second-simulator"}  # need a cluster, MuJoCo

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from lis_grasp.cli import options as opt
 from lis_grasp.cli.progress import PRINTED, Stage, say, say_search
@@ -13,6 +15,7 @@ from lis_grasp.io.atomic_writing import write_json
 from lis_grasp.io.optional_packages import require_packages
 from lis_grasp.pipeline.dexgraspbench import TabletopObject, save_for_dexgraspbench
 from lis_grasp.pipeline.file_stages import PLANNED_WITH, GraspedFile, grasp_file
+from lis_grasp.pipeline.labels import label_file
 from lis_grasp.pipeline.scenario import find_object
 from lis_grasp.shapes import placed_as_recorded
 from lis_grasp.simulation.mujoco.convex_pieces import convex_pieces
@@ -53,6 +56,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also write the folder dexgraspbench, for the benchmark of that name: the grasps, the"
         " hand, and the true object if it is recorded, else MESH; needs the extra mujoco",
     )
+    parser.add_argument(
+        "--label",
+        action="store_true",
+        help="also simulate the lift of each grasp, of the true object if it is recorded, else of"
+        " MESH, and write grasps.parquet; resumable; needs the extra study. With --isaac and"
+        " --dexgraspbench the outcomes are in their files too",
+    )
+    opt.add_jobs(parser)
     opt.add_options(parser, "units", "up")
     opt.add_options(parser, *PLANNED_WITH, recorded=True)
     opt.add_output(parser, "the folder of MESH")
@@ -63,6 +74,8 @@ def execute(options: argparse.Namespace) -> None:
     """Plan grasps, and print what was written."""
     if options.dexgraspbench:
         require_packages("mujoco", extra="mujoco", option="--dexgraspbench")
+    if options.label:
+        require_packages("pyarrow", extra="study", option="--label")
     used = opt.given(options, "units", "up", *PLANNED_WITH)
     support, output = options.support, options.output
     made = grasp_file(options.mesh, output, support=support, progress=PRINTED, **used)
@@ -71,9 +84,10 @@ def execute(options: argparse.Namespace) -> None:
         say(f"warning: {_ON_LIS}")
     say(f"wrote {made.path}")
     hand = made.known.hand
+    labels = _label(options, made) if options.label else ()
     if options.isaac:
         isaac = made.path.with_name("grasps.isaac.yaml")
-        save_isaac_grasps(isaac, made.search, hand)
+        save_isaac_grasps(isaac, made.search, hand, labels)
         say(f"wrote {isaac}")
     if options.moveit:
         station = made.known.station
@@ -86,20 +100,35 @@ def execute(options: argparse.Namespace) -> None:
         save_moveit_grasps(moveit, made.search, hand, name=options.moveit, X_FB=X_FB)
         say(f"wrote {moveit}: poses of {carrier}")
     if options.dexgraspbench:
-        folder = _write_dexgraspbench(made, Path(made.recorded.get("object", options.mesh)).stem)
+        folder = _write_dexgraspbench(made, options.mesh, labels)
         say(f"wrote {folder}: copy hand/lis_{hand.name}.yaml to the benchmark's config/hand, then")
         say(f"  python src/main.py task=eval hand=lis_{hand.name} save_dir={folder}")
     if "object" in made.recorded and made.search.grasps:
         say(f"next: lis-grasp lift {made.path}")
 
 
-def _write_dexgraspbench(made: GraspedFile, name: str) -> Path:
+def _label(options: argparse.Namespace, made: GraspedFile) -> Sequence[Mapping[str, Any]]:
+    """Simulate the lift of each grasp, and return the outcomes."""
+    of_mesh: dict[str, Any] = {}
+    if "object" not in made.recorded:
+        of_mesh["object"] = str(options.mesh)
+    names = ("units", "up", "jobs", "arm", "base", "mass", "friction")
+    labelled = label_file(made.path, progress=PRINTED, **of_mesh, **opt.given(options, *names))
+    held = sum(label["held"] for label in labelled.labels)
+    say(f"wrote {labelled.path}: {held} of {len(labelled.labels)} grasps were held")
+    return labelled.labels
+
+
+def _write_dexgraspbench(
+    made: GraspedFile, source: Path, labels: Sequence[Mapping[str, Any]]
+) -> Path:
     """Write the folder of DexGraspBench and the results of its protocol; return it.
 
     The object is the true one if it is recorded, else the mesh.
     """
     from lis_grasp.simulation.mujoco.dexgraspbench_protocol import dexgraspbench_protocol
 
+    name = Path(made.recorded.get("object", source)).stem
     mesh, hand, grasps, support = made.mesh, made.known.hand, made.search.grasps, made.known.support
     if "object" in made.recorded:
         mesh = placed_as_recorded(find_object(made.config), made.recorded).mesh
@@ -108,7 +137,7 @@ def _write_dexgraspbench(made: GraspedFile, name: str) -> Path:
         stage.result = str(len(pieces))
     folder = made.path.with_name("dexgraspbench")
     target = TabletopObject(name, pieces, support)
-    folder = save_for_dexgraspbench(folder, target, hand, grasps)
+    folder = save_for_dexgraspbench(folder, target, hand, grasps, labels)
     with Stage("Testing by the protocol of DexGraspBench") as stage:
         tests = [dexgraspbench_protocol(hand, g, pieces, support) for g in grasps]
         lifts, holds = (sum(getattr(t, f) for t in tests) for f in ("table_lift", "force_test"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,25 +15,53 @@ from lis_grasp.geometry import inverse_pose
 from lis_grasp.grasping._candidate_filter import LIFT, STANDOFF
 from lis_grasp.grasping.grasps import Grasp, GraspSearch
 from lis_grasp.io.atomic_writing import whole_file
+from lis_grasp.io.optional_packages import needed_package
+from lis_grasp.records import fields_of
 from lis_grasp.robots.hand import Hand
 from lis_grasp.robots.mjcf import moving_joints, servo_efforts
 from lis_grasp.typing import FloatArray
 
 
-def save_isaac_grasps(path: Path | str, search: GraspSearch, hand: Hand) -> None:
+def save_grasp_table(
+    path: Path, grasps: Sequence[Grasp], labels: Sequence[Mapping[str, Any]], *, header: str = ""
+) -> None:
+    """Write grasps with their labels as Parquet, one row for each; it needs the extra study.
+
+    Columns are the fields of `Grasp`, arrays row by row as lists, each quality under its name, and
+    the values of the labels. `header` is kept as metadata ``lis_grasp``.
+    """
+    with needed_package("pyarrow", "study"):
+        import pyarrow
+        from pyarrow import parquet
+    rows = []
+    for grasp, label in zip(grasps, labels, strict=True):
+        fields = {n: v for n, v in fields_of(grasp).items() if n != "quality"}
+        lists = {n: v.ravel() if isinstance(v, np.ndarray) else v for n, v in fields.items()}
+        rows.append({**lists, **grasp.quality, **label})
+    table = pyarrow.Table.from_pylist(rows).replace_schema_metadata({"lis_grasp": header})
+    with whole_file(path) as temporary:
+        parquet.write_table(table, temporary)
+
+
+def save_isaac_grasps(
+    path: Path | str, search: GraspSearch, hand: Hand, labels: Sequence[Mapping[str, Any]] = ()
+) -> None:
     """Write grasps as an isaac_grasp file, version 1.0 (YAML).
 
     Each grasp has the pose of the hand's base link in the object's frame [m, unit quaternion], the
     actuated joints' positions in contact and opened [rad or m], and as confidence its success
-    probability. The format has no contacts and other qualities.
+    probability; with labels, 1 if it was held, else 0. The format has no contacts and other
+    qualities.
     """
-    content = {
+    content: dict[str, Any] = {
         "format": "isaac_grasp",
         "format_version": 1.0,
         "object_frame": "object",
         "gripper_frame": hand.base_link,
         "grasps": {f"grasp_{i}": _plain(g, hand) for i, g in enumerate(search.grasps)},
     }
+    for entry, label in zip(content["grasps"].values(), labels, strict=bool(labels)):
+        entry["confidence"] = float(label["held"])
     with whole_file(Path(path)) as temporary:
         temporary.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 

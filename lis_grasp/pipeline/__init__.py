@@ -19,6 +19,7 @@ from lis_grasp.pipeline.exploring import explore_object
 from lis_grasp.pipeline.file_stages import estimate_file, grasp_file, lift_file
 from lis_grasp.pipeline.following import Watched
 from lis_grasp.pipeline.known import Known, Perception
+from lis_grasp.pipeline.labels import label_file
 from lis_grasp.pipeline.lifting_stage import lift, lift_each, require_simulator
 from lis_grasp.pipeline.progress import SILENT, Progress
 from lis_grasp.pipeline.run import Run, run
@@ -51,6 +52,7 @@ __all__ = [
     "explore_object",
     "grasp_file",
     "join_sources",
+    "label_file",
     "lift",
     "lift_each",
     "lift_file",

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -30,7 +31,11 @@ class TabletopObject:
 
 
 def save_for_dexgraspbench(
-    folder: Path, target: TabletopObject, hand: Hand, grasps: Sequence[Grasp]
+    folder: Path,
+    target: TabletopObject,
+    hand: Hand,
+    grasps: Sequence[Grasp],
+    labels: Sequence[Mapping[str, Any]] = (),
 ) -> Path:
     """Write an object, a hand and grasps for DexGraspBench, and return its `save_dir`.
 
@@ -51,6 +56,10 @@ def save_for_dexgraspbench(
         The object.
     hand, grasps
         The hand, and its grasps in O.
+    labels
+        Outcomes of lifts, as `lift_facts`, or none. Then ``evaluation/`` has each grasp again with
+        ``succ_flag``, ``delta_pos`` [m] and ``delta_angle`` [deg], as the benchmark's own tests
+        write them, and ``succgrasp/`` those that were held.
 
     Raises
     ------
@@ -61,8 +70,9 @@ def save_for_dexgraspbench(
     object_folder = folder / "object" / name
     _save_object(object_folder, target.pieces)
     _save_hand(folder / "hand", hand)
-    for earlier in (folder / "graspdata" / name).glob("*.npy"):
-        earlier.unlink()
+    for stage in ("graspdata", "evaluation", "succgrasp"):
+        for earlier in (folder / stage / name).glob("*.npy"):
+            earlier.unlink()
     for number, grasp in enumerate(grasps):
         postures = servo_postures(hand, grasp, support_height)
         content = {
@@ -73,10 +83,22 @@ def save_for_dexgraspbench(
             "obj_scale": 1.0,
             "obj_path": str(object_folder),
         }
-        path = folder / "graspdata" / name / f"{number}.npy"
-        with whole_file(path) as temporary, temporary.open("wb") as stream:
-            np.save(stream, np.array(content, dtype=object), allow_pickle=True)
+        file = f"{name}/{number}.npy"
+        _save_facts(folder / "graspdata" / file, content)
+        if labels:
+            label = labels[number]
+            content["succ_flag"] = bool(label["held"])
+            content["delta_pos"] = float(label["slip"])
+            content["delta_angle"] = float(np.rad2deg(label["turn"]))
+            _save_facts(folder / "evaluation" / file, content)
+            if label["held"]:
+                _save_facts(folder / "succgrasp" / file, content)
     return folder
+
+
+def _save_facts(path: Path, content: Mapping[str, Any]) -> None:
+    with whole_file(path) as temporary, temporary.open("wb") as stream:
+        np.save(stream, np.array(content, dtype=object), allow_pickle=True)
 
 
 def _save_object(folder: Path, pieces: Sequence[trimesh.Trimesh]) -> None:

@@ -201,23 +201,12 @@ def lift_file(
     >>> lifted.lifts[0]["held"]
     True
     """
-    require_used(lift_file, options, _LIFTED_WITH)
-    recorded = read_facts(path, usual="grasps.json")
-    search = GraspSearch.load(path)
-    if options.get("object") is None and "object" not in recorded:
-        raise InvalidOptionError(f"{path} records no object: name it by `object`", option="object")
     best, jobs = checked_value("best", best, int, at_least(1)), process_count(jobs)
-    config = RunConfig.from_facts({"hand": None, **options}, recorded)
-    poses = {**recorded, "X_EA": recorded_base(options, recorded)}
-    scenario = Scenario.from_config(config, recorded=poses)
-    _say_repairs(scenario.truth.shape, progress)
-    require_simulator(config.simulator, scenario.truth.shape)
+    work = lifting_of(path, options, progress)
+    scenario, grasps = work.scenario, work.search.grasps[:best]
     folder = path.parent if folder is None else folder
     with sole_writer(folder):
-        grasps, surface = search.grasps[:best], path.with_name("surface.ply")
-        needs_estimate = scenario.known.station is not None and surface.exists()
-        estimate = load_surface(surface) if needs_estimate else None  # an arm avoids it
-        outcomes = lift_each(scenario, grasps, jobs=jobs, estimate=estimate)
+        outcomes = lift_each(scenario, grasps, jobs=jobs, estimate=work.estimate)
         lifts: list[dict[str, Any]] = []
         for rank in range(1, len(grasps) + 1):
             title = f"Lifting {scenario.truth.shape.name} with grasp {rank}"
@@ -227,10 +216,39 @@ def lift_file(
             if not lifts:
                 outcome.motion.save(folder / "motion.npz")
             lifts.append({"rank": rank, **lift_facts(outcome, mass=scenario.truth.mass)})
-        facts = {n: v for n, v in config.facts().items() if n not in ("estimator", "policy")}
-        header = provenance.merge(recorded, **facts)
+        facts = scenario.config.facts()
+        facts = {n: v for n, v in facts.items() if n not in ("estimator", "policy")}
+        header = provenance.merge(work.recorded, **facts)
         write_json(folder / "lifts.json", {"header": header, "lifts": lifts})
     return LiftedFile(folder / "lifts.json", lifts, scenario.truth.mass)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiftingWork:
+    """Grasps of a file, and the true object to lift with them."""
+
+    search: GraspSearch
+    scenario: Scenario
+    estimate: trimesh.Trimesh | None  #: that an arm avoids [m]; None for a hand without one
+    recorded: Mapping[str, Any]  #: facts of the header
+
+
+def lifting_of(path: Path, options: Mapping[str, Any], progress: Progress) -> LiftingWork:
+    """Return the grasps in a file and what to lift, with options as of `lift_file`."""
+    require_used(lift_file, options, _LIFTED_WITH)
+    recorded = read_facts(path, usual="grasps.json")
+    search = GraspSearch.load(path)
+    if options.get("object") is None and "object" not in recorded:
+        raise InvalidOptionError(f"{path} records no object: name it by `object`", option="object")
+    config = RunConfig.from_facts({"hand": None, **options}, recorded)
+    poses = {**recorded, "X_EA": recorded_base(options, recorded)}
+    scenario = Scenario.from_config(config, recorded=poses)
+    _say_repairs(scenario.truth.shape, progress)
+    require_simulator(config.simulator, scenario.truth.shape)
+    surface = path.with_name("surface.ply")
+    needs_estimate = scenario.known.station is not None and surface.exists()
+    estimate = load_surface(surface) if needs_estimate else None
+    return LiftingWork(search, scenario, estimate, recorded)
 
 
 def load_mesh(

@@ -30,6 +30,8 @@ _STAGES = (
         "grasps.moveit.yaml",
         "motion.npz",
         "lifts.json",
+        "labels.jsonl",
+        "grasps.parquet",
         "report.json",
         "scene.html",
     ),

@@ -1,72 +1,24 @@
 """Grasps as moveit_msgs/Grasp: the messages that ROS 2 makes of the file, without ROS."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from made_grasps import jaw_grasp
+from ros_messages import STORE, received
 from scipy.spatial.transform import Rotation
 
 from lis_grasp import GraspSearch, Hand
 from lis_grasp.geometry import make_pose
 from lis_grasp.grasping.export import save_moveit_grasps
 
-typesys = pytest.importorskip("rosbags.typesys", reason="needs the extra ros")
-
-# Fields of the public message definitions (moveit_msgs 2.x).
-GRASP = """
-string id
-trajectory_msgs/JointTrajectory pre_grasp_posture
-trajectory_msgs/JointTrajectory grasp_posture
-geometry_msgs/PoseStamped grasp_pose
-float64 grasp_quality
-moveit_msgs/GripperTranslation pre_grasp_approach
-moveit_msgs/GripperTranslation post_grasp_retreat
-moveit_msgs/GripperTranslation post_place_retreat
-float32 max_contact_force
-string[] allowed_touch_objects
-"""
-TRANSLATION = """
-geometry_msgs/Vector3Stamped direction
-float32 desired_distance
-float32 min_distance
-"""
-
-
-def _store() -> Any:
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    for name, text in (("GripperTranslation", TRANSLATION), ("Grasp", GRASP)):
-        store.register(typesys.get_types_from_msg(text, f"moveit_msgs/msg/{name}"))
-    return store
-
-
-def _message(store: Any, kind: str, content: dict[str, Any]) -> Any:
-    """Return the message of plain values, which must have exactly its fields."""
-    fields = dict(store.fielddefs[kind][1])
-    assert list(content) == list(fields)
-    return store.types[kind](**{n: _value(store, fields[n], v) for n, v in content.items()})
-
-
-def _value(store: Any, field: Any, value: Any) -> Any:
-    node, detail = field
-    if node.name == "BASE":
-        assert isinstance(value, str if detail[0] == "string" else (int, float))
-        return value
-    if node.name == "NAME":
-        return _message(store, detail, value)
-    (inner, name), _ = detail
-    if inner.name == "NAME":
-        return [_message(store, name, each) for each in value]
-    return value if name[0] == "string" else np.array(value, dtype=name[0])
-
 
 @pytest.mark.parametrize("X_FB", [None, make_pose(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 0.06])])
 def test_ros_reads_each_grasp_with_the_parent_link_where_the_grasp_has_it(
     tmp_path: Path, X_FB: np.ndarray | None
 ) -> None:
-    hand, store = Hand.load("wsg50"), _store()
+    hand = Hand.load("wsg50")
     grasps = [jaw_grasp(hand, np.array([0.01, 0.02, height]), 0.05) for height in (0.0, 0.03)]
     path = tmp_path / "grasps.moveit.yaml"
     save_moveit_grasps(path, GraspSearch(tuple(grasps)), hand, name="mug", X_FB=X_FB)
@@ -74,8 +26,8 @@ def test_ros_reads_each_grasp_with_the_parent_link_where_the_grasp_has_it(
     assert [entry["id"] for entry in entries] == ["grasp_0", "grasp_1"]
     for grasp, entry in zip(grasps, entries, strict=True):
         kind = "moveit_msgs/msg/Grasp"
-        sent = store.serialize_cdr(_message(store, kind, entry), kind)
-        message = store.deserialize_cdr(sent, kind)
+        assert list(entry) == [name for name, _ in STORE.fielddefs[kind][1]]
+        message = received(kind, entry)
         place, turn = message.grasp_pose.pose.position, message.grasp_pose.pose.orientation
         R = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
         X_OF = make_pose(R, [place.x, place.y, place.z])

@@ -1,0 +1,137 @@
+"""Labels of grasps: the outcome of a simulated lift of each, resumable, in many processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import trimesh
+
+from lis_grasp.exceptions import EstimationError
+from lis_grasp.grasping.export import save_grasp_table
+from lis_grasp.grasping.grasps import Grasp, GraspSearch
+from lis_grasp.io import provenance
+from lis_grasp.io.folder_lock import sole_writer
+from lis_grasp.io.json_lines import append_lines, read_lines
+from lis_grasp.io.optional_packages import require_packages
+from lis_grasp.pipeline.file_stages import lifting_of
+from lis_grasp.pipeline.lifting_stage import lift
+from lis_grasp.pipeline.progress import SILENT, Progress
+from lis_grasp.pipeline.report_json import lift_facts
+from lis_grasp.pipeline.scenario import Scenario
+from lis_grasp.pipeline.worker_pool import process_count, worker_pool
+from lis_grasp.version import __version__
+
+LABELS = "labels.jsonl"
+"""The log of the outcomes."""
+
+Job = tuple[int, Grasp]
+"""The rank of a grasp, from 1, and the grasp."""
+
+Runner = Callable[[Callable[[Job], dict[str, Any]], Sequence[Job]], Iterator[dict[str, Any]]]
+"""Calls a function with each job somewhere, and yields the results in any order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledFile:
+    """Grasps with outcomes in a file."""
+
+    path: Path
+    search: GraspSearch
+    labels: Sequence[Mapping[str, Any]]  #: of the grasps in order, as `lift_facts`
+
+
+def label_file(
+    path: Path,
+    folder: Path | None = None,
+    *,
+    jobs: int | None = None,
+    runner: Runner | None = None,
+    progress: Progress = SILENT,
+    **options: Any,
+) -> LabelledFile:
+    """Simulate the lift of every grasp in a file, and write the grasps with their outcomes.
+
+    Outcomes are added to labels.jsonl as they come; the same call again goes on from there, and
+    from the beginning if the grasps, the object or an option have changed. At the end they are
+    written to grasps.parquet, one row for each grasp. Arguments and errors are as of `lift_file`,
+    but for these.
+
+    Parameters
+    ----------
+    runner
+        Runs the lifts; None for `jobs` processes of this machine. That of a Dask cluster is
+        ``lis_grasp_studies.harness.runner.DaskCluster(address).run``.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = shapes.find("box").mesh.export("box.stl")
+    >>> _ = pipeline.grasp_file(Path("box.stl"), hand="wsg50", grasps=1)
+    >>> made = pipeline.label_file(Path("grasps.json"), object="box", jobs=1)
+    >>> made.path.name, made.labels[0]["held"]
+    ('grasps.parquet', True)
+    """
+    require_packages("pyarrow", extra="study", option="a label")
+    work = lifting_of(path, options, progress)
+    scenario, grasps = work.scenario, work.search.grasps
+    if runner is None:
+        runner = partial(_in_processes, process_count(jobs))
+    folder = path.parent if folder is None else folder
+    header = {"labels": 1, "version": __version__, "grasps_digest": provenance.digest_of(path)}
+    header |= {**scenario.config.facts(), **scenario.facts(), **_digest(scenario)}
+    log = folder / LABELS
+    with sole_writer(folder):
+        recorded, rows = read_lines(log)
+        if recorded != header:
+            log.unlink(missing_ok=True)
+            rows = []
+        labels = {row["rank"]: row for row in rows}
+        waiting = [job for job in enumerate(grasps, start=1) if job[0] not in labels]
+        if labels:
+            progress.say(f"resuming after {len(labels)} of {len(grasps)} lifts in {log}")
+        with progress.stage(f"Lifting {scenario.truth.shape.name}") as stage:
+            for row in runner(partial(_label, scenario, work.estimate), waiting):
+                append_lines(log, header, [row])
+                labels[row["rank"]] = row
+                stage.count(len(labels), len(grasps))
+            held = sum(row["held"] for row in labels.values())
+            stage.result = f"held {held} of {len(grasps)}"
+        in_order = [labels[rank] for rank in range(1, len(grasps) + 1)]
+        table = folder / "grasps.parquet"
+        save_grasp_table(table, grasps, in_order, header=provenance.merge(work.recorded, **header))
+    return LabelledFile(table, work.search, in_order)
+
+
+def _digest(scenario: Scenario) -> dict[str, str]:
+    """Return a hash of the object's file, if it is one."""
+    file = Path(scenario.config.object)
+    return {"object_digest": provenance.digest_of(file)} if file.is_file() else {}
+
+
+def _label(scenario: Scenario, estimate: trimesh.Trimesh | None, job: Job) -> dict[str, Any]:
+    rank, grasp = job
+    outcome = lift(scenario, grasp, estimate=estimate)
+    return {"rank": rank, **lift_facts(outcome, mass=scenario.truth.mass)}
+
+
+def _in_processes(
+    processes: int, label: Callable[[Job], dict[str, Any]], jobs: Sequence[Job]
+) -> Iterator[dict[str, Any]]:
+    if processes == 1 or len(jobs) < 2:
+        yield from map(label, jobs)
+        return
+    with worker_pool(min(processes, len(jobs))) as pool:
+        try:
+            for future in as_completed([pool.submit(label, job) for job in jobs]):
+                yield future.result()
+        except BrokenProcessPool:
+            raise EstimationError(
+                "a process that lifted was killed, perhaps as memory ran out: the same command goes"
+                " on, with fewer `jobs` if it happens again"
+            ) from None
