@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from html import escape
 from pathlib import Path
@@ -14,6 +16,8 @@ from lis_grasp.exceptions import LisGraspError
 from lis_grasp.pipeline.results_folder import scene_is_outdated
 from lis_grasp.pipeline.run_scene import scene_of
 from lis_grasp.visualization.scene_server import LOCALHOST, SCENE_FILE, serve_scene
+
+_SERVE = "from lis_grasp.pipeline.following import _serve; _serve()"
 
 
 def follow(folder: Path, *, port: int = 0, host: str = LOCALHOST) -> None:
@@ -57,8 +61,9 @@ class Watched:
     """
 
     def __init__(self, folder: Path | str, *, port: int = 0) -> None:
-        command = [sys.executable, "-m", "lis_grasp.pipeline.following", str(folder), str(port)]
-        self._server = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        command = [sys.executable, "-c", _SERVE, str(folder), str(port)]
+        pipe = subprocess.PIPE
+        self._server = subprocess.Popen(command, stdin=pipe, stderr=pipe, text=True)
         assert self._server.stderr is not None
         line = self._server.stderr.readline()
         if not line.startswith("scene: "):
@@ -74,8 +79,7 @@ class Watched:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._server.terminate()
-        self._server.wait()
+        self._server.communicate()  # closes its pipe, at which it ends
 
     def wait(self) -> None:
         """Serve until Ctrl-C."""
@@ -92,7 +96,14 @@ class Watched:
         )
 
 
-if __name__ == "__main__":
+def _serve() -> None:
+    """Serve the page as the process of a `Watched`, until its pipe closes."""
+
+    def end() -> None:
+        sys.stdin.read()
+        os._exit(0)
+
+    threading.Thread(target=end, daemon=True).start()
     try:
         follow(Path(sys.argv[1]), port=int(sys.argv[2]))
     except LisGraspError as error:
