@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lis_grasp.exceptions import InvalidFileError, note
+from lis_grasp.io.csv_tables import SECONDS, without_unit
 
 POINT = ("x", "y", "z")
 NORMAL = ("nx", "ny", "nz")
@@ -19,10 +20,7 @@ NOISE = ("position_noise", "normal_noise")
 _MEASURED: Mapping[str, str] = {"forces": "force", "times": "time"}
 _LENGTHS = (*POINT, "radius", "position_noise")
 _KNOWN = {*_LENGTHS, *NORMAL, *DIRECTIONS["approach"], *NOISE, "force", "time", "finger", "kind"}
-_FACTORS: Mapping[str, float] = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _UNITS = {"in": "inch", "metre": "m", "meter": "m", "millimetre": "mm", "millimeter": "mm"}
-# x [mm], x (mm), time_ns
-_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([a-z]+)\s*[\])]|_(mm|cm|inch|ms|us|ns))")
 # x, pos_x, pose.position.x; nx, n_x, normal_x (PCL), normals:0 (ParaView); ax, approach_x
 _AXIS = re.compile(
     r"(?:(?P<n>n|norm|normals?)|(?P<a>a|approach)"
@@ -42,7 +40,7 @@ class Column(NamedTuple):
     @property
     def factor(self) -> float:
         """Factor to seconds, 1 for lengths."""
-        return _FACTORS.get(self.unit, 1.0)
+        return SECONDS.get(self.unit, 1.0)
 
 
 def known_columns(path: Path, names: Iterable[str]) -> dict[str, Column]:
@@ -53,9 +51,8 @@ def known_columns(path: Path, names: Iterable[str]) -> dict[str, Column]:
     found: dict[str, Column] = {}
     unused = []
     for name in names:
-        column, text = Column(name), name.strip(" \t\"'#/").lower()
-        if unit := _UNIT.fullmatch(text):
-            text, column = unit[1], Column(name, unit[2] or unit[3])
+        text, unit = without_unit(name)
+        column = Column(name, unit)
         text = text.removeprefix("scalar_")  # CloudCompare, of properties that it does not know
         if axis := _AXIS.fullmatch(text):
             letter = "xyz"[int(axis["axis"])] if axis["axis"].isdecimal() else axis["axis"]

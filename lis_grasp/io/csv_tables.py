@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Container
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,23 +16,36 @@ from lis_grasp.typing import FloatArray
 
 _LINE_END = re.compile("\r\n|\r|\n")
 _COMMENT = re.compile(r"\s*(#|//)")
+SECONDS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9})
+"""Units of time that names of columns state, in seconds."""
+
+# x [mm], x (mm), time_ns
+_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([a-z]+)\s*[\])]|_(mm|cm|inch|ms|us|ns))")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
 
-def read_csv_columns(path: Path, wanted: Container[str] | None = None) -> dict[str, FloatArray]:
-    """Return the wanted columns (None: all) of a CSV table by name, in lower case: numbers.
+def without_unit(name: str) -> tuple[str, str]:
+    """Return a column's name in lower case, and the unit that it states: x and mm of "x [mm]"."""
+    text = name.strip(" \t\"'#/").lower()
+    found = _UNIT.fullmatch(text)
+    return (found[1], found[2] or found[3]) if found else (text, "")
+
+
+def read_csv_columns(path: Path) -> dict[str, FloatArray]:
+    """Return the columns of a CSV table by name, in lower case: numbers, NaN where blank.
 
     Raises
     ------
     InvalidFileError
-        If the file is missing, empty, no CSV, or a cell is no number. Blank cells are NaN.
+        If the file is missing, empty, no CSV, or a cell is no number.
     """
     names, rows = read_table(path)
-    return {
-        name: np.array([cell_number(path, row[i], n + 1, name) for n, row in enumerate(rows)])
-        for i, name in enumerate(names)
-        if wanted is None or name in wanted
-    }
+    return {name: numbers(path, rows, k, name) for k, name in enumerate(names)}
+
+
+def numbers(path: Path, rows: list[list[str]], column: int, name: str) -> FloatArray:
+    """Return a column of a table as numbers, NaN where it is blank."""
+    return np.array([cell_number(path, row[column], n + 1, name) for n, row in enumerate(rows)])
 
 
 def read_table(path: Path) -> tuple[list[str], list[list[str]]]:

@@ -11,7 +11,7 @@ import networkx as nx
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from lis_grasp.exceptions import InvalidInputError
+from lis_grasp.exceptions import InvalidInputError, note
 from lis_grasp.geometry import inverse_pose, make_pose, unit
 from lis_grasp.typing import FloatArray
 
@@ -19,7 +19,7 @@ Content = Literal["force", "pose", "transforms", "other"]
 
 
 # A pose between two samples farther apart than this is unknown [s].
-_LONGEST_GAP = 0.25
+LONGEST_GAP = 0.25
 _FARTHEST = 1e7  # [m]
 _UNIT_TOLERANCE = 0.1
 
@@ -77,17 +77,29 @@ class TimedPoses:
 
     @classmethod
     def collect(
-        cls, times: FloatArray, values: FloatArray, *, parent: str = "", child: str = ""
+        cls,
+        times: FloatArray,
+        values: FloatArray,
+        parent: str = "",
+        child: str = "",
+        name: str = "",
     ) -> TimedPoses:
         """Sort samples by time and drop repeated times; values (T, 7) are x y z qx qy qz qw.
 
         Samples that are not finite or farther than 10,000 km, or whose quaternion is not of unit
-        length, are dropped.
+        length, are dropped; a note counts them by the name of the stream.
         """
+        count = len(times)
         valid = np.isfinite(times) & np.all(np.abs(values) < _FARTHEST, axis=1)
         times, values = times[valid], values[valid]
         lengths = np.linalg.norm(values[:, 3:], axis=1)
         valid = np.abs(lengths - 1.0) < _UNIT_TOLERANCE
+        lost = count - int(valid.sum())
+        if lost:
+            note(
+                f"{name}: {lost} of {count} poses are left out: nan, far away, or with a quaternion"
+                " that is not of length 1, such as 0 0 0 0"
+            )
         _, order = np.unique(times[valid], return_index=True)
         rows = values[valid][order]
         return cls(
@@ -116,7 +128,7 @@ class TimedPoses:
         after = np.clip(np.searchsorted(self.times, within), 1, len(self.times) - 1)
         gap = self.times[after] - self.times[after - 1]
         exact = (self.times[after] == within) | (self.times[after - 1] == within)
-        poses[(times != within) | ((gap > _LONGEST_GAP) & ~exact)] = np.nan
+        poses[(times != within) | ((gap > LONGEST_GAP) & ~exact)] = np.nan
         return poses
 
 

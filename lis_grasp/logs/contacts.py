@@ -10,7 +10,8 @@ from scipy.ndimage import uniform_filter1d
 from lis_grasp.contacts import Contacts
 from lis_grasp.exceptions import InvalidInputError, InvalidOptionError, require_at_least
 from lis_grasp.geometry import apply_pose, inverse_pose
-from lis_grasp.logs._streams import Content, FrameTree, TimedForces
+from lis_grasp.io.units import LARGEST
+from lis_grasp.logs._streams import LONGEST_GAP, Content, FrameTree, TimedForces
 from lis_grasp.logs.detection import (
     TouchDetection,
     Touches,
@@ -99,13 +100,31 @@ def contacts_from_log(
         unposed = sum(touch.unposed for touch in touches)
         raise InvalidInputError(
             f"all {unposed} touches are at times without a pose of tip and object: check that the"
-            " topics overlap in time"
+            f" topics overlap in time{_slow_topics(log)}"
             if unposed
             else f"no force rises from below {detection.release * detection.threshold:g} N to"
             f" {detection.threshold:g} N: lower the threshold, or subtract the sensor's offset"
             " with `tare`"
         )
-    return contacts_of_touches(touches, detection), touches
+    contacts = contacts_of_touches(touches, detection)
+    if contacts.extent > LARGEST:
+        raise InvalidInputError(
+            f"contacts must be within {LARGEST:g} m of each other; those of the log are"
+            f" {contacts.extent:.3g} m apart: if its positions are in millimetres, name the columns"
+            " x_mm,y_mm,z_mm"
+        )
+    return contacts, touches
+
+
+def _slow_topics(log: RobotLog) -> str:
+    """Return which topics of poses are too slow to be interpolated; empty for none."""
+    slow = []
+    for topic in (topic.name for topic in log.topics if topic.content == "pose"):
+        times = log.poses(topic).times
+        step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        slow += [f"{topic} has a pose every {step:.2g} s"] if step > LONGEST_GAP else []
+    needed = f"; one every {LONGEST_GAP:g} s is needed: " if slow else ""
+    return needed + ", ".join(slow)
 
 
 def choose_topic(log: RobotLog, content: Content, given: str | None, option: str, *but: str) -> str:

@@ -12,7 +12,7 @@ from touch_recording import HALF, RADIUS, STIFFNESS, Recording, record, write_ba
 
 from lis_grasp import Contacts
 from lis_grasp.cli.main import main
-from lis_grasp.exceptions import InvalidFileError, InvalidInputError
+from lis_grasp.exceptions import InvalidFileError, InvalidInputError, LisGraspWarning
 from lis_grasp.logs.contacts import Finger, LogFrames, contacts_from_log
 from lis_grasp.logs.detection import (
     TouchDetection,
@@ -207,6 +207,83 @@ def test_a_row_without_time_and_columns_of_text_are_ignored(
     frames = LogFrames(object_pose="object")
     contacts, _ = contacts_from_log(open_log(tmp_path / "log.csv"), [Finger()], frames, TOUCH)
     assert_true(contacts, recording)
+
+
+def _changed(recording: Recording, path: Path, names: str = "", **factors: float) -> Path:
+    """Write a log with other names of its columns, and columns times a factor."""
+    head, *rows = write_csv(recording, path).read_text().splitlines()
+    scale = np.array([factors.get(name, 1.0) for name in head.split(",")])
+    table = np.array([row.split(",") for row in rows], dtype=np.float64) * scale
+    lines = [",".join(repr(float(value)) for value in row) for row in table]
+    path.write_text("\n".join([names or head, *lines]))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("names", "factors"),
+    [
+        ("time_ms,fx,fy,fz,x,y,z,qx,qy,qz,qw,ox,oy,oz,oqx,oqy,oqz,oqw", {"time": 1e3}),
+        ("time [ns],fx,fy,fz,x,y,z,qx,qy,qz,qw,ox,oy,oz,oqx,oqy,oqz,oqw", {"time": 1e9}),
+        (
+            "timestamp,fx,fy,fz,x [mm],y [mm],z [mm],qx,qy,qz,qw,ox,oy,oz,oqx,oqy,oqz,oqw",
+            {"x": 1e3, "y": 1e3, "z": 1e3},
+        ),
+        (
+            "__time,/ft/wrench/force/x,/ft/wrench/force/y,/ft/wrench/force/z,pose.position.x,"
+            "pose.position.y,pose.position.z,pose.orientation.x,pose.orientation.y,"
+            "pose.orientation.z,pose.orientation.w,ox,oy,oz,oqx,oqy,oqz,oqw",
+            {},
+        ),
+    ],
+)
+def test_columns_of_a_log_may_state_units_and_have_names_of_bags(
+    names: str, factors: dict, recording: Recording, tmp_path: Path
+) -> None:
+    log = open_log(_changed(recording, tmp_path / "log.csv", names, **factors))
+    contacts, _ = contacts_from_log(log, [Finger()], LogFrames(object_pose="object"), TOUCH)
+    assert_true(contacts, recording)
+
+
+@pytest.mark.parametrize(
+    ("factors", "said"),
+    [
+        ({"time": 1e3}, "are 5 apart .*: if they are ms, name the column time_ms"),
+        ({"time": 1e6}, "if they are us, name the column time_us"),
+        ({"time": 1e9}, "if they are ns, name the column time_ns"),
+        ({"x": 1e3, "y": 1e3, "z": 1e3}, "in millimetres, name the columns x_mm"),
+    ],
+)
+def test_mistaken_units_of_a_log_are_noticed(
+    factors: dict, said: str, recording: Recording, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInputError, match=said):
+        log = open_log(_changed(recording, tmp_path / "log.csv", **factors))
+        contacts_from_log(log, [Finger()], LogFrames(object_pose="object"), TOUCH)
+
+
+def test_blank_cells_and_zero_quaternions_are_counted(recording: Recording, tmp_path: Path) -> None:
+    head, *rows = write_csv(recording, tmp_path / "log.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    cells[3][4:7] = ["", "", ""]
+    cells[9][7:11] = ["0"] * 4
+    (tmp_path / "log.csv").write_text("\n".join([head, *map(",".join, cells)]))
+    with pytest.warns(LisGraspWarning, match=f"tip: 2 of {len(rows)} poses are left out"):
+        contacts, _ = contacts_from_log(
+            open_log(tmp_path / "log.csv"), [Finger()], LogFrames(object_pose="object"), TOUCH
+        )
+    assert_true(contacts, recording)
+
+
+def test_slow_topics_of_poses_are_named(recording: Recording, tmp_path: Path) -> None:
+    head, *rows = write_csv(recording, tmp_path / "log.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    for row in (row for k, row in enumerate(cells) if k % 100):  # a pose every 0.5 s
+        row[4:7] = ["", "", ""]
+    (tmp_path / "log.csv").write_text("\n".join([head, *map(",".join, cells)]))
+    with pytest.raises(InvalidInputError, match=r"0.25 s is needed: tip has a pose every 0.5 s"):
+        contacts_from_log(
+            open_log(tmp_path / "log.csv"), [Finger()], LogFrames(object_pose="object"), TOUCH
+        )
 
 
 def test_a_force_in_an_unknown_frame_has_no_direction() -> None:
